@@ -1,0 +1,10 @@
+"""Control allocation of multirotors: from a wrench to rotor speeds."""
+
+from ca_ros.admissible_set import AdmissibleSet
+from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status, make_allocator
+from ca_ros.control_allocation_matrix import control_allocation_matrix
+from ca_ros.parameters import ParameterError
+from ca_ros.vehicle import Vehicle
+
+__all__ = ['ALLOCATORS', 'AdmissibleSet', 'Allocation', 'Allocator', 'ParameterError', 'Status', 'Vehicle',
+           'control_allocation_matrix', 'make_allocator']

@@ -1,0 +1,75 @@
+"""The interface that all allocation methods share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.allocation.result import Allocation, Status
+from ca_ros.arrays import Array
+from ca_ros.vehicle import Vehicle
+
+
+class Allocator(ABC):
+    """Distributes a wrench among the rotors of a vehicle.
+
+    A method is a subclass with `_allocate`.  The answer depends on the wrench alone, not on those before it.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.problem = AllocationProblem(vehicle)
+
+    def allocate(self, u: ArrayLike) -> Allocation:
+        """Allocate one wrench.
+
+        Parameters
+        ----------
+        u : (m,) array
+            Demanded wrench [N, N m]; for the usual four axes (thrust, tau_x, tau_y, tau_z).
+
+        Returns
+        -------
+        Allocation
+            Also for a wrench that cannot be attained: its status says what was done.
+
+        Raises
+        ------
+        ValueError
+            If `u` is not m finite numbers.
+        """
+        return self._allocate(self.problem.check(u))
+
+    def allocate_batch(self, wrenches: ArrayLike) -> Allocation:
+        """Allocate N wrenches, (N, m) [N, N m]; the fields of the answer have a leading N."""
+        demands = self.problem.check(wrenches, batch=True)
+        if demands.ndim != 2:
+            raise ValueError(f'wrenches: expected shape (N, {len(self.problem.axes)}), got {demands.shape}')
+        return self._allocate_batch(demands)
+
+    @abstractmethod
+    def _allocate(self, u: Array) -> Allocation:
+        """Allocate one checked wrench."""
+
+    def _allocate_batch(self, demands: Array) -> Allocation:
+        answers = [self._allocate(u) for u in demands]
+        return Allocation(
+            self.problem, demands,
+            np.array([a.thrusts for a in answers]).reshape(len(demands), self.problem.gamma.shape[1]),
+            np.array([a.status for a in answers], dtype=np.int8),
+            np.array([a.level for a in answers], dtype=float),
+            np.array([a.violation for a in answers], dtype=float))
+
+    def _judge(self, demands: Array, thrusts: Array) -> Array:
+        """Return (...) whether thrusts (..., n) give the demands (..., m) exactly."""
+        residual = np.linalg.norm(demands - thrusts @ self.problem.gamma.T, axis=-1)
+        return residual <= self.problem.tolerance(demands)
+
+    def _status(self, u: Array, thrusts: Array) -> Status:
+        return Status.EXACT if self._judge(u, thrusts) else Status.INEXACT

@@ -1,0 +1,68 @@
+"""The control allocation problem: the data by which every allocator is judged."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array
+from ca_ros.control_allocation_matrix import control_allocation_matrix
+from ca_ros.vehicle import Vehicle
+
+EXACT_TOLERANCE = 1e-12
+"""Residual of an exact allocation, relative to max(1, |u|)."""
+
+
+class AllocationProblem:
+    """Find f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+    axes : tuple of str
+        Names of the m components of u.
+    gamma : (m, n) array
+        Control allocation matrix.
+    lower, upper : (n,) arrays
+        Bounds of the thrusts [N].
+    hover : (m,) array
+        The wrench that carries the vehicle's weight, without torque [N, N m].
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.axes = vehicle.axes
+        self.gamma = control_allocation_matrix(vehicle)
+        self.lower = vehicle.thrust_min
+        self.upper = vehicle.thrust_max
+        self.hover = np.array([vehicle.weight if axis == 'thrust' else 0.0 for axis in self.axes])
+
+    def check(self, u: ArrayLike, batch: bool = False) -> Array:
+        """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.
+
+        Raises
+        ------
+        ValueError
+            If the shape is wrong or a component is not finite.
+        """
+        try:
+            wrench = np.asarray(u, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), '
+                             f'got {u!r}') from None
+        m = len(self.axes)
+        if wrench.shape != (m,) and not (batch and wrench.ndim and wrench.shape[-1] == m):
+            expected = f'(..., {m})' if batch else f'({m},)'
+            raise ValueError(f'wrench: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}')
+        if not np.isfinite(wrench).all():
+            bad = np.argwhere(~np.isfinite(wrench))[0]
+            raise ValueError(f'wrench: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers')
+        return wrench
+
+    def clip(self, thrusts: Array) -> Array:
+        """Return thrusts (..., n) within their bounds, Eq. (13)."""
+        return np.minimum(np.maximum(thrusts, self.lower), self.upper)
+
+    def tolerance(self, u: Array) -> Array:
+        """Return the residual (...) up to which wrenches (..., m) count as allocated exactly [N, N m]."""
+        return EXACT_TOLERANCE * np.maximum(1.0, np.linalg.norm(u, axis=-1))

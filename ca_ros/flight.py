@@ -1,0 +1,74 @@
+"""A recorded flight."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ca_ros.arrays import Array
+from ca_ros.controller import Waypoint
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """K samples of a vehicle's state, and the rotor speeds that followed each.
+
+    Attributes
+    ----------
+    time : (K,) array
+        [s]
+    position : (K, 3) array
+        World frame [m].
+    attitude : (K, 4) array
+        Quaternions x, y, z, w, body to world.
+    velocity, angular_velocity : (K, 3) arrays
+        Body frame [m/s, rad/s].
+    speeds : (K, n) array
+        Rotor speeds from this sample to the next [rad/s].
+    """
+
+    time: Array
+    position: Array
+    attitude: Array
+    velocity: Array
+    angular_velocity: Array
+    speeds: Array
+
+    @property
+    def euler(self) -> Array:
+        """Roll, pitch, yaw (K, 3): Euler angles 123, about x, then the new y, then the new z [rad]."""
+        return Rotation.from_quat(self.attitude).as_euler('XYZ')  # type: ignore[no-any-return]
+
+    def position_error(self, waypoint: Waypoint) -> float:
+        """Return the final distance to a waypoint [m]."""
+        return float(np.linalg.norm(self.position[-1] - waypoint.position))
+
+    def heading_error(self, waypoint: Waypoint) -> float:
+        """Return the final angle between the heading and that of a waypoint [rad]."""
+        last = Waypoint(self.position[-1], self.attitude[-1])
+        return abs((last.heading - waypoint.heading + np.pi) % (2.0 * np.pi) - np.pi)
+
+    def columns(self) -> dict[str, Array]:
+        """Return the columns of `write_csv` by name, (K,) each."""
+        tables = {
+            ('t',): self.time[:, None],
+            ('x', 'y', 'z'): self.position,
+            ('roll', 'pitch', 'yaw'): self.euler,
+            tuple(f'speed_{i + 1}' for i in range(self.speeds.shape[1])): self.speeds,
+            ('qx', 'qy', 'qz', 'qw'): self.attitude,
+            ('vx', 'vy', 'vz'): self.velocity,
+            ('wx', 'wy', 'wz'): self.angular_velocity,
+        }
+        return {name: table[:, i] for names, table in tables.items() for i, name in enumerate(names)}
+
+    def write_csv(self, path: Path) -> None:
+        """Write one row a sample, every number to its last bit; SI units, angles in rad."""
+        columns = self.columns()
+        with path.open('w', newline='', encoding='utf-8') as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            writer.writerows(np.column_stack(list(columns.values())).tolist())
