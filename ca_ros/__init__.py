@@ -6,5 +6,14 @@ from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.parameters import ParameterError
 from ca_ros.vehicle import Vehicle
 
-__all__ = ['ALLOCATORS', 'AdmissibleSet', 'Allocation', 'Allocator', 'ParameterError', 'Status', 'Vehicle',
-           'control_allocation_matrix', 'make_allocator']
+__all__ = [
+    'ALLOCATORS',
+    'AdmissibleSet',
+    'Allocation',
+    'Allocator',
+    'ParameterError',
+    'Status',
+    'Vehicle',
+    'control_allocation_matrix',
+    'make_allocator',
+]

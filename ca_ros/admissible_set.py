@@ -35,20 +35,24 @@ class AdmissibleSet:
     """
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        self.problem = vehicle if isinstance(vehicle, AllocationProblem) else AllocationProblem(vehicle)
+        self.problem = (
+            vehicle if isinstance(vehicle, AllocationProblem) else AllocationProblem(vehicle)
+        )
         gamma, low, high = self.problem.gamma, self.problem.lower, self.problem.upper
         try:
             self.zonotope = Zonotope(gamma @ (low + high) / 2.0, gamma * (high - low) / 2.0)
         except ValueError:
-            raise ValueError('the admissible set has no volume: the rotors cannot command '
-                             f'{", ".join(self.problem.axes)} independently') from None
+            raise ValueError(
+                'the admissible set has no volume: the rotors cannot command '
+                f'{", ".join(self.problem.axes)} independently'
+            ) from None
         hover = self.problem.hover
         self.reference = hover if self.zonotope.margin(hover) > 0.0 else self.zonotope.center
         self._prioritizations: dict[tuple[tuple[str, ...], ...], Prioritization] = {}
 
     @property
     def facets(self) -> tuple[Array, Array]:
-        """Outward unit normals (F, m) and offsets (F,) [N, N m] of all facets: ``normals @ u <= offsets``."""
+        """Outward unit normals (F, m) and offsets (F,): ``normals @ u <= offsets`` [N, N m]."""
         return self.zonotope.facets
 
     @property
@@ -72,12 +76,13 @@ class AdmissibleSet:
         Returns
         -------
         (...) array
-            Least slack over the facets with unit normals [N, N m]: inside, the Euclidean distance to the boundary.
+            Least slack over the facets with unit normals [N, N m]: inside, the Euclidean distance
+            to the boundary.
         """
         return self.zonotope.margin(self.problem.check(u, batch=True))
 
     def contains(self, u: ArrayLike, tolerance: float = 0.0) -> BoolArray:
-        """Tell which wrenches (..., m) lie in the set, its boundary included, up to `tolerance` in the margin."""
+        """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
         return self.margin(u) >= -tolerance
 
     def scale(self, u: ArrayLike, about: ArrayLike | None = None) -> Array:
@@ -93,7 +98,8 @@ class AdmissibleSet:
         Returns
         -------
         (m,) array
-            `u` itself if it is in the set, otherwise the last point of the line from `about` to `u` that is.
+            `u` itself if it is in the set, otherwise the last point of the line from `about` to
+            `u` that is.
 
         Raises
         ------
@@ -103,7 +109,7 @@ class AdmissibleSet:
         return self.scale_level(u, about)[0]
 
     def scale_level(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, float]:
-        """Like `scale`; return also the share of the way to `u` that was gone, 1 if `u` is in the set."""
+        """Like `scale`; return also the share of the way to `u`, 1 if `u` is in the set."""
         u = self.problem.check(u)
         if self.zonotope.margin(u) >= 0.0:
             return u, 1.0
@@ -112,8 +118,10 @@ class AdmissibleSet:
             start = self.problem.check(about)
             outside = -self.zonotope.margin(start)
             if outside > self.problem.tolerance(start):
-                raise ValueError(f'about: expected a wrench in the admissible set, got {start}, which is '
-                                 f'{outside:.3g} outside')
+                raise ValueError(
+                    f'about: expected a wrench in the admissible set, got {start}, which is '
+                    f'{outside:.3g} outside'
+                )
         level = min(self.zonotope.reach(start, u - start), 1.0)
         return start + level * (u - start), level
 
@@ -125,13 +133,14 @@ class AdmissibleSet:
         u : (m,) array
             Wrench [N, N m].
         order : sequence of groups of axes, optional
-            By default roll and pitch together, before thrust, before yaw; lateral forces come last.
+            By default roll and pitch together, before thrust, before yaw; lateral forces come
+            last.
 
         Returns
         -------
         (m,) array
-            `u` itself if it is in the set, otherwise the wrench in which each group gets as much of its demand as is
-            possible without taking from the groups before it.
+            `u` itself if it is in the set, otherwise the wrench in which each group gets as much
+            of its demand as is possible without taking from the groups before it.
 
         Raises
         ------
@@ -140,21 +149,33 @@ class AdmissibleSet:
         """
         return self.prioritize_levels(u, order)[0]
 
-    def prioritize_levels(self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None) -> tuple[Array, Array]:
-        """Like `prioritize`; return also the share (m,) of the demand that each axis got, 1 if all of it."""
+    def prioritize_levels(
+        self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None
+    ) -> tuple[Array, Array]:
+        """Like `prioritize`; return also the share (m,) of its demand that each axis got."""
         prioritization = self._prioritization(order)
         u = self.problem.check(u)
         return (u, np.ones(len(u))) if self.zonotope.margin(u) >= 0.0 else prioritization(u)
 
     def _prioritization(self, order: Sequence[Sequence[str]] | None) -> Prioritization:
-        groups = default_order(self.problem.axes) if order is None else tuple(tuple(group) for group in order)
+        groups = (
+            default_order(self.problem.axes)
+            if order is None
+            else tuple(tuple(group) for group in order)
+        )
         if groups not in self._prioritizations:
-            if sorted(axis for group in groups for axis in group) != sorted(self.problem.axes) or () in groups:
-                raise ValueError(f'order: expected groups in which each of {", ".join(self.problem.axes)} '
-                                 f'stands once, got {order}')
+            if (
+                sorted(axis for group in groups for axis in group) != sorted(self.problem.axes)
+                or () in groups
+            ):
+                raise ValueError(
+                    f'order: expected groups in which each of {", ".join(self.problem.axes)} '
+                    f'stands once, got {order}'
+                )
             rows = [[self.problem.axes.index(axis) for axis in group] for group in groups]
             self._prioritizations[groups] = Prioritization(
-                self.problem.gamma, self.problem.lower, self.problem.upper, self.reference, rows)
+                self.problem.gamma, self.problem.lower, self.problem.upper, self.reference, rows
+            )
         return self._prioritizations[groups]
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
@@ -163,7 +184,7 @@ class AdmissibleSet:
 
 
 def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the default priorities of some axes: roll and pitch, then thrust, yaw, and lateral forces."""
+    """Return the default order of axes: roll and pitch, then thrust, yaw, and lateral forces."""
     groups = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
     present = (tuple(axis for axis in group if axis in axes) for group in groups)
     return tuple(group for group in present if group)

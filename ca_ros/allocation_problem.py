@@ -48,15 +48,20 @@ class AllocationProblem:
         try:
             wrench = np.asarray(u, dtype=float)
         except (TypeError, ValueError):
-            raise ValueError(f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), '
-                             f'got {u!r}') from None
+            raise ValueError(
+                f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {u!r}'
+            ) from None
         m = len(self.axes)
         if wrench.shape != (m,) and not (batch and wrench.ndim and wrench.shape[-1] == m):
             expected = f'(..., {m})' if batch else f'({m},)'
-            raise ValueError(f'wrench: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}')
+            raise ValueError(
+                f'wrench: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}'
+            )
         if not np.isfinite(wrench).all():
             bad = np.argwhere(~np.isfinite(wrench))[0]
-            raise ValueError(f'wrench: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers')
+            raise ValueError(
+                f'wrench: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers'
+            )
         return wrench
 
     def clip(self, thrusts: Array) -> Array:
@@ -64,5 +69,5 @@ class AllocationProblem:
         return np.minimum(np.maximum(thrusts, self.lower), self.upper)
 
     def tolerance(self, u: Array) -> Array:
-        """Return the residual (...) up to which wrenches (..., m) count as allocated exactly [N, N m]."""
+        """Return the residual (...) up to which wrenches (..., m) count as exact [N, N m]."""
         return EXACT_TOLERANCE * np.maximum(1.0, np.linalg.norm(u, axis=-1))

@@ -14,15 +14,19 @@ if TYPE_CHECKING:
 
 
 def rotor_wrenches(vehicle: Vehicle) -> Array:
-    """Return force and torque about the centre of mass per unit of each rotor's thrust, Eqs. (5)-(6).
+    """Return force and torque about the centre of mass per unit of thrust, Eqs. (5)-(6).
 
     Returns
     -------
     (6, n) array
-        Rows force x, y, z [N/N] and torque x, y, z [N m/N] in the body frame, for axes in any direction.
+        Rows force x, y, z [N/N] and torque x, y, z [N m/N] in the body frame, for axes in any
+        direction.
     """
     k = vehicle.torque_coefficient / vehicle.thrust_coefficient
-    torques = np.cross(vehicle.arms, vehicle.rotor_axes) + (vehicle.spins * k)[:, None] * vehicle.rotor_axes
+    torques = (
+        np.cross(vehicle.arms, vehicle.rotor_axes)
+        + (vehicle.spins * k)[:, None] * vehicle.rotor_axes
+    )
     return np.vstack([vehicle.rotor_axes.T, torques.T])
 
 
@@ -32,7 +36,7 @@ def control_allocation_matrix(vehicle: Vehicle) -> Array:
     Returns
     -------
     (m, n) array
-        One row for each of the vehicle's commanded axes; for the usual four, thrust [N/N] and torque x, y, z
-        [N m/N], u = (thrust, tau_x, tau_y, tau_z).
+        One row for each of the vehicle's commanded axes; for the usual four, thrust [N/N] and
+        torque x, y, z [N m/N], u = (thrust, tau_x, tau_y, tau_z).
     """
     return rotor_wrenches(vehicle)[[AXES.index(axis) for axis in vehicle.axes]]

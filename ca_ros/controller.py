@@ -1,4 +1,4 @@
-"""Position and attitude control: from the vehicle's state and a waypoint to a wrench in the admissible set."""
+"""Position and attitude control: from state and waypoint to an admissible wrench."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ca_ros.rigid_body import cross, rotation_matrix
 from ca_ros.vehicle import Vehicle
 
 LIFT_MIN = 0.3
-"""Share of the weight that is always held up, so that the vehicle does not turn over to descend faster."""
+"""Share of the weight that is always held up, lest the vehicle turn over to descend faster."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,21 @@ class Gains:
 
     @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Gains:
-        """Take them from parameters by name, as in a parameter file; raise a ParameterError that names a fault."""
+        """Take them from parameters by name; raise a ParameterError that names a fault."""
         p: dict[str, Any] = complete(given)
-        return cls(**{name: _three(f'controller.{name}', p[f'controller.{name}']) for name in (
-            'position_stiffness', 'position_damping', 'attitude_stiffness', 'attitude_damping')},
-            speed_max=p['controller.speed_max'], tilt_max=p['controller.tilt_max'])
+        return cls(
+            **{
+                name: _three(f'controller.{name}', p[f'controller.{name}'])
+                for name in (
+                    'position_stiffness',
+                    'position_damping',
+                    'attitude_stiffness',
+                    'attitude_damping',
+                )
+            },
+            speed_max=p['controller.speed_max'],
+            tilt_max=p['controller.tilt_max'],
+        )
 
 
 def _three(name: str, value: Any) -> Array:
@@ -48,7 +58,7 @@ def _three(name: str, value: Any) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Waypoint:
-    """Where to go: a position (3,) in the world [m] and an attitude, of which the heading counts (x, y, z, w)."""
+    """Where to go: a position (3,) [m] and the heading of an attitude (x, y, z, w)."""
 
     position: Array
     attitude: Array
@@ -56,7 +66,9 @@ class Waypoint:
     @classmethod
     def of(cls, x: float, y: float, z: float, heading: float) -> Waypoint:
         """Return the waypoint at a position [m] with a heading [rad]."""
-        return cls(np.array([x, y, z]), np.array([0.0, 0.0, sin(heading / 2.0), cos(heading / 2.0)]))
+        return cls(
+            np.array([x, y, z]), np.array([0.0, 0.0, sin(heading / 2.0), cos(heading / 2.0)])
+        )
 
     @property
     def heading(self) -> float:
@@ -66,11 +78,12 @@ class Waypoint:
 
 
 class Controller:
-    """Inverse dynamics with PD actions for position and attitude, saturated into the admissible set (Section 4).
+    """Inverse dynamics with PD actions, saturated into the admissible set (Section 4).
 
-    The wanted acceleration is PD in the position error, with the speed of the approach limited; it gives the wanted
-    force, whose direction and the heading give the wanted attitude; PD in the attitude error gives the torque.  Where
-    the wrench is not admissible, it is made so by priority: roll and pitch, thrust, yaw.
+    The wanted acceleration is PD in the position error, with the speed of the approach limited; it
+    gives the wanted force, whose direction and the heading give the wanted attitude; PD in the
+    attitude error gives the torque.  Where the wrench is not admissible, it is made so by
+    priority: roll and pitch, thrust, yaw.
 
     Parameters
     ----------
@@ -83,8 +96,14 @@ class Controller:
         self.admissible = AdmissibleSet(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
 
-    def wrench(self, position: Array, attitude: Array, velocity: Array, angular_velocity: Array,
-               waypoint: Waypoint) -> Array:
+    def wrench(
+        self,
+        position: Array,
+        attitude: Array,
+        velocity: Array,
+        angular_velocity: Array,
+        waypoint: Waypoint,
+    ) -> Array:
         """Return the wrench that leads to a waypoint.
 
         Parameters
@@ -107,7 +126,9 @@ class Controller:
         wanted = _attitude(force, waypoint.heading)
         error = _rotation_vector(rotation.T @ wanted)
         inertia = self.vehicle.inertia
-        torque = inertia @ (self.gains.attitude_stiffness * error - self.gains.attitude_damping * angular_velocity)
+        torque = inertia @ (
+            self.gains.attitude_stiffness * error - self.gains.attitude_damping * angular_velocity
+        )
         torque += cross(angular_velocity, inertia @ angular_velocity)
         demand = np.concatenate([force @ rotation, torque])[self._rows]
         return self.admissible.prioritize(demand)
@@ -115,7 +136,9 @@ class Controller:
     def _force(self, position: Array, velocity: Array, waypoint: Waypoint) -> Array:
         """Return the wanted force in the world frame [N]."""
         gains = self.gains
-        approach = gains.position_stiffness / gains.position_damping * (waypoint.position - position)
+        approach = (
+            gains.position_stiffness / gains.position_damping * (waypoint.position - position)
+        )
         approach = np.minimum(np.maximum(approach, -gains.speed_max), gains.speed_max)
         force = self.vehicle.mass * gains.position_damping * (approach - velocity)
         force[2] = max(force[2] + self.vehicle.weight, LIFT_MIN * self.vehicle.weight)
@@ -126,7 +149,7 @@ class Controller:
 
 
 def _attitude(force: Array, heading: float) -> Array:
-    """Return the rotation matrix whose z axis points along a force and whose x axis points to a heading."""
+    """Return the rotation matrix whose z axis is along a force and whose x axis has a heading."""
     up = force / np.linalg.norm(force)
     left = cross(up, np.array([cos(heading), sin(heading), 0.0]))
     left /= np.linalg.norm(left)
@@ -134,7 +157,7 @@ def _attitude(force: Array, heading: float) -> Array:
 
 
 def _rotation_vector(rotation: Array) -> Array:
-    """Return axis times angle of a rotation matrix; zero for half a turn, whose axis is not determined."""
+    """Return axis times angle of a rotation matrix; zero for half a turn, which has two axes."""
     r = rotation.tolist()
     vector = 0.5 * np.array([r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]])
     sine = float(np.linalg.norm(vector))

@@ -40,8 +40,8 @@ class Flight:
 
     @property
     def euler(self) -> Array:
-        """Roll, pitch, yaw (K, 3): Euler angles 123, about x, then the new y, then the new z [rad]."""
-        return Rotation.from_quat(self.attitude).as_euler('XYZ')  # type: ignore[no-any-return]
+        """Roll, pitch, yaw (K, 3): Euler angles 123, about x, the new y, the new z [rad]."""
+        return Rotation.from_quat(self.attitude).as_euler('XYZ')
 
     def position_error(self, waypoint: Waypoint) -> float:
         """Return the final distance to a waypoint [m]."""
@@ -63,7 +63,9 @@ class Flight:
             ('vx', 'vy', 'vz'): self.velocity,
             ('wx', 'wy', 'wz'): self.angular_velocity,
         }
-        return {name: table[:, i] for names, table in tables.items() for i, name in enumerate(names)}
+        return {
+            name: table[:, i] for names, table in tables.items() for i, name in enumerate(names)
+        }
 
     def write_csv(self, path: Path) -> None:
         """Write one row a sample, every number to its last bit; SI units, angles in rad."""

@@ -1,4 +1,4 @@
-"""Least-norm solutions of linear equations within bounds: the quadratic program of the exact allocator."""
+"""Least-norm thrusts within bounds: the quadratic program of the exact allocator."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class LeastNorm:
 
 
 class _RowSpace:
-    """A matrix in an orthonormal basis of its row space: ``A f = u`` becomes ``basis^T f = coordinates u``."""
+    """An orthonormal row space: ``A f = u`` becomes ``basis^T f = coordinates u``."""
 
     def __init__(self, matrix: Array) -> None:
         self.matrix = matrix
@@ -60,10 +60,11 @@ class _RowSpace:
 def newton(space: _RowSpace, lower: Array, upper: Array, u: Array, tolerance: float) -> Array:
     """Maximise the dual of the quadratic program.
 
-    The cost is separable, so for multipliers y of the equation the best thrusts are ``f(y) = clip(A^T y)``, and what
-    is left is ``A f(y) = u``: piecewise linear, and the gradient of a concave function.  Newton's method starts at the
-    pseudo-inverse, takes the rotors between their bounds for free, and searches exactly along each step, so that it
-    ends after finitely many.  The bounds hold throughout.
+    The cost is separable, so for multipliers y of the equation the best thrusts are ``f(y) =
+    clip(A^T y)``, and what is left is ``A f(y) = u``: piecewise linear, and the gradient of a
+    concave function.  Newton's method starts at the pseudo-inverse, takes the rotors between their
+    bounds for free, and searches exactly along each step, so that it ends after finitely many.
+    The bounds hold throughout.
 
     Returns
     -------
@@ -79,16 +80,22 @@ def newton(space: _RowSpace, lower: Array, upper: Array, u: Array, tolerance: fl
         left = u - space.matrix @ thrusts
         curvatures, axes = np.linalg.eigh(basis[free].T @ basis[free])
         slopes = axes.T @ (space.coordinates @ left)
-        # Along an axis that no free rotor serves, what is left is either rounding, to be ignored, or a reason to go
-        # that way alone: the search ends where the next rotor comes free.
+        # Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
+        # or a reason to go that way alone: the search ends where the next rotor comes free.
         flat = curvatures < 1e-12
-        if flat.any() and float(np.linalg.norm(space.back @ (axes[:, flat] @ slopes[flat]))) > 0.8 * tolerance:
+        if (
+            flat.any()
+            and float(np.linalg.norm(space.back @ (axes[:, flat] @ slopes[flat])))
+            > 0.8 * tolerance
+        ):
             step = axes[:, flat] @ slopes[flat]
         else:
             step = axes[:, ~flat] @ (slopes[~flat] / curvatures[~flat])
-            # If the step leaves the active set as it is, this is the answer.  The thrusts themselves lose fewer digits
-            # in it than y, which may be large.
-            stepped = np.where(free, np.minimum(np.maximum(thrusts + basis @ step, lower), upper), thrusts)
+            # If the step leaves the active set as it is, this is the answer.  The thrusts
+            # themselves lose fewer digits in it than y, which may be large.
+            stepped = np.where(
+                free, np.minimum(np.maximum(thrusts + basis @ step, lower), upper), thrusts
+            )
             aimed = np.minimum(np.maximum(unbounded + basis @ step, lower), upper)
             if np.abs(aimed - stepped).max() <= 1e-10 * (1.0 + np.abs(stepped).max()):
                 thrusts, left = stepped, u - space.matrix @ stepped
@@ -102,13 +109,14 @@ def newton(space: _RowSpace, lower: Array, upper: Array, u: Array, tolerance: fl
 
 
 def _search(start: Array, rate: Array, lower: Array, upper: Array, goal: float) -> float:
-    """Return t >= 0 with ``rate @ clip(start + t rate) = goal``; the left side grows piecewise linearly with t."""
+    """Return t >= 0 with ``rate @ clip(start + t rate) = goal``; the left side grows with t."""
     moving: BoolArray = rate != 0.0
     start, rate, lower, upper = start[moving], rate[moving], lower[moving], upper[moving]
     corners = np.concatenate([(lower - start) / rate, (upper - start) / rate])
     corners = np.sort(np.append(corners[corners > 0.0], 0.0))
     values = np.minimum(np.maximum(start + np.outer(corners, rate), lower), upper) @ rate - goal
-    # At the boundary of the admissible set the goal is reached for good at a corner: go there and not beyond.
+    # At the boundary of the admissible set the goal is reached for good at a corner: go there and
+    # not beyond.
     rounding = 1e-14 * float(np.abs(rate) @ np.maximum(np.abs(lower), np.abs(upper)))
     after = int(np.searchsorted(values, -rounding))
     if after == 0:

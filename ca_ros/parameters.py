@@ -1,7 +1,8 @@
 """The parameters of a vehicle: one table, one file format, one check.
 
-The files are ROS parameter files (``/**: ros__parameters:``).  The nodes get their values from ROS, offline code
-reads the same file with `load`; both pass through `check`, so that a fault is reported in the same words.
+The files are ROS parameter files (``/**: ros__parameters:``).  The nodes get their values from
+ROS, offline code reads the same file with `load`; both pass through `check`, so that a fault is
+reported in the same words.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
 import yaml
 
-Value = Union[float, bool, str, list[float], list[str]]
+Value = float | bool | str | list[float] | list[str]
 
 REQUIRED = object()
 
@@ -74,55 +75,98 @@ METHODS = ('pseudo_inverse', 'direct', 'conventional', 'exact')
 PARAMETERS: dict[str, Parameter] = {
     'mode': Parameter(
         'realtime: the simulator follows the clock; lockstep: it steps once per command',
-        str, default='realtime', choices=('realtime', 'lockstep')),
+        str,
+        default='realtime',
+        choices=('realtime', 'lockstep'),
+    ),
     'vehicle.mass': Parameter('mass [kg]', positive=True),
     'vehicle.gravity': Parameter('local gravity [m/s^2]', minimum=0.0, default=9.81),
     'vehicle.inertia': Parameter(
-        'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz or the matrix row by row', array=True),
+        'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz or the matrix row by row',
+        array=True,
+    ),
     'vehicle.center_of_mass': Parameter(
-        'centre of mass in the body frame [m]', array=True, default=[0.0, 0.0, 0.0]),
+        'centre of mass in the body frame [m]', array=True, default=[0.0, 0.0, 0.0]
+    ),
     'rotors.positions': Parameter(
-        'x, y, z of each rotor in the body frame, forward-left-up [m]', array=True),
+        'x, y, z of each rotor in the body frame, forward-left-up [m]', array=True
+    ),
     'rotors.axes': Parameter(
-        'direction of thrust of all rotors, or of each', array=True, default=[0.0, 0.0, 1.0]),
+        'direction of thrust of all rotors, or of each', array=True, default=[0.0, 0.0, 1.0]
+    ),
     'rotors.spins': Parameter(
-        'sense of rotation of each rotor, seen against its thrust from above', str, array=True,
-        choices=('cw', 'ccw')),
+        'sense of rotation of each rotor, seen against its thrust from above',
+        str,
+        array=True,
+        choices=('cw', 'ccw'),
+    ),
     'rotors.thrust_coefficient': Parameter(
-        'k_f, thrust over squared speed [kg m]', array=True, positive=True),
+        'k_f, thrust over squared speed [kg m]', array=True, positive=True
+    ),
     'rotors.torque_coefficient': Parameter(
-        'k_tau, reaction torque over squared speed [kg m^2]', array=True, minimum=0.0),
+        'k_tau, reaction torque over squared speed [kg m^2]', array=True, minimum=0.0
+    ),
     'rotors.speed_min': Parameter('lower bound of the speed [rad/s]', array=True, minimum=0.0),
     'rotors.speed_max': Parameter('upper bound of the speed [rad/s]', array=True, positive=True),
     'rotors.health': Parameter(
-        'thrust delivered over thrust expected: 1 sound, 0 lost', array=True, default=1.0,
-        minimum=0.0, maximum=1.0, mutable=True),
+        'thrust delivered over thrust expected: 1 sound, 0 lost',
+        array=True,
+        default=1.0,
+        minimum=0.0,
+        maximum=1.0,
+        mutable=True,
+    ),
     'allocation.axes': Parameter(
-        'the components of the wrench that are commanded', str, array=True,
-        default=['thrust', 'roll', 'pitch', 'yaw'], choices=AXES),
+        'the components of the wrench that are commanded',
+        str,
+        array=True,
+        default=['thrust', 'roll', 'pitch', 'yaw'],
+        choices=AXES,
+    ),
     'allocation.method': Parameter(
-        'allocation method', str, default='exact', choices=METHODS, mutable=True),
+        'allocation method', str, default='exact', choices=METHODS, mutable=True
+    ),
     'allocation.conventional.weight': Parameter(
-        'Q of the conventional allocator, Eq. (18) [1 or (N m/N)^2]: q of q I, the diagonal, or the matrix row by row',
-        array=True, default=1e-4, minimum=-inf, mutable=True),
+        'Q of the conventional allocator, Eq. (18): q of q I, the diagonal, or the matrix by rows',
+        array=True,
+        default=1e-4,
+        minimum=-inf,
+        mutable=True,
+    ),
     'allocation.conventional.reference': Parameter(
         'f_ref of the conventional allocator, Eq. (18): hover thrusts, or none (zero)',
-        str, default='hover', choices=('hover', 'zero'), mutable=True),
-    'simulator.time_step': Parameter('step of the Euler integration [s]', default=0.01, positive=True),
+        str,
+        default='hover',
+        choices=('hover', 'zero'),
+        mutable=True,
+    ),
+    'simulator.time_step': Parameter(
+        'step of the Euler integration [s]', default=0.01, positive=True
+    ),
     'controller.position_stiffness': Parameter(
-        'position error to acceleration, x, y, z [1/s^2]', array=True, default=1.5, positive=True),
+        'position error to acceleration, x, y, z [1/s^2]', array=True, default=1.5, positive=True
+    ),
     'controller.position_damping': Parameter(
-        'velocity error to acceleration, x, y, z [1/s]', array=True, default=2.4, positive=True),
+        'velocity error to acceleration, x, y, z [1/s]', array=True, default=2.4, positive=True
+    ),
     'controller.attitude_stiffness': Parameter(
-        'attitude error to angular acceleration, x, y, z [1/s^2]', array=True, default=[60.0, 60.0, 4.0],
-        positive=True),
+        'attitude error to angular acceleration, x, y, z [1/s^2]',
+        array=True,
+        default=[60.0, 60.0, 4.0],
+        positive=True,
+    ),
     'controller.attitude_damping': Parameter(
-        'angular velocity to angular acceleration, x, y, z [1/s]', array=True, default=[14.0, 14.0, 4.0],
-        positive=True),
+        'angular velocity to angular acceleration, x, y, z [1/s]',
+        array=True,
+        default=[14.0, 14.0, 4.0],
+        positive=True,
+    ),
     'controller.speed_max': Parameter(
-        'greatest speed towards the waypoint along each axis [m/s]', default=3.0, positive=True),
+        'greatest speed towards the waypoint along each axis [m/s]', default=3.0, positive=True
+    ),
     'controller.tilt_max': Parameter(
-        'greatest commanded tilt [rad]', default=0.8, positive=True, maximum=1.5),
+        'greatest commanded tilt [rad]', default=0.8, positive=True, maximum=1.5
+    ),
 }
 
 
@@ -134,22 +178,28 @@ def check(name: str, value: Any) -> Value:
         raise ParameterError(f'{name}: expected one value ({parameter.range()}), got {len(value)}')
     if not is_array:
         return _check_entry(name, parameter, value)
-    return [_check_entry(f'{name}[{i}]', parameter, entry) for i, entry in enumerate(value)]  # type: ignore[return-value]
+    entries: Any = [_check_entry(f'{name}[{i}]', parameter, x) for i, x in enumerate(value)]
+    return entries
 
 
-def _check_entry(name: str, parameter: Parameter, value: Any) -> float | bool | str:
+def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
     expected = f'{name}: must be {parameter.range()}, got {value!r}'
     if parameter.kind is not float:
-        if not isinstance(value, parameter.kind) or (parameter.choices and value not in parameter.choices):
+        if not isinstance(value, parameter.kind) or (
+            parameter.choices and value not in parameter.choices
+        ):
             raise ParameterError(expected)
-        return value  # type: ignore[no-any-return]
+        return value
     try:
         # YAML 1.1 reads 1e-4, without a point, as a word; ROS reads it as a number, and so do we.
         number = nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         raise ParameterError(expected) from None
-    if not isfinite(number) or not parameter.minimum <= number <= parameter.maximum \
-            or (parameter.positive and number <= 0.0):
+    if (
+        not isfinite(number)
+        or not parameter.minimum <= number <= parameter.maximum
+        or (parameter.positive and number <= 0.0)
+    ):
         raise ParameterError(expected)
     return number
 
@@ -166,7 +216,9 @@ def complete(given: Mapping[str, Any]) -> dict[str, Value]:
     for name in given:
         if name not in PARAMETERS and name.split('.')[0] in groups:
             near = get_close_matches(name, PARAMETERS, n=1)
-            raise ParameterError(f'{name}: no such parameter' + (f' (did you mean {near[0]}?)' if near else ''))
+            raise ParameterError(
+                f'{name}: no such parameter' + (f' (did you mean {near[0]}?)' if near else '')
+            )
     values = {}
     for name, parameter in PARAMETERS.items():
         value = given.get(name, parameter.default)
@@ -179,7 +231,8 @@ def complete(given: Mapping[str, Any]) -> dict[str, Value]:
 def config_directory() -> Path:
     """Return the folder of the shipped parameter files.
 
-    It is ``share/ca_ros/config`` of the prefix the package is installed in, or ``config`` of the source tree.
+    It is ``share/ca_ros/config`` of the prefix the package is installed in, or ``config`` of the
+    source tree.
     """
     package = Path(__file__).resolve().parent
     for parent in package.parents:
@@ -187,7 +240,9 @@ def config_directory() -> Path:
             return parent / 'config'
         if (parent / 'share' / 'ca_ros' / 'config').is_dir():
             return parent / 'share' / 'ca_ros' / 'config'
-    raise ParameterError(f'the shipped parameter files of ca_ros are not beside {package}: reinstall the package')
+    raise ParameterError(
+        f'the shipped parameter files of ca_ros are not beside {package}: reinstall the package'
+    )
 
 
 def find(vehicle: str | Path) -> Path:
@@ -217,14 +272,17 @@ def load(vehicle: str | Path) -> dict[str, Value]:
     Raises
     ------
     ParameterError
-        If there is no such file, or it is wrong; the message names the file, the key and the fault.
+        If there is no such file, or it is wrong; the message names the file, the key and the
+        fault.
     """
     path = find(vehicle)
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         return complete(_flatten(_ros_parameters(content)))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(f'{path}: not a readable YAML file: {" ".join(str(error).split())}') from None
+        raise ParameterError(
+            f'{path}: not a readable YAML file: {" ".join(str(error).split())}'
+        ) from None
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
 
@@ -234,7 +292,9 @@ def _ros_parameters(content: Any) -> Mapping[str, Any]:
         parameters = content['/**'].get('ros__parameters')
         if isinstance(parameters, Mapping):
             return parameters
-    raise ParameterError("expected a ROS parameter file that begins with '/**:' and 'ros__parameters:'")
+    raise ParameterError(
+        "expected a ROS parameter file that begins with '/**:' and 'ros__parameters:'"
+    )
 
 
 def _flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Rigid-body dynamics of a multirotor.
 
-The world frame is east-north-up, the body frame forward-left-up (REP 103).  A state is one array (13,): position [m] and
-velocity [m/s] in the world frame, attitude as a unit quaternion x, y, z, w (body to world), and angular velocity in
-the body frame [rad/s].
+The world frame is east-north-up, the body frame forward-left-up (REP 103).  A state is one array
+(13,): position [m] and velocity [m/s] in the world frame, attitude as a unit quaternion x, y, z, w
+(body to world), and angular velocity in the body frame [rad/s].
 """
 
 from __future__ import annotations
@@ -14,14 +14,19 @@ from ca_ros.arrays import Array
 from ca_ros.control_allocation_matrix import rotor_wrenches
 from ca_ros.vehicle import Vehicle
 
-POSITION, VELOCITY, ATTITUDE, ANGULAR_VELOCITY = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
+POSITION, VELOCITY, ATTITUDE, ANGULAR_VELOCITY = (
+    slice(0, 3),
+    slice(3, 6),
+    slice(6, 10),
+    slice(10, 13),
+)
 
 NULL_STATE: Array = np.concatenate([np.zeros(9), [1.0], np.zeros(3)])
 
 
 def rotation_matrix(quaternion: Array) -> Array:
-    """Return the matrix (3, 3) that turns body into world coordinates, for a quaternion x, y, z, w."""
-    return Rotation.from_quat(quaternion).as_matrix()  # type: ignore[no-any-return]
+    """Return the matrix (3, 3) from body to world coordinates for a quaternion x, y, z, w."""
+    return Rotation.from_quat(quaternion).as_matrix()
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -54,11 +59,13 @@ class RigidBody:
         rate[VELOCITY] = rotation_matrix(state[ATTITUDE]) @ wrench[:3] / self.vehicle.mass
         rate[5] -= self.vehicle.gravity
         rate[ATTITUDE] = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ omega
-        rate[ANGULAR_VELOCITY] = self._inverse_inertia @ (wrench[3:] - cross(omega, self.vehicle.inertia @ omega))
+        rate[ANGULAR_VELOCITY] = self._inverse_inertia @ (
+            wrench[3:] - cross(omega, self.vehicle.inertia @ omega)
+        )
         return rate
 
     def step(self, state: Array, speeds: Array, time_step: float) -> Array:
-        """Return the state (13,) one explicit Euler step later, its quaternion of unit length again."""
+        """Return the state (13,) one explicit Euler step later, its quaternion normalised."""
         after = state + time_step * self.derivative(state, speeds)
         after[ATTITUDE] /= np.linalg.norm(after[ATTITUDE])
         return after

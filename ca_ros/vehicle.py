@@ -35,7 +35,8 @@ class Vehicle:
     rotor_axes : (n, 3) array
         Direction of each rotor's thrust, unit vectors.
     spins : (n,) array
-        Sign of each rotor's reaction torque about its axis: +1 if it turns clockwise seen from above, Eq. (2).
+        Sign of each rotor's reaction torque about its axis: +1 if it turns clockwise seen from
+        above, Eq. (2).
     thrust_coefficient, torque_coefficient : (n,) arrays
         k_f [kg m] and k_tau [kg m^2] of Eqs. (1)-(2), of a sound rotor.
     speed_min, speed_max : (n,) arrays
@@ -93,18 +94,25 @@ class Vehicle:
         n = len(positions)
         rotor_axes = _rows('rotors.axes', p['rotors.axes'])
         if len(rotor_axes) not in (1, n):
-            raise ParameterError(f'rotors.axes: expected 3 or {3 * n} numbers for {n} rotors, '
-                                 f'got {rotor_axes.size}')
+            raise ParameterError(
+                f'rotors.axes: expected 3 or {3 * n} numbers for {n} rotors, got {rotor_axes.size}'
+            )
         lengths = np.linalg.norm(rotor_axes, axis=1)
         if not np.all(lengths > 0.0):
             raise ParameterError('rotors.axes: an axis has length zero')
         if not isinstance(p['rotors.spins'], list) or len(p['rotors.spins']) != n:
-            raise ParameterError(f'rotors.spins: expected {n} words, one per rotor, got {p["rotors.spins"]!r}')
-        speed_min, speed_max = (_per_rotor(p, f'rotors.speed_{bound}', n) for bound in ('min', 'max'))
+            raise ParameterError(
+                f'rotors.spins: expected {n} words, one per rotor, got {p["rotors.spins"]!r}'
+            )
+        speed_min, speed_max = (
+            _per_rotor(p, f'rotors.speed_{bound}', n) for bound in ('min', 'max')
+        )
         if np.any(speed_min > speed_max):
             i = int(np.argmax(speed_min > speed_max))
-            raise ParameterError(f'rotors.speed_min: {speed_min[i]:g} rad/s of rotor {i + 1} is above its '
-                                 f'rotors.speed_max, {speed_max[i]:g} rad/s')
+            raise ParameterError(
+                f'rotors.speed_min: {speed_min[i]:g} rad/s of rotor {i + 1} is above its '
+                f'rotors.speed_max, {speed_max[i]:g} rad/s'
+            )
         vehicle = cls(
             mass=p['vehicle.mass'],
             gravity=p['vehicle.gravity'],
@@ -123,15 +131,19 @@ class Vehicle:
         extent = np.abs(gamma).sum(axis=1, keepdims=True)
         rank = int(np.linalg.matrix_rank(gamma / np.where(extent > 0.0, extent, 1.0), tol=1e-9))
         if rank < len(vehicle.axes):
-            raise ParameterError(f'rotors.positions: with these rotors the control allocation matrix has rank {rank}, '
-                                 f'but {len(vehicle.axes)} axes are to be commanded ({", ".join(vehicle.axes)})')
+            raise ParameterError(
+                f'rotors.positions: their control allocation matrix has rank {rank}, '
+                f'but {len(vehicle.axes)} axes are to be commanded ({", ".join(vehicle.axes)})'
+            )
         return vehicle
 
     def with_health(self, health: ArrayLike) -> Vehicle:
         """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1]."""
         values = np.asarray(health, dtype=float)
         if values.shape not in ((), (self.n,)) or not np.all((values >= 0.0) & (values <= 1.0)):
-            raise ParameterError(f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {health!r}')
+            raise ParameterError(
+                f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {health!r}'
+            )
         return replace(self, health=np.broadcast_to(values, (self.n,)))
 
     @property
@@ -164,7 +176,7 @@ class Vehicle:
         return self.thrust_per_squared_speed * np.square(np.asarray(speeds, dtype=float))
 
     def speeds(self, thrusts: ArrayLike) -> Array:
-        """Return the speeds (..., n) [rad/s] that give thrusts (..., n) [N] within their bounds, Eq. (11).
+        """Return the speeds (..., n) [rad/s] for thrusts (..., n) [N] in bounds, Eq. (11).
 
         A lost rotor stands still.
         """
@@ -206,11 +218,15 @@ def _inertia(numbers: Any) -> Array:
         raise ParameterError('vehicle.inertia: the matrix is not symmetric')
     moments = np.linalg.eigvalsh(inertia)
     if moments[0] <= 0.0:
-        raise ParameterError(f'vehicle.inertia: must be positive definite, got a principal moment of '
-                             f'{moments[0]:g} kg m^2')
+        raise ParameterError(
+            f'vehicle.inertia: must be positive definite, got a principal moment of '
+            f'{moments[0]:g} kg m^2'
+        )
     if moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
-        raise ParameterError(f'vehicle.inertia: no body has the principal moments {moments}: '
-                             f'the greatest exceeds the sum of the others')
+        raise ParameterError(
+            f'vehicle.inertia: no body has the principal moments {moments}: '
+            f'the greatest exceeds the sum of the others'
+        )
     return inertia
 
 

@@ -47,9 +47,12 @@ class Zonotope:
 
     def __init__(self, center: Array, generators: Array) -> None:
         self.center, self.generators = center, generators
-        # Rows in units of their extent: torques are often smaller than forces by orders of magnitude.
+        # Rows in units of their extent: torques are often smaller than forces by orders of
+        # magnitude.
         extent = np.abs(generators).sum(axis=1)
-        if not np.all(extent > 0.0) or np.linalg.matrix_rank(generators / extent[:, None], tol=FLAT) < len(center):
+        if not np.all(extent > 0.0) or np.linalg.matrix_rank(
+            generators / extent[:, None], tol=FLAT
+        ) < len(center):
             raise ValueError('a zonotope needs generators that span its space')
         self.normals = _facet_normals(generators / extent[:, None]) / extent
         self.normals /= np.linalg.norm(self.normals, axis=1)[:, None]
@@ -59,17 +62,17 @@ class Zonotope:
 
     @property
     def facets(self) -> tuple[Array, Array]:
-        """Outward unit normals (F, m) and offsets (F,) of all facets: ``normals @ u <= offsets``."""
+        """Outward unit normals (F, m) and offsets (F,): ``normals @ u <= offsets``."""
         normals = np.vstack([self.normals, -self.normals])
         return normals, np.tile(self.widths, 2) + normals @ self.center
 
     def margin(self, u: Array) -> Array:
         """Return the least slack (...) of points (..., m) over the facets, negative outside."""
         heights = (u - self.center) @ self.normals.T
-        return (self.widths - np.abs(heights)).min(axis=-1)  # type: ignore[no-any-return]
+        return (self.widths - np.abs(heights)).min(axis=-1)
 
     def pull(self, u: Array) -> Array:
-        """Return a point (m,) of the set near one that is outside of it by no more than rounding errors."""
+        """Return a point (m,) of the set near one that is outside by rounding errors only."""
         for _ in range(len(u)):
             heights = self.normals @ (u - self.center)
             excess = np.abs(heights) - self.widths
@@ -80,7 +83,7 @@ class Zonotope:
         return u
 
     def reach(self, start: Array, direction: Array) -> float:
-        """Return the greatest t >= 0 with ``start + t direction`` in the set, for a `start` in it."""
+        """Return the greatest t >= 0 with ``start + t direction`` in the set; `start` is in it."""
         heights, rates = self.normals @ (start - self.center), self.normals @ direction
         slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
         moving = rates != 0.0
@@ -88,22 +91,25 @@ class Zonotope:
 
     @cached_property
     def tiles(self) -> tuple[Array, Array, Array]:
-        """Parallelepipeds that tile the set: generators (t, m, m), centres (t, m) and volumes (t,).
+        """Parallelepipeds that tile the set: generators (t, m, m), centres (t, m), volumes (t,).
 
-        For almost any cost c, the optimal bases of ``min c s`` subject to ``generators @ s = u - center`` and
-        -1 <= s <= 1 do it: each u has one, and outside of it s_i is where the sign of its reduced cost sends it.
+        For almost any cost c, the optimal bases of ``min c s`` subject to ``generators @ s = u -
+        center`` and -1 <= s <= 1 do it: each u has one, and outside of it s_i is where the sign of
+        its reduced cost sends it.
         """
         m, n = self.generators.shape
         if comb(n, m) > TILES_MAX:
-            raise ValueError(f'{n} rotors and {m} axes make {comb(n, m)} tiles, more than {TILES_MAX}')
-        cost = np.random.default_rng(0).standard_normal(n)
+            raise ValueError(
+                f'{n} rotors and {m} axes make {comb(n, m)} tiles, more than {TILES_MAX}'
+            )
+        cost = np.random.default_rng(0).standard_normal((n,))
         choices = np.array(list(combinations(range(n), m)), dtype=int)
         tiles = np.swapaxes(self.generators.T[choices], 1, 2)
-        volumes = 2.0**m * np.abs(np.linalg.det(tiles))
+        volumes = np.abs(np.linalg.det(2.0 * tiles))
         solid = volumes > 1e-12 * volumes.max()
         choices, tiles, volumes = choices[solid], tiles[solid], volumes[solid]
-        prices = np.linalg.solve(np.swapaxes(tiles, 1, 2), cost[choices][..., None])[..., 0]
-        ends = -np.sign(cost - prices @ self.generators)
+        prices: Array = np.linalg.solve(np.swapaxes(tiles, 1, 2), cost[choices][..., None])
+        ends = -np.sign(cost - prices[:, :, 0] @ self.generators)
         np.put_along_axis(ends, choices, 0.0, axis=1)
         return tiles, self.center + ends @ self.generators.T, volumes
 
@@ -117,18 +123,20 @@ class Zonotope:
         tiles, centers, volumes = self.tiles
         chosen = rng.choice(len(volumes), size=size, p=volumes / volumes.sum())
         shares = rng.uniform(-1.0, 1.0, (size, tiles.shape[1]))
-        return centers[chosen] + np.einsum('sij,sj->si', tiles[chosen], shares)  # type: ignore[no-any-return]
+        return centers[chosen] + np.einsum('sij,sj->si', tiles[chosen], shares)
 
 
 def _facet_normals(generators: Array) -> Array:
-    """Return the directions (k, m) that are orthogonal to m - 1 independent generators, without repetitions."""
+    """Return the directions (k, m) orthogonal to m - 1 independent generators, each once."""
     m = len(generators)
     lengths = np.linalg.norm(generators, axis=0)
     directions = (generators[:, lengths > 0.0] / lengths[lengths > 0.0]).T
-    choices = np.array(list(combinations(range(len(directions)), m - 1)), dtype=int).reshape(-1, m - 1)
+    choices = np.array(list(combinations(range(len(directions)), m - 1)), dtype=int).reshape(
+        -1, m - 1
+    )
     left, singular, _ = np.linalg.svd(np.swapaxes(directions[choices], 1, 2))
     normals = left[np.all(singular > FLAT, axis=1), :, -1]
     leading = np.argmax(np.abs(normals) > FLAT, axis=1)
     normals *= np.sign(normals[np.arange(len(normals)), leading])[:, None]
     _, first = np.unique(np.round(normals, 9), axis=0, return_index=True)
-    return normals[np.sort(first)]  # type: ignore[no-any-return]
+    return normals[np.sort(first)]

@@ -8,9 +8,9 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.conventional import Conventional
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
-from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.vehicle import Vehicle
 
 ALLOCATORS: dict[str, type[Allocator]] = {
@@ -45,5 +45,15 @@ def make_allocator(method: str, vehicle: Vehicle, **options: Any) -> Allocator:
     return ALLOCATORS[method](vehicle, **options)
 
 
-__all__ = ['ALLOCATORS', 'Allocation', 'AllocationProblem', 'Allocator', 'Conventional', 'Direct', 'Exact',
-           'PseudoInverse', 'Status', 'make_allocator']
+__all__ = [
+    'ALLOCATORS',
+    'Allocation',
+    'AllocationProblem',
+    'Allocator',
+    'Conventional',
+    'Direct',
+    'Exact',
+    'PseudoInverse',
+    'Status',
+    'make_allocator',
+]

@@ -7,8 +7,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -16,7 +16,8 @@ from ca_ros.vehicle import Vehicle
 class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle.
 
-    A method is a subclass with `_allocate`.  The answer depends on the wrench alone, not on those before it.
+    A method is a subclass with `_allocate`.  The answer depends on the wrench alone, not on those
+    before it.
 
     Parameters
     ----------
@@ -50,7 +51,9 @@ class Allocator(ABC):
         """Allocate N wrenches, (N, m) [N, N m]; the fields of the answer have a leading N."""
         demands = self.problem.check(wrenches, batch=True)
         if demands.ndim != 2:
-            raise ValueError(f'wrenches: expected shape (N, {len(self.problem.axes)}), got {demands.shape}')
+            raise ValueError(
+                f'wrenches: expected shape (N, {len(self.problem.axes)}), got {demands.shape}'
+            )
         return self._allocate_batch(demands)
 
     @abstractmethod
@@ -60,11 +63,15 @@ class Allocator(ABC):
     def _allocate_batch(self, demands: Array) -> Allocation:
         answers = [self._allocate(u) for u in demands]
         return Allocation(
-            self.problem, demands,
-            np.array([a.thrusts for a in answers]).reshape(len(demands), self.problem.gamma.shape[1]),
+            self.problem,
+            demands,
+            np.array([a.thrusts for a in answers]).reshape(
+                len(demands), self.problem.gamma.shape[1]
+            ),
             np.array([a.status for a in answers], dtype=np.int8),
             np.array([a.level for a in answers], dtype=float),
-            np.array([a.violation for a in answers], dtype=float))
+            np.array([a.violation for a in answers], dtype=float),
+        )
 
     def _judge(self, demands: Array, thrusts: Array) -> Array:
         """Return (...) whether thrusts (..., n) give the demands (..., m) exactly."""

@@ -15,8 +15,8 @@ from ca_ros.vehicle import Vehicle
 class Conventional(Allocator):
     """A compromise between the wrench and reference thrusts, Eqs. (18)-(19).
 
-    ``min |f - f_ref|_Q^2 + |Gamma f - u|^2`` subject to the bounds.  Where the cost leaves f undetermined, as with
-    Q = q 1 1^T, the least norm decides.
+    ``min |f - f_ref|_Q^2 + |Gamma f - u|^2`` subject to the bounds.  Where the cost leaves f
+    undetermined, as with Q = q 1 1^T, the least norm decides.
 
     Parameters
     ----------
@@ -32,7 +32,9 @@ class Conventional(Allocator):
         If an option has the wrong shape, or Q is not symmetric and positive semidefinite.
     """
 
-    def __init__(self, vehicle: Vehicle, weight: ArrayLike = 1e-4, reference: str | ArrayLike = 'hover') -> None:
+    def __init__(
+        self, vehicle: Vehicle, weight: ArrayLike = 1e-4, reference: str | ArrayLike = 'hover'
+    ) -> None:
         super().__init__(vehicle)
         n = vehicle.n
         self.weight = _weight(weight, n)
@@ -48,7 +50,7 @@ class Conventional(Allocator):
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _solve(self, linear: Array) -> Array:
-        """Minimise f H f / 2 - linear f within the bounds by guessing the active set until it proves right."""
+        """Minimise f H f / 2 - linear f by guessing the active set until it proves right."""
         low, high = self.problem.lower, self.problem.upper
         hessian, curvature = self.hessian, np.diag(self.hessian)
         thrusts = np.linalg.solve(hessian, linear)
@@ -59,11 +61,17 @@ class Conventional(Allocator):
             free = ~(at_low | at_high)
             guess = np.where(at_low, low, high)
             guess[free] = np.linalg.solve(
-                hessian[np.ix_(free, free)], linear[free] - hessian[np.ix_(free, ~free)] @ guess[~free])
+                hessian[np.ix_(free, free)],
+                linear[free] - hessian[np.ix_(free, ~free)] @ guess[~free],
+            )
             slopes = hessian @ guess - linear
             slopes[free] = 0.0
-            proved = (np.all(guess >= low) and np.all(guess <= high)
-                      and np.all(slopes[at_low] >= 0.0) and np.all(slopes[at_high] <= 0.0))
+            proved = (
+                np.all(guess >= low)
+                and np.all(guess <= high)
+                and np.all(slopes[at_low] >= 0.0)
+                and np.all(slopes[at_high] <= 0.0)
+            )
             if proved:
                 return guess
             thrusts = guess
@@ -76,7 +84,9 @@ class Conventional(Allocator):
         movable = high > low
         thrusts = low.copy()
         target = np.linalg.solve(factor, linear) - factor.T[:, ~movable] @ low[~movable]
-        solution = lsq_linear(factor.T[:, movable], target, (low[movable], high[movable]), method='bvls', tol=1e-14)
+        solution = lsq_linear(
+            factor.T[:, movable], target, (low[movable], high[movable]), method='bvls', tol=1e-14
+        )
         thrusts[movable] = solution.x
         return self.problem.clip(thrusts)
 
@@ -90,21 +100,30 @@ def _weight(weight: ArrayLike, n: int) -> Array:
     elif matrix.shape == (n * n,):
         matrix = matrix.reshape(n, n)
     if matrix.shape != (n, n):
-        raise ValueError(f'weight: expected 1, {n} or {n} x {n} numbers, got shape {np.shape(weight)}')
+        raise ValueError(
+            f'weight: expected 1, {n} or {n} x {n} numbers, got shape {np.shape(weight)}'
+        )
     if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
         raise ValueError('weight: expected a symmetric matrix of finite numbers')
     curvatures = np.linalg.eigvalsh(matrix)
     if curvatures[0] < -1e-9 * max(abs(curvatures[-1]), np.finfo(float).tiny):
-        raise ValueError(f'weight: expected a positive semidefinite matrix, got an eigenvalue of {curvatures[0]:g}')
+        raise ValueError(
+            f'weight: expected a positive semidefinite matrix, got '
+            f'an eigenvalue of {curvatures[0]:g}'
+        )
     return matrix
 
 
 def _reference(reference: str | ArrayLike, vehicle: Vehicle) -> Array:
     if isinstance(reference, str):
         if reference not in ('hover', 'zero'):
-            raise ValueError(f"reference: expected 'hover', 'zero' or {vehicle.n} thrusts, got {reference!r}")
+            raise ValueError(
+                f"reference: expected 'hover', 'zero' or {vehicle.n} thrusts, got {reference!r}"
+            )
         return np.full(vehicle.n, vehicle.weight / vehicle.n if reference == 'hover' else 0.0)
     thrusts = np.asarray(reference, dtype=float)
     if thrusts.shape != (vehicle.n,) or not np.isfinite(thrusts).all():
-        raise ValueError(f"reference: expected 'hover', 'zero' or {vehicle.n} finite thrusts, got {reference!r}")
+        raise ValueError(
+            f"reference: expected 'hover', 'zero' or {vehicle.n} finite thrusts, got {reference!r}"
+        )
     return thrusts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -40,7 +40,8 @@ class Allocation:
     status : Status
         (N,) array of its values for a batch.
     level : float
-        Share of the way to the demand that was served: alpha of Eqs. (14)-(17), 1 if the method knows no such share.
+        Share of the way to the demand that was served: alpha of Eqs. (14)-(17), 1 if the method
+        knows no such share.
     violation : float
         How far the method's own answer lay outside the bounds before it was saturated [N].
     """

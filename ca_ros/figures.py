@@ -1,0 +1,73 @@
+"""Figures of flights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from ca_ros.controller import Waypoint
+from ca_ros.flight import Flight
+from ca_ros.vehicle import Vehicle
+
+COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
+
+STYLE: dict[Any, Any] = {
+    'font.size': 9,
+    'axes.grid': True,
+    'grid.alpha': 0.3,
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'legend.frameon': False,
+    'lines.linewidth': 1.4,
+}
+DASHED = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
+
+
+def draw_flight(path: Path, flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> None:
+    """Draw position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.0, 7.5), layout='constrained')
+        position, attitude, speeds = figure.subplots(3, 1, sharex=True)
+        _lines(position, flight.time, flight.position, ('x', 'y', 'z'), 'position [m]')
+        for level in np.unique(waypoint.position):
+            position.axhline(level, **DASHED)
+        _lines(
+            attitude,
+            flight.time,
+            np.degrees(flight.euler),
+            ('roll', 'pitch', 'yaw'),
+            'Euler angle 123 [deg]',
+        )
+        attitude.axhline(np.degrees(waypoint.heading), **DASHED)
+        names = [f'rotor {i + 1}' for i in range(vehicle.n)]
+        _lines(speeds, flight.time, flight.speeds, names, 'rotor speed [rad/s]')
+        for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
+            speeds.axhline(bound, **DASHED)
+        speeds.set_xlabel('time [s]')
+        speeds.set_xlim(flight.time[0], flight.time[-1])
+        figure.savefig(path, dpi=200)
+
+
+def _lines(
+    axes: matplotlib.axes.Axes,
+    time: np.ndarray,
+    values: np.ndarray,
+    names: list[str] | tuple[str, ...],
+    label: str,
+) -> None:
+    for i, name in enumerate(names):
+        # More rotors than colours: the others are told apart by their dashes.
+        axes.plot(
+            time,
+            values[:, i],
+            label=name,
+            color=COLORS[i % len(COLORS)],
+            linestyle=('-', (0, (5, 1)), (0, (1, 1)))[i // len(COLORS) % 3],
+        )
+    axes.set_ylabel(label)
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))

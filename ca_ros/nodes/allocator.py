@@ -1,0 +1,114 @@
+"""The allocator node: wrenches in, rotor speeds out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Float64MultiArray, Int8MultiArray
+
+from ca_ros.allocation import Allocation, Status, make_allocator
+from ca_ros.allocation import Allocator as Method
+from ca_ros.allocation.options import options_from_parameters
+from ca_ros.control_allocation_matrix import rotor_wrenches
+from ca_ros.nodes.messages import speeds_message, wrench_array, wrench_message
+from ca_ros.nodes.qos import COMMAND, offered, requested
+from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.parameters import AXES
+from ca_ros.vehicle import Vehicle
+
+
+class Allocator(VehicleNode):
+    """Answers each command/wrench with command/motor_speed, and says what became of it."""
+
+    method: Method
+
+    def __init__(self, name: str) -> None:
+        self._counts: Counter[str] = Counter()
+        self._last: Status | None = None
+        super().__init__(name)
+        self._speeds = self.create_publisher(
+            Float64MultiArray, 'command/motor_speed', offered(self.mode)
+        )
+        self._allocated = self.create_publisher(
+            WrenchStamped, '~/allocated_wrench', offered(self.mode)
+        )
+        self._residual = self.create_publisher(WrenchStamped, '~/residual', offered(self.mode))
+        self._saturation = self.create_publisher(
+            Int8MultiArray, '~/saturation', offered(self.mode)
+        )
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', COMMAND)
+        self.create_subscription(
+            WrenchStamped, 'command/wrench', self._serve, requested(self.mode)
+        )
+        self.create_timer(1.0, self._diagnose)
+
+    def build(self, parameters: dict[str, Any]) -> Method:
+        """Make the allocation method."""
+        method = parameters['allocation.method']
+        return make_allocator(
+            method, Vehicle.from_parameters(parameters), **options_from_parameters(parameters)
+        )
+
+    def adopt(self, built: Method) -> None:
+        """Allocate with this method from the next command on."""
+        self.method = built
+        self._wrenches = rotor_wrenches(built.problem.vehicle)
+        self._rows = [AXES.index(axis) for axis in built.problem.axes]
+
+    def _serve(self, command: WrenchStamped) -> None:
+        self._counts['received'] += 1
+        wrench = wrench_array(command)
+        if not np.isfinite(wrench).all():
+            self._counts['dropped: not finite'] += 1
+            self.get_logger().warning(
+                'dropped a wrench that is not finite', throttle_duration_sec=1.0
+            )
+            return
+        answer = self.method.allocate(wrench[self._rows])
+        status = Status(answer.status)
+        if status is not Status.REJECTED:
+            self._speeds.publish(speeds_message(answer.speeds, command.header.stamp))
+        self._report(command, wrench, answer)
+        self._counts[status.name.lower()] += 1
+        if status is not self._last:
+            self._last = status
+            self._diagnose()
+
+    def _report(self, command: WrenchStamped, wrench: np.ndarray, answer: Allocation) -> None:
+        """Publish what the rotors give, in all six components, to whoever listens."""
+        given = self._wrenches @ answer.thrusts
+        if self._allocated.get_subscription_count():
+            self._allocated.publish(wrench_message(given, command.header))
+        if self._residual.get_subscription_count():
+            self._residual.publish(wrench_message(wrench - given, command.header))
+        if self._saturation.get_subscription_count():
+            self._saturation.publish(Int8MultiArray(data=answer.saturation.tolist()))
+
+    def _diagnose(self) -> None:
+        status = DiagnosticStatus(
+            name=f'{self.get_fully_qualified_name()}: allocation', hardware_id='rotors'
+        )
+        status.level = (
+            DiagnosticStatus.OK if self._last in (None, Status.EXACT) else DiagnosticStatus.WARN
+        )
+        status.message = 'no command yet' if self._last is None else self._last.name
+        values = {'method': self.parameters['allocation.method'], **self._counts}
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(
+        Allocator, 'Allocate wrenches (command/wrench) to rotor speeds (command/motor_speed).'
+    )
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

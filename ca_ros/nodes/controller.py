@@ -1,0 +1,101 @@
+"""The controller node: state and waypoint in, wrench out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from std_msgs.msg import Header
+
+from ca_ros.controller import Controller as Law
+from ca_ros.controller import Gains, Waypoint
+from ca_ros.nodes.messages import pose_arrays, twist_arrays, wrench_message
+from ca_ros.nodes.qos import COMMAND, offered, requested
+from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.parameters import AXES
+from ca_ros.vehicle import Vehicle
+
+
+class Controller(VehicleNode):
+    """Answers each state, pose and velocity of one stamp, with command/wrench."""
+
+    law: Law
+
+    def __init__(self, name: str) -> None:
+        self._pose: PoseStamped | None = None
+        self._velocity: TwistStamped | None = None
+        self._waypoint: Waypoint | None = None
+        super().__init__(name)
+        self._wrench = self.create_publisher(WrenchStamped, 'command/wrench', offered(self.mode))
+        self.create_subscription(
+            PoseStamped, 'local_position/pose', self._receive_pose, requested(self.mode)
+        )
+        self.create_subscription(
+            TwistStamped,
+            'local_position/velocity_body',
+            self._receive_velocity,
+            requested(self.mode),
+        )
+        self.create_subscription(PoseStamped, 'command/pose', self._receive_waypoint, COMMAND)
+
+    def build(self, parameters: dict[str, Any]) -> Law:
+        """Make the control law."""
+        return Law(Vehicle.from_parameters(parameters), Gains.from_parameters(parameters))
+
+    def adopt(self, built: Law) -> None:
+        """Control with this law from the next state on."""
+        self.law = built
+        self._rows = [AXES.index(axis) for axis in built.vehicle.axes]
+
+    def _receive_waypoint(self, message: PoseStamped) -> None:
+        position, attitude = pose_arrays(message)
+        length = np.linalg.norm(attitude)
+        if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
+            self.get_logger().warning(
+                f'refused a waypoint that is not a pose: {position} m, quaternion {attitude}'
+            )
+            return
+        self._waypoint = Waypoint(position, attitude)
+        self.get_logger().info(f'waypoint {position} m, heading {self._waypoint.heading:.4f} rad')
+        self._answer()
+
+    def _receive_pose(self, message: PoseStamped) -> None:
+        self._pose = message
+        self._answer()
+
+    def _receive_velocity(self, message: TwistStamped) -> None:
+        self._velocity = message
+        self._answer()
+
+    def _answer(self) -> None:
+        if (
+            self._pose is None
+            or self._velocity is None
+            or self._waypoint is None
+            or self._pose.header.stamp != self._velocity.header.stamp
+        ):
+            return
+        state = [*pose_arrays(self._pose), *twist_arrays(self._velocity)]
+        if not all(np.isfinite(part).all() for part in state) or not state[1].any():
+            self.get_logger().warning(
+                'dropped a state that is not finite', throttle_duration_sec=1.0
+            )
+            return
+        wrench = np.zeros(len(AXES))
+        wrench[self._rows] = self.law.wrench(*state, self._waypoint)
+        self._wrench.publish(
+            wrench_message(wrench, Header(stamp=self._pose.header.stamp, frame_id='base_link'))
+        )
+
+
+def main() -> int:
+    """Run the node."""
+    return run(
+        Controller,
+        'Fly to a waypoint (command/pose): pose and velocity to a wrench (command/wrench).',
+    )
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

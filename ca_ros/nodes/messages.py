@@ -1,0 +1,87 @@
+"""ROS messages from and to arrays."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
+
+from ca_ros.arrays import Array
+
+
+def stamp(nanoseconds: int) -> Time:
+    """Return a time stamp."""
+    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def nanoseconds(time: Time) -> int:
+    """Return a time stamp as one number."""
+    return time.sec * 1_000_000_000 + time.nanosec
+
+
+def speeds_message(speeds: Array, time: Time) -> Float64MultiArray:
+    """Return rotor speeds (n,) [rad/s] as n rows of one column, labelled with the time.
+
+    The type has no header, so the label carries the stamp: of the command that is answered, or of
+    the state from which on the speeds are in effect.
+    """
+    n = len(speeds)
+    message = Float64MultiArray(data=array('d', np.ascontiguousarray(speeds).tobytes()))
+    message.layout.dim = [
+        MultiArrayDimension(label='rotor speed [rad/s]', size=n, stride=n),
+        MultiArrayDimension(label=f'stamp {nanoseconds(time)}', size=1, stride=1),
+    ]
+    return message
+
+
+def speeds_stamp(message: Float64MultiArray) -> int | None:
+    """Return the time stamp [ns] of a `speeds_message`; None if it has none."""
+    for dimension in message.layout.dim:
+        word, _, number = dimension.label.partition(' ')
+        if word == 'stamp' and number.isdigit():
+            return int(number)
+    return None
+
+
+def state_messages(
+    position: Array, attitude: Array, velocity: Array, angular_velocity: Array, time: Time
+) -> tuple[PoseStamped, TwistStamped]:
+    """Return a pose in the world and a velocity in the body frame."""
+    pose = PoseStamped(header=Header(stamp=time, frame_id='map'))
+    p, q = pose.pose.position, pose.pose.orientation
+    p.x, p.y, p.z = position.tolist()
+    q.x, q.y, q.z, q.w = attitude.tolist()
+    twist = TwistStamped(header=Header(stamp=time, frame_id='base_link'))
+    v, w = twist.twist.linear, twist.twist.angular
+    v.x, v.y, v.z = velocity.tolist()
+    w.x, w.y, w.z = angular_velocity.tolist()
+    return pose, twist
+
+
+def pose_arrays(message: PoseStamped) -> tuple[Array, Array]:
+    """Return position (3,) [m] and attitude x, y, z, w (4,)."""
+    p, q = message.pose.position, message.pose.orientation
+    return np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+
+
+def twist_arrays(message: TwistStamped) -> tuple[Array, Array]:
+    """Return velocity (3,) [m/s] and angular velocity (3,) [rad/s]."""
+    v, w = message.twist.linear, message.twist.angular
+    return np.array([v.x, v.y, v.z]), np.array([w.x, w.y, w.z])
+
+
+def wrench_message(wrench: Array, header: Header) -> WrenchStamped:
+    """Return a wrench (6,), force before torque [N, N m]."""
+    message = WrenchStamped(header=header)
+    f, t = message.wrench.force, message.wrench.torque
+    f.x, f.y, f.z, t.x, t.y, t.z = wrench.tolist()
+    return message
+
+
+def wrench_array(message: WrenchStamped) -> Array:
+    """Return a wrench (6,), force before torque [N, N m]."""
+    f, t = message.wrench.force, message.wrench.torque
+    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])

@@ -1,0 +1,122 @@
+"""The recorder: a node that sends the waypoint and gathers the flight."""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.controller import Waypoint
+from ca_ros.flight import Flight
+from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.qos import COMMAND, LOCKSTEP_DEPTH
+
+LINKS = (
+    'command/wrench',
+    'command/motor_speed',
+    'local_position/pose',
+    'local_position/velocity_body',
+)
+"""The topics that join the three nodes."""
+
+
+class Recorder(Node):
+    """Gathers what the simulator publishes into samples, by their stamps."""
+
+    def __init__(self, namespace: str) -> None:
+        super().__init__('recorder', namespace=namespace)
+        self._samples: dict[int, dict[str, np.ndarray]] = {}
+        everything = QoSProfile(
+            reliability=ReliabilityPolicy.RELIABLE,
+            history=HistoryPolicy.KEEP_LAST,
+            depth=LOCKSTEP_DEPTH,
+        )
+        self._waypoint = self.create_publisher(PoseStamped, 'command/pose', COMMAND)
+        self.create_subscription(
+            PoseStamped, 'local_position/pose', self._receive_pose, everything
+        )
+        self.create_subscription(
+            TwistStamped, 'local_position/velocity_body', self._receive_velocity, everything
+        )
+        self.create_subscription(
+            Float64MultiArray, 'motor_speed', self._receive_speeds, everything
+        )
+        self._start: int | None = None
+        self._last: int | None = None
+
+    def missing(self) -> list[str]:
+        """Return the links of the loop that are not there yet, in words."""
+        ends = {
+            topic: (self.count_publishers(topic), self.count_subscribers(topic)) for topic in LINKS
+        }
+        lacking = [
+            topic
+            for topic, (publishers, subscribers) in ends.items()
+            if not (publishers and subscribers)
+        ]
+        if not self._waypoint.get_subscription_count():
+            lacking.append('command/pose')
+        if not any(len(sample) == 5 for sample in self._samples.values()):
+            lacking.append('motor_speed')
+        return lacking
+
+    def send(self, waypoint: Waypoint) -> None:
+        """Send the waypoint; the flight begins when the rotors begin to turn."""
+        message = PoseStamped()
+        message.header.frame_id = 'map'
+        message.header.stamp = self.get_clock().now().to_msg()
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z = waypoint.position.tolist()
+        q.x, q.y, q.z, q.w = waypoint.attitude.tolist()
+        self._waypoint.publish(message)
+
+    @property
+    def elapsed(self) -> float:
+        """Time of the flight so far [s]."""
+        if self._start is None or self._last is None:
+            return 0.0
+        return (self._last - self._start) / 1e9
+
+    def flight(self, duration: float) -> Flight:
+        """Return the complete samples of the first `duration` seconds."""
+        start = self._start if self._start is not None else 0
+        stamps = sorted(
+            key
+            for key, sample in self._samples.items()
+            if 0 <= key - start <= duration * 1e9 and len(sample) == 5
+        )
+        columns = {
+            name: np.array([self._samples[key][name] for key in stamps])
+            for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds')
+        }
+        return Flight((np.array(stamps) - start) / 1e9, **columns)
+
+    def _receive_pose(self, message: PoseStamped) -> None:
+        position, attitude = pose_arrays(message)
+        self._put(nanoseconds(message.header.stamp), position=position, attitude=attitude)
+
+    def _receive_velocity(self, message: TwistStamped) -> None:
+        velocity, angular_velocity = twist_arrays(message)
+        self._put(
+            nanoseconds(message.header.stamp), velocity=velocity, angular_velocity=angular_velocity
+        )
+
+    def _receive_speeds(self, message: Float64MultiArray) -> None:
+        time = speeds_stamp(message)
+        if time is None:
+            return
+        speeds = np.array(message.data)
+        if speeds.any():
+            self._start = time if self._start is None else min(time, self._start)
+            self._last = time if self._last is None else max(time, self._last)
+        self._put(time, speeds=speeds)
+
+    def _put(self, time: int, **parts: np.ndarray) -> None:
+        if self._start is None:
+            # Before the flight only the newest sample matters: it may become the first.
+            self._samples = {
+                key: sample for key, sample in self._samples.items() if key >= time - 1_000_000_000
+            }
+        self._samples.setdefault(time, {}).update(parts)

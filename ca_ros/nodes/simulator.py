@@ -1,0 +1,144 @@
+"""The simulator node: rotor speeds in, the vehicle's state out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.clock import Clock, ClockType
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.nodes.messages import speeds_message, speeds_stamp, stamp, state_messages
+from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    NULL_STATE,
+    POSITION,
+    RigidBody,
+    velocity_in_body,
+)
+from ca_ros.vehicle import Vehicle
+
+REPEAT = 0.2
+"""In lockstep a state that nobody has answered is published again after this time [s]."""
+
+BEHIND_MAX = 0.5
+"""In real time the simulation catches up with the clock if it is not more than this behind [s]."""
+
+
+class Simulator(VehicleNode):
+    """Integrates the vehicle with explicit Euler steps.
+
+    It rests until the first command comes.  In real time it then keeps up with the steady clock,
+    using the last command; in lockstep it takes one step for each command that answers its present
+    state.
+    """
+
+    body: RigidBody
+
+    def __init__(self, name: str) -> None:
+        self._state = NULL_STATE
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        super().__init__(name)
+        self._resting = True
+        self._command = np.zeros(self.body.vehicle.n)
+        self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
+        self._time = 0 if self.mode == 'lockstep' else self.get_clock().now().nanoseconds
+        self._due = self._steady.now().nanoseconds
+        self._pose = self.create_publisher(PoseStamped, 'local_position/pose', offered(self.mode))
+        self._velocity = self.create_publisher(
+            TwistStamped, 'local_position/velocity_body', offered(self.mode)
+        )
+        self._speeds = self.create_publisher(Float64MultiArray, 'motor_speed', offered(self.mode))
+        self.create_subscription(
+            Float64MultiArray, 'command/motor_speed', self._receive, requested(self.mode)
+        )
+        lockstep = self.mode == 'lockstep'
+        self._timer = self.create_timer(
+            REPEAT if lockstep else self._step_ns / 1e9,
+            self._repeat if lockstep else self._catch_up,
+            clock=self._steady,
+        )
+
+    def build(self, parameters: dict[str, Any]) -> RigidBody:
+        """Make the body."""
+        return RigidBody(Vehicle.from_parameters(parameters))
+
+    def adopt(self, built: RigidBody) -> None:
+        """Move like this body from the next step on."""
+        self.body = built
+
+    def _receive(self, command: Float64MultiArray) -> None:
+        speeds = np.array(command.data)
+        n = self.body.vehicle.n
+        if speeds.shape != (n,) or not (np.isfinite(speeds).all() and np.all(speeds >= 0.0)):
+            self.get_logger().warning(
+                f'dropped rotor speeds {speeds}: expected {n} finite numbers, none negative',
+                throttle_duration_sec=1.0,
+            )
+            return
+        if self.mode == 'realtime':
+            if self._resting:
+                self._due = self._steady.now().nanoseconds
+            self._command, self._resting = speeds, False
+        elif speeds_stamp(command) == self._time:
+            self._command, self._resting = speeds, False
+            self._step()
+            self._timer.reset()
+
+    def _repeat(self) -> None:
+        """Publish an unanswered state once more: whoever was not there may be now."""
+        if self._resting:
+            self._publish_speeds()
+        self._publish()
+
+    def _catch_up(self) -> None:
+        """Take the steps that are due."""
+        now = self._steady.now().nanoseconds
+        if now - self._due > BEHIND_MAX * 1e9:
+            self.get_logger().warning(
+                f'{(now - self._due) / 1e9:.1f} s behind the clock: they are left out'
+            )
+            self._due = now
+        if self._resting:
+            self._due = now
+            self._time += self._step_ns
+            self._repeat()
+        while not self._resting and self._due <= now:
+            self._due += self._step_ns
+            self._step()
+
+    def _step(self) -> None:
+        self._publish_speeds()
+        self._state = self.body.step(self._state, self._command, self._step_ns / 1e9)
+        self._time += self._step_ns
+        self._publish()
+
+    def _publish_speeds(self) -> None:
+        self._speeds.publish(speeds_message(self._command, stamp(self._time)))
+
+    def _publish(self) -> None:
+        state = self._state
+        pose, velocity = state_messages(
+            state[POSITION],
+            state[ATTITUDE],
+            velocity_in_body(state),
+            state[ANGULAR_VELOCITY],
+            stamp(self._time),
+        )
+        self._pose.publish(pose)
+        self._velocity.publish(velocity)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(
+        Simulator, 'Simulate the vehicle: rotor speeds (command/motor_speed) to pose and velocity.'
+    )
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
