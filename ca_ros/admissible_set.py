@@ -11,7 +11,6 @@ from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.prioritization import Prioritization
 from ca_ros.vehicle import Vehicle
-from ca_ros.zonotope import Zonotope
 
 
 class AdmissibleSet:
@@ -38,14 +37,7 @@ class AdmissibleSet:
         self.problem = (
             vehicle if isinstance(vehicle, AllocationProblem) else AllocationProblem(vehicle)
         )
-        gamma, low, high = self.problem.gamma, self.problem.lower, self.problem.upper
-        try:
-            self.zonotope = Zonotope(gamma @ (low + high) / 2.0, gamma * (high - low) / 2.0)
-        except ValueError:
-            raise ValueError(
-                'the admissible set has no volume: the rotors cannot command '
-                f'{", ".join(self.problem.axes)} independently'
-            ) from None
+        self.zonotope = self.problem.image
         hover = self.problem.hover
         self.reference = hover if self.zonotope.margin(hover) > 0.0 else self.zonotope.center
         self._prioritizations: dict[tuple[tuple[str, ...], ...], Prioritization] = {}
@@ -110,18 +102,10 @@ class AdmissibleSet:
 
     def scale_level(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, float]:
         """Like `scale`; return also the share of the way to `u`, 1 if `u` is in the set."""
+        start = self.check_reference(about)
         u = self.problem.check(u)
         if self.zonotope.margin(u) >= 0.0:
             return u, 1.0
-        start = self.reference
-        if about is not None:
-            start = self.problem.check(about)
-            outside = -self.zonotope.margin(start)
-            if outside > self.problem.tolerance(start):
-                raise ValueError(
-                    f'about: expected a wrench in the admissible set, got {start}, which is '
-                    f'{outside:.3g} outside'
-                )
         level = min(self.zonotope.reach(start, u - start), 1.0)
         return start + level * (u - start), level
 
@@ -153,11 +137,25 @@ class AdmissibleSet:
         self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None
     ) -> tuple[Array, Array]:
         """Like `prioritize`; return also the share (m,) of its demand that each axis got."""
-        prioritization = self._prioritization(order)
+        prioritization = self.check_order(order)
         u = self.problem.check(u)
         return (u, np.ones(len(u))) if self.zonotope.margin(u) >= 0.0 else prioritization(u)
 
-    def _prioritization(self, order: Sequence[Sequence[str]] | None) -> Prioritization:
+    def check_reference(self, about: ArrayLike | None) -> Array:
+        """Return the reference of `scale`; raise a ValueError if it is outside the set."""
+        if about is None:
+            return self.reference
+        start = self.problem.check(about)
+        outside = -self.zonotope.margin(start)
+        if outside > self.problem.tolerance(start):
+            raise ValueError(
+                f'about: expected a wrench in the admissible set, got {start}, which is '
+                f'{outside:.3g} outside'
+            )
+        return start
+
+    def check_order(self, order: Sequence[Sequence[str]] | None) -> Prioritization:
+        """Return what serves an order; raise a ValueError if that is no partition of the axes."""
         groups = (
             default_order(self.problem.axes)
             if order is None

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.vehicle import Vehicle
+from ca_ros.zonotope import Zonotope
 
 EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
+
+ABSURD = 1e100
+"""Beyond this a number is an error in the caller, and its square would not be finite [N, N m]."""
 
 
 class AllocationProblem:
@@ -37,6 +43,24 @@ class AllocationProblem:
         self.upper = vehicle.thrust_max
         self.hover = np.array([vehicle.weight if axis == 'thrust' else 0.0 for axis in self.axes])
 
+    @cached_property
+    def image(self) -> Zonotope:
+        """The admissible set A of Eq. (23).
+
+        Raises
+        ------
+        ValueError
+            If it has no volume: the rotors cannot command the axes independently.
+        """
+        low, high = self.lower, self.upper
+        try:
+            return Zonotope(self.gamma @ (low + high) / 2.0, self.gamma * (high - low) / 2.0)
+        except ValueError:
+            raise ValueError(
+                'the admissible set has no volume: the rotors cannot command '
+                f'{", ".join(self.axes)} independently'
+            ) from None
+
     def check(self, u: ArrayLike, batch: bool = False) -> Array:
         """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.
 
@@ -57,10 +81,12 @@ class AllocationProblem:
             raise ValueError(
                 f'wrench: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}'
             )
-        if not np.isfinite(wrench).all():
-            bad = np.argwhere(~np.isfinite(wrench))[0]
+        sound = np.abs(wrench) <= ABSURD
+        if not sound.all():
+            bad = np.argwhere(~sound)[0]
             raise ValueError(
-                f'wrench: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers'
+                f'wrench: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers '
+                f'up to {ABSURD:g}'
             )
         return wrench
 

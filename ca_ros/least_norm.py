@@ -14,26 +14,32 @@ STEPS = 100
 class LeastNorm:
     """Solve ``min |f|^2`` subject to ``A f = u`` and ``lower <= f <= upper``, Eqs. (20)-(22).
 
+    The cost is separable, so for multipliers y of the equation the best thrusts are ``f(y) =
+    clip(A^T y)``, and what is left is ``A f(y) = u``: piecewise linear, and the gradient of a
+    concave function, the dual.  Newton's method starts at the pseudo-inverse, takes the rotors
+    between their bounds for free, and searches exactly along each step, so that it ends after
+    finitely many.  The bounds hold throughout.
+
     Parameters
     ----------
     matrix : (m, n) array
         A, of rank m.
     lower, upper : (n,) arrays
         Bounds.
-
-    Attributes
-    ----------
     image : Zonotope
         The set of all u that can be attained.
     """
 
-    def __init__(self, matrix: Array, lower: Array, upper: Array) -> None:
-        self.matrix, self.lower, self.upper = matrix, lower, upper
-        self.image = Zonotope(matrix @ (lower + upper) / 2.0, matrix * (upper - lower) / 2.0)
-        self._space = _RowSpace(matrix)
+    def __init__(self, matrix: Array, lower: Array, upper: Array, image: Zonotope) -> None:
+        self.matrix, self.lower, self.upper, self.image = matrix, lower, upper, image
+        # In an orthonormal basis of A's rows the equation is basis^T f = coordinates u.
+        left, singular, right = np.linalg.svd(matrix, full_matrices=False)
+        self._basis = right.T
+        self._coordinates = (left / singular).T
+        self._back = left * singular
 
-    def solve(self, u: Array, tolerance: float) -> Array:
-        """Return the least thrusts (n,) that give u.
+    def solve(self, u: Array, tolerance: float, start: Array | None = None) -> tuple[Array, Array]:
+        """Find the least thrusts that give u.
 
         Parameters
         ----------
@@ -41,71 +47,58 @@ class LeastNorm:
             In the image, up to rounding.
         tolerance : float
             Goal for |A f - u|.
+        start : (m,) array, optional
+            Multipliers to start at.
+
+        Returns
+        -------
+        thrusts : (n,) array
+            Those with the least |A f - u| that were met.
+        multipliers : (m,) array
+            y with ``thrusts = clip(A^T y)``.
         """
-        return newton(self._space, self.lower, self.upper, self.image.pull(u), 0.5 * tolerance)
+        u, tolerance = self.image.pull(u), 0.5 * tolerance
+        basis, lower, upper = self._basis, self.lower, self.upper
+        target = self._coordinates @ u
+        y = target if start is None else self._back.T @ start
+        best, least = (lower, y), np.inf
+        for _ in range(STEPS):
+            thrusts, after, left, step = self._step(u, y, tolerance)
+            residual = float(np.linalg.norm(left))
+            if residual < least:
+                best, least = (thrusts, after), residual
+            if residual <= tolerance:
+                break
+            rate = basis @ step
+            y = y + _search(basis @ y, rate, lower, upper, float(target @ step)) * step
+        return best[0], self._coordinates.T @ best[1]
 
-
-class _RowSpace:
-    """An orthonormal row space: ``A f = u`` becomes ``basis^T f = coordinates u``."""
-
-    def __init__(self, matrix: Array) -> None:
-        self.matrix = matrix
-        left, singular, right = np.linalg.svd(matrix, full_matrices=False)
-        rank = int((singular > 1e-10 * singular.max(initial=0.0)).sum())
-        self.basis = right[:rank].T
-        self.back = left[:, :rank] * singular[:rank]
-        self.coordinates = (left[:, :rank] / singular[:rank]).T
-
-
-def newton(space: _RowSpace, lower: Array, upper: Array, u: Array, tolerance: float) -> Array:
-    """Maximise the dual of the quadratic program.
-
-    The cost is separable, so for multipliers y of the equation the best thrusts are ``f(y) =
-    clip(A^T y)``, and what is left is ``A f(y) = u``: piecewise linear, and the gradient of a
-    concave function.  Newton's method starts at the pseudo-inverse, takes the rotors between their
-    bounds for free, and searches exactly along each step, so that it ends after finitely many.
-    The bounds hold throughout.
-
-    Returns
-    -------
-    (n,) array
-        The thrusts with the least |A f - u| that were met.
-    """
-    basis, target = space.basis, space.coordinates @ u
-    y, best, least = target, lower, np.inf
-    for _ in range(STEPS):
+    def _step(self, u: Array, y: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
+        """Return thrusts, the y they belong to, what they leave of u, and Newton's step."""
+        basis = self._basis
         unbounded = basis @ y
-        free = (unbounded > lower) & (unbounded < upper)
-        thrusts = np.minimum(np.maximum(unbounded, lower), upper)
-        left = u - space.matrix @ thrusts
+        free = (unbounded > self.lower) & (unbounded < self.upper)
+        thrusts = self._clip(unbounded)
+        left = u - self.matrix @ thrusts
         curvatures, axes = np.linalg.eigh(basis[free].T @ basis[free])
-        slopes = axes.T @ (space.coordinates @ left)
+        slopes = axes.T @ (self._coordinates @ left)
         # Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
         # or a reason to go that way alone: the search ends where the next rotor comes free.
         flat = curvatures < 1e-12
-        if (
-            flat.any()
-            and float(np.linalg.norm(space.back @ (axes[:, flat] @ slopes[flat])))
-            > 0.8 * tolerance
-        ):
-            step = axes[:, flat] @ slopes[flat]
-        else:
-            step = axes[:, ~flat] @ (slopes[~flat] / curvatures[~flat])
-            # If the step leaves the active set as it is, this is the answer.  The thrusts
-            # themselves lose fewer digits in it than y, which may be large.
-            stepped = np.where(
-                free, np.minimum(np.maximum(thrusts + basis @ step, lower), upper), thrusts
-            )
-            aimed = np.minimum(np.maximum(unbounded + basis @ step, lower), upper)
-            if np.abs(aimed - stepped).max() <= 1e-10 * (1.0 + np.abs(stepped).max()):
-                thrusts, left = stepped, u - space.matrix @ stepped
-        residual = float(np.linalg.norm(left))
-        if residual < least:
-            best, least = thrusts, residual
-        if residual <= tolerance:
-            break
-        y = y + _search(unbounded, basis @ step, lower, upper, float(target @ step)) * step
-    return best
+        unserved = self._back @ (axes[:, flat] @ slopes[flat])
+        if float(np.linalg.norm(unserved)) > 0.8 * tolerance:
+            return thrusts, y, left, axes[:, flat] @ slopes[flat]
+        step = axes[:, ~flat] @ (slopes[~flat] / curvatures[~flat])
+        # If the step leaves the active set as it is, this is the answer.  The thrusts themselves
+        # lose fewer digits in it than y, which may be large.
+        stepped = np.where(free, self._clip(thrusts + basis @ step), thrusts)
+        aimed = self._clip(unbounded + basis @ step)
+        if np.abs(aimed - stepped).max() <= 1e-10 * (1.0 + np.abs(stepped).max()):
+            return stepped, y + step, u - self.matrix @ stepped, step
+        return thrusts, y, left, step
+
+    def _clip(self, thrusts: Array) -> Array:
+        return np.minimum(np.maximum(thrusts, self.lower), self.upper)
 
 
 def _search(start: Array, rate: Array, lower: Array, upper: Array, goal: float) -> float:

@@ -15,11 +15,10 @@ class Prioritization:
     """Serve groups of axes in their order, each as far as those before it allow.
 
     The projection of the admissible set on the axes of the first k groups is a zonotope too, made
-    by the same rows of Gamma.  With the earlier axes served, group k moves on a straight line
-    towards its demand, and a step in that zonotope says how far it gets.  The line begins at the
-    reference, whose direction to the demand is thereby kept, or where that is out of reach by now,
-    as near to the reference as the line from an attainable point leads.  For a group of one axis
-    this is the attainable value that is nearest to the demand.
+    by the same rows of Gamma.  With the earlier axes served, group k moves in that zonotope on a
+    straight line from the reference to its demand, as far as it gets: its direction is kept.  If
+    the reference is out of reach by now, the line begins at the nearest point to it; for a group
+    of one axis the outcome is the attainable value that is nearest to the demand.
 
     Parameters
     ----------
@@ -40,40 +39,43 @@ class Prioritization:
         reference: Array,
         groups: Sequence[Sequence[int]],
     ) -> None:
-        self.gamma, self.lower, self.upper, self.reference = gamma, lower, upper, reference
-        self.groups = [np.array(group) for group in groups]
-        self.prefixes = [np.concatenate(self.groups[: k + 1]) for k in range(len(groups))]
-        center, generators = gamma @ (lower + upper) / 2.0, gamma * (upper - lower) / 2.0
-        self.shadows = [Zonotope(center[rows], generators[rows]) for rows in self.prefixes]
+        self._reference = reference
+        self._middle, self._reach = (lower + upper) / 2.0, (upper - lower) / 2.0
+        self._gamma = gamma
+        self._groups = [np.array(group) for group in groups]
+        prefixes = [np.concatenate(self._groups[: k + 1]) for k in range(len(groups))]
+        self._prefixes = prefixes
+        self._shadows = [
+            Zonotope(gamma[rows] @ self._middle, gamma[rows] * self._reach) for rows in prefixes
+        ]
 
     def __call__(self, u: Array) -> tuple[Array, Array]:
         """Return the served wrench (m,) [N, N m] and the share (m,) of each axis's demand."""
-        served, levels = self.reference.copy(), np.ones(len(u))
-        for k, group in enumerate(self.groups):
+        served, levels = self._reference.copy(), np.ones(len(u))
+        for k, group in enumerate(self._groups):
             start = self._start(k, served)
-            direction = np.zeros(len(self.prefixes[k]))
-            direction[-len(group) :] = u[group] - start[-len(group) :]
-            levels[group] = min(self.shadows[k].reach(start, direction), 1.0)
-            served[self.prefixes[k]] = start + levels[group[0]] * direction
+            way = np.zeros(len(start))
+            way[-len(group) :] = u[group] - start[-len(group) :]
+            levels[group] = min(self._shadows[k].reach(start, way), 1.0)
+            served[group] = (start + levels[group[0]] * way)[-len(group) :]
         return served, levels
 
     def _start(self, k: int, served: Array) -> Array:
         """Return the point, over the axes of groups 0 to k, where group k begins its way."""
-        rows, group, shadow = self.prefixes[k], self.groups[k], self.shadows[k]
+        rows, group, shadow = self._prefixes[k], self._groups[k], self._shadows[k]
         start = served[rows]
-        start[-len(group) :] = self.reference[group]
         if k == 0 or shadow.margin(start) >= 0.0:
             return start
-        attainable = served[rows]
-        attainable[-len(group) :] = self.gamma[group] @ self._nearest_thrusts(
-            self.prefixes[k - 1], served
-        )
-        return attainable + min(shadow.reach(attainable, start - attainable), 1.0) * (
-            start - attainable
-        )
+        if len(group) == 1:
+            start[-1] = np.clip(start[-1], *shadow.section(start))
+            return start
+        inner = start.copy()
+        inner[-len(group) :] = self._gamma[group] @ self._central_thrusts(k - 1, served)
+        return inner + min(shadow.reach(inner, start - inner), 1.0) * (start - inner)
 
-    def _nearest_thrusts(self, rows: Array, served: Array) -> Array:
-        """Return the thrusts next to the middle of their range that serve the axes in `rows`."""
-        middle = (self.lower + self.upper) / 2.0
-        least = LeastNorm(self.gamma[rows], self.lower - middle, self.upper - middle)
-        return middle + least.solve(served[rows] - self.gamma[rows] @ middle, 1e-12)
+    def _central_thrusts(self, k: int, served: Array) -> Array:
+        """Return the thrusts nearest to the middle of their range that serve groups 0 to k."""
+        rows, shadow = self._prefixes[k], self._shadows[k]
+        gamma, image = self._gamma[rows], Zonotope(0.0 * shadow.center, shadow.generators)
+        least = LeastNorm(gamma, -self._reach, self._reach, image)
+        return self._middle + least.solve(served[rows] - shadow.center, 1e-12)[0]

@@ -16,6 +16,9 @@ PARALLEL = 1e-10
 FLAT = 1e-9
 """Least singular value of unit vectors that span."""
 
+ROUNDING = 1e-12
+"""Relative size below which a component that should be zero is rounding."""
+
 TILES_MAX = 1_000_000
 
 
@@ -49,7 +52,7 @@ class Zonotope:
         self.center, self.generators = center, generators
         # Rows in units of their extent: torques are often smaller than forces by orders of
         # magnitude.
-        extent = np.abs(generators).sum(axis=1)
+        self._extent = extent = np.abs(generators).sum(axis=1)
         if not np.all(extent > 0.0) or np.linalg.matrix_rank(
             generators / extent[:, None], tol=FLAT
         ) < len(center):
@@ -86,8 +89,20 @@ class Zonotope:
         """Return the greatest t >= 0 with ``start + t direction`` in the set; `start` is in it."""
         heights, rates = self.normals @ (start - self.center), self.normals @ direction
         slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
-        moving = rates != 0.0
+        moving = np.abs(rates) > ROUNDING * (np.abs(self.normals) @ np.abs(direction))
         return float((slacks[moving] / np.abs(rates[moving])).min()) if moving.any() else np.inf
+
+    def section(self, u: Array) -> tuple[float, float]:
+        """Return least and greatest value of the last coordinate with the others of u (m,)."""
+        rates = self.normals[:, -1]
+        slanted = np.abs(rates) * self._extent[-1] > ROUNDING * np.abs(self.normals) @ self._extent
+        heights = self.normals[:, :-1] @ (u - self.center)[:-1]
+        middle = -heights[slanted] / rates[slanted]
+        half = self.widths[slanted] / np.abs(rates[slanted])
+        low, high = float((middle - half).max()), float((middle + half).min())
+        # A section of no length may come out reversed by a rounding error.
+        low, high = min(low, high), max(low, high)
+        return low + self.center[-1], high + self.center[-1]
 
     @cached_property
     def tiles(self) -> tuple[Array, Array, Array]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
+from ca_ros.allocation.certificate import Certificate, certify
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array, IntArray
 
@@ -44,6 +46,8 @@ class Allocation:
         knows no such share.
     violation : float
         How far the method's own answer lay outside the bounds before it was saturated [N].
+    multipliers : (m,) array, optional
+        Of Gamma f = u, if the method has them: they prove that f has the least norm.
     """
 
     problem: AllocationProblem
@@ -52,6 +56,7 @@ class Allocation:
     status: Status | IntArray
     level: float | Array = 1.0
     violation: float | Array = 0.0
+    multipliers: Array | None = None
 
     @property
     def speeds(self) -> Array:
@@ -73,3 +78,8 @@ class Allocation:
         """Per rotor, (n,): -1 at its lower bound, +1 at its upper bound, 0 between."""
         above = (self.thrusts >= self.problem.upper).astype(np.int8)
         return np.where(self.thrusts <= self.problem.lower, np.int8(-1), above)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """What proves the answer, from the problem's own data; made when it is first asked for."""
+        return certify(self.problem, self.demand, self.thrusts, self.multipliers)

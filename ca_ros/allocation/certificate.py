@@ -1,0 +1,69 @@
+"""The proof of an allocation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What proves an allocation; for a batch of N, each field has a leading N.
+
+    Attributes
+    ----------
+    primal_residual : float
+        |u - Gamma f| [N, N m].
+    bound_violation : float
+        How far the thrusts are outside their bounds [N]; always zero.
+    kkt_residual : float or None
+        Greatest |f - clip(Gamma^T y)| [N] for the multipliers y: zero if and only if no smaller
+        thrusts give the same wrench.  None if the method has no multipliers.
+    margin : float
+        Signed distance of u to the boundary of the admissible set, positive inside [N, N m].
+    limit : (n,) int8 array
+        The facet that is nearest: the rotors that are at their upper (+1) and lower (-1) bounds on
+        it, and those that are free (0).
+    """
+
+    primal_residual: float | Array
+    bound_violation: float | Array
+    kkt_residual: float | Array | None
+    margin: float | Array
+    limit: Array
+
+    def __str__(self) -> str:
+        """Say it in words; for one wrench, not for a batch."""
+        side = 'inside' if self.margin >= 0.0 else 'outside'
+        groups = {
+            name: ', '.join(str(i + 1) for i in np.flatnonzero(self.limit == value))
+            for name, value in (('maximum', 1), ('minimum', -1))
+        }
+        ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
+        optimal = '' if self.kkt_residual is None else f', least norm to {self.kkt_residual:.1e} N'
+        return (
+            f'residual {self.primal_residual:.1e}{optimal}; '
+            f'{abs(self.margin):.3g} {side} the limit that has rotors {ends}'
+        )
+
+
+def certify(
+    problem: AllocationProblem, demand: Array, thrusts: Array, multipliers: Array | None
+) -> Certificate:
+    """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m]."""
+    outside = np.abs(thrusts - problem.clip(thrusts)).max(axis=-1)
+    kkt = None
+    if multipliers is not None:
+        kkt = np.abs(thrusts - problem.clip(multipliers @ problem.gamma)).max(axis=-1)
+    image = problem.image
+    heights = (demand - image.center) @ image.normals.T
+    slacks = image.widths - np.abs(heights)
+    nearest = np.argmin(slacks, axis=-1)
+    side = np.take_along_axis(np.sign(heights), nearest[..., None], axis=-1)
+    limit = np.sign(side * image.sides[nearest]).astype(np.int8)
+    residual = np.linalg.norm(demand - thrusts @ problem.gamma.T, axis=-1)
+    return Certificate(residual, outside, kkt, slacks.min(axis=-1), limit)

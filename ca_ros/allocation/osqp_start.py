@@ -1,0 +1,61 @@
+"""OSQP's answer to the exact allocator's quadratic program, as a start for the exact solution."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+
+from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.arrays import Array
+
+
+class OsqpStart:
+    """The multipliers that OSQP finds for Eqs. (20)-(22).
+
+    OSQP's thrusts are off by its tolerance, on the boundary of the admissible set by much more,
+    and its status does not tell; so nothing of them is used but where to begin.
+
+    Parameters
+    ----------
+    problem : AllocationProblem
+
+    Raises
+    ------
+    ValueError
+        If the package osqp is not installed.
+    """
+
+    def __init__(self, problem: AllocationProblem) -> None:
+        try:
+            import osqp
+        except ImportError:
+            raise ValueError(
+                "solver: 'osqp' needs the package osqp (pip install osqp); "
+                "'newton' gives the same answers without it"
+            ) from None
+        m, n = problem.gamma.shape
+        self._lower, self._upper = problem.lower, problem.upper
+        self._size = m
+        self._solver = osqp.OSQP()
+        self._solver.setup(
+            scipy.sparse.identity(n, format='csc'),
+            np.zeros(n),
+            scipy.sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n)])),
+            *self._bounds(np.zeros(m)),
+            verbose=False,
+            # The answer is to depend on the wrench alone, and a bad one is of no great harm.
+            warm_starting=False,
+            max_iter=200,
+            eps_abs=1e-5,
+            eps_rel=1e-5,
+        )
+
+    def _bounds(self, u: Array) -> tuple[Array, Array]:
+        return np.concatenate([u, self._lower]), np.concatenate([u, self._upper])
+
+    def multipliers(self, u: Array) -> Array | None:
+        """Return OSQP's multipliers (m,) of Gamma f = u; None if they are not finite."""
+        lower, upper = self._bounds(u)
+        self._solver.update(l=lower, u=upper)
+        multipliers: Array = -self._solver.solve().y[: self._size]
+        return multipliers if np.isfinite(multipliers).all() else None
