@@ -5,15 +5,18 @@ from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status, make_al
 from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.parameters import ParameterError
 from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle_audit import Audit, audit
 
 __all__ = [
     'ALLOCATORS',
     'AdmissibleSet',
     'Allocation',
     'Allocator',
+    'Audit',
     'ParameterError',
     'Status',
     'Vehicle',
+    'audit',
     'control_allocation_matrix',
     'make_allocator',
 ]

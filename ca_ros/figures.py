@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from ca_ros.arrays import Array
 from ca_ros.controller import Waypoint
 from ca_ros.flight import Flight
 from ca_ros.vehicle import Vehicle
@@ -55,8 +56,8 @@ def draw_flight(path: Path, flight: Flight, vehicle: Vehicle, waypoint: Waypoint
 
 def _lines(
     axes: matplotlib.axes.Axes,
-    time: np.ndarray,
-    values: np.ndarray,
+    time: Array,
+    values: Array,
     names: list[str] | tuple[str, ...],
     label: str,
 ) -> None:

@@ -126,6 +126,34 @@ PARAMETERS: dict[str, Parameter] = {
     'allocation.method': Parameter(
         'allocation method', str, default='exact', choices=METHODS, mutable=True
     ),
+    'allocation.lost_axes': Parameter(
+        'refuse: do not start if the rotors cannot command every axis and hover; drop: start '
+        'without the axes that are lost (a loss in flight is always flown without them)',
+        str,
+        default='refuse',
+        choices=('refuse', 'drop'),
+    ),
+    'allocation.exact.policy': Parameter(
+        'what the exact allocator serves for a wrench that is not attainable',
+        str,
+        default='prioritize',
+        choices=('prioritize', 'scale', 'reject'),
+        mutable=True,
+    ),
+    'allocation.exact.order': Parameter(
+        'priorities of prioritize: groups of axes, the most important first',
+        str,
+        array=True,
+        default=['roll pitch', 'thrust', 'yaw', 'force_x force_y'],
+        mutable=True,
+    ),
+    'allocation.exact.solver': Parameter(
+        'where the solution begins: at the pseudo-inverse, or at the answer of OSQP',
+        str,
+        default='newton',
+        choices=('newton', 'osqp'),
+        mutable=True,
+    ),
     'allocation.conventional.weight': Parameter(
         'Q of the conventional allocator, Eq. (18): q of q I, the diagonal, or the matrix by rows',
         array=True,

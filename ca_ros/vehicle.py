@@ -130,7 +130,7 @@ class Vehicle:
         gamma = control_allocation_matrix(vehicle)
         extent = np.abs(gamma).sum(axis=1, keepdims=True)
         rank = int(np.linalg.matrix_rank(gamma / np.where(extent > 0.0, extent, 1.0), tol=1e-9))
-        if rank < len(vehicle.axes):
+        if rank < len(vehicle.axes) and p['allocation.lost_axes'] == 'refuse':
             raise ParameterError(
                 f'rotors.positions: their control allocation matrix has rank {rank}, '
                 f'but {len(vehicle.axes)} axes are to be commanded ({", ".join(vehicle.axes)})'

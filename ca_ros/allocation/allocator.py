@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import AllocationProblem
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.vehicle import Vehicle
 
 
@@ -73,7 +73,7 @@ class Allocator(ABC):
             np.array([a.violation for a in answers], dtype=float),
         )
 
-    def _judge(self, demands: Array, thrusts: Array) -> Array:
+    def _judge(self, demands: Array, thrusts: Array) -> BoolArray:
         """Return (...) whether thrusts (..., n) give the demands (..., m) exactly."""
         residual = np.linalg.norm(demands - thrusts @ self.problem.gamma.T, axis=-1)
         return residual <= self.problem.tolerance(demands)

@@ -2,15 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ca_ros.parameters import AXES, ParameterError
 
-def options_from_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword options of `make_allocator` for the method that the parameters name."""
+
+def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) -> dict[str, Any]:
+    """Return the keyword options of `make_allocator` for the method that the parameters name.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Checked parameters by name.
+    axes : sequence of str
+        The axes of the vehicle; the others are left out of the priorities.
+
+    Raises
+    ------
+    ParameterError
+        If the priorities do not name each axis once.
+    """
     prefix = f'allocation.{parameters["allocation.method"]}.'
-    return {
+    options = {
         name.removeprefix(prefix): value
         for name, value in parameters.items()
         if name.startswith(prefix)
     }
+    if 'order' in options:
+        options['order'] = _order(prefix + 'order', options['order'], axes)
+    return options
+
+
+def _order(name: str, groups: Any, axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    words = [group.split() for group in ([groups] if isinstance(groups, str) else groups)]
+    flat = [axis for group in words for axis in group]
+    if len(set(flat)) < len(flat) or not set(axes) <= set(flat) <= set(AXES):
+        raise ParameterError(
+            f'{name}: expected groups in which each of {", ".join(axes)} stands once, got {groups}'
+        )
+    kept = (tuple(axis for axis in group if axis in axes) for group in words)
+    return tuple(group for group in kept if group)

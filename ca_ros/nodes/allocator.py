@@ -18,7 +18,7 @@ from ca_ros.nodes.messages import speeds_message, wrench_array, wrench_message
 from ca_ros.nodes.qos import COMMAND, offered, requested
 from ca_ros.nodes.vehicle_node import VehicleNode, run
 from ca_ros.parameters import AXES
-from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle_audit import Audit
 
 
 class Allocator(VehicleNode):
@@ -46,18 +46,18 @@ class Allocator(VehicleNode):
         )
         self.create_timer(1.0, self._diagnose)
 
-    def build(self, parameters: dict[str, Any]) -> Method:
-        """Make the allocation method."""
-        method = parameters['allocation.method']
-        return make_allocator(
-            method, Vehicle.from_parameters(parameters), **options_from_parameters(parameters)
-        )
+    def build(self, parameters: dict[str, Any]) -> tuple[Audit, Method]:
+        """Make the allocation method for the axes that the rotors can command."""
+        report = self.audited(parameters)
+        options = options_from_parameters(parameters, report.vehicle.axes)
+        return report, make_allocator(parameters['allocation.method'], report.vehicle, **options)
 
-    def adopt(self, built: Method) -> None:
+    def adopt(self, built: tuple[Audit, Method]) -> None:
         """Allocate with this method from the next command on."""
-        self.method = built
-        self._wrenches = rotor_wrenches(built.problem.vehicle)
-        self._rows = [AXES.index(axis) for axis in built.problem.axes]
+        report, self.method = built
+        self.note(report)
+        self._wrenches = rotor_wrenches(report.vehicle)
+        self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
 
     def _serve(self, command: WrenchStamped) -> None:
         self._counts['received'] += 1
@@ -92,11 +92,16 @@ class Allocator(VehicleNode):
         status = DiagnosticStatus(
             name=f'{self.get_fully_qualified_name()}: allocation', hardware_id='rotors'
         )
-        status.level = (
-            DiagnosticStatus.OK if self._last in (None, Status.EXACT) else DiagnosticStatus.WARN
-        )
+        served = self._last in (None, Status.EXACT)
+        status.level = DiagnosticStatus.OK if served else DiagnosticStatus.WARN
         status.message = 'no command yet' if self._last is None else self._last.name
-        values = {'method': self.parameters['allocation.method'], **self._counts}
+        if self.audit is not None and not self.audit.sound:
+            status.level = DiagnosticStatus.ERROR
+        values = {
+            'method': self.parameters['allocation.method'],
+            'audit': self.audit,
+            **self._counts,
+        }
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()

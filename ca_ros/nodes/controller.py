@@ -14,7 +14,7 @@ from ca_ros.nodes.messages import pose_arrays, twist_arrays, wrench_message
 from ca_ros.nodes.qos import COMMAND, offered, requested
 from ca_ros.nodes.vehicle_node import VehicleNode, run
 from ca_ros.parameters import AXES
-from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle_audit import Audit
 
 
 class Controller(VehicleNode):
@@ -39,14 +39,16 @@ class Controller(VehicleNode):
         )
         self.create_subscription(PoseStamped, 'command/pose', self._receive_waypoint, COMMAND)
 
-    def build(self, parameters: dict[str, Any]) -> Law:
-        """Make the control law."""
-        return Law(Vehicle.from_parameters(parameters), Gains.from_parameters(parameters))
+    def build(self, parameters: dict[str, Any]) -> tuple[Audit, Law]:
+        """Make the control law for the axes that the rotors can command."""
+        report = self.audited(parameters)
+        return report, Law(report.vehicle, Gains.from_parameters(parameters))
 
-    def adopt(self, built: Law) -> None:
+    def adopt(self, built: tuple[Audit, Law]) -> None:
         """Control with this law from the next state on."""
-        self.law = built
-        self._rows = [AXES.index(axis) for axis in built.vehicle.axes]
+        report, self.law = built
+        self.note(report)
+        self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)

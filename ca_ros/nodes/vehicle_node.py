@@ -18,14 +18,17 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from ca_ros.parameters import PARAMETERS, REQUIRED, complete, find
+from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete, find
 from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle_audit import Audit, audit
 
 DEFAULT_VEHICLE = 'hexarotor'
 
 
 class VehicleNode(Node):
     """A node with the vehicle's parameters, rebuilt when they change, all or nothing."""
+
+    audit: Audit | None = None
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -46,6 +49,29 @@ class VehicleNode(Node):
         self.adopt(self.build(self.parameters))
         self.add_on_set_parameters_callback(self._consider)
         self.add_post_set_parameters_callback(self._accept)
+
+    def audited(self, parameters: dict[str, Any]) -> Audit:
+        """Return what the vehicle's rotors can command.
+
+        Raises
+        ------
+        ParameterError
+            If an axis or hover is lost at the start, and `allocation.lost_axes` is refuse.
+        """
+        report = audit(Vehicle.from_parameters(parameters))
+        starting = self.audit is None
+        if starting and not report.sound and parameters['allocation.lost_axes'] == 'refuse':
+            raise ParameterError(
+                f'allocation.lost_axes: this vehicle is refused: {report} (drop would fly it)'
+            )
+        return report
+
+    def note(self, report: Audit) -> None:
+        """Keep an audit, and say it if it is another than before."""
+        if str(report) != str(self.audit):
+            log = self.get_logger()
+            (log.info if report.sound else log.error)(f'audit: {report}')
+        self.audit = report
 
     def build(self, parameters: dict[str, Any]) -> Any:
         """Make what `adopt` will take over; raise a ValueError if the parameters are wrong."""

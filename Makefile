@@ -1,0 +1,74 @@
+# Everything is installed into .venv beside this file; `make` alone says what there is to do.
+
+PYTHON ?= python3
+
+ifdef ROS_DISTRO
+# Where ROS is sourced it provides rclpy, and the wheels must stay away.
+venv_options := --system-site-packages
+extras.test := [test]
+else
+# The wheels bring Fast DDS alone, and no module from elsewhere may come before theirs.
+extras.demo := [ros]
+extras.test := [ros,test]
+unexport PYTHONPATH RMW_IMPLEMENTATION
+ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# This shell comes from a Python with such wheels of its own, and would pass on its libraries.
+unexport LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+endif
+endif
+
+# A .venv is good for one kind of ROS, one Python and one place.
+version := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+kind := $(or $(ROS_DISTRO),wheels)-$(version)-$(firstword $(shell pwd | cksum))
+
+python_has = $(shell $(PYTHON) -c 'import $(1)' >/dev/null 2>&1 && echo yes)
+fault = $(or \
+  $(if $(filter-out 3.10 3.11 3.12 3.13,$(or $(version),none)),\
+    ca_ros needs Python 3.10 to 3.13 but $(PYTHON) is $(or $(version),not there): set PYTHON),\
+  $(if $(call python_has,ensurepip),,\
+    $(PYTHON) cannot make a venv: apt install python$(version)-venv),\
+  $(if $(filter-out jazzy,$(ROS_DISTRO)),\
+    ca_ros is for ROS 2 Jazzy but ROS_DISTRO is $(ROS_DISTRO): use a shell without it),\
+  $(if $(and $(ROS_DISTRO),$(if $(call python_has,rclpy),,no)),\
+    ROS_DISTRO is jazzy but $(PYTHON) cannot import rclpy: source Jazzy or unset ROS_DISTRO),\
+  $(if $(ROS_DISTRO)$(filter Linux_x86_64,$(shell uname -sm | tr ' ' _)),,\
+    rclpy has wheels for x86-64 Linux only: install ROS 2 Jazzy here and source it))
+
+.PHONY: help demo test venv clean
+
+help:
+	@echo 'make demo    fly the hexarotor over ROS 2 in real time; results in out/demo'
+	@echo 'make test    lint, types and tests'
+	@echo 'make venv    only set up .venv, with the rclpy of ROS 2 Jazzy'
+	@echo 'make clean   remove .venv, out and all that builds and tests leave'
+	@echo 'PYTHON=python3.12 and the like choose the Python, 3.10 to 3.13.'
+
+demo: .venv/.demo
+	.venv/bin/bringup --method exact --mode realtime --out out/demo
+
+test: .venv/.test
+	.venv/bin/python -m ruff check
+	.venv/bin/python -m mypy
+	.venv/bin/python -m pytest
+
+venv: .venv/.demo
+	@echo 'Ready: . .venv/bin/activate'
+
+clean:
+	rm -rf .venv out build dist install log *.egg-info
+	rm -rf .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+# Pip takes half-installed packages for whole, so what was interrupted starts again from nothing.
+.venv/.demo .venv/.test: .venv/.$(kind) setup.py setup.cfg
+	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes'
+	@rm $<
+	@.venv/bin/python -m pip install -qq -e '.$(extras$(suffix $@))'
+	@touch $< .venv/.demo $@
+
+.venv/.$(kind):
+	$(if $(fault),$(error $(strip $(fault))))
+	@$(PYTHON) -m venv --clear $(venv_options) .venv
+	@touch $@
+
+.NOTPARALLEL:
