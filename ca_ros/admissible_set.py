@@ -171,9 +171,7 @@ class AdmissibleSet:
                     f'stands once, got {order}'
                 )
             rows = [[self.problem.axes.index(axis) for axis in group] for group in groups]
-            self._prioritizations[groups] = Prioritization(
-                self.problem.gamma, self.problem.lower, self.problem.upper, self.reference, rows
-            )
+            self._prioritizations[groups] = Prioritization(self.problem, rows)
         return self._prioritizations[groups]
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:

@@ -127,8 +127,8 @@ PARAMETERS: dict[str, Parameter] = {
         'allocation method', str, default='exact', choices=METHODS, mutable=True
     ),
     'allocation.lost_axes': Parameter(
-        'refuse: do not start if the rotors cannot command every axis and hover; drop: start '
-        'without the axes that are lost (a loss in flight is always flown without them)',
+        'refuse: do not start unless the rotors can command every axis and hover; drop: start, '
+        'and give up the lost axes (as is always done with a loss in flight)',
         str,
         default='refuse',
         choices=('refuse', 'drop'),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.least_norm import LeastNorm
 from ca_ros.zonotope import Zonotope
@@ -16,30 +17,20 @@ class Prioritization:
 
     The projection of the admissible set on the axes of the first k groups is a zonotope too, made
     by the same rows of Gamma.  With the earlier axes served, group k moves in that zonotope on a
-    straight line from the reference to its demand, as far as it gets: its direction is kept.  If
-    the reference is out of reach by now, the line begins at the nearest point to it; for a group
-    of one axis the outcome is the attainable value that is nearest to the demand.
+    straight line from hover to its demand, as far as it gets: its direction is kept.  If
+    hover is out of reach by now, the line begins at the nearest point to it; for a group of one
+    axis the outcome is the attainable value that is nearest to the demand.
 
     Parameters
     ----------
-    gamma : (m, n) array
-    lower, upper : (n,) arrays
-        Bounds of the thrusts [N].
-    reference : (m,) array
-        In the admissible set [N, N m].
+    problem : AllocationProblem
     groups : sequence of sequences of int
-        Rows of gamma, the most important group first.
+        Rows of Gamma, the most important group first.
     """
 
-    def __init__(
-        self,
-        gamma: Array,
-        lower: Array,
-        upper: Array,
-        reference: Array,
-        groups: Sequence[Sequence[int]],
-    ) -> None:
-        self._reference = reference
+    def __init__(self, problem: AllocationProblem, groups: Sequence[Sequence[int]]) -> None:
+        lower, upper, gamma = problem.lower, problem.upper, problem.gamma
+        self._reference = problem.hover
         self._middle, self._reach = (lower + upper) / 2.0, (upper - lower) / 2.0
         self._gamma = gamma
         self._groups = [np.array(group) for group in groups]
@@ -64,13 +55,14 @@ class Prioritization:
         """Return the point, over the axes of groups 0 to k, where group k begins its way."""
         rows, group, shadow = self._prefixes[k], self._groups[k], self._shadows[k]
         start = served[rows]
-        if k == 0 or shadow.margin(start) >= 0.0:
+        if shadow.margin(start) >= 0.0:
             return start
         if len(group) == 1:
             start[-1] = np.clip(start[-1], *shadow.section(start))
             return start
         inner = start.copy()
-        inner[-len(group) :] = self._gamma[group] @ self._central_thrusts(k - 1, served)
+        thrusts = self._middle if k == 0 else self._central_thrusts(k - 1, served)
+        inner[-len(group) :] = self._gamma[group] @ thrusts
         return inner + min(shadow.reach(inner, start - inner), 1.0) * (start - inner)
 
     def _central_thrusts(self, k: int, served: Array) -> Array:

@@ -29,9 +29,10 @@ class Audit:
     Attributes
     ----------
     vehicle : Vehicle
-        The vehicle with the axes that it can command; the lost ones are left out.
+        The vehicle with the axes that can be commanded independently; the others are left out.
     lost : tuple of str
-        The axes that are lost, because they depend on the others or for the sake of hover.
+        The axes that are lost: those left out, and those that have to yield if the vehicle is to
+        hover.  The latter are still commanded, and get what the others leave.
     rank : int
         Number of axes that the rotors can command in theory.
     independence : dict
@@ -44,10 +45,10 @@ class Audit:
         Signed distance from hover to the boundary of the admissible set of all axes asked for
         [N, N m]; -inf if that has no volume.
     kept_hover_margin : float
-        The same for the axes that are kept.
+        The same without the lost axes.
     authority : dict
-        For each kept axis the range around hover with the other axes at rest [N, N m]; empty if
-        hover is not attainable.
+        For each axis that is not lost, the range around hover with the other axes at rest
+        [N, N m]; empty if hover is not attainable.
     """
 
     vehicle: Vehicle
@@ -81,8 +82,8 @@ class Audit:
 def audit(vehicle: Vehicle) -> Audit:
     """Find out which axes a vehicle can command, and with what reserve.
 
-    Axes are given up, yaw before roll and pitch, until those that are left are independent and
-    hover is inside their admissible set; thrust is always kept.
+    Axes are given up, yaw before roll and pitch, until those that are left are independent, and
+    then until hover is inside their admissible set; thrust is never given up.
 
     Parameters
     ----------
@@ -98,20 +99,20 @@ def audit(vehicle: Vehicle) -> Audit:
     singular = np.linalg.svd(unit, compute_uv=False)
     independence = dict(zip(full.axes, _independence(unit).tolist(), strict=True))
     independent = _give_up(full, _independent)
-    problem = _give_up(independent, _hovers)
-    if not _hovers(problem):
-        problem = independent
-    image = _image(problem)
-    hover = -np.inf if image is None else float(image.margin(problem.hover))
+    hovering = _give_up(independent, _hovers)
+    if not _hovers(hovering):
+        hovering = independent
+    image = _image(hovering)
+    hover = -np.inf if image is None else float(image.margin(hovering.hover))
     return Audit(
-        vehicle=problem.vehicle,
-        lost=tuple(axis for axis in full.axes if axis not in problem.axes),
+        vehicle=independent.vehicle,
+        lost=tuple(axis for axis in full.axes if axis not in hovering.axes),
         rank=int((singular > 1e-9).sum()),
         independence=independence,
         condition=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf,
         hover_margin=_hover_margin(full),
         kept_hover_margin=hover,
-        authority={} if image is None or hover < 0.0 else _authority(problem, image),
+        authority={} if image is None or hover < 0.0 else _authority(hovering, image),
     )
 
 
