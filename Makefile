@@ -34,11 +34,12 @@ fault = $(or \
   $(if $(ROS_DISTRO)$(filter Linux_x86_64,$(shell uname -sm | tr ' ' _)),,\
     rclpy has wheels for x86-64 Linux only: install ROS 2 Jazzy here and source it))
 
-.PHONY: help demo test venv clean
+.PHONY: help demo test readme venv clean
 
 help:
 	@echo 'make demo    fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test    lint, types and tests'
+	@echo 'make readme  write anew what README shows: example, parameters, picture'
 	@echo 'make venv    only set up .venv, with the rclpy of ROS 2 Jazzy'
 	@echo 'make clean   remove .venv, out and all that builds and tests leave'
 	@echo 'PYTHON=python3.12 and the like choose the Python, 3.10 to 3.13.'
@@ -50,6 +51,10 @@ test: .venv/.test
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m mypy
 	.venv/bin/python -m pytest
+
+readme: demo
+	.venv/bin/python docs/readme.py
+	cp out/demo/flight.png docs/flight.png
 
 venv: .venv/.demo
 	@echo 'Ready: . .venv/bin/activate'

@@ -78,7 +78,7 @@ class LeastNorm:
         basis = self._basis
         unbounded = basis @ y
         free = (unbounded > self.lower) & (unbounded < self.upper)
-        thrusts = self._clip(unbounded)
+        thrusts = self.clip(unbounded)
         left = u - self.matrix @ thrusts
         curvatures, axes = np.linalg.eigh(basis[free].T @ basis[free])
         slopes = axes.T @ (self._coordinates @ left)
@@ -91,13 +91,14 @@ class LeastNorm:
         step = axes[:, ~flat] @ (slopes[~flat] / curvatures[~flat])
         # If the step leaves the active set as it is, this is the answer.  The thrusts themselves
         # lose fewer digits in it than y, which may be large.
-        stepped = np.where(free, self._clip(thrusts + basis @ step), thrusts)
-        aimed = self._clip(unbounded + basis @ step)
+        stepped = np.where(free, self.clip(thrusts + basis @ step), thrusts)
+        aimed = self.clip(unbounded + basis @ step)
         if np.abs(aimed - stepped).max() <= 1e-10 * (1.0 + np.abs(stepped).max()):
             return stepped, y + step, u - self.matrix @ stepped, step
         return thrusts, y, left, step
 
-    def _clip(self, thrusts: Array) -> Array:
+    def clip(self, thrusts: Array) -> Array:
+        """Return thrusts (..., n) within their bounds."""
         return np.minimum(np.maximum(thrusts, self.lower), self.upper)
 
 

@@ -44,11 +44,16 @@ class Certificate:
             for name, value in (('maximum', 1), ('minimum', -1))
         }
         ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
-        optimal = '' if self.kkt_residual is None else f', least norm to {self.kkt_residual:.1e} N'
+        proved = self.kkt_residual is not None
+        optimal = f', least norm to {_size(self.kkt_residual)} N' if proved else ''
         return (
-            f'residual {self.primal_residual:.1e}{optimal}; '
+            f'residual {_size(self.primal_residual)}{optimal}; '
             f'{abs(self.margin):.3g} {side} the limit that has rotors {ends}'
         )
+
+
+def _size(number: float | Array | None) -> str:
+    return 'below 1e-12' if number is not None and number < 1e-12 else f'{number:.1e}'
 
 
 def certify(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.admissible_set import AdmissibleSet
@@ -11,6 +12,7 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
+from ca_ros.explicit_law import ExplicitLaw
 from ca_ros.least_norm import LeastNorm
 from ca_ros.vehicle import Vehicle
 
@@ -56,34 +58,57 @@ class Exact(Allocator):
         for name, value, choices in (('policy', policy, POLICIES), ('solver', solver, SOLVERS)):
             if value not in choices:
                 raise ValueError(f'{name}: expected one of {", ".join(choices)}, got {value!r}')
-        problem = self.problem
         self.policy, self.order, self.about = policy, order, about
-        self.admissible = AdmissibleSet(problem)
-        self._least_norm = LeastNorm(problem.gamma, problem.lower, problem.upper, problem.image)
-        self._osqp = OsqpStart(problem) if solver == 'osqp' else None
+        self.admissible = AdmissibleSet(self.problem)
+        self._least_norm = LeastNorm(
+            self.problem.gamma, self.problem.lower, self.problem.upper, self.problem.image
+        )
+        self._law = ExplicitLaw(self._least_norm)
+        self._osqp = OsqpStart(self.problem) if solver == 'osqp' else None
         # A wrong option is an error now, not at the first wrench that needs it.
         self.admissible.check_reference(about)
         self.admissible.check_order(order)
 
     def _allocate(self, u: Array) -> Allocation:
-        if self.problem.image.margin(u) >= -0.5 * self.problem.tolerance(u):
-            return self._serve(u, u, Status.EXACT, 1.0)
-        if self.policy == 'reject':
-            return Allocation(
-                self.problem, u, self.problem.lower.copy(), Status.REJECTED, level=0.0
-            )
-        if self.policy == 'scale':
-            served, level = self.admissible.scale_level(u, self.about)
-            return self._serve(u, served, Status.SCALED, level)
-        served, levels = self.admissible.prioritize_levels(u, self.order)
-        return self._serve(u, served, Status.PRIORITIZED, float(levels.min()))
-
-    def _serve(self, u: Array, served: Array, status: Status, level: float) -> Allocation:
-        start = None if self._osqp is None else self._osqp.multipliers(served)
-        tolerance = float(self.problem.tolerance(served))
-        thrusts, multipliers = self._least_norm.solve(served, tolerance, start)
-        if self._judge(u, thrusts):
-            status, level = Status.EXACT, 1.0
+        tolerance = self.problem.tolerance(u)
+        if self.problem.image.margin(u) >= -0.5 * tolerance:
+            served, level, status = u, 1.0, Status.EXACT
+        else:
+            served, level, status = self._within(u)
+            tolerance = self.problem.tolerance(served)
+        if self._osqp is None:
+            thrusts, multipliers = self._law.solve(served, float(tolerance))
+        else:
+            start = self._osqp.multipliers(served)
+            thrusts, multipliers = self._least_norm.solve(served, float(tolerance), start)
+        if status is Status.REJECTED:
+            thrusts = self.problem.lower.copy()
+        elif self._judge(u, thrusts):
+            status = Status.EXACT
         elif not self._judge(served, thrusts):
             status = Status.INEXACT
         return Allocation(self.problem, u, thrusts, status, level, multipliers=multipliers)
+
+    def _within(self, u: Array) -> tuple[Array, float, Status]:
+        """Return what is served of a wrench outside the set, its share of u, and the status."""
+        if self.policy == 'scale':
+            return *self.admissible.scale_level(u, self.about), Status.SCALED
+        if self.policy == 'prioritize':
+            served, levels = self.admissible.prioritize_levels(u, self.order)
+            return served, float(levels.min()), Status.PRIORITIZED
+        return self.problem.gamma @ self.problem.lower, 0.0, Status.REJECTED
+
+    def _allocate_batch(self, demands: Array) -> Allocation:
+        if self._osqp is not None:
+            return super()._allocate_batch(demands)
+        served, levels = demands.copy(), np.ones(len(demands))
+        status = np.full(len(demands), Status.EXACT, dtype=np.int8)
+        margins = self.problem.image.margin(demands)
+        for i in np.flatnonzero(margins < -0.5 * self.problem.tolerance(demands)):
+            served[i], levels[i], status[i] = self._within(demands[i])
+        thrusts, multipliers = self._law.solve_batch(served, self.problem.tolerance(served))
+        rejected = status == Status.REJECTED
+        thrusts[rejected] = self.problem.lower
+        status[~self._judge(served, thrusts) & ~rejected] = Status.INEXACT
+        status[self._judge(demands, thrusts) & ~rejected] = Status.EXACT
+        return Allocation(self.problem, demands, thrusts, status, levels, multipliers=multipliers)
