@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.control_allocation_matrix import control_allocation_matrix
+from ca_ros.least_norm import LeastNorm
 from ca_ros.vehicle import Vehicle
 from ca_ros.zonotope import Zonotope
 
@@ -60,6 +61,15 @@ class AllocationProblem:
                 'the admissible set has no volume: the rotors cannot command '
                 f'{", ".join(self.axes)} independently'
             ) from None
+
+    @cached_property
+    def least_norm(self) -> LeastNorm:
+        """The quadratic program of Eqs. (20)-(22)."""
+        return LeastNorm(self.gamma, self.lower, self.upper, self.image)
+
+    def multipliers(self, u: Array) -> Array:
+        """Return the multipliers (m,) of that program for a wrench (m,) in the admissible set."""
+        return self.least_norm.solve(u, float(self.tolerance(u)))[1]
 
     def check(self, u: ArrayLike, batch: bool = False) -> Array:
         """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.

@@ -20,9 +20,11 @@ class Certificate:
         |u - Gamma f| [N, N m].
     bound_violation : float
         How far the thrusts are outside their bounds [N]; always zero.
-    kkt_residual : float or None
-        Greatest |f - clip(Gamma^T y)| [N] for the multipliers y: zero if and only if no smaller
-        thrusts give the same wrench.  None if the method has no multipliers.
+    multipliers : (m,) array
+        y of Gamma f = u in the quadratic program of Eqs. (20)-(22).
+    kkt_residual : float
+        Greatest |f - clip(Gamma^T y)| [N]: zero if and only if no smaller thrusts give the same
+        wrench.
     margin : float
         Signed distance of u to the boundary of the admissible set, positive inside [N, N m].
     limit : (n,) int8 array
@@ -32,7 +34,8 @@ class Certificate:
 
     primal_residual: float | Array
     bound_violation: float | Array
-    kkt_residual: float | Array | None
+    multipliers: Array
+    kkt_residual: float | Array
     margin: float | Array
     limit: Array
 
@@ -44,31 +47,33 @@ class Certificate:
             for name, value in (('maximum', 1), ('minimum', -1))
         }
         ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
-        proved = self.kkt_residual is not None
-        optimal = f', least norm to {_size(self.kkt_residual)} N' if proved else ''
         return (
-            f'residual {_size(self.primal_residual)}{optimal}; '
+            f'residual {_size(self.primal_residual)}, '
+            f'least norm to {_size(self.kkt_residual)} N; '
             f'{abs(self.margin):.3g} {side} the limit that has rotors {ends}'
         )
 
 
-def _size(number: float | Array | None) -> str:
-    return 'below 1e-12' if number is not None and number < 1e-12 else f'{number:.1e}'
+def _size(number: float | Array) -> str:
+    return 'below 1e-12' if number < 1e-12 else f'{number:.1e}'
 
 
-def certify(
-    problem: AllocationProblem, demand: Array, thrusts: Array, multipliers: Array | None
-) -> Certificate:
+def certify(problem: AllocationProblem, demand: Array, thrusts: Array) -> Certificate:
     """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m]."""
+    wrench = thrusts @ problem.gamma.T
     outside = np.abs(thrusts - problem.clip(thrusts)).max(axis=-1)
-    kkt = None
-    if multipliers is not None:
-        kkt = np.abs(thrusts - problem.clip(multipliers @ problem.gamma)).max(axis=-1)
+    multipliers = np.apply_along_axis(problem.multipliers, -1, wrench)
+    least = problem.clip(multipliers @ problem.gamma)
     image = problem.image
     heights = (demand - image.center) @ image.normals.T
     slacks = image.widths - np.abs(heights)
     nearest = np.argmin(slacks, axis=-1)
     side = np.take_along_axis(np.sign(heights), nearest[..., None], axis=-1)
-    limit = np.sign(side * image.sides[nearest]).astype(np.int8)
-    residual = np.linalg.norm(demand - thrusts @ problem.gamma.T, axis=-1)
-    return Certificate(residual, outside, kkt, slacks.min(axis=-1), limit)
+    return Certificate(
+        primal_residual=np.linalg.norm(demand - wrench, axis=-1),
+        bound_violation=outside,
+        multipliers=multipliers,
+        kkt_residual=np.abs(thrusts - least).max(axis=-1),
+        margin=slacks.min(axis=-1),
+        limit=np.sign(side * image.sides[nearest]).astype(np.int8),
+    )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import lsq_linear
 
+from ca_ros.affine_laws import AffineLaw, AffineLaws
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.result import Allocation
+from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -44,51 +44,77 @@ class Conventional(Allocator):
         if curvatures[0] < 1e-9 * curvatures[-1]:
             self.hessian += 1e-9 * curvatures[-1] / n * np.eye(n)
         self._pull = self.weight @ self.reference
+        self._laws = AffineLaws(self.problem.lower, self.problem.upper, self._learn)
 
     def _allocate(self, u: Array) -> Allocation:
-        thrusts = self._solve(self._pull + self.problem.gamma.T @ u)
+        thrusts = self._laws.find_or_learn(u)
+        if thrusts is None:
+            thrusts = self._solve(u)
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
-    def _solve(self, linear: Array) -> Array:
-        """Minimise f H f / 2 - linear f by guessing the active set until it proves right."""
-        low, high = self.problem.lower, self.problem.upper
-        hessian, curvature = self.hessian, np.diag(self.hessian)
-        thrusts = np.linalg.solve(hessian, linear)
-        slopes = np.zeros_like(thrusts)
-        for _ in range(4 * len(low)):
-            target = thrusts - slopes / curvature
-            at_low, at_high = target <= low, target >= high
-            free = ~(at_low | at_high)
-            guess = np.where(at_low, low, high)
-            guess[free] = np.linalg.solve(
-                hessian[np.ix_(free, free)],
-                linear[free] - hessian[np.ix_(free, ~free)] @ guess[~free],
-            )
-            slopes = hessian @ guess - linear
-            slopes[free] = 0.0
-            proved = (
-                np.all(guess >= low)
-                and np.all(guess <= high)
-                and np.all(slopes[at_low] >= 0.0)
-                and np.all(slopes[at_high] <= 0.0)
-            )
-            if proved:
-                return guess
-            thrusts = guess
-        return self._solve_slowly(linear)
+    def _allocate_batch(self, demands: Array) -> Allocation:
+        thrusts = self._laws.find_batch(demands)
+        for i in np.flatnonzero(np.isnan(thrusts).any(axis=1)):
+            thrusts[i] = self._solve(demands[i])
+        exact = self._judge(demands, thrusts)
+        status = np.where(exact, Status.EXACT, Status.INEXACT).astype(np.int8)
+        return Allocation(self.problem, demands, thrusts, status)
 
-    def _solve_slowly(self, linear: Array) -> Array:
-        """Let the active-set method of SciPy decide where the guesses go in circles."""
-        factor = np.linalg.cholesky(self.hessian)
+    def _learn(self, u: Array) -> AffineLaw | None:
+        """Return the law of the active set at u.
+
+        The free thrusts are where the cost has no slope; the others have a slope that presses them
+        to their bounds, which in units of thrust is z.
+        """
         low, high = self.problem.lower, self.problem.upper
-        movable = high > low
-        thrusts = low.copy()
-        target = np.linalg.solve(factor, linear) - factor.T[:, ~movable] @ low[~movable]
-        solution = lsq_linear(
-            factor.T[:, movable], target, (low[movable], high[movable]), method='bvls', tol=1e-14
-        )
-        thrusts[movable] = solution.x
-        return self.problem.clip(thrusts)
+        gamma, hessian = self.problem.gamma, self.hessian
+        thrusts = self._solve(u)
+        free = (thrusts > low) & (thrusts < high)
+        ends = np.where(free, 0.0, thrusts)
+        slope, offset = np.zeros_like(gamma.T), ends.copy()
+        # Not by the inverse: where only the tie-break decides it would lose what that says.
+        right = np.column_stack([gamma.T, self._pull - hessian @ ends])[free]
+        solution = np.linalg.solve(hessian[np.ix_(free, free)], right)
+        slope[free], offset[free] = solution[:, :-1], solution[:, -1]
+        steepness = np.diag(hessian)[~free]
+        slope_left = (hessian @ slope - gamma.T)[~free]
+        offset_left = (hessian @ offset - self._pull)[~free]
+        slope[~free] = -slope_left / steepness[:, None]
+        offset[~free] -= offset_left / steepness
+        return AffineLaw.of(slope, offset, free, thrusts, low, high)
+
+    def _solve(self, u: Array) -> Array:
+        """Minimise the cost by the primal active-set method, which ends after finitely many steps.
+
+        The thrusts go to the minimum over the free ones, or as far as the first bound in the way,
+        where that rotor stays; at the minimum the rotor that most wants to leave its bound may.
+        """
+        low, high, hessian = self.problem.lower, self.problem.upper, self.hessian
+        linear = self._pull + self.problem.gamma.T @ u
+        thrusts = self.problem.clip(np.asarray(np.linalg.solve(hessian, linear), dtype=np.float64))
+        free = (thrusts > low) & (thrusts < high)
+        while True:
+            goal = thrusts.copy()
+            rest = linear - hessian[:, ~free] @ thrusts[~free]
+            goal[free] = np.linalg.solve(hessian[np.ix_(free, free)], rest[free])
+            way = goal - thrusts
+            with np.errstate(divide='ignore', invalid='ignore'):
+                shares = np.where(way > 0.0, high - thrusts, low - thrusts) / way
+            shares[~free | (way == 0.0)] = np.inf
+            first = int(shares.argmin())
+            if shares[first] < 1.0:
+                thrusts = self.problem.clip(thrusts + shares[first] * way)
+                thrusts[first] = high[first] if way[first] > 0.0 else low[first]
+                free[first] = False
+                continue
+            thrusts = goal
+            slopes = hessian @ thrusts - linear
+            wish = np.where(thrusts <= low, -slopes, slopes)
+            wish[free | (high == low)] = 0.0
+            keenest = int(wish.argmax())
+            if wish[keenest] <= 1e-13 * (1.0 + np.abs(linear).max()):
+                return thrusts
+            free[keenest] = True
 
 
 def _weight(weight: ArrayLike, n: int) -> Array:

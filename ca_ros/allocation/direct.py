@@ -5,56 +5,118 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
+from ca_ros.affine_laws import AffineLaw, AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
+from ca_ros.vehicle import Vehicle
+
+GOLDEN = (5.0**0.5 - 1.0) / 2.0
 
 
 class Direct(Allocator):
     """As much of the wrench as is possible in its direction, Eqs. (14)-(17).
 
     ``max alpha`` subject to ``Gamma f = alpha u``, the bounds and 0 <= alpha <= 1: a linear
-    program, solved by the dual simplex method of HiGHS, so that f is a vertex as in the paper.
+    program, whose solution is a vertex.  alpha is read off the facets of the admissible set.
+    Where several vertices give the same alpha, as for every wrench inside the set, the paper
+    leaves the choice to its solver; here the least of a cost without symmetries decides, so that
+    there is one answer.  The dual simplex method of HiGHS finds it, and each basis that it finds is a law
+    for all wrenches that have it.
+
     The status is SCALED if alpha < 1, and REJECTED if not even a share of the wrench can be given
     (the rotors cannot stand still, so zero is not attainable).
     """
 
+    def __init__(self, vehicle: Vehicle) -> None:
+        super().__init__(vehicle)
+        # Multiples of the golden ratio, less whole numbers: as far from each other as can be.
+        self.cost = 1.0 + np.arange(1, vehicle.n + 1) * GOLDEN % 1.0
+        self._laws = AffineLaws(self.problem.lower, self.problem.upper, self._learn)
+
+    def levels(self, demands: Array) -> Array:
+        """Return alpha (...) for wrenches (..., m); NaN if there is none."""
+        image = self.problem.image
+        rates, middle = demands @ image.normals.T, image.normals @ image.center
+        # alpha rate is within the width of the middle; divided by a rate of zero, that is all or
+        # nothing.
+        with np.errstate(divide='ignore', invalid='ignore'):
+            ends = np.stack([(middle - image.widths) / rates, (middle + image.widths) / rates])
+        touching = np.abs(middle) <= image.widths
+        low = np.where(rates == 0.0, np.where(touching, -np.inf, np.inf), ends.min(axis=0))
+        high = np.where(rates == 0.0, np.where(touching, np.inf, -np.inf), ends.max(axis=0))
+        least, greatest = low.max(axis=-1), np.minimum(high.min(axis=-1), 1.0)
+        rounding = 1e-13 * (1.0 + np.abs(greatest))
+        return np.where((least <= greatest + rounding) & (greatest >= 0.0), greatest, np.nan)
+
     def _allocate(self, u: Array) -> Allocation:
-        problem = self.problem
-        size = np.linalg.norm(u)
-        # In units of |u| alpha is as large as the thrusts, and a tolerance means the same for
-        # both.
-        direction = u / size if size > 0.0 else u
-        cost = np.zeros(len(problem.lower) + 1)
-        cost[-1] = -1.0
-        solution = linprog(
-            cost,
-            A_eq=np.column_stack([problem.gamma, -direction]),
-            b_eq=np.zeros(len(u)),
-            bounds=np.column_stack(
-                [np.append(problem.lower, 0.0), np.append(problem.upper, size)]
-            ),
-            method='highs-ds',
-            options={'primal_feasibility_tolerance': 1e-10, 'dual_feasibility_tolerance': 1e-10},
-        )
-        if solution.status != 0:
-            return Allocation(problem, u, problem.lower.copy(), Status.REJECTED, level=0.0)
-        thrusts = self._refine(solution.x[:-1], solution.x[-1] * direction)
-        level = float(solution.x[-1] / size) if size > 0.0 else 1.0
+        level = float(self.levels(u))
+        if np.isnan(level):
+            return Allocation(self.problem, u, self.problem.lower.copy(), Status.REJECTED, 0.0)
+        thrusts = self._laws.find_or_learn(level * u)
+        if thrusts is None:
+            thrusts = self._vertex(level * u)
         if self._judge(u, thrusts):
-            return Allocation(problem, u, thrusts, Status.EXACT)
-        served = self._judge(level * u, thrusts) and level < 1.0
+            return Allocation(self.problem, u, thrusts, Status.EXACT, level)
+        served = self._judge(level * u, thrusts)
         return Allocation(
-            problem, u, thrusts, Status.SCALED if served else Status.INEXACT, level=level
+            self.problem, u, thrusts, Status.SCALED if served else Status.INEXACT, level
         )
 
-    def _refine(self, vertex: Array, wrench: Array) -> Array:
-        """Take the solver's tolerance out of the rotors that are between their bounds."""
-        problem = self.problem
-        thrusts = problem.clip(vertex)
-        free = (thrusts > problem.lower) & (thrusts < problem.upper)
-        correction = np.linalg.lstsq(
-            problem.gamma[:, free], wrench - problem.gamma @ thrusts, rcond=None
-        )[0]
-        thrusts[free] += correction
-        return problem.clip(thrusts)
+    def _allocate_batch(self, demands: Array) -> Allocation:
+        levels = self.levels(demands)
+        given = ~np.isnan(levels)
+        served = np.where(given, levels, 0.0)[:, None] * demands
+        thrusts = np.tile(self.problem.lower, (len(demands), 1))
+        thrusts[given] = self._laws.find_batch(served[given])
+        for i in np.flatnonzero(np.isnan(thrusts).any(axis=1)):
+            thrusts[i] = self._vertex(served[i])
+        status = np.full(len(demands), Status.INEXACT, dtype=np.int8)
+        status[self._judge(served, thrusts)] = Status.SCALED
+        status[self._judge(demands, thrusts)] = Status.EXACT
+        status[~given] = Status.REJECTED
+        return Allocation(self.problem, demands, thrusts, status, np.where(given, levels, 0.0))
+
+    def _learn(self, u: Array) -> AffineLaw | None:
+        """Return the law of the basis of the cheapest thrusts that give u."""
+        gamma, low, high = self.problem.gamma, self.problem.lower, self.problem.upper
+        for inwards in (0.0, 1e-6, 1e-8):
+            # A wrench on the border of a basis's region does not determine it; one beside it does.
+            thrusts = self._cheapest(u + inwards * (self.problem.image.center - u))
+            room = np.minimum(thrusts - low, high - thrusts)
+            free = room > 1e-9 * (1.0 + high)
+            if free.sum() != len(gamma) or np.linalg.cond(gamma[:, free]) > 1e12:
+                continue
+            ends = np.where(free, 0.0, np.where(thrusts - low < high - thrusts, low, high))
+            slope = np.zeros_like(gamma.T)
+            slope[free] = np.linalg.inv(gamma[:, free])
+            law = AffineLaw.of(slope, ends - slope @ (gamma @ ends), free, ends, low, high)
+            z = slope @ u + law.offset
+            if np.all((law.least <= z) & (z <= law.greatest)):
+                return law
+        return None
+
+    def _vertex(self, u: Array) -> Array:
+        """Return the cheapest thrusts that give u, without the solver's tolerance."""
+        thrusts = self._cheapest(u)
+        free = (thrusts > self.problem.lower) & (thrusts < self.problem.upper)
+        left = u - self.problem.gamma @ thrusts
+        thrusts[free] += np.linalg.lstsq(self.problem.gamma[:, free], left, rcond=None)[0]
+        return self.problem.clip(thrusts)
+
+    def _cheapest(self, u: Array) -> Array:
+        gamma = self.problem.gamma
+        size = np.linalg.norm(gamma, axis=1)
+        tolerance = 1e-10
+        solution = linprog(
+            self.cost,
+            A_eq=gamma / size[:, None],
+            b_eq=u / size,
+            bounds=np.column_stack([self.problem.lower, self.problem.upper]),
+            method='highs-ds',
+            options={
+                'primal_feasibility_tolerance': tolerance,
+                'dual_feasibility_tolerance': tolerance,
+            },
+        )
+        return self.problem.lower.copy() if solution.x is None else self.problem.clip(solution.x)

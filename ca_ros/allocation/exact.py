@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.admissible_set import AdmissibleSet
+from ca_ros.affine_laws import AffineLaw, AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
-from ca_ros.explicit_law import ExplicitLaw
-from ca_ros.least_norm import LeastNorm
+from ca_ros.explicit_law import explicit_law
 from ca_ros.vehicle import Vehicle
 
 POLICIES = ('prioritize', 'scale', 'reject')
@@ -60,37 +60,44 @@ class Exact(Allocator):
                 raise ValueError(f'{name}: expected one of {", ".join(choices)}, got {value!r}')
         self.policy, self.order, self.about = policy, order, about
         self.admissible = AdmissibleSet(self.problem)
-        self._least_norm = LeastNorm(
-            self.problem.gamma, self.problem.lower, self.problem.upper, self.problem.image
-        )
-        self._law = ExplicitLaw(self._least_norm)
+        self._least_norm = self.problem.least_norm
+        self._laws = AffineLaws(self.problem.lower, self.problem.upper, self._learn)
         self._osqp = OsqpStart(self.problem) if solver == 'osqp' else None
         # A wrong option is an error now, not at the first wrench that needs it.
         self.admissible.check_reference(about)
         self.admissible.check_order(order)
 
     def _allocate(self, u: Array) -> Allocation:
-        tolerance = self.problem.tolerance(u)
-        if self.problem.image.margin(u) >= -0.5 * tolerance:
-            served, level, status = u, 1.0, Status.EXACT
-        else:
-            served, level, status = self._within(u)
-            tolerance = self.problem.tolerance(served)
-        if self._osqp is None:
-            thrusts, multipliers = self._law.solve(served, float(tolerance))
-        else:
-            start = self._osqp.multipliers(served)
-            thrusts, multipliers = self._least_norm.solve(served, float(tolerance), start)
+        thrusts = None if self._osqp is not None else self._laws.find(u)
+        if thrusts is not None and self._judge(u, thrusts):
+            return Allocation(self.problem, u, thrusts, Status.EXACT)
+        served, level, status = self._within(u)
+        thrusts = self._solve(served)
         if status is Status.REJECTED:
             thrusts = self.problem.lower.copy()
         elif self._judge(u, thrusts):
-            status = Status.EXACT
+            status, level = Status.EXACT, 1.0
         elif not self._judge(served, thrusts):
             status = Status.INEXACT
-        return Allocation(self.problem, u, thrusts, status, level, multipliers=multipliers)
+        return Allocation(self.problem, u, thrusts, status, level)
+
+    def _solve(self, u: Array) -> Array:
+        """Return the least thrusts for a wrench in the set."""
+        tolerance = float(self.problem.tolerance(u))
+        if self._osqp is not None:
+            return self._least_norm.solve(u, tolerance, self._osqp.multipliers(u))[0]
+        thrusts = self._laws.find_or_learn(u)
+        if thrusts is not None and self._judge(u, thrusts):
+            return thrusts
+        return self._least_norm.solve(u, tolerance)[0]
+
+    def _learn(self, u: Array) -> AffineLaw | None:
+        return explicit_law(self._least_norm, self.problem.multipliers(u))
 
     def _within(self, u: Array) -> tuple[Array, float, Status]:
-        """Return what is served of a wrench outside the set, its share of u, and the status."""
+        """Return what is served, its share of u, and the status."""
+        if self.problem.image.margin(u) >= -0.5 * self.problem.tolerance(u):
+            return u, 1.0, Status.EXACT
         if self.policy == 'scale':
             return *self.admissible.scale_level(u, self.about), Status.SCALED
         if self.policy == 'prioritize':
@@ -106,9 +113,12 @@ class Exact(Allocator):
         margins = self.problem.image.margin(demands)
         for i in np.flatnonzero(margins < -0.5 * self.problem.tolerance(demands)):
             served[i], levels[i], status[i] = self._within(demands[i])
-        thrusts, multipliers = self._law.solve_batch(served, self.problem.tolerance(served))
+        thrusts = self._laws.find_batch(served)
+        for i in np.flatnonzero(~self._judge(served, thrusts)):
+            thrusts[i] = self._solve(served[i])
         rejected = status == Status.REJECTED
         thrusts[rejected] = self.problem.lower
         status[~self._judge(served, thrusts) & ~rejected] = Status.INEXACT
-        status[self._judge(demands, thrusts) & ~rejected] = Status.EXACT
-        return Allocation(self.problem, demands, thrusts, status, levels, multipliers=multipliers)
+        exact = self._judge(demands, thrusts) & ~rejected
+        status[exact], levels[exact] = Status.EXACT, 1.0
+        return Allocation(self.problem, demands, thrusts, status, levels)

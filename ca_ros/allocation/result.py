@@ -46,8 +46,6 @@ class Allocation:
         knows no such share.
     violation : float
         How far the method's own answer lay outside the bounds before it was saturated [N].
-    multipliers : (m,) array, optional
-        Of Gamma f = u, if the method has them: they prove that f has the least norm.
     """
 
     problem: AllocationProblem
@@ -56,7 +54,6 @@ class Allocation:
     status: Status | IntArray
     level: float | Array = 1.0
     violation: float | Array = 0.0
-    multipliers: Array | None = None
 
     @property
     def speeds(self) -> Array:
@@ -82,4 +79,4 @@ class Allocation:
     @cached_property
     def certificate(self) -> Certificate:
         """What proves the answer, from the problem's own data; made when it is first asked for."""
-        return certify(self.problem, self.demand, self.thrusts, self.multipliers)
+        return certify(self.problem, self.demand, self.thrusts)

@@ -1,0 +1,167 @@
+"""Piecewise affine solutions, learned piece by piece."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import le
+from typing import Any
+
+import numpy as np
+
+from ca_ros.arrays import Array, BoolArray
+
+LAWS_MAX = 512
+"""How many laws are kept; the exact allocation of the paper's hexarotor has 37."""
+
+CHUNK = 16384
+"""Wrenches that are worked on at once: they fit into a processor's cache."""
+
+SLACK = 1e-12
+"""How far, in units of the greatest thrust, a wrench may be outside of a region and be served."""
+
+
+@dataclass(frozen=True, eq=False)
+class AffineLaw:
+    """The thrusts of one region of wrenches: ``f = clip(z)`` with ``z = slope u + offset``.
+
+    The region is where z proves f to be the solution: ``least <= z <= greatest``, that is between
+    the bounds for the rotors that are free, and beyond its bound for each of the others.
+
+    Attributes
+    ----------
+    slope, offset : (n, m) and (n,) arrays
+    least, greatest : (n,) arrays
+        [N]
+    """
+
+    slope: Array
+    offset: Array
+    least: Array
+    greatest: Array
+
+    @classmethod
+    def of(
+        cls, slope: Array, offset: Array, free: BoolArray, ends: Array, lower: Array, upper: Array
+    ) -> AffineLaw:
+        """Return the law for rotors that are free, or at that of their bounds which is in `ends`.
+
+        Parameters
+        ----------
+        slope, offset : (n, m) and (n,) arrays
+        free : (n,) array of bool
+        ends : (n,) array
+            Thrusts; those of the free rotors do not matter [N].
+        lower, upper : (n,) arrays
+            Bounds [N].
+        """
+        slack = SLACK * max(1.0, float(upper.max(initial=0.0)))
+        movable = upper > lower
+        at_lower, at_upper = movable & (ends <= lower), movable & (ends >= upper)
+        least = np.where(free, lower, np.where(at_upper, upper, -np.inf))
+        greatest = np.where(free, upper, np.where(at_lower, lower, np.inf))
+        return cls(slope, offset, least - slack, greatest + slack)
+
+
+class AffineLaws:
+    """Remembers affine laws as they are met, and looks them up.
+
+    The last law is tried first, for the next command is likely to be in the same region; then all
+    of them in one product; then a new one is learned.  Which laws are known has no influence on
+    the answers beyond rounding.
+
+    Parameters
+    ----------
+    lower, upper : (n,) arrays
+        Bounds of the thrusts [N].
+    learn : callable
+        Returns the law of the region around a wrench (m,), or None if there is none.
+    """
+
+    def __init__(
+        self, lower: Array, upper: Array, learn: Callable[[Array], AffineLaw | None]
+    ) -> None:
+        self._lower, self._upper, self._learn = lower, upper, learn
+        self._laws: list[AffineLaw] = []
+        self._last: AffineLaw | None = None
+        self._served: Counter[AffineLaw] = Counter()
+        self._limits: tuple[list[float], list[float]] = ([], [])
+
+    def __len__(self) -> int:
+        """Return the number of laws that are known."""
+        return len(self._laws)
+
+    def find(self, u: Array) -> Array | None:
+        """Return the thrusts (n,) for a wrench (m,); None if its law is not known."""
+        last = self._last
+        if last is not None:
+            z = last.slope @ u + last.offset
+            values, (least, greatest) = z.tolist(), self._limits
+            # On so few numbers Python is faster than NumPy.
+            if all(map(le, least, values)) and all(map(le, values, greatest)):
+                return np.minimum(np.maximum(z, self._lower), self._upper)
+        if not self._laws:
+            return None
+        all_z = self._slopes @ u + self._offsets
+        depths = np.minimum(all_z - self._leasts, self._greatests - all_z).min(axis=1)
+        deepest = int(depths.argmax())
+        if not depths[deepest] >= 0.0:
+            return None
+        self._use(self._laws[deepest])
+        return np.minimum(np.maximum(all_z[deepest], self._lower), self._upper)
+
+    def find_or_learn(self, u: Array) -> Array | None:
+        """Return the thrusts (n,) for a wrench (m,); None if there is no law for it."""
+        thrusts = self.find(u)
+        if thrusts is None:
+            law = self._learn(u)
+            if law is None:
+                return None
+            self._keep(law)
+            thrusts = self.find(u)
+        return thrusts
+
+    def find_batch(self, wrenches: Array) -> Array:
+        """Return the thrusts (N, n) for wrenches (N, m); NaN where there is no law."""
+        thrusts = np.full((len(wrenches), len(self._lower)), np.nan)
+        for first in range(0, len(wrenches), CHUNK):
+            self._fill(wrenches[first : first + CHUNK], thrusts[first : first + CHUNK])
+        return thrusts
+
+    def _fill(self, wrenches: Array, thrusts: Array) -> None:
+        left: Any = np.arange(len(wrenches))
+        # Those that served most come first, so that little is left for the others.
+        for law in sorted(self._laws, key=self._served.__getitem__, reverse=True):
+            left = self._serve(law, wrenches, thrusts, left)
+        while len(left):
+            one = self.find_or_learn(wrenches[left[0]])
+            if one is not None:
+                thrusts[left[0]] = one
+            left = left[1:]
+            if one is not None and self._last is not None:
+                left = self._serve(self._last, wrenches, thrusts, left)
+
+    def _serve(self, law: AffineLaw, wrenches: Array, thrusts: Array, left: Any) -> Any:
+        """Fill in what a law can serve of the wrenches that are left; return the rest."""
+        z = wrenches[left] @ law.slope.T + law.offset
+        inside = ((z >= law.least) & (z <= law.greatest)).all(axis=1)
+        self._served[law] += int(inside.sum())
+        thrusts[left[inside]] = np.minimum(np.maximum(z[inside], self._lower), self._upper)
+        return left[~inside]
+
+    def _keep(self, law: AffineLaw) -> None:
+        if len(self._laws) == LAWS_MAX:
+            # Rather forget all than search without end; those in use are soon back.
+            self._laws.clear()
+            self._served.clear()
+        self._laws.append(law)
+        self._slopes = np.array([known.slope for known in self._laws])
+        self._offsets = np.array([known.offset for known in self._laws])
+        self._leasts = np.array([known.least for known in self._laws])
+        self._greatests = np.array([known.greatest for known in self._laws])
+        self._use(law)
+
+    def _use(self, law: AffineLaw) -> None:
+        self._last = law
+        self._limits = law.least.tolist(), law.greatest.tolist()

@@ -1,0 +1,1 @@
+"""The paper's tables and figures, and the same of one's own vehicle and methods."""

@@ -1,0 +1,184 @@
+"""What a study is about: a vehicle with its parameters, and the methods compared on it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
+from ca_ros.allocation.options import options_from_parameters
+from ca_ros.parameters import PARAMETERS, ParameterError, complete, load
+from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
+from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle_audit import audit
+
+BUILT_IN = ('exact', 'pseudo_inverse', 'conventional', 'direct')
+"""The four methods, in the order of the paper's Table 1."""
+
+FOR_COMPARISON: dict[str, type[Allocator]] = {'osqp_default': PlainOsqp, 'osqp_tight': TightOsqp}
+"""Solvers without the finish of `exact`; only studies know them."""
+
+
+def parser(prog: str, description: str) -> argparse.ArgumentParser:
+    """Return a parser with the options that all studies share."""
+    made = argparse.ArgumentParser(
+        prog=prog,
+        description=description,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    made.add_argument('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
+    made.add_argument(
+        '--methods',
+        default='all',
+        metavar='A,B',
+        help=f'what to compare: {", ".join([*BUILT_IN, *FOR_COMPARISON])}, module:Class for a '
+        'method of your own, all for the first four',
+    )
+    made.add_argument(
+        '-p',
+        '--param',
+        action='append',
+        default=[],
+        metavar='NAME:=VALUE',
+        help="a parameter other than in the vehicle's file, as with ROS; may be repeated",
+    )
+    made.add_argument(
+        '--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results'
+    )
+    return made
+
+
+def split_ros(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Separate our arguments from those of ROS, from ``--ros-args`` up to ``--`` or the end."""
+    ours, ros, in_ros = [], [], False
+    for word in argv:
+        in_ros = in_ros or word == '--ros-args'
+        (ros if in_ros else ours).append(word)
+        in_ros = in_ros and word != '--'
+    return ours, ros
+
+
+def positive(kind: type[int] | type[float], text: str) -> Any:
+    """Return the number in a command line's word; raise what argparse turns into a message."""
+    try:
+        number = kind(text)
+    except ValueError:
+        number = kind(0)
+    if not 0 < number < float('inf'):
+        raise argparse.ArgumentTypeError(f'{text!r} is not a positive number')
+    return number
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A vehicle under study.
+
+    Attributes
+    ----------
+    name : str
+        The vehicle as it was asked for.
+    parameters : dict
+        All its parameters by name, checked.
+    vehicle : Vehicle
+        With the axes that its rotors can command.
+    """
+
+    name: str
+    parameters: dict[str, Any]
+    vehicle: Vehicle
+
+    @classmethod
+    def load(cls, name: str, changes: Sequence[str] = (), to_fly: bool = False) -> Case:
+        """Read a vehicle's parameter file.
+
+        Parameters
+        ----------
+        name : str
+            A shipped vehicle or the path of a parameter file.
+        changes : sequence of str
+            ``NAME:=VALUE``, the value as in a parameter file.
+        to_fly : bool
+            Ask for what the nodes ask for: that it can hover.
+
+        Raises
+        ------
+        ParameterError
+            In one line that names the fault.
+        """
+        parameters: dict[str, Any] = dict(load(name))
+        for change in changes:
+            parameters.update([_change(change)])
+        parameters = complete(parameters)
+        try:
+            report = audit(Vehicle.from_parameters(parameters))
+        except ParameterError as error:
+            raise ParameterError(f'{name}: {error}') from None
+        if to_fly and not report.sound and parameters['allocation.lost_axes'] == 'refuse':
+            raise ParameterError(
+                f'{name}: allocation.lost_axes: this vehicle is refused: {report} '
+                '(drop would fly it)'
+            )
+        return cls(name, parameters, report.vehicle)
+
+    def allocator(self, method: str) -> Allocator:
+        """Return a method for the vehicle, with its options from the parameters.
+
+        Parameters
+        ----------
+        method : str
+            A name, or ``module:Class`` for a class that takes a vehicle and has ``allocate``.
+
+        Raises
+        ------
+        ValueError
+            If there is no such method.
+        """
+        if method in ALLOCATORS:
+            chosen = {**self.parameters, 'allocation.method': method}
+            options = options_from_parameters(chosen, self.vehicle.axes)
+            return make_allocator(method, self.vehicle, **options)
+        kind = FOR_COMPARISON[method] if method in FOR_COMPARISON else _own_class(method)
+        made = kind(self.vehicle)
+        if not callable(getattr(made, 'allocate', None)):
+            raise ValueError(f'{method}: has no method allocate')
+        return made
+
+    def allocators(self, methods: str) -> dict[str, Allocator]:
+        """Return the methods of a list such as ``exact,my_module:MyMethod`` by name."""
+        words = [word.strip() for word in methods.split(',')]
+        names = [name for word in words for name in (BUILT_IN if word == 'all' else (word,))]
+        return {name: self.allocator(name) for name in dict.fromkeys(names)}
+
+
+def _change(text: str) -> tuple[str, Any]:
+    name, given, value = text.partition(':=')
+    if not given or name not in PARAMETERS:
+        fault = 'no such parameter' if given else 'expected NAME:=VALUE'
+        raise ParameterError(f'{name}: {fault}')
+    try:
+        return name, yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise ParameterError(f'{name}: not a value: {value}') from None
+
+
+def _own_class(method: str) -> type[Allocator]:
+    module, colon, name = method.partition(':')
+    known = ', '.join([*BUILT_IN, *FOR_COMPARISON])
+    if not (module and colon and name):
+        raise ValueError(f'no method {method!r}; there are {known}, and module:Class for your own')
+    if os.getcwd() not in sys.path:
+        # An installed script sees its own folder, but users have their method where they stand.
+        sys.path.append(os.getcwd())
+    try:
+        found: type[Allocator] = getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f'{method}: {error}') from None
+    return found
