@@ -59,7 +59,7 @@ class AllocationProblem:
         except ValueError:
             raise ValueError(
                 'the admissible set has no volume: the rotors cannot command '
-                f'{", ".join(self.axes)} independently'
+                f'{", ".join(self.axes)} independently (ca_ros.audit tells which they can)'
             ) from None
 
     @cached_property

@@ -7,8 +7,12 @@ import numpy as np
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.zonotope import Zonotope
 
-STEPS = 100
+STEPS = 50
 """Limit of Newton's iteration; the tests have not seen more than 20 steps."""
+
+
+FLAT = 1e-8
+"""Singular value of the free rotors' columns, of unit rows, below which an axis is not served."""
 
 
 class LeastNorm:
@@ -70,7 +74,10 @@ class LeastNorm:
             if residual <= tolerance:
                 break
             rate = basis @ step
-            y = y + _search(basis @ y, rate, lower, upper, float(target @ step)) * step
+            advance = _search(basis @ y, rate, lower, upper, float(target @ step))
+            if advance == 0.0:
+                break
+            y = y + advance * step
         return best[0], self._coordinates.T @ best[1]
 
     def _step(self, u: Array, y: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
@@ -80,18 +87,25 @@ class LeastNorm:
         free = (unbounded > self.lower) & (unbounded < self.upper)
         thrusts = self.clip(unbounded)
         left = u - self.matrix @ thrusts
-        curvatures, axes = np.linalg.eigh(basis[free].T @ basis[free])
-        slopes = axes.T @ (self._coordinates @ left)
+        # Newton's system is basis_F^T basis_F step = gradient; by the singular values of basis_F
+        # it is solved without squaring its condition.
+        directions, singular, axes = np.linalg.svd(basis[free], full_matrices=True)
+        sizes = np.zeros(len(y))
+        sizes[: len(singular)] = singular
+        slopes = axes @ (self._coordinates @ left)
         # Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
         # or a reason to go that way alone: the search ends where the next rotor comes free.
-        flat = curvatures < 1e-12
-        unserved = self._back @ (axes[:, flat] @ slopes[flat])
+        flat = sizes < FLAT
+        unserved = self._back @ (slopes[flat] @ axes[flat])
         if float(np.linalg.norm(unserved)) > 0.8 * tolerance:
-            return thrusts, y, left, axes[:, flat] @ slopes[flat]
-        step = axes[:, ~flat] @ (slopes[~flat] / curvatures[~flat])
+            return thrusts, y, left, slopes[flat] @ axes[flat]
+        shares = slopes[~flat] / sizes[~flat]
+        step = (shares / sizes[~flat]) @ axes[~flat]
+        change = np.zeros(len(thrusts))
+        change[free] = directions[:, : len(shares)] @ shares
         # If the step leaves the active set as it is, this is the answer.  The thrusts themselves
         # lose fewer digits in it than y, which may be large.
-        stepped = np.where(free, self.clip(thrusts + basis @ step), thrusts)
+        stepped = self.clip(thrusts + change)
         aimed = self.clip(unbounded + basis @ step)
         if np.abs(aimed - stepped).max() <= 1e-10 * (1.0 + np.abs(stepped).max()):
             return stepped, y + step, u - self.matrix @ stepped, step
@@ -104,7 +118,8 @@ class LeastNorm:
 
 def _search(start: Array, rate: Array, lower: Array, upper: Array, goal: float) -> float:
     """Return t >= 0 with ``rate @ clip(start + t rate) = goal``; the left side grows with t."""
-    moving: BoolArray = rate != 0.0
+    # A rotor that stands still up to rounding would have its corner nowhere near.
+    moving: BoolArray = np.abs(rate) > 1e-12 * np.abs(rate).max(initial=0.0)
     start, rate, lower, upper = start[moving], rate[moving], lower[moving], upper[moving]
     corners = np.concatenate([(lower - start) / rate, (upper - start) / rate])
     corners = np.sort(np.append(corners[corners > 0.0], 0.0))

@@ -16,10 +16,11 @@ class Prioritization:
     """Serve groups of axes in their order, each as far as those before it allow.
 
     The projection of the admissible set on the axes of the first k groups is a zonotope too, made
-    by the same rows of Gamma.  With the earlier axes served, group k moves in that zonotope on a
-    straight line from hover to its demand, as far as it gets: its direction is kept.  If
-    hover is out of reach by now, the line begins at the nearest point to it; for a group of one
-    axis the outcome is the attainable value that is nearest to the demand.
+    by the same rows of Gamma.  With the earlier axes served, a group of one axis gets the
+    attainable value that is nearest to its demand.  A group of several moves on a straight line
+    from hover to its demand, as far as it gets: its direction is kept.  Where the earlier axes do
+    not leave hover to it, the line begins at a point inside of what they leave, which depends
+    continuously on the demand.
 
     Parameters
     ----------
@@ -44,30 +45,47 @@ class Prioritization:
         """Return the served wrench (m,) [N, N m] and the share (m,) of each axis's demand."""
         served, levels = self._reference.copy(), np.ones(len(u))
         for k, group in enumerate(self._groups):
-            start = self._start(k, served)
-            way = np.zeros(len(start))
-            way[-len(group) :] = u[group] - start[-len(group) :]
-            levels[group] = min(self._shadows[k].reach(start, way), 1.0)
-            served[group] = (start + levels[group[0]] * way)[-len(group) :]
+            serve = self._serve_one if len(group) == 1 else self._serve_several
+            served[group], levels[group] = serve(k, served, u[group])
         return served, levels
 
-    def _start(self, k: int, served: Array) -> Array:
-        """Return the point, over the axes of groups 0 to k, where group k begins its way."""
-        rows, group, shadow = self._prefixes[k], self._groups[k], self._shadows[k]
-        start = served[rows]
-        if shadow.margin(start) >= 0.0:
-            return start
-        if len(group) == 1:
-            start[-1] = np.clip(start[-1], *shadow.section(start))
-            return start
-        inner = start.copy()
-        thrusts = self._middle if k == 0 else self._central_thrusts(k - 1, served)
-        inner[-len(group) :] = self._gamma[group] @ thrusts
-        return inner + min(shadow.reach(inner, start - inner), 1.0) * (start - inner)
+    def _serve_one(self, k: int, served: Array, demand: Array) -> tuple[Array, float]:
+        low, high = self._shadows[k].section(served[self._prefixes[k]])
+        start, end = np.clip([self._reference[self._groups[k][0]], demand[0]], low, high)
+        level = 1.0 if end == demand[0] else (end - start) / (demand[0] - start)
+        return np.array([end]), float(level)
 
-    def _central_thrusts(self, k: int, served: Array) -> Array:
-        """Return the thrusts nearest to the middle of their range that serve groups 0 to k."""
-        rows, shadow = self._prefixes[k], self._shadows[k]
-        gamma, image = self._gamma[rows], Zonotope(0.0 * shadow.center, shadow.generators)
-        least = LeastNorm(gamma, -self._reach, self._reach, image)
-        return self._middle + least.solve(served[rows] - shadow.center, 1e-12)[0]
+    def _serve_several(self, k: int, served: Array, demand: Array) -> tuple[Array, float]:
+        group, shadow = self._groups[k], self._shadows[k]
+        start = served[self._prefixes[k]]
+        inner = self._inner(k, served)
+
+        def reach(begin: Array, way: Array) -> float:
+            start[-len(group) :] = begin
+            direction = np.concatenate([np.zeros(len(start) - len(group)), way])
+            return shadow.reach(start, direction)
+
+        to_hover = self._reference[group] - inner
+        # On the border the way might go off it or along it, so a start out of reach is moved in.
+        begin = inner + min(reach(inner, to_hover), 1.0) ** 2 * to_hover
+        level = min(reach(begin, demand - begin), 1.0)
+        return begin + level * (demand - begin), level
+
+    def _inner(self, k: int, served: Array) -> Array:
+        """Return a value of group k well inside of what the earlier groups leave.
+
+        The earlier axes are as far from the middle of their set as a share of the way to its
+        boundary; the thrusts that belong to it are that share of the way from the middle of their
+        range to those on the boundary.
+        """
+        group = self._gamma[self._groups[k]]
+        if k == 0:
+            return group @ self._middle
+        rows, shadow = self._prefixes[k - 1], self._shadows[k - 1]
+        way = served[rows] - shadow.center
+        reach = shadow.reach(shadow.center, way)
+        if reach == np.inf:
+            return group @ self._middle
+        image = Zonotope(0.0 * shadow.center, shadow.generators)
+        least = LeastNorm(self._gamma[rows], -self._reach, self._reach, image)
+        return group @ (self._middle + least.solve(reach * way, 1e-12)[0] / reach)

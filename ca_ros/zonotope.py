@@ -8,7 +8,7 @@ from math import comb
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 
 PARALLEL = 1e-10
 """Share of a segment's length below which its component along a normal is rounding."""
@@ -18,6 +18,9 @@ FLAT = 1e-9
 
 ROUNDING = 1e-12
 """Relative size below which a component that should be zero is rounding."""
+
+PULLS = 50
+"""Limit of the projections on facets in `pull`; where few facets are near, few are needed."""
 
 TILES_MAX = 1_000_000
 
@@ -62,6 +65,7 @@ class Zonotope:
         self.sides = self.normals @ generators
         self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
         self.widths = np.abs(self.sides).sum(axis=1)
+        self._spans = np.abs(self.normals) @ extent
 
     @property
     def facets(self) -> tuple[Array, Array]:
@@ -76,26 +80,31 @@ class Zonotope:
 
     def pull(self, u: Array) -> Array:
         """Return a point (m,) of the set near one that is outside by rounding errors only."""
-        for _ in range(len(u)):
+        for _ in range(PULLS):
             heights = self.normals @ (u - self.center)
             excess = np.abs(heights) - self.widths
             worst = int(np.argmax(excess))
-            if excess[worst] <= 0.0:
+            if excess[worst] <= 1e-15 * self.widths[worst]:
                 break
             u = u - np.sign(heights[worst]) * excess[worst] * self.normals[worst]
         return u
+
+    def slanted(self, rates: Array, directions: Array) -> BoolArray:
+        """Tell which rates ``directions @ normals.T`` (..., k) are more than rounding errors."""
+        size = np.abs(directions / self._extent).max(axis=-1)
+        return np.abs(rates) > ROUNDING * np.multiply.outer(size, self._spans)
 
     def reach(self, start: Array, direction: Array) -> float:
         """Return the greatest t >= 0 with ``start + t direction`` in the set; `start` is in it."""
         heights, rates = self.normals @ (start - self.center), self.normals @ direction
         slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
-        moving = np.abs(rates) > ROUNDING * (np.abs(self.normals) @ np.abs(direction))
+        moving = self.slanted(rates, direction)
         return float((slacks[moving] / np.abs(rates[moving])).min()) if moving.any() else np.inf
 
     def section(self, u: Array) -> tuple[float, float]:
         """Return least and greatest value of the last coordinate with the others of u (m,)."""
         rates = self.normals[:, -1]
-        slanted = np.abs(rates) * self._extent[-1] > ROUNDING * np.abs(self.normals) @ self._extent
+        slanted = self.slanted(rates, np.eye(len(u))[-1])
         heights = self.normals[:, :-1] @ (u - self.center)[:-1]
         middle = -heights[slanted] / rates[slanted]
         half = self.widths[slanted] / np.abs(rates[slanted])
@@ -144,6 +153,8 @@ class Zonotope:
 def _facet_normals(generators: Array) -> Array:
     """Return the directions (k, m) orthogonal to m - 1 independent generators, each once."""
     m = len(generators)
+    if m == 1:
+        return np.ones((1, 1))
     lengths = np.linalg.norm(generators, axis=0)
     directions = (generators[:, lengths > 0.0] / lengths[lengths > 0.0]).T
     choices = np.array(list(combinations(range(len(directions)), m - 1)), dtype=int).reshape(

@@ -118,7 +118,7 @@ class Conventional(Allocator):
 
 
 def _weight(weight: ArrayLike, n: int) -> Array:
-    matrix = np.asarray(weight, dtype=float)
+    matrix = _numbers('weight', weight)
     if matrix.size == 1:
         matrix = float(matrix.reshape(())) * np.eye(n)
     elif matrix.shape == (n,):
@@ -147,9 +147,17 @@ def _reference(reference: str | ArrayLike, vehicle: Vehicle) -> Array:
                 f"reference: expected 'hover', 'zero' or {vehicle.n} thrusts, got {reference!r}"
             )
         return np.full(vehicle.n, vehicle.weight / vehicle.n if reference == 'hover' else 0.0)
-    thrusts = np.asarray(reference, dtype=float)
+    thrusts = _numbers('reference', reference)
     if thrusts.shape != (vehicle.n,) or not np.isfinite(thrusts).all():
         raise ValueError(
             f"reference: expected 'hover', 'zero' or {vehicle.n} finite thrusts, got {reference!r}"
         )
     return thrusts
+
+
+def _numbers(name: str, value: ArrayLike) -> Array:
+    """Return a value as an array of floats; raise a ValueError that names it."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f'{name}: expected numbers, got {value!r}') from None

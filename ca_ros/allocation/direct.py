@@ -21,11 +21,16 @@ class Direct(Allocator):
     program, whose solution is a vertex.  alpha is read off the facets of the admissible set.
     Where several vertices give the same alpha, as for every wrench inside the set, the paper
     leaves the choice to its solver; here the least of a cost without symmetries decides, so that
-    there is one answer.  The dual simplex method of HiGHS finds it, and each basis that it finds is a law
-    for all wrenches that have it.
+    there is one answer.  The dual simplex method of HiGHS finds it, and each basis that it finds
+    is a law for all wrenches that have it.
 
     The status is SCALED if alpha < 1, and REJECTED if not even a share of the wrench can be given
     (the rotors cannot stand still, so zero is not attainable).
+
+    Raises
+    ------
+    ValueError
+        If the vehicle's admissible set has no volume.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -37,17 +42,16 @@ class Direct(Allocator):
     def levels(self, demands: Array) -> Array:
         """Return alpha (...) for wrenches (..., m); NaN if there is none."""
         image = self.problem.image
-        rates, middle = demands @ image.normals.T, image.normals @ image.center
-        # alpha rate is within the width of the middle; divided by a rate of zero, that is all or
-        # nothing.
+        middle = image.normals @ image.center
+        rates = demands @ image.normals.T
+        # For each pair of facets, alpha rates is within the width of the middle.
+        slanted = image.slanted(rates, demands)
         with np.errstate(divide='ignore', invalid='ignore'):
-            ends = np.stack([(middle - image.widths) / rates, (middle + image.widths) / rates])
-        touching = np.abs(middle) <= image.widths
-        low = np.where(rates == 0.0, np.where(touching, -np.inf, np.inf), ends.min(axis=0))
-        high = np.where(rates == 0.0, np.where(touching, np.inf, -np.inf), ends.max(axis=0))
-        least, greatest = low.max(axis=-1), np.minimum(high.min(axis=-1), 1.0)
-        rounding = 1e-13 * (1.0 + np.abs(greatest))
-        return np.where((least <= greatest + rounding) & (greatest >= 0.0), greatest, np.nan)
+            ends = (middle + np.sign(rates) * image.widths) / rates
+        levels = np.minimum(np.where(slanted, ends, np.inf).min(axis=-1), 1.0)
+        served = levels[..., None] * demands
+        given = (levels >= 0.0) & (image.margin(served) >= -0.5 * self.problem.tolerance(served))
+        return np.where(given, levels, np.nan)
 
     def _allocate(self, u: Array) -> Allocation:
         level = float(self.levels(u))
@@ -57,7 +61,7 @@ class Direct(Allocator):
         if thrusts is None:
             thrusts = self._vertex(level * u)
         if self._judge(u, thrusts):
-            return Allocation(self.problem, u, thrusts, Status.EXACT, level)
+            return Allocation(self.problem, u, thrusts, Status.EXACT)
         served = self._judge(level * u, thrusts)
         return Allocation(
             self.problem, u, thrusts, Status.SCALED if served else Status.INEXACT, level
@@ -73,9 +77,10 @@ class Direct(Allocator):
             thrusts[i] = self._vertex(served[i])
         status = np.full(len(demands), Status.INEXACT, dtype=np.int8)
         status[self._judge(served, thrusts)] = Status.SCALED
-        status[self._judge(demands, thrusts)] = Status.EXACT
-        status[~given] = Status.REJECTED
-        return Allocation(self.problem, demands, thrusts, status, np.where(given, levels, 0.0))
+        exact = self._judge(demands, thrusts) & given
+        status[exact], levels[exact] = Status.EXACT, 1.0
+        status[~given], levels[~given] = Status.REJECTED, 0.0
+        return Allocation(self.problem, demands, thrusts, status, levels)
 
     def _learn(self, u: Array) -> AffineLaw | None:
         """Return the law of the basis of the cheapest thrusts that give u."""

@@ -1,0 +1,159 @@
+"""What the tests share: vehicles, demands, and linear programs as oracles."""
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, assume, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from ca_ros import ParameterError, Vehicle, control_allocation_matrix
+from ca_ros.parameters import AXES
+
+settings.register_profile(
+    'ca_ros', max_examples=50, deadline=None, derandomize=True, database=None, print_blob=False,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.explicit, Phase.generate, Phase.shrink])
+settings.load_profile('ca_ros')
+
+
+# Vehicles by name
+
+PARAMETERS = {
+    'vehicle.mass': 1.0,
+    'vehicle.inertia': [0.015, 0.015, 0.030],
+    'rotors.thrust_coefficient': 2.5e-5,
+    'rotors.torque_coefficient': 5.0e-7,
+    'rotors.speed_min': 40.0,
+    'rotors.speed_max': 400.0,
+}
+
+
+def build(positions, spins, others=(), **rotors):
+    """Make a vehicle of rotors at positions (n, 3); P in spins is a positive yaw, N a negative."""
+    return Vehicle.from_parameters(PARAMETERS | {
+        'rotors.positions': np.ravel(positions).tolist(),
+        'rotors.spins': ['cw' if spin == 'P' else 'ccw' for spin in spins],
+        **{f'rotors.{name}': value for name, value in rotors.items()}, **dict(others)})
+
+
+def ring(n, radius=0.4, first=0.0, height=0.0):
+    """Return positions (n, 3) on a circle, counter-clockwise from the angle of the first."""
+    angles = first + 2.0 * np.pi * np.arange(n) / n
+    return np.column_stack([
+        radius * np.cos(angles), radius * np.sin(angles), np.full(n, height)])
+
+
+def tilted_axes(n, tilt):
+    """Return axes (n, 3) tilted about the arms of a ring, to one side and the other in turn."""
+    angles = 2.0 * np.pi * np.arange(n) / n
+    sines = np.sin(tilt) * (-1.0) ** np.arange(n)
+    return np.column_stack([
+        -sines * np.sin(angles), sines * np.cos(angles), np.full(n, np.cos(tilt))])
+
+
+HEXAROTOR = Vehicle.load('hexarotor')
+
+FLEET = {
+    'quadrotor': build(ring(4, first=np.pi / 4), 'PNPN'),
+    'hexarotor': HEXAROTOR,
+    'hexarotor_ppnnpn': build(ring(6), 'PPNNPN'),
+    'octorotor': build(ring(8), 'PNPNPNPN'),
+    'x8': build(np.vstack([ring(4, height=0.05), ring(4, height=-0.05)]), 'PNPNNPNP'),
+    'x8_identical_columns': build(np.vstack([ring(4), ring(4)]), 'PNPNPNPN'),
+    'y6': build(np.vstack([ring(3), ring(3)]), 'PPPNNN'),
+    'asymmetric': build(
+        [[0.5, 0.3, 0.0], [-0.2, 0.4, 0.1], [-0.4, -0.1, 0.0], [0.1, -0.6, 0.0], [0.3, 0.0, 0.1]],
+        'PNPNP', {'vehicle.center_of_mass': [0.02, -0.03, 0.01]},
+        thrust_coefficient=[2e-5, 3e-5, 2.5e-5, 4e-5, 1e-5], health=[1.0, 0.7, 1.0, 1.0, 0.9],
+        speed_min=[0, 40, 30, 0, 50], speed_max=[400, 300, 500, 350, 600]),
+    'tilted_hexarotor': build(
+        ring(6), 'PNPNPN', {'allocation.axes': list(AXES)},
+        axes=np.ravel(tilted_axes(6, np.radians(30.0))).tolist()),
+}
+
+
+# Vehicles by chance
+
+def random_vehicle(rng, n):
+    """Return a vehicle with n rotors anywhere and unlike each other."""
+    axes = rng.normal([0.0, 0.0, 1.0], rng.choice([0.0, 0.3]), (n, 3))
+    low = rng.choice([0.0, 1.0]) * rng.uniform(0.0, 200.0, n)
+    six = n >= 6 and np.any(axes[:, :2]) and rng.random() < 0.5
+    try:
+        return build(
+            rng.uniform([-0.6, -0.6, -0.1], [0.6, 0.6, 0.1], (n, 3)), rng.choice(['P', 'N'], n),
+            {'allocation.axes': list(AXES if six else AXES[2:])},
+            axes=axes.ravel().tolist(),
+            thrust_coefficient=(2.5e-5 * rng.uniform(0.3, 3.0, n)).tolist(),
+            torque_coefficient=(5e-7 * rng.uniform(0.3, 3.0, n)).tolist(),
+            speed_min=low.tolist(),
+            speed_max=(low + rng.uniform(100.0, 500.0, n)).tolist())
+    except ParameterError:
+        return random_vehicle(rng, n)
+
+
+def full_rank(vehicle):
+    """Tell whether the rotors that can move command all axes, none by a mere trace."""
+    columns = control_allocation_matrix(vehicle) * (vehicle.thrust_max - vehicle.thrust_min)
+    extent = np.abs(columns).sum(axis=1, keepdims=True)
+    return bool(np.all(extent > 0.0)) and np.linalg.svd(columns / extent)[1][-1] > 1e-4
+
+
+generators = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+@st.composite
+def vehicles(draw, rank=True):
+    """Draw a vehicle on a grid, where rotors meet, line up, are lost or cannot move."""
+    n, rng = draw(st.integers(4, 12)), draw(generators)
+    leaning = rng.choice([0.0, 0.0, 1.0]) * rng.choice([0.0, 0.25, -0.5], (n, 2))
+    steps = draw(st.sampled_from([1, 4, 10]))
+    try:
+        vehicle = build(
+            np.column_stack([rng.integers(-steps, steps, (n, 2), endpoint=True) / 20.0, np.zeros(n)]),
+            rng.choice(['P', 'N'], n),
+            axes=np.column_stack([leaning, np.ones(n)]).ravel().tolist(),
+            thrust_coefficient=rng.choice([2.5e-5, 1e-5, 6e-5], n).tolist(),
+            torque_coefficient=rng.choice([5e-7, 2e-7, 1.2e-6], n).tolist(),
+            speed_min=rng.choice([40.0, 0.0, 300.0], n).tolist(),
+            speed_max=rng.choice([400.0, 300.0, 950.0], n).tolist(),
+            health=rng.choice([1.0, 1.0, 1.0, 1.0, 0.3, 0.0], n).tolist())
+    except ParameterError:
+        assume(False)
+    assume(full_rank(vehicle) or not rank)
+    return vehicle
+
+
+@st.composite
+def demands(draw, vehicle):
+    """Draw a wrench in the admissible set, often on its boundary, or anywhere beyond it."""
+    rng, n = draw(generators), vehicle.n
+    share = np.where(rng.random(n) < draw(st.sampled_from([0.0, 0.5, 0.9, 1.0])),
+                     rng.choice([0.0, 0.5, 1.0], n), rng.random(n))
+    low, high = vehicle.thrust_min, vehicle.thrust_max
+    u = control_allocation_matrix(vehicle) @ (low + share * (high - low))
+    push = rng.choice([0.0, 1.0]) * rng.choice([0.0, 1.0], len(u)) * rng.normal(0.0, 5.0, len(u))
+    return draw(st.sampled_from([1.0, 1.0, 1.5, 10.0, 1e6])) * (u + push)
+
+
+# Oracles
+
+def extreme(cost, matrix, right, low, high, method='highs'):
+    """Return the x of least cost with matrix x = right and low <= x <= high, or None."""
+    answer = linprog(cost, A_eq=matrix, b_eq=right, bounds=np.column_stack([low, high]),
+                     method=method, options={'primal_feasibility_tolerance': 1e-10,
+                                             'dual_feasibility_tolerance': 1e-10})
+    return answer.x if answer.status == 0 else None
+
+
+def reach(vehicle, start, direction, limit=np.inf, method='highs'):
+    """Return the greatest t <= limit for which the rotors give start + t direction, or None."""
+    gamma = control_allocation_matrix(vehicle)
+    answer = extreme(
+        np.append(np.zeros(vehicle.n), -1.0), np.column_stack([gamma, -np.asarray(direction)]),
+        start, np.append(vehicle.thrust_min, 0.0), np.append(vehicle.thrust_max, limit), method)
+    return None if answer is None else answer[-1]
+
+
+def middle(vehicle):
+    """Return the wrench of the thrusts half-way between their bounds."""
+    return control_allocation_matrix(vehicle) @ (vehicle.thrust_min + vehicle.thrust_max) / 2.0

@@ -1,0 +1,150 @@
+"""The conventional allocator against other solvers and the conditions of an optimum, (18)-(19)."""
+
+import numpy as np
+import pytest
+import quadprog
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from ca_ros import AdmissibleSet, control_allocation_matrix, make_allocator
+from ca_ros.parameters import load
+from strategies import FLEET, HEXAROTOR, demands, random_vehicle, vehicles
+
+
+def cost(gamma, weight, reference, u, thrusts):
+    """Return |f - f_ref|_Q^2 + |Gamma f - u|^2."""
+    away, left = thrusts - reference, gamma @ thrusts - u
+    return away @ weight @ away + left @ left
+
+
+def check_optimum(vehicle, weight, reference, u, thrusts):
+    """Check that no rotor can lower the cost within its bounds."""
+    gamma = control_allocation_matrix(vehicle)
+    slope = weight @ (thrusts - reference) + gamma.T @ (gamma @ thrusts - u)
+    terms = np.abs(weight) @ (vehicle.thrust_max + np.abs(reference)) + np.abs(gamma.T) @ (
+        np.abs(gamma) @ vehicle.thrust_max + np.abs(u))
+    rounding, atom = 1e-8 * (1.0 + terms), 1e-12 * (1.0 + vehicle.thrust_max)
+    assert np.all((slope >= -rounding) | (thrusts >= vehicle.thrust_max - atom))
+    assert np.all((slope <= rounding) | (thrusts <= vehicle.thrust_min + atom))
+
+
+@given(st.data())
+def test_the_conditions_of_an_optimum_hold(data):
+    vehicle = data.draw(vehicles(rank=False))
+    u = data.draw(demands(vehicle))
+    q = data.draw(st.sampled_from([1e-6, 1e-4, 1e-2, 1.0]))
+    reference = data.draw(st.sampled_from(['hover', 'zero']))
+    a = make_allocator('conventional', vehicle, weight=q, reference=reference).allocate(u)
+    level = vehicle.mass * vehicle.gravity / vehicle.n if reference == 'hover' else 0.0
+    check_optimum(vehicle, q * np.eye(vehicle.n), np.full(vehicle.n, level), u, a.thrusts)
+
+
+@given(st.data())
+def test_the_conditions_of_an_optimum_hold_for_a_singular_weight(data):
+    vehicle = data.draw(vehicles())
+    u = data.draw(demands(vehicle))
+    weight = data.draw(st.sampled_from([0.0, 1e-3])) * np.ones((vehicle.n, vehicle.n))
+    a = make_allocator('conventional', vehicle, weight=weight, reference='zero').allocate(u)
+    check_optimum(vehicle, weight, np.zeros(vehicle.n), u, a.thrusts)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_it_agrees_with_other_solvers(seed):
+    rng = np.random.default_rng(seed)
+    vehicle = random_vehicle(rng, 4 + seed % 7)
+    n, gamma = vehicle.n, control_allocation_matrix(vehicle)
+    root = np.sqrt(1e-2) * rng.normal(size=(n, n))
+    weight, reference = root.T @ root, rng.uniform(vehicle.thrust_min, vehicle.thrust_max)
+    allocator = make_allocator('conventional', vehicle, weight=weight, reference=reference)
+    for u in rng.uniform(-0.5, 1.5, (10, n)) * vehicle.thrust_max @ gamma.T:
+        thrusts = allocator.allocate(u).thrusts
+        least_squares = lsq_linear(
+            np.vstack([root, gamma]), np.concatenate([root @ reference, u]),
+            (vehicle.thrust_min, vehicle.thrust_max), method='bvls', tol=1e-14).x
+        quadratic = quadprog.solve_qp(
+            weight + gamma.T @ gamma, weight @ reference + gamma.T @ u,
+            np.hstack([np.eye(n), -np.eye(n)]),
+            np.concatenate([vehicle.thrust_min, -vehicle.thrust_max]))[0]
+        for other in (least_squares, quadratic):
+            other = np.clip(other, vehicle.thrust_min, vehicle.thrust_max)
+            assert cost(gamma, weight, reference, u, thrusts) <= cost(
+                gamma, weight, reference, u, other) * (1.0 + 1e-9) + 1e-12
+
+
+def test_a_single_axis_worked_out_by_hand():
+    # For a pure thrust T all six thrusts are alike, S / 6 each, and the cost with Q = q 1 1^T is
+    # q S^2 + (S - T)^2: S = T / (1 + q).
+    q, thrust = 9.1e-4, 12.0
+    allocator = make_allocator(
+        'conventional', HEXAROTOR, weight=np.full((6, 6), q), reference='zero')
+    a = allocator.allocate([thrust, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(a.thrusts, thrust / (1.0 + q) / 6.0, rtol=1e-6)
+    assert a.residual[0] == pytest.approx(q / (1.0 + q) * thrust, rel=1e-6)
+    # With f_ref at hover, T = 9.81 N costs nothing.
+    a = make_allocator('conventional', HEXAROTOR).allocate([9.81, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(a.thrusts, 1.635, rtol=1e-9)
+
+
+def test_where_the_cost_leaves_the_thrusts_open_the_least_norm_decides():
+    # 1^T f is a row of Gamma: with Q = q 1 1^T every f with the same wrench costs the same.
+    allocator = make_allocator(
+        'conventional', HEXAROTOR, weight=np.full((6, 6), 1e-3), reference='zero')
+    exact = make_allocator('exact', HEXAROTOR)
+    for u in AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(0), 50):
+        a = allocator.allocate(u)
+        least = exact.allocate(a.wrench).thrusts
+        np.testing.assert_allclose(a.thrusts, least, rtol=0.0, atol=1e-4)
+
+
+def test_the_row_of_the_papers_table():
+    # Paper: force error 1.1e-2 / 2.0e-2 N, torque error at most 4.1e-5 N m, no violation.
+    parameters = load('hexarotor')
+    prefix = 'allocation.conventional.'
+    allocator = make_allocator('conventional', HEXAROTOR, **{
+        name.removeprefix(prefix): value for name, value in parameters.items()
+        if name.startswith(prefix)})
+    samples = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(0), 1000)
+    residual = np.abs(allocator.allocate_batch(samples).residual)
+    assert residual[:, 0].mean() == pytest.approx(1.1e-2, abs=0.05e-2)
+    assert residual[:, 0].max() == pytest.approx(2.0e-2, abs=0.2e-2)
+    assert np.linalg.norm(residual[:, 1:], axis=1).max() < 1e-4
+
+
+@pytest.mark.parametrize(('weight', 'matrix'), [
+    (2e-3, 2e-3 * np.eye(6)),
+    ([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3], np.diag([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])),
+    ([9e-4] * 36, np.full((6, 6), 9e-4)),
+])
+def test_a_weight_may_be_a_number_a_diagonal_or_a_matrix(weight, matrix):
+    u = [14.0, 0.5, -0.4, 0.02]
+    short, long = (make_allocator('conventional', HEXAROTOR, weight=w).allocate(u)
+                   for w in (weight, matrix))
+    np.testing.assert_array_equal(short.thrusts, long.thrusts)
+
+
+@pytest.mark.parametrize('weight', [
+    [1.0, 2.0], -1.0, [[1.0, 2.0], [0.0, 1.0]], np.nan, np.triu(np.ones((6, 6))),
+    -np.ones((6, 6)), [1.0] * 5 + [-1.0], 'heavy'])
+def test_a_wrong_weight_is_refused(weight):
+    with pytest.raises(ValueError, match='weight'):
+        make_allocator('conventional', HEXAROTOR, weight=weight)
+
+
+@pytest.mark.parametrize('reference', ['lift', [1.0] * 5, [np.nan] * 6])
+def test_a_wrong_reference_is_refused(reference):
+    with pytest.raises(ValueError, match='reference'):
+        make_allocator('conventional', HEXAROTOR, reference=reference)
+
+
+@pytest.mark.parametrize('name', FLEET)
+def test_a_small_weight_makes_small_errors_inside_the_set(name):
+    # The error is at most that of the exact thrusts: |r|^2 <= q |f - f_ref|^2.
+    vehicle, q = FLEET[name], 1e-8
+    rng = np.random.default_rng(0)
+    thrusts = rng.uniform(vehicle.thrust_min, vehicle.thrust_max, (20, vehicle.n))
+    wrenches = thrusts @ control_allocation_matrix(vehicle).T
+    batch = make_allocator('conventional', vehicle, weight=q, reference='zero').allocate_batch(
+        wrenches)
+    assert np.all(np.linalg.norm(batch.residual, axis=1)
+                  <= np.sqrt(q) * np.linalg.norm(thrusts, axis=1))

@@ -1,0 +1,245 @@
+"""The exact allocator: Gamma f = u to rounding, bounds to the last bit, least norm."""
+
+import os
+from itertools import combinations
+
+import daqp
+import numpy as np
+import pytest
+import quadprog
+
+from ca_ros import AdmissibleSet, Status, control_allocation_matrix, make_allocator
+from strategies import FLEET, middle, random_vehicle
+
+VEHICLES = int(os.environ.get('CA_ROS_VEHICLES', '150'))
+HARD = (238, 247, 420, 833, 874, 919, 929, 944, 983)
+"""Vehicles whose edges or near-singular active sets have defeated a solver."""
+
+INWARD = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+OUTWARD = (1e-15, 1e-14, 1e-13, 3e-13)
+
+
+def boundary_thrusts(vehicle, rng, size):
+    """Draw thrusts whose wrenches lie on facets, edges and vertices of the admissible set.
+
+    On a facet with normal v each rotor is at the bound where v Gamma_i f_i is greatest, except
+    for those whose column is orthogonal to v: they may be anywhere, or at their bounds too.
+    """
+    gamma = control_allocation_matrix(vehicle)
+    low, high = vehicle.thrust_min, vehicle.thrust_max
+    columns = (gamma * (high - low)).T
+    choices = list(combinations(range(vehicle.n), len(gamma) - 1))
+    drawn = []
+    while len(drawn) < size:
+        spanned = columns[list(choices[rng.integers(len(choices))])]
+        singular, right = np.linalg.svd(spanned)[1:]
+        if singular[-1] < 1e-6 * singular[0]:
+            continue
+        along = columns @ right[-1] * rng.choice([-1.0, 1.0])
+        free = np.abs(along) < 1e-12 * np.linalg.norm(columns, axis=1)
+        inside = free & (rng.random(vehicle.n) < rng.choice([0.0, 0.3, 1.0]))
+        ends = np.where(free, rng.choice([-1.0, 1.0], vehicle.n), np.sign(along))
+        drawn.append(np.where(inside, rng.uniform(low, high), np.where(ends > 0.0, high, low)))
+    return np.array(drawn)
+
+
+def commands(vehicle, rng, size):
+    """Yield commands in and around the boundary of the admissible set, by name."""
+    gamma, center = control_allocation_matrix(vehicle), middle(vehicle)
+    thrusts = rng.uniform(vehicle.thrust_min, vehicle.thrust_max, (size, vehicle.n))
+    yield 'interior', thrusts @ gamma.T
+    edge = boundary_thrusts(vehicle, rng, size) @ gamma.T
+    yield 'boundary', edge
+    lengths = np.linalg.norm(edge - center, axis=1, keepdims=True)
+    for depth in INWARD:
+        yield f'{depth} inside', edge + np.minimum(depth / lengths, 1.0) * (center - edge)
+    for height in OUTWARD:
+        rounding = height * np.maximum(1.0, np.linalg.norm(edge, axis=1, keepdims=True))
+        yield f'{height} outside', edge + rounding / lengths * (edge - center)
+
+
+def by_quadprog(gamma, u, low, high):
+    identity = np.eye(len(low))
+    return quadprog.solve_qp(
+        identity, np.zeros(len(low)), np.vstack([gamma, identity, -identity]).T,
+        np.concatenate([u, low, -high]), len(u))[0]
+
+
+def by_daqp(gamma, u, low, high):
+    sense = np.zeros(len(low) + len(u), dtype=np.int32)
+    sense[len(low):] = 5
+    thrusts, _, flag, _ = daqp.solve(
+        np.eye(len(low)), np.zeros(len(low)), np.ascontiguousarray(gamma),
+        np.concatenate([high, u]), np.concatenate([low, u]), sense, primal_tol=1e-12)
+    if flag < 1:
+        raise ValueError(f'daqp ended with {flag}')
+    return thrusts
+
+
+def oracle_norms(vehicle, u):
+    """Return the norms of those answers of the other solvers that solve the problem at all."""
+    gamma, norms = control_allocation_matrix(vehicle), []
+    for solve in (by_quadprog, by_daqp):
+        try:
+            thrusts = solve(gamma, u, vehicle.thrust_min, vehicle.thrust_max)
+        except ValueError:
+            continue
+        thrusts = np.clip(thrusts, vehicle.thrust_min, vehicle.thrust_max)
+        if np.linalg.norm(gamma @ thrusts - u) <= 1e-12 * max(1.0, np.linalg.norm(u)):
+            norms.append(float(np.linalg.norm(thrusts)))
+    return norms
+
+
+def excess(vehicle, u, thrusts):
+    """Return the figures of the promise, by name: all of them should be at most one."""
+    residual = np.linalg.norm(control_allocation_matrix(vehicle) @ thrusts - u)
+    norms = oracle_norms(vehicle, u)
+    return {
+        'residual': residual / (1e-12 * max(1.0, np.linalg.norm(u))),
+        'norm': max([(np.linalg.norm(thrusts) - norm) / max(1.0, norm) for norm in norms],
+                    default=0.0) / 1e-9,
+        'oracles': len(norms),
+    }
+
+
+def check(vehicle, allocator, kind, u):
+    a = allocator.allocate(u)
+    assert a.status is Status.EXACT, kind
+    assert np.all(a.thrusts >= vehicle.thrust_min), kind
+    assert np.all(a.thrusts <= vehicle.thrust_max), kind
+    figures = excess(vehicle, u, a.thrusts)
+    assert figures['residual'] <= 1.0, (kind, figures)
+    assert figures['norm'] <= 1.0, (kind, figures)
+    if kind == 'interior':
+        assert figures['oracles'] > 0, 'no other solver has an answer to compare with'
+
+
+@pytest.mark.parametrize('name', FLEET)
+def test_exact_in_and_around_the_boundary_of_any_named_vehicle(name):
+    vehicle, rng = FLEET[name], np.random.default_rng(0)
+    allocator = make_allocator('exact', vehicle)
+    for kind, wrenches in commands(vehicle, rng, 15):
+        for u in wrenches:
+            check(vehicle, allocator, kind, u)
+
+
+@pytest.mark.parametrize('seed', sorted({*range(VEHICLES), *HARD}))
+def test_exact_in_and_around_the_boundary_of_any_random_vehicle(seed):
+    rng = np.random.default_rng(seed)
+    vehicle = random_vehicle(rng, 4 + seed % 13)
+    allocator = make_allocator('exact', vehicle)
+    for kind, wrenches in commands(vehicle, rng, 4):
+        for u in wrenches:
+            check(vehicle, allocator, kind, u)
+
+
+@pytest.mark.parametrize('name', ['quadrotor', 'tilted_hexarotor'])
+def test_a_square_matrix_leaves_one_solution(name):
+    vehicle = FLEET[name]
+    thrusts = np.random.default_rng(0).uniform(
+        vehicle.thrust_min, vehicle.thrust_max, (100, vehicle.n))
+    gamma = control_allocation_matrix(vehicle)
+    assert gamma.shape == (vehicle.n, vehicle.n)
+    batch = make_allocator('exact', vehicle).allocate_batch(thrusts @ gamma.T)
+    np.testing.assert_allclose(batch.thrusts, thrusts, rtol=0.0, atol=1e-11)
+
+
+def test_identical_columns_share_alike():
+    vehicle = FLEET['x8_identical_columns']
+    gamma = control_allocation_matrix(vehicle)
+    assert np.array_equal(gamma[:, :4], gamma[:, 4:])
+    for _, wrenches in commands(vehicle, np.random.default_rng(1), 20):
+        thrusts = make_allocator('exact', vehicle).allocate_batch(wrenches).thrusts
+        np.testing.assert_allclose(thrusts[:, :4], thrusts[:, 4:], rtol=0.0, atol=1e-9)
+
+
+def test_hover_is_shared_alike_by_all_rotors():
+    # m g / n = 9.81 / 6 N each, sqrt(9.81 / (6 * 2.5e-5)) = 255.73 rad/s.
+    hover = make_allocator('exact', FLEET['hexarotor']).allocate([9.81, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(hover.thrusts, 1.635, rtol=1e-13)
+    np.testing.assert_allclose(hover.speeds, 255.734, atol=5e-4)
+    assert hover.status is Status.EXACT
+
+
+def test_a_vertex_of_the_set_leaves_one_solution():
+    # Where the rotors are all at the bounds that a price y of the wrench sends them to, nothing
+    # else gives that wrench.
+    vehicle = FLEET['hexarotor']
+    gamma = control_allocation_matrix(vehicle)
+    prices = np.random.default_rng(2).normal(size=(50, 4)) / [1.0, 0.4, 0.4, 0.02]
+    corners = np.where(prices @ gamma > 0.0, 4.0, 0.04)
+    assert len(np.unique(corners, axis=0)) > 20
+    batch = make_allocator('exact', vehicle).allocate_batch(corners @ gamma.T)
+    np.testing.assert_allclose(batch.thrusts, corners, rtol=0.0, atol=1e-9)
+
+
+# With OSQP
+
+@pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'x8_identical_columns', 'asymmetric'])
+def test_a_start_at_the_answer_of_osqp_ends_at_the_same_thrusts(name):
+    vehicle, rng = FLEET[name], np.random.default_rng(3)
+    own, started = (make_allocator('exact', vehicle, solver=solver)
+                    for solver in ('newton', 'osqp'))
+    for kind, wrenches in commands(vehicle, rng, 5):
+        for u in wrenches:
+            check(vehicle, started, kind, u)
+        np.testing.assert_allclose(
+            started.allocate_batch(wrenches).thrusts, own.allocate_batch(wrenches).thrusts,
+            rtol=0.0, atol=1e-6)
+
+
+# The certificate
+
+@pytest.mark.parametrize('name', FLEET)
+def test_the_certificate_proves_the_answer(name):
+    vehicle, rng = FLEET[name], np.random.default_rng(4)
+    gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
+    low, high = vehicle.thrust_min, vehicle.thrust_max
+    allocator = make_allocator('exact', vehicle)
+    for _, wrenches in commands(vehicle, rng, 5):
+        for u in wrenches:
+            a = allocator.allocate(u)
+            proof = a.certificate
+            assert proof.primal_residual == pytest.approx(
+                np.linalg.norm(u - gamma @ a.thrusts), abs=1e-14 * (1.0 + np.linalg.norm(u)))
+            assert proof.bound_violation == 0.0
+            # By the multipliers alone: the rotors are where these prices of the wrench send them.
+            sent = np.clip(proof.multipliers @ gamma, low, high)
+            assert proof.kkt_residual == pytest.approx(
+                np.abs(a.thrusts - sent).max(), abs=1e-12 * high.max())
+            assert proof.kkt_residual < 1e-6 * high.max()
+            assert proof.margin == pytest.approx(admissible.margin(u), abs=1e-12)
+
+
+@pytest.mark.parametrize('name', FLEET)
+def test_the_certificate_names_the_nearest_facet_by_its_rotors(name):
+    # With the named rotors at their bounds, the others span a plane at the distance of the margin.
+    vehicle, rng = FLEET[name], np.random.default_rng(5)
+    gamma = control_allocation_matrix(vehicle)
+    low, high = vehicle.thrust_min, vehicle.thrust_max
+    samples = rng.uniform(low, high, (20, vehicle.n)) @ gamma.T
+    for u in np.vstack([samples, 3.0 * samples]):
+        proof = make_allocator('exact', vehicle).allocate(u).certificate
+        on_facet = gamma @ np.where(proof.limit > 0, high, low)
+        normal = np.linalg.svd(gamma[:, proof.limit == 0])[0][:, -1]
+        assert abs(normal @ (u - on_facet)) == pytest.approx(abs(proof.margin), abs=1e-10)
+        assert ('inside' if proof.margin > 0.0 else 'outside') in str(proof)
+
+
+def test_the_certificate_of_thrusts_that_are_not_the_least():
+    # Hover by direct allocation: a rotor at 4 N where 9.81 / 6 = 1.635 N would do.
+    direct = make_allocator('direct', FLEET['hexarotor'])
+    proof = direct.allocate([9.81, 0.0, 0.0, 0.0]).certificate
+    assert proof.kkt_residual == pytest.approx(4.0 - 1.635)
+    assert proof.primal_residual < 1e-12
+
+
+def test_the_certificate_of_a_batch_has_one_row_a_wrench():
+    allocator = make_allocator('exact', FLEET['hexarotor'])
+    wrenches = np.array([[9.81, 0.0, 0.0, 0.0], [30.0, 1.0, 0.0, 0.0]])
+    together = allocator.allocate_batch(wrenches).certificate
+    for i, u in enumerate(wrenches):
+        alone = allocator.allocate(u).certificate
+        for name in ('primal_residual', 'bound_violation', 'kkt_residual', 'margin', 'limit'):
+            np.testing.assert_allclose(
+                getattr(together, name)[i], getattr(alone, name), rtol=1e-9, atol=1e-12)

@@ -1,0 +1,223 @@
+"""Priorities against an independent sequence of linear programs."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ca_ros import AdmissibleSet, Status, control_allocation_matrix, make_allocator
+from strategies import (
+    FLEET,
+    HEXAROTOR,
+    build,
+    demands,
+    extreme,
+    random_vehicle,
+    vehicles,
+)
+
+ORDERS = {
+    'default': [['roll', 'pitch'], ['thrust'], ['yaw']],
+    'thrust first': [['thrust'], ['roll', 'pitch'], ['yaw']],
+    'one by one': [['yaw'], ['pitch'], ['thrust'], ['roll']],
+}
+
+
+def groups_of(vehicle, order):
+    return [[vehicle.axes.index(axis) for axis in group] for group in order]
+
+
+def lexicographic(vehicle, u, groups):
+    """Serve one group after the other by linear programs.
+
+    A group of one axis gets the value nearest to its demand.  A group of several goes from hover
+    towards its demand as far as it can.  Returns the wrench up to the first group whose hover is
+    out of reach by then: what that one gets instead is for the product to say.
+    """
+    hover = np.array([vehicle.weight if axis == 'thrust' else 0.0 for axis in vehicle.axes])
+    gamma = control_allocation_matrix(vehicle)
+    low, high = vehicle.thrust_min, vehicle.thrust_max
+    served, done = np.full(len(u), np.nan), []
+    for group in groups:
+        if len(group) == 1:
+            row = gamma[group[0]]
+            ends = [row @ extreme(sign * row, gamma[done], served[done], low, high)
+                    for sign in (1.0, -1.0)]
+            served[group] = np.clip(u[group], *ends)
+        else:
+            way = np.zeros(len(u))
+            way[group] = u[group] - hover[group]
+            rows = done + group
+            least, most = (extreme(
+                np.append(np.zeros(vehicle.n), sign), np.column_stack([gamma, -way])[rows],
+                np.where(np.isnan(served), hover, served)[rows],
+                np.append(low, 0.0), np.append(high, 1.0)) for sign in (1.0, -1.0))
+            if least is None or least[-1] > 0.0:
+                break
+            served[group] = hover[group] + most[-1] * way[group]
+        done += group
+    return served
+
+
+def infeasible(vehicle, admissible, rng, size):
+    """Draw commands outside of the set, up to three times as far from its middle."""
+    columns = control_allocation_matrix(vehicle) * (vehicle.thrust_max - vehicle.thrust_min)
+    extent = 1.5 * np.abs(columns).sum(axis=1)
+    wrenches = rng.uniform(admissible.center - extent, admissible.center + extent,
+                           (20 * size, len(extent)))
+    return wrenches[~admissible.contains(wrenches)][:size]
+
+
+def compare(vehicle, order, rng, size):
+    admissible = AdmissibleSet(vehicle)
+    groups = groups_of(vehicle, order)
+    scale = 1.0 + np.linalg.norm(admissible.center)
+    for u in infeasible(vehicle, admissible, rng, size):
+        expected = lexicographic(vehicle, u, groups)
+        served = admissible.prioritize(u, order)
+        assert admissible.contains(served, tolerance=1e-12 * scale)
+        known = ~np.isnan(expected)
+        np.testing.assert_allclose(served[known], expected[known], rtol=0.0, atol=1e-6 * scale)
+
+
+@pytest.mark.parametrize('order', ORDERS)
+def test_the_hexarotor_serves_as_the_linear_programs_do(order):
+    compare(HEXAROTOR, ORDERS[order], np.random.default_rng(0), 200)
+
+
+@pytest.mark.parametrize('order', ORDERS)
+@pytest.mark.parametrize('seed', range(10))
+def test_random_vehicles_serve_as_the_linear_programs_do(seed, order):
+    rng = np.random.default_rng(seed)
+    vehicle = random_vehicle(rng, 4 + seed % 5)
+    lateral = [[axis] for axis in vehicle.axes if axis.startswith('force')]
+    compare(vehicle, ORDERS[order] + lateral, rng, 14)
+
+
+def test_priorities_worked_out_by_hand():
+    # Without roll and pitch the mean thrusts f_P of rotors 1, 3, 5 and f_N of 2, 4, 6 may be any
+    # from 0.04 to 4 N: all rotors of a kind alike do it.  Thrust is 3 (f_P + f_N), yaw
+    # 0.06 (f_P - f_N).
+    admissible = AdmissibleSet(HEXAROTOR)
+    # Thrust before yaw: 21 N are 7 N for f_P + f_N, thus f_P = 4, f_N = 3 and 0.06 N m at most.
+    np.testing.assert_allclose(
+        admissible.prioritize([21.0, 0.0, 0.0, 1.0]), [21.0, 0.0, 0.0, 0.06], atol=1e-12)
+    # Yaw before thrust: f_P = 4, f_N = 0.04 give 0.2376 N m and 12.12 N.
+    yaw_first = [['roll', 'pitch'], ['yaw'], ['thrust']]
+    np.testing.assert_allclose(
+        admissible.prioritize([21.0, 0.0, 0.0, 1.0], yaw_first), [12.12, 0.0, 0.0, 0.2376],
+        atol=1e-12)
+    # All the thrust there is, 24 N, and nothing else.
+    thrust_first = [['thrust'], ['roll', 'pitch', 'yaw']]
+    np.testing.assert_allclose(
+        admissible.prioritize([99.0, 1.0, 1.0, 1.0], thrust_first), [24.0, 0.0, 0.0, 0.0],
+        atol=1e-12)
+
+
+def test_lateral_forces_come_last_by_default():
+    admissible = AdmissibleSet(FLEET['tilted_hexarotor'])
+    axes = admissible.problem.axes
+    u = np.array([50.0, 0.0, 9.81, 0.5, 0.0, 0.1])
+    order = [['roll', 'pitch'], ['thrust'], ['yaw'], ['force_x', 'force_y']]
+    served = admissible.prioritize(u)
+    np.testing.assert_array_equal(served, admissible.prioritize(u, order))
+    kept = [axes.index(axis) for axis in ('thrust', 'roll', 'pitch', 'yaw')]
+    np.testing.assert_allclose(served[kept], u[kept], atol=1e-12)
+    assert 0.0 < served[axes.index('force_x')] < 50.0
+
+
+@given(st.data())
+def test_what_is_served_is_in_the_set_and_what_is_in_the_set_is_served(data):
+    vehicle = data.draw(vehicles())
+    u = data.draw(demands(vehicle))
+    order = [[axis] for axis in data.draw(st.permutations(vehicle.axes))]
+    if data.draw(st.booleans()):
+        order = [order[0], order[1] + order[2], order[3]]
+    admissible = AdmissibleSet(vehicle)
+    served = admissible.prioritize(u, order)
+    assert admissible.contains(served, tolerance=1e-12 * (1.0 + np.linalg.norm(admissible.center)))
+    if admissible.contains(u):
+        np.testing.assert_array_equal(served, u)
+
+
+@given(st.data())
+def test_a_group_is_not_touched_by_the_demands_after_it(data):
+    vehicle = data.draw(vehicles())
+    u = data.draw(demands(vehicle))
+    admissible = AdmissibleSet(vehicle)
+    changed = np.append(u[:3], data.draw(st.floats(-10.0, 10.0)))
+    served = [admissible.prioritize(demand)[:3] for demand in (u, changed)]
+    np.testing.assert_allclose(*served, rtol=0.0, atol=1e-9 * (1.0 + np.linalg.norm(served[0])))
+
+
+@pytest.mark.parametrize('order', [
+    [['roll', 'pitch'], ['thrust']], [['roll'], ['roll', 'pitch'], ['thrust'], ['yaw']],
+    [['roll', 'pitch'], ['thrust'], ['yaw'], ['lift']], [['roll', 'pitch', 'thrust', 'yaw'], []],
+    []])
+def test_an_order_names_each_axis_once(order):
+    with pytest.raises(ValueError, match='order'):
+        AdmissibleSet(HEXAROTOR).prioritize([30.0, 0.0, 0.0, 0.0], order)
+
+
+# Continuity
+
+ASYMMETRIC = build(
+    [[0.5, 0.3, 0.0], [-0.2, 0.4, 0.0], [-0.4, -0.1, 0.0], [0.1, -0.6, 0.0], [0.3, 0.0, 0.0]],
+    'PNPNP', speed_max=[400.0, 450.0, 500.0, 350.0, 480.0])
+
+POLICIES = [{'policy': 'scale'}] + [
+    {'policy': 'prioritize', 'order': order} for order in ORDERS.values()]
+
+
+@pytest.mark.parametrize('options', POLICIES)
+@pytest.mark.parametrize('vehicle', [HEXAROTOR, ASYMMETRIC], ids=['hexarotor', 'asymmetric'])
+def test_a_demand_that_slides_through_the_boundary_makes_no_jump(vehicle, options):
+    # Where the answer is continuous, steps a tenth as long change it about a tenth as much.
+    allocator = make_allocator('exact', vehicle, **options)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        start, end = AdmissibleSet(vehicle).sample(rng, 2)
+        end = start + 3.0 * (end - start)
+
+        def greatest_change(around, width, start=start, end=end):
+            share = around + width * np.linspace(-0.5, 0.5, 51)[:, None]
+            answers = allocator.allocate_batch(start + share * (end - start))
+            changes = np.abs(np.diff(answers.speeds, axis=0)).max(axis=1)
+            worst = np.argmax(changes)
+            return changes[worst], share[worst, 0]
+
+        change, around = greatest_change(0.5, 1.0)
+        for width in (0.1, 0.01, 0.001):
+            finer, around = greatest_change(around, width)
+        assert finer < 0.01 * change + 1e-9
+
+
+@given(st.data())
+def test_near_demands_get_near_thrusts(data):
+    vehicle = data.draw(vehicles())
+    u = data.draw(demands(vehicle))
+    direction = np.array(data.draw(st.lists(
+        st.floats(-1.0, 1.0), min_size=len(u), max_size=len(u))))
+    allocator = make_allocator('exact', vehicle)
+    a, b = (allocator.allocate(u + step * direction) for step in (0.0, 1e-9))
+    assert np.abs(a.thrusts - b.thrusts).max() < 1e-4
+
+
+@pytest.mark.parametrize('policy', ['prioritize', 'scale', 'reject'])
+def test_the_status_names_what_was_done(policy):
+    allocator = make_allocator('exact', HEXAROTOR, policy=policy)
+    assert allocator.allocate([9.81, 0.0, 0.0, 0.0]).status is Status.EXACT
+    outside = allocator.allocate([9.81, 0.0, 0.0, 1.0])
+    assert outside.status.name.lower() == {
+        'prioritize': 'prioritized', 'scale': 'scaled', 'reject': 'rejected'}[policy]
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ({'policy': 'hope'}, 'prioritize, scale, reject'),
+    ({'order': [['thrust']]}, 'order'),
+    ({'policy': 'scale', 'about': [99.0, 0.0, 0.0, 0.0]}, 'about'),
+    ({'policy': 'scale', 'about': [9.81, 0.0]}, 'shape'),
+])
+def test_a_wrong_option_is_refused_at_once(options, words):
+    with pytest.raises(ValueError, match=words):
+        make_allocator('exact', HEXAROTOR, **options)
