@@ -107,9 +107,10 @@ def vehicles(draw, rank=True):
     n, rng = draw(st.integers(4, 12)), draw(generators)
     leaning = rng.choice([0.0, 0.0, 1.0]) * rng.choice([0.0, 0.25, -0.5], (n, 2))
     steps = draw(st.sampled_from([1, 4, 10]))
+    plane = rng.integers(-steps, steps, (n, 2), endpoint=True) / 20.0
     try:
         vehicle = build(
-            np.column_stack([rng.integers(-steps, steps, (n, 2), endpoint=True) / 20.0, np.zeros(n)]),
+            np.column_stack([plane, np.zeros(n)]),
             rng.choice(['P', 'N'], n),
             axes=np.column_stack([leaning, np.ones(n)]).ravel().tolist(),
             thrust_coefficient=rng.choice([2.5e-5, 1e-5, 6e-5], n).tolist(),

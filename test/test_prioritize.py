@@ -39,19 +39,23 @@ def lexicographic(vehicle, u, groups):
     low, high = vehicle.thrust_min, vehicle.thrust_max
     served, done = np.full(len(u), np.nan), []
     for group in groups:
+        rows = done + group
+        right = np.where(np.isnan(served), hover, served)
         if len(group) == 1:
-            row = gamma[group[0]]
-            ends = [row @ extreme(sign * row, gamma[done], served[done], low, high)
-                    for sign in (1.0, -1.0)]
-            served[group] = np.clip(u[group], *ends)
+            # The least of the excess e and the lack l in Gamma f - e + l = u.
+            right[group] = u[group]
+            slack = np.zeros((len(u), 2))
+            slack[group] = [-1.0, 1.0]
+            answer = extreme(
+                np.append(np.zeros(vehicle.n), [1.0, 1.0]), np.hstack([gamma, slack])[rows],
+                right[rows], np.append(low, [0.0, 0.0]), np.append(high, [np.inf, np.inf]))
+            served[group] = u[group] + answer[-2] - answer[-1]
         else:
             way = np.zeros(len(u))
             way[group] = u[group] - hover[group]
-            rows = done + group
             least, most = (extreme(
                 np.append(np.zeros(vehicle.n), sign), np.column_stack([gamma, -way])[rows],
-                np.where(np.isnan(served), hover, served)[rows],
-                np.append(low, 0.0), np.append(high, 1.0)) for sign in (1.0, -1.0))
+                right[rows], np.append(low, 0.0), np.append(high, 1.0)) for sign in (1.0, -1.0))
             if least is None or least[-1] > 0.0:
                 break
             served[group] = hover[group] + most[-1] * way[group]

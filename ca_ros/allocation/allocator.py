@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import AllocationProblem
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.vehicle import Vehicle
 
 
@@ -62,15 +62,34 @@ class Allocator(ABC):
 
     def _allocate_batch(self, demands: Array) -> Allocation:
         answers = [self._allocate(u) for u in demands]
+        thrusts = np.array([a.thrusts for a in answers])
+        return self._batch(
+            demands,
+            thrusts.reshape(len(demands), self.problem.vehicle.n),
+            np.array([a.status for a in answers], dtype=np.int8),
+            levels=np.array([a.level for a in answers], dtype=float),
+            violations=np.array([a.violation for a in answers], dtype=float),
+        )
+
+    def _batch(
+        self,
+        demands: Array,
+        thrusts: Array,
+        status: IntArray | None = None,
+        levels: Array | None = None,
+        violations: Array | None = None,
+    ) -> Allocation:
+        """Return the answer to demands (N, m), judged here if there is no status."""
+        n = len(demands)
+        if status is None:
+            status = np.where(self._judge(demands, thrusts), Status.EXACT, Status.INEXACT)
         return Allocation(
             self.problem,
             demands,
-            np.array([a.thrusts for a in answers]).reshape(
-                len(demands), self.problem.gamma.shape[1]
-            ),
-            np.array([a.status for a in answers], dtype=np.int8),
-            np.array([a.level for a in answers], dtype=float),
-            np.array([a.violation for a in answers], dtype=float),
+            thrusts,
+            status.astype(np.int8),
+            np.ones(n) if levels is None else levels,
+            np.zeros(n) if violations is None else violations,
         )
 
     def _judge(self, demands: Array, thrusts: Array) -> BoolArray:

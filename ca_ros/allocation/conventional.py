@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.affine_laws import AffineLaw, AffineLaws
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -56,9 +56,7 @@ class Conventional(Allocator):
         thrusts = self._laws.find_batch(demands)
         for i in np.flatnonzero(np.isnan(thrusts).any(axis=1)):
             thrusts[i] = self._solve(demands[i])
-        exact = self._judge(demands, thrusts)
-        status = np.where(exact, Status.EXACT, Status.INEXACT).astype(np.int8)
-        return Allocation(self.problem, demands, thrusts, status)
+        return self._batch(demands, thrusts)
 
     def _learn(self, u: Array) -> AffineLaw | None:
         """Return the law of the active set at u.

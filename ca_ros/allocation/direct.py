@@ -37,11 +37,12 @@ class Direct(Allocator):
         super().__init__(vehicle)
         # Multiples of the golden ratio, less whole numbers: as far from each other as can be.
         self.cost = 1.0 + np.arange(1, vehicle.n + 1) * GOLDEN % 1.0
+        self._image = self.problem.image
         self._laws = AffineLaws(self.problem.lower, self.problem.upper, self._learn)
 
     def levels(self, demands: Array) -> Array:
         """Return alpha (...) for wrenches (..., m); NaN if there is none."""
-        image = self.problem.image
+        image = self._image
         middle = image.normals @ image.center
         rates = demands @ image.normals.T
         # For each pair of facets, alpha rates is within the width of the middle.
@@ -80,14 +81,14 @@ class Direct(Allocator):
         exact = self._judge(demands, thrusts) & given
         status[exact], levels[exact] = Status.EXACT, 1.0
         status[~given], levels[~given] = Status.REJECTED, 0.0
-        return Allocation(self.problem, demands, thrusts, status, levels)
+        return self._batch(demands, thrusts, status, levels)
 
     def _learn(self, u: Array) -> AffineLaw | None:
         """Return the law of the basis of the cheapest thrusts that give u."""
         gamma, low, high = self.problem.gamma, self.problem.lower, self.problem.upper
         for inwards in (0.0, 1e-6, 1e-8):
             # A wrench on the border of a basis's region does not determine it; one beside it does.
-            thrusts = self._cheapest(u + inwards * (self.problem.image.center - u))
+            thrusts = self._cheapest(u + inwards * (self._image.center - u))
             room = np.minimum(thrusts - low, high - thrusts)
             free = room > 1e-9 * (1.0 + high)
             if free.sum() != len(gamma) or np.linalg.cond(gamma[:, free]) > 1e12:

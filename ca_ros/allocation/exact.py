@@ -121,4 +121,4 @@ class Exact(Allocator):
         status[~self._judge(served, thrusts) & ~rejected] = Status.INEXACT
         exact = self._judge(demands, thrusts) & ~rejected
         status[exact], levels[exact] = Status.EXACT, 1.0
-        return Allocation(self.problem, demands, thrusts, status, levels)
+        return self._batch(demands, thrusts, status, levels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -35,9 +35,5 @@ class PseudoInverse(Allocator):
     def _allocate_batch(self, demands: Array) -> Allocation:
         wanted = demands @ self.inverse.T
         thrusts = self.problem.clip(wanted)
-        status = np.where(self._judge(demands, thrusts), Status.EXACT, Status.INEXACT).astype(
-            np.int8
-        )
-        return Allocation(
-            self.problem, demands, thrusts, status, violation=np.abs(wanted - thrusts).max(axis=-1)
-        )
+        violations: Array = np.abs(wanted - thrusts).max(axis=-1, initial=0.0)
+        return self._batch(demands, thrusts, violations=violations)

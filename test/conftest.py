@@ -1,0 +1,29 @@
+"""What every test gets: ROS to itself, on this machine alone."""
+
+import os
+
+import pytest
+
+import strategies  # noqa: F401 - for Hypothesis' profile, where nothing else imports it
+
+# Before rclpy and the messages are imported, which read some of it only then.
+os.environ |= {
+    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    'ROS_PYTHON_CHECK_FIELDS': '1',
+}
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _logs(tmp_path_factory):
+    """Keep the logs of ROS out of the user's own."""
+    os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('log'))
+
+
+@pytest.fixture
+def graph():
+    """Give a test a ROS graph of its own."""
+    from ros import Graph
+
+    with Graph() as graph:
+        yield graph

@@ -1,0 +1,212 @@
+"""What the tests of the nodes share: a ROS graph of their own, with real processes in it."""
+
+import fcntl
+import os
+import random
+import signal
+import subprocess
+import sysconfig
+import tempfile
+import time
+import uuid
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+
+import psutil
+import pytest
+import rclpy
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+DEADLINE = 30.0
+"""When something that has not happened is held to be never going to [s]."""
+
+MARK = 'CA_ROS_TEST_GRAPH'
+"""Set in the environment of a graph's processes, so that those that they start are found too."""
+
+RELIABLE, BEST_EFFORT = (
+    QoSProfile(reliability=reliability, history=HistoryPolicy.KEEP_LAST, depth=1000)
+    for reliability in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT)
+)
+
+
+def executable(name):
+    """Return the path of an installed executable, colcon's before pip's."""
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    places = [Path(prefix, 'lib', 'ca_ros') for prefix in prefixes]
+    for place in [*places, Path(sysconfig.get_path('scripts'))]:
+        if (place / name).is_file():
+            return place / name
+    pytest.fail(f"no executable '{name}': install the package, with pip install -e . or colcon")
+
+
+class Graph:
+    """A ROS graph: processes and one node of the test, in a domain that no other test uses."""
+
+    def __enter__(self):
+        self.domain, self._lock = _claim_domain()
+        self._mark = uuid.uuid4().hex
+        self._processes = {}
+        self._ends = []
+        return self
+
+    def __exit__(self, fault, *_):
+        running = [process for process in self._processes.values() if process.poll() is None]
+        for process in running:
+            process.send_signal(signal.SIGINT)
+        for process in running:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(DEADLINE)
+        left = self.alive()
+        for process in left:
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+        for process in self._processes.values():
+            process.communicate()
+        psutil.wait_procs(left, DEADLINE)
+        if 'node' in vars(self):
+            self._executor.shutdown()
+            self.node.destroy_node()
+            rclpy.shutdown(context=self.node.context)
+        self._lock.close()
+        if fault is None:
+            assert not left
+            assert [process.returncode for process in running] == [0] * len(running)
+
+    # Processes
+
+    def start(self, name, *arguments, **options):
+        """Start an executable in a process group of its own."""
+        environment = os.environ | {'ROS_DOMAIN_ID': str(self.domain), MARK: self._mark}
+        process = subprocess.Popen(
+            [executable(name), *arguments], env=environment, start_new_session=True,
+            stdin=subprocess.DEVNULL, text=True, **options)
+        self._processes[f'{name} {process.pid}'] = process
+        return process
+
+    def start_silent(self, name, *arguments):
+        """Start an executable whose output `communicate` will return."""
+        return self.start(name, *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+    def alive(self):
+        """Return the processes of this graph, and those that they have started."""
+        found = []
+        for process in psutil.process_iter():
+            with suppress(psutil.Error):
+                if process.environ().get(MARK) == self._mark:
+                    found.append(process)
+        return found
+
+    # The node
+
+    @cached_property
+    def node(self):
+        """The node of the test."""
+        context = rclpy.Context()
+        rclpy.init(
+            args=[], context=context, domain_id=self.domain,
+            signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node(
+            'test', context=context, start_parameter_services=False, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(node)
+        return node
+
+    def publisher(self, kind, topic, qos=RELIABLE):
+        """Return a publisher."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        self._ends.append((topic, publisher.get_subscription_count))
+        return publisher
+
+    def listen(self, kind, topic, qos=RELIABLE):
+        """Return a list that grows with the messages of a topic."""
+        messages = []
+        subscription = self.node.create_subscription(kind, topic, messages.append, qos)
+        self._ends.append((topic, subscription.get_publisher_count))
+        return messages
+
+    def connect(self, name):
+        """Wait until the ends of all topics have found each other; return a node's parameters.
+
+        A participant's ends are announced in the order in which they were made: a node that
+        answers a service's client knows all ends that were made before the client.
+        """
+        parameters = Parameters(self, name)
+        for topic, matched in self._ends:
+            self.spin_until(matched, f'{topic}: matched')
+        parameters.get('mode')
+        return parameters
+
+    def spin_until(self, condition, what, repeat=None):
+        """Spin until a condition holds; `repeat` is called at first and now and then."""
+        start = again = time.monotonic()
+        while not condition():
+            now = time.monotonic()
+            ended = {k: p.returncode for k, p in self._processes.items() if p.poll() is not None}
+            assert not ended, f'{what}: waited for in vain, exit codes: {ended}'
+            assert now < start + DEADLINE, f'{what}: not within {DEADLINE:g} s'
+            if repeat and now >= again:
+                repeat()
+                again = now + 2.0
+            self._executor.spin_once(timeout_sec=0.1)
+
+
+def _claim_domain():
+    """Lock one of the domains that DDS has ports for; 0 is everyone's, and left alone."""
+    for domain in random.sample(range(1, 102), 101):
+        path = Path(tempfile.gettempdir(), f'ca_ros_domain_{domain}')
+        if not path.exists():
+            path.touch()
+        lock = path.open()
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+        else:
+            return domain, lock
+    pytest.fail('all ROS domains are claimed')
+
+
+class Parameters:
+    """The parameters of a node in another process, through its services."""
+
+    def __init__(self, graph, node):
+        self._graph = graph
+        self._clients = {
+            kind: graph.node.create_client(kind, f'{node}/{name}')
+            for kind, name in (
+                (SetParameters, 'set_parameters'),
+                (SetParametersAtomically, 'set_parameters_atomically'),
+                (GetParameters, 'get_parameters'))}
+
+    def get(self, *names):
+        """Return the values of parameters."""
+        answer = self._call(GetParameters, GetParameters.Request(names=names))
+        return [parameter_value_to_python(value) for value in answer.values]
+
+    def set(self, values):
+        """Set parameters one by one; return the result of each."""
+        request = SetParameters.Request(parameters=_written(values))
+        return self._call(SetParameters, request).results
+
+    def set_atomically(self, values):
+        """Set parameters all or none; return the result."""
+        request = SetParametersAtomically.Request(parameters=_written(values))
+        return self._call(SetParametersAtomically, request).result
+
+    def _call(self, kind, request):
+        client, futures = self._clients[kind], []
+        self._graph.spin_until(client.service_is_ready, f'{client.srv_name}: ready')
+        # The answer is lost if the node has not yet found the client's end that waits for it.
+        self._graph.spin_until(
+            lambda: any(future.done() for future in futures), f'{client.srv_name}: answered',
+            repeat=lambda: futures.append(client.call_async(request)))
+        return next(future.result() for future in futures if future.done())
+
+
+def _written(values):
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]

@@ -1,0 +1,161 @@
+"""The bringup script: flights over DDS, and how they end."""
+
+import math
+import signal
+from contextlib import ExitStack
+
+import numpy as np
+import psutil
+import pytest
+from geometry_msgs.msg import PoseStamped
+from matplotlib import image
+
+from ca_ros import Vehicle, make_allocator
+from ca_ros.allocation.options import options_from_parameters
+from ca_ros.closed_loop import fly
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.parameters import load
+from ca_ros.rigid_body import RigidBody
+from ca_ros.vehicle_audit import audit
+from ros import Graph
+
+HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
+"""m g / 6 = k_f omega^2: 255.73 rad/s."""
+
+FLIGHT_TIMEOUT = 200.0
+"""When a flight is held to be never going to end [s]."""
+
+
+def fly_offline(method, duration):
+    """Return the flight that bringup should be the equal of."""
+    parameters = load('hexarotor') | {'allocation.method': method}
+    vehicle = audit(Vehicle.from_parameters(parameters)).vehicle
+    options = options_from_parameters(parameters, vehicle.axes)
+    return fly(
+        Controller(vehicle, Gains.from_parameters(parameters)),
+        make_allocator(method, vehicle, **options), RigidBody(vehicle),
+        Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0)), duration)
+
+
+def read(folder):
+    """Return flight.csv as an array with named columns."""
+    return np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)
+
+
+def speeds_of(table):
+    """Return the rotor speeds (K, 6) of a flight [rad/s]."""
+    return np.column_stack([table[f'speed_{i}'] for i in range(1, 7)])
+
+
+def check_report(process, folder):
+    """The waypoint is reached; it says so in words, in numbers and in a picture."""
+    out, err = process.communicate(timeout=FLIGHT_TIMEOUT)
+    assert process.returncode == 0, out + err
+    assert 'reached' in out
+    assert 'Traceback' not in err
+    last = read(folder)[-1]
+    assert math.dist([last['x'], last['y'], last['z']], [1.0, 1.0, 1.0]) <= 0.02
+    assert abs(last['yaw'] - math.radians(45.0)) <= math.radians(0.5)
+    assert (folder / 'flight.png').read_bytes().startswith(b'\x89PNG\r\n\x1a\n')
+    picture = image.imread(folder / 'flight.png')
+    assert min(picture.shape[:2]) >= 1000
+    assert picture[..., :3].std() > 0.05
+
+
+def lockstep(graph, folder, method, duration):
+    """Start a flight in lockstep."""
+    return graph.start_silent(
+        'bringup', '--mode', 'lockstep', '--method', method, '--out', str(folder),
+        '--duration', str(duration))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2 * FLIGHT_TIMEOUT)
+@pytest.mark.parametrize(
+    'methods', [('exact', 'exact'), ('direct', 'pseudo_inverse', 'conventional')])
+def test_lockstep_equals_the_offline_loop_to_the_last_bit(tmp_path, methods):
+    duration = 6.0
+    with ExitStack() as stack:
+        graphs = [stack.enter_context(Graph()) for _ in methods]
+        folders = [tmp_path / str(i) for i in range(len(methods))]
+        flights = [
+            lockstep(*flight, duration)
+            for flight in zip(graphs, folders, methods, strict=True)]
+        for graph, flight, folder, method in zip(graphs, flights, folders, methods, strict=True):
+            check_report(flight, folder)
+            offline = tmp_path / f'{method}.csv'
+            fly_offline(method, duration).write_csv(offline)
+            assert (folder / 'flight.csv').read_bytes() == offline.read_bytes()
+            assert graph.alive() == []
+            last = speeds_of(read(folder))[-1]
+            if method == 'direct':
+                assert {40.0, 400.0} <= set(last.round(1))
+            else:
+                np.testing.assert_allclose(last, HOVER_SPEED, atol=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2 * FLIGHT_TIMEOUT)
+def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
+    flight = graph.start_silent(
+        'bringup', '--method', 'exact', '--out', str(tmp_path), '--duration', '8')
+    check_report(flight, tmp_path)
+    table = read(tmp_path)
+    speeds = speeds_of(table)
+    assert np.all((speeds >= 40.0) & (speeds <= 400.0))
+    np.testing.assert_allclose(speeds[-1], HOVER_SPEED, atol=0.5)
+    steps = np.diff(table['t']) / 0.01
+    np.testing.assert_allclose(steps, steps.round(), atol=1e-6)
+    assert table['t'][0] == 0.0
+    assert table['t'][-1] == pytest.approx(8.0)
+
+
+def test_a_missed_waypoint_is_a_failure(tmp_path, graph):
+    flight = lockstep(graph, tmp_path, 'exact', 0.1)
+    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    assert flight.returncode == 1, out + err
+    assert 'MISSED' in out
+    assert len(read(tmp_path)) == 11
+
+
+# Flights that end before their time
+
+def fly_on(graph, *arguments):
+    """Start a flight that does not end, and return it when it has left the ground."""
+    flight = graph.start_silent(
+        'bringup', '--mode', 'lockstep', '--duration', '1e6', '--namespace', 'uav1', *arguments)
+    poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
+    graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.01, 'a flight')
+    return flight
+
+
+def test_an_interrupt_ends_all_in_the_namespace_in_which_it_flies(graph, tmp_path):
+    flight = fly_on(graph, '--out', str(tmp_path))
+    topics = {name for name, _ in graph.node.get_topic_names_and_types()}
+    common = {'/rosout', '/parameter_events', '/diagnostics'}
+    assert {name for name in topics - common if not name.startswith('/uav1/')} == set()
+    assert {f'/uav1/{name}' for name in (
+        'command/pose', 'command/wrench', 'command/motor_speed', 'motor_speed',
+        'local_position/pose', 'local_position/velocity_body')} <= topics
+    assert len(graph.alive()) == 4
+    flight.send_signal(signal.SIGINT)
+    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    assert flight.returncode == 130, out + err
+    assert 'Traceback' not in err
+    assert 'SIGINT' in err
+    assert graph.alive() == []
+
+
+def test_it_says_which_node_died_and_ends_the_others(graph, tmp_path):
+    flight = fly_on(graph, '--out', str(tmp_path))
+    [victim] = [
+        child for child in psutil.Process(flight.pid).children(recursive=True)
+        if 'allocator' in ' '.join(child.cmdline()).replace('allocation', '')]
+    victim.kill()
+    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    assert flight.returncode == 1, out + err
+    [line] = [line for line in err.splitlines() if line.startswith('bringup')]
+    assert 'allocator' in line
+    assert '-9' in line
+    assert 'Traceback' not in err
+    assert graph.alive() == []

@@ -1,0 +1,99 @@
+"""The flight of Section 4: from rest to (1, 1, 1) m and 45 degrees, with each method."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from ca_ros import ALLOCATORS, make_allocator
+from ca_ros.closed_loop import fly
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.parameters import load
+from ca_ros.rigid_body import RigidBody
+from strategies import HEXAROTOR
+
+PARAMETERS = load('hexarotor')
+WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
+
+every_method = pytest.mark.parametrize('method', ALLOCATORS)
+
+
+def fly_with(allocator, duration):
+    controller = Controller(HEXAROTOR, Gains.from_parameters(PARAMETERS))
+    return fly(controller, allocator, RigidBody(HEXAROTOR), WAYPOINT, duration)
+
+
+@pytest.fixture(scope='module')
+def allocators():
+    options = {name: PARAMETERS[f'allocation.conventional.{name}']
+               for name in ('weight', 'reference')}
+    return {method: make_allocator(
+        method, HEXAROTOR, **options if method == 'conventional' else {}) for method in ALLOCATORS}
+
+
+@pytest.fixture(scope='module')
+def flights(allocators):
+    return {method: fly_with(allocator, 10.0) for method, allocator in allocators.items()}
+
+
+@every_method
+def test_the_waypoint_is_reached(flights, method):
+    flight = flights[method]
+    assert flight.time[-1] == 10.0
+    assert np.linalg.norm(flight.position[-1] - [1.0, 1.0, 1.0]) < 0.02
+    np.testing.assert_allclose(flight.euler[-1], [0.0, 0.0, np.pi / 4], atol=np.radians(0.5))
+    assert flight.position_error(WAYPOINT) < 0.02
+    assert flight.heading_error(WAYPOINT) < np.radians(0.5)
+
+
+@every_method
+def test_the_bounds_hold_at_every_sample(flights, method):
+    speeds = flights[method].speeds
+    assert speeds.shape == (1001, 6)
+    assert np.all((speeds >= 40.0) & (speeds <= 400.0))
+
+
+def test_in_the_end_all_methods_but_one_share_alike(flights):
+    # (m g / (n k_f))^(1/2) = 255.7 rad/s on each rotor, but a vertex with direct allocation.
+    for method, flight in flights.items():
+        if method == 'direct':
+            assert np.sum(flight.speeds[-1] > 399.9) == 2
+            assert np.sum(flight.speeds[-1] < 40.1) == 2
+        else:
+            np.testing.assert_allclose(flight.speeds[-1], 255.7, atol=0.5)
+
+
+def test_the_conventional_allocator_ends_too_low(flights):
+    # At rest it gives T / (1 + q) of a pure thrust T = m g + m kp e, which carries the weight:
+    # e = q g / kp = 9.1e-4 * 9.81 / 1.5 = 5.95 mm.
+    error = 1.0 - flights['conventional'].position[-1, 2]
+    assert error == pytest.approx(9.1e-4 * 9.81 / 1.5, rel=0.02)
+    for method in ('exact', 'pseudo_inverse', 'direct'):
+        assert abs(1.0 - flights[method].position[-1, 2]) < 1e-4
+
+
+def test_the_flights_are_close_to_each_other_as_in_the_paper(flights):
+    for flight in flights.values():
+        assert np.abs(flight.position - flights['exact'].position).max() < 0.05
+
+
+@every_method
+def test_the_flight_is_the_same_to_the_last_bit_each_time(flights, allocators, method):
+    again = fly_with(allocators[method], 2.0)
+    for name in ('time', 'position', 'attitude', 'velocity', 'angular_velocity', 'speeds'):
+        np.testing.assert_array_equal(
+            getattr(again, name), getattr(flights[method], name)[:201], name)
+
+
+def test_the_file_of_a_flight_keeps_every_bit(flights, tmp_path):
+    flight = flights['exact']
+    flight.write_csv(tmp_path / 'flight.csv')
+    with (tmp_path / 'flight.csv').open(newline='') as file:
+        header, *rows = csv.reader(file)
+    assert header[:13] == ['t', 'x', 'y', 'z', 'roll', 'pitch', 'yaw',
+                           *(f'speed_{i}' for i in range(1, 7))]
+    table = np.array(rows, dtype=float)
+    np.testing.assert_array_equal(table[:, 0], flight.time)
+    np.testing.assert_array_equal(table[:, 1:4], flight.position)
+    np.testing.assert_array_equal(table[:, 4:7], flight.euler)
+    np.testing.assert_array_equal(table[:, 7:13], flight.speeds)

@@ -1,0 +1,154 @@
+"""The controller: signs, equilibrium, and an admissible wrench whatever the state."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ca_ros import AdmissibleSet, ParameterError
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.parameters import load
+from strategies import FLEET, HEXAROTOR
+
+PARAMETERS = load('hexarotor')
+CONTROLLER = Controller(HEXAROTOR, Gains.from_parameters(PARAMETERS))
+HOVER = [9.81, 0.0, 0.0, 0.0]
+REST = np.zeros(3)
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+THRUST, ROLL, PITCH, YAW = range(4)
+
+
+def attitude(*euler):
+    """Return the quaternion of Euler angles 123."""
+    return Rotation.from_euler('XYZ', euler).as_quat()
+
+
+def wrench(waypoint, position=REST, attitude=LEVEL, velocity=REST, angular_velocity=REST):
+    goal = Waypoint.of(*waypoint)
+    return CONTROLLER.wrench(position, attitude, velocity, angular_velocity, goal)
+
+
+@pytest.mark.parametrize('heading', [0.0, 0.7, -2.0, np.pi])
+def test_hover_at_the_waypoint_is_an_equilibrium(heading):
+    position = np.array([3.0, -2.0, 5.0])
+    u = wrench((*position, heading), position, attitude(0.0, 0.0, heading))
+    np.testing.assert_allclose(u, HOVER, atol=1e-12)
+
+
+def test_a_waypoint_above_takes_thrust_and_nothing_else():
+    # m kp = 1.5 N for each metre, as long as the approach is slower than the limit.
+    np.testing.assert_allclose(wrench((0.0, 0.0, 1.0, 0.0)), [9.81 + 1.5, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(wrench((0.0, 0.0, -1.0, 0.0)), [9.81 - 1.5, 0.0, 0.0, 0.0])
+
+
+def test_velocity_is_damped():
+    # m kd = 2.4 N for each metre a second.
+    np.testing.assert_allclose(
+        wrench((0.0, 0.0, 0.0, 0.0), velocity=np.array([0.0, 0.0, 1.0])),
+        [9.81 - 2.4, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(('waypoint', 'axis', 'sign'), [
+    # Forward-left-up: the nose goes down to fly ahead, the left side to fly to the left.
+    ((1.0, 0.0, 0.0, 0.0), PITCH, 1.0),
+    ((-1.0, 0.0, 0.0, 0.0), PITCH, -1.0),
+    ((0.0, 1.0, 0.0, 0.0), ROLL, -1.0),
+    ((0.0, -1.0, 0.0, 0.0), ROLL, 1.0),
+    ((0.0, 0.0, 0.0, 0.5), YAW, 1.0),
+    ((0.0, 0.0, 0.0, -0.5), YAW, -1.0),
+])
+def test_signs_of_the_torque_towards_a_waypoint(waypoint, axis, sign):
+    u = wrench(waypoint)
+    assert sign * u[axis] > 1e-3
+    others = [i for i in (ROLL, PITCH, YAW) if i != axis]
+    np.testing.assert_allclose(u[others], 0.0, atol=1e-12)
+
+
+def test_signs_follow_the_heading():
+    # Facing left (north), a waypoint to the east is on the right hand.
+    u = wrench((1.0, 0.0, 0.0, np.pi / 2), attitude=attitude(0.0, 0.0, np.pi / 2))
+    assert u[ROLL] > 1e-3
+    assert u[PITCH] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_shorter_way_round_is_taken():
+    # From 170 degrees to -170 it is 20 degrees to the left.
+    heading = np.radians(170.0)
+    assert wrench((0.0, 0.0, 0.0, -heading), attitude=attitude(0.0, 0.0, heading))[YAW] > 1e-3
+
+
+@pytest.mark.parametrize(('euler', 'axis'), [((0.1, 0.0, 0.0), ROLL), ((0.0, 0.1, 0.0), PITCH)])
+def test_a_tilt_is_taken_back(euler, axis):
+    # J kp = 0.015 * 60 = 0.9 N m for each radian.
+    assert wrench((0.0, 0.0, 0.0, 0.0), attitude=attitude(*euler))[axis] == pytest.approx(-0.09)
+
+
+@pytest.mark.parametrize(('axis', 'damping'), [(0, 0.015 * 14.0), (1, 0.015 * 14.0), (2, 0.12)])
+def test_a_turn_is_damped(axis, damping):
+    omega = np.zeros(3)
+    omega[axis] = 0.5
+    u = wrench((0.0, 0.0, 0.0, 0.0), angular_velocity=omega)
+    assert u[1 + axis] == pytest.approx(-0.5 * damping)
+
+
+def test_the_acceleration_is_the_wanted_one():
+    # Inverse dynamics: away from the limits the torque makes the angular acceleration
+    # -kd omega, the gyroscopic torque included.
+    gains, inertia = CONTROLLER.gains, HEXAROTOR.inertia
+    omega = np.array([0.3, -0.2, 0.4])
+    torque = wrench((0.0, 0.0, 0.0, 0.0), angular_velocity=omega)[1:]
+    spin = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
+    np.testing.assert_allclose(spin, -gains.attitude_damping * omega, atol=1e-12)
+
+
+@pytest.mark.parametrize('distance', [30.0, 1e3, 1e6])
+def test_beyond_the_speed_limit_distance_does_not_matter(distance):
+    far = [wrench((distance * scale, 0.0, 0.0, 0.0)) for scale in (1.0, 2.0)]
+    np.testing.assert_allclose(*far)
+
+
+def test_a_far_waypoint_does_not_turn_the_vehicle_over():
+    # Tilted by the greatest tilt towards the waypoint, it wants no more.
+    tilted = attitude(0.0, CONTROLLER.gains.tilt_max, 0.0)
+    u = wrench((1e6, 0.0, 0.0, 0.0), attitude=tilted)
+    assert u[PITCH] <= 1e-12
+    assert wrench((0.0, 0.0, -1e6, 0.0))[THRUST] > 0.0
+
+
+anything = st.floats(-1e6, 1e6)
+triple = st.tuples(anything, anything, anything).map(np.array)
+quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).map(np.array).filter(
+    lambda q: np.linalg.norm(q) > 1e-3).map(lambda q: q / np.linalg.norm(q))
+
+
+@pytest.mark.parametrize('vehicle', ['hexarotor', 'asymmetric', 'tilted_hexarotor'])
+@given(triple, quaternions, triple, triple, triple, anything)
+def test_the_wrench_is_admissible_in_any_state(
+        vehicle, position, quaternion, velocity, angular_velocity, goal, heading):
+    controller = Controller(FLEET[vehicle], CONTROLLER.gains)
+    u = controller.wrench(
+        position, quaternion, velocity, angular_velocity, Waypoint.of(*goal, heading))
+    assert np.all(np.isfinite(u))
+    assert AdmissibleSet(FLEET[vehicle]).contains(u, tolerance=1e-12 * (1.0 + np.linalg.norm(u)))
+
+
+@pytest.mark.parametrize('euler', [
+    (np.pi, 0.0, 0.0), (0.0, np.pi, 0.0), (0.0, 0.0, np.pi), (0.0, np.pi / 2, 0.0)])
+def test_the_wrench_is_admissible_half_a_turn_away(euler):
+    u = wrench((0.0, 0.0, 0.0, 0.0), attitude=attitude(*euler))
+    assert np.all(np.isfinite(u))
+    assert AdmissibleSet(HEXAROTOR).contains(u, tolerance=1e-12)
+
+
+@given(st.floats(-3.1, 3.1))
+def test_the_heading_of_a_waypoint_is_the_one_it_was_made_of(heading):
+    assert Waypoint.of(0.0, 0.0, 0.0, heading).heading == pytest.approx(heading, abs=1e-12)
+
+
+def test_gains_are_numbers_or_one_per_axis():
+    gains = Gains.from_parameters(PARAMETERS | {'controller.position_stiffness': [1.0, 2.0, 3.0]})
+    np.testing.assert_array_equal(gains.position_stiffness, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(gains.position_damping, [2.4, 2.4, 2.4])
+    with pytest.raises(ParameterError, match=r'controller\.attitude_damping'):
+        Gains.from_parameters(PARAMETERS | {'controller.attitude_damping': [1.0, 2.0]})

@@ -1,0 +1,110 @@
+"""Every installed executable: its help, how it ends, and what it says of a wrong vehicle."""
+
+import math
+import signal
+
+import pytest
+import yaml
+from geometry_msgs.msg import PoseStamped
+
+from ca_ros.parameters import find
+from ros import DEADLINE
+
+NODES = ('allocator', 'simulator', 'controller')
+OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (
+    '--method', '--mode', '--duration', '--out', '--vehicle', '--params-file', '--namespace')}
+
+
+def test_help_names_every_option(graph):
+    processes = {name: graph.start_silent(name, '--help') for name in OPTIONS}
+    for name, process in processes.items():
+        out, err = process.communicate(timeout=DEADLINE)
+        assert (process.returncode, err) == (0, '')
+        assert [option for option in ('--help', *OPTIONS[name]) if option not in out] == [], name
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_the_nodes_cleanly_in_full_flight(graph, number):
+    nodes = [graph.start_silent(name, '--vehicle', 'hexarotor') for name in NODES]
+    waypoint = graph.publisher(PoseStamped, 'command/pose')
+    poses = graph.listen(PoseStamped, 'local_position/pose')
+    for name in NODES:
+        graph.connect(name)
+    waypoint.publish(PoseStamped())
+    graph.spin_until(lambda: poses and poses[-1].pose.position.z != 0.0, 'a flight')
+    for node in nodes:
+        node.send_signal(number)
+    for node in nodes:
+        out, err = node.communicate(timeout=DEADLINE)
+        assert (node.returncode, out) == (0, '')
+        assert 'Traceback' not in err
+
+
+# Wrong vehicles
+
+def missing(parameters):
+    del parameters['vehicle']['mass']
+
+
+def wrong_length(parameters):
+    parameters['rotors']['thrust_coefficient'] = [2.5e-5] * 5
+
+
+def negative(parameters):
+    parameters['vehicle']['mass'] = -1.0
+
+
+def crossed(parameters):
+    parameters['rotors']['speed_min'] = 500.0
+
+
+def not_a_number(parameters):
+    parameters['rotors']['positions'][4] = math.nan
+
+
+def rank_deficient(parameters):
+    parameters['rotors']['spins'] = ['cw'] * 6
+
+
+FAULTS = {
+    missing: ('vehicle.mass', 'missing'),
+    wrong_length: ('rotors.thrust_coefficient', '6', '5'),
+    negative: ('vehicle.mass', 'positive', '-1'),
+    crossed: ('rotors.speed_min', '500', 'rotors.speed_max', '400'),
+    not_a_number: ('rotors.positions[4]', 'finite', 'nan'),
+    rank_deficient: ('rotors.positions', 'rank 3'),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('fault', FAULTS, ids=lambda fault: fault.__name__)
+def test_a_wrong_vehicle_is_refused_in_one_line(graph, tmp_path, fault):
+    content = yaml.safe_load(find('hexarotor').read_text(encoding='utf-8'))
+    fault(content['/**']['ros__parameters'])
+    file = tmp_path / 'wrong.yaml'
+    file.write_text(yaml.safe_dump(content), encoding='utf-8')
+    refused(graph, [
+        *((name, '--vehicle', str(file)) for name in OPTIONS),
+        *((name, '--ros-args', '--params-file', str(file)) for name in NODES),
+    ], FAULTS[fault])
+
+
+def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
+    refused(graph, [
+        *((name, '--vehicle', 'nope') for name in OPTIONS),
+        ('bringup', '--params-file', 'nope'),
+    ], ('nope', 'hexarotor'))
+    refused(graph, [
+        (name, '--ros-args', '--params-file', 'nope') for name in NODES], ('nope',))
+
+
+def refused(graph, ways, words):
+    """Each way ends with an exit code other than zero and one line with these words."""
+    processes = [graph.start_silent(*way) for way in ways]
+    for way, process in zip(ways, processes, strict=True):
+        out, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode != 0, way
+        assert out == '', out
+        assert len(err.splitlines()) == 1, err
+        assert err.startswith(way[0]), err
+        assert [word for word in words if word not in err] == [], err

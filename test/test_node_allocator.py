@@ -1,0 +1,278 @@
+"""The allocator node, a process of its own, over DDS."""
+
+import math
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Float64MultiArray, Int8MultiArray
+
+from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
+from ca_ros.allocation.options import options_from_parameters
+from ca_ros.parameters import AXES, METHODS, PARAMETERS, load
+from ca_ros.vehicle_audit import audit
+from ros import BEST_EFFORT, RELIABLE, Graph
+
+VEHICLE = Vehicle.load('hexarotor')
+GAMMA = control_allocation_matrix(VEHICLE)
+HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)
+HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
+"""m g / 6 = k_f omega^2: 255.73 rad/s."""
+
+
+class Client:
+    """Commands wrenches and gathers the answers."""
+
+    def __init__(self, graph, namespace='', qos=RELIABLE):
+        self.graph, self.sent = graph, 0
+        self.command = graph.publisher(WrenchStamped, f'{namespace}/command/wrench', qos)
+        self.speeds = graph.listen(Float64MultiArray, f'{namespace}/command/motor_speed')
+        own = f'{namespace}/allocator'
+        self.allocated = graph.listen(WrenchStamped, f'{own}/allocated_wrench')
+        self.residual = graph.listen(WrenchStamped, f'{own}/residual')
+        self.saturation = graph.listen(Int8MultiArray, f'{own}/saturation')
+        self.diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
+        self.parameters = graph.connect(own)
+
+    def send(self, wrench):
+        """Send a wrench (6,), force before torque, with a stamp that no other has."""
+        self.sent += 1
+        message = WrenchStamped()
+        message.header.frame_id = 'some_frame'
+        message.header.stamp.sec, message.header.stamp.nanosec = self.sent, 7
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, wrench)
+        self.command.publish(message)
+        return message.header
+
+    def ask(self, wrench):
+        """Send a wrench; return the rotor speeds that answer it."""
+        self.send(wrench)
+        label = f'stamp {self.sent}000000007'
+        self.graph.spin_until(
+            lambda: self.speeds and self.speeds[-1].layout.dim[1].label == label,
+            f'an answer to {wrench}')
+        return np.array(self.speeds[-1].data)
+
+    def account(self, wrench):
+        """Send a wrench; return what was allocated and the residual."""
+        header = self.send(wrench)
+        self.graph.spin_until(
+            lambda: all(
+                reports and reports[-1].header == header
+                for reports in (self.allocated, self.residual)),
+            f'an account of {wrench}')
+        return six(self.allocated[-1]), six(self.residual[-1])
+
+    def diagnose(self):
+        """Return the diagnosis after the last command, and its values by key."""
+        def newest():
+            status = self.diagnostics[-1].status[0] if self.diagnostics else DiagnosticStatus()
+            return status, {pair.key: pair.value for pair in status.values}
+        self.graph.spin_until(
+            lambda: newest()[1].get('received') == str(self.sent), 'a diagnosis')
+        return newest()
+
+
+def six(message):
+    """Return a wrench (6,), force before torque."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+
+
+def offline(wrench, method='exact', health=1.0):
+    """Return what an allocator that has never seen another wrench answers, without ROS."""
+    vehicle = audit(VEHICLE.with_health(health)).vehicle
+    parameters = load('hexarotor') | {'allocation.method': method}
+    options = options_from_parameters(parameters, vehicle.axes)
+    demand = [wrench[AXES.index(axis)] for axis in vehicle.axes]
+    return make_allocator(method, vehicle, **options).allocate(demand)
+
+
+def some_wrenches(size):
+    """Draw wrenches in the admissible set and as many out of it, with forces that are lost."""
+    rng = np.random.default_rng(1)
+    inside = rng.uniform(VEHICLE.thrust_min, VEHICLE.thrust_max, (size, 6)) @ GAMMA.T
+    outside = rng.normal(size=(size, 4)) * 10.0 ** rng.uniform(1.0, 6.0, (size, 1))
+    return np.hstack([rng.normal(size=(2 * size, 2)), np.vstack([inside, outside])])
+
+
+def start(graph, *arguments):
+    """Start an allocator in lockstep, where it gets each message, in order."""
+    graph.start(
+        'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep', *arguments)
+    return Client(graph)
+
+
+@pytest.fixture(scope='module')
+def client():
+    """Share an allocator that no test changes."""
+    with Graph() as graph:
+        yield start(graph)
+
+
+# Answers
+
+def test_hover_is_an_equal_share_of_the_weight_for_each_rotor(client):
+    np.testing.assert_allclose(client.ask(HOVER), [HOVER_SPEED] * 6, rtol=1e-12)
+
+
+def test_the_layout_says_what_the_numbers_are(client):
+    client.ask(HOVER)
+    rows, columns = client.speeds[-1].layout.dim
+    assert (rows.label, rows.size, columns.size) == ('rotor speed [rad/s]', 6, 1)
+    assert len(client.speeds[-1].data) == rows.size * columns.size
+    assert client.speeds[-1].layout.data_offset == 0
+
+
+def test_answers_equal_those_without_ros_to_the_last_bit(client):
+    for wrench in some_wrenches(100):
+        speeds = client.ask(wrench)
+        assert speeds.tobytes() == offline(wrench).speeds.tobytes()
+        assert np.all((speeds >= 40.0) & (speeds <= 400.0))
+
+
+def test_allocated_wrench_and_residual_sum_to_the_command(client):
+    for wrench in some_wrenches(10):
+        allocated, residual = client.account(wrench)
+        speeds = client.ask(wrench)
+        np.testing.assert_allclose(allocated[2:], GAMMA @ (2.5e-5 * speeds**2), atol=1e-12)
+        assert not allocated[:2].any()
+        np.testing.assert_allclose(
+            allocated + residual, wrench, rtol=0.0, atol=1e-15 * np.abs(wrench).max() + 1e-14)
+
+
+@pytest.mark.parametrize(('thrust', 'sign'), [(1e3, 1), (9.81, 0), (-1e3, -1)])
+def test_saturation_says_which_bound_each_rotor_is_at(client, thrust, sign):
+    client.ask((0.0, 0.0, thrust, 0.0, 0.0, 0.0))
+    client.graph.spin_until(
+        lambda: len(client.saturation) == len(client.speeds), 'a saturation for each answer')
+    assert client.saturation[-1].data.tolist() == [sign] * 6
+
+
+@pytest.mark.parametrize(
+    ('thrust', 'level', 'word'),
+    [(9.81, DiagnosticStatus.OK, 'EXACT'), (1e3, DiagnosticStatus.WARN, 'PRIORITIZED')])
+def test_diagnostics_warn_of_a_wrench_that_is_not_attained(client, thrust, level, word):
+    client.ask((0.0, 0.0, thrust, 0.0, 0.0, 0.0))
+    status, values = client.diagnose()
+    assert (status.level, status.message) == (level, word)
+    assert status.name.startswith('/allocator')
+    assert values['method'] == 'exact'
+    assert client.diagnostics[-1].header.stamp.sec > 0
+
+
+# Commands that are none
+
+def test_a_wrench_that_is_not_finite_is_as_if_it_had_not_been(client):
+    expected = client.ask(HOVER)
+    before = len(client.speeds)
+    bad = [np.where(np.arange(6) == i, fault, HOVER)
+           for i in range(6) for fault in (math.nan, math.inf, -math.inf)]
+    for wrench in bad:
+        client.send(wrench)
+        assert client.ask(HOVER).tobytes() == expected.tobytes()
+    assert len(client.speeds) == before + len(bad)
+
+
+def test_no_finite_wrench_ends_the_node(graph):
+    client = start(graph)
+    for number in (1e99, 1e101, 1e200, np.finfo(float).max, 5e-324):
+        for i in range(6):
+            client.send(np.where(np.arange(6) == i, number, HOVER))
+    np.testing.assert_allclose(client.ask(HOVER), [HOVER_SPEED] * 6, rtol=1e-12)
+    for message in client.speeds:
+        assert all(40.0 <= speed <= 400.0 for speed in message.data)
+
+
+# Parameters
+
+def test_the_method_can_be_set_on_the_running_node(graph):
+    client = start(graph)
+    for method in METHODS:
+        [result] = client.parameters.set({'allocation.method': method})
+        assert result.successful, result.reason
+        for wrench in (HOVER, *some_wrenches(5)):
+            expected, before = offline(wrench, method), len(client.speeds)
+            client.account(wrench)
+            if expected.status is not Status.REJECTED:
+                assert client.ask(wrench).tobytes() == expected.speeds.tobytes()
+            assert len(client.speeds) == before + 2 * (expected.status is not Status.REJECTED)
+        assert client.diagnose()[1]['method'] == method
+    [result] = client.parameters.set({'allocation.exact.policy': 'reject'})
+    assert result.successful, result.reason
+    before = len(client.speeds)
+    client.account(1e3 * np.array(HOVER))
+    assert client.diagnose()[0].message == 'REJECTED'
+    client.ask(HOVER)
+    assert len(client.speeds) == before + 1, 'a rejected wrench moves no rotor'
+
+
+def test_health_can_be_set_on_the_running_node(graph):
+    client = start(graph)
+    for health in ([1.0, 1.0, 1.0, 0.0, 1.0, 1.0], [1.0, 0.6, 1.0, 1.0, 1.0, 1.0], 1.0):
+        [result] = client.parameters.set({'rotors.health': health})
+        assert result.successful, result.reason
+        for wrench in (HOVER, *some_wrenches(5)):
+            speeds = client.ask(wrench)
+            assert speeds.tobytes() == offline(wrench, health=health).speeds.tobytes()
+            lost = np.broadcast_to(health, 6) == 0.0
+            assert not speeds[lost].any()
+            assert np.all((speeds[~lost] >= 40.0) & (speeds[~lost] <= 400.0))
+    together = {'allocation.method': 'pseudo_inverse', 'rotors.health': [0.8, *[1.0] * 5]}
+    result = client.parameters.set_atomically(together)
+    assert result.successful, result.reason
+    expected = offline(HOVER, *together.values()).speeds
+    assert client.ask(HOVER).tobytes() == expected.tobytes()
+
+
+REFUSED = [
+    ({'allocation.method': 'magic'}, ['allocation.method', 'magic', *METHODS]),
+    ({'allocation.method': 1.0}, ['allocation.method', *METHODS]),
+    ({'rotors.health': [1.0] * 5}, ['rotors.health', '6', '5']),
+    ({'rotors.health': [1.0, 1.0, 1.0, 1.5, 1.0, 1.0]}, ['rotors.health[3]', '1.5']),
+    ({'rotors.health': [-0.5, 1.0, 1.0, 1.0, 1.0, 1.0]}, ['rotors.health[0]', '-0.5']),
+    ({'rotors.health': math.nan}, ['rotors.health', 'nan']),
+    ({'rotors.health': 'broken'}, ['rotors.health', 'broken']),
+    ({'allocation.method': 'direct', 'rotors.health': [1.0] * 5}, ['rotors.health', '6', '5']),
+    ({'allocation.method': 'direct', 'vehicle.mass': 2.0}, ['read-only']),
+    ({'allocation.method': 'conventional', 'allocation.conventional.weight': [1.0, 1.0]},
+     ['allocation.conventional.weight', '6']),
+]
+
+
+@pytest.mark.parametrize(('values', 'words'), REFUSED, ids=lambda x: ', '.join(x))
+def test_wrong_parameters_are_refused_with_a_reason_and_the_old_ones_stay(client, values, words):
+    before, speeds = client.parameters.get(*values), client.ask(HOVER)
+    result = client.parameters.set_atomically(values)
+    assert not result.successful
+    for word in words:
+        assert word in result.reason
+    assert client.parameters.get(*values) == before
+    assert client.ask(HOVER).tobytes() == speeds.tobytes()
+
+
+def test_what_is_built_in_is_read_only(client):
+    fixed = [name for name, parameter in PARAMETERS.items() if not parameter.mutable]
+    assert {'vehicle.mass', 'rotors.positions', 'rotors.spins', 'rotors.speed_max'} <= set(fixed)
+    results = client.parameters.set(dict(zip(fixed, client.parameters.get(*fixed), strict=True)))
+    assert [result.reason for result in results if result.successful] == []
+    assert all('read-only' in result.reason for result in results)
+
+
+# Names and quality of service
+
+def test_allocators_in_two_namespaces_do_not_meet_and_best_effort_is_enough(graph):
+    for namespace in ('/uav1', '/uav2'):
+        graph.start(
+            'allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}')
+    one, two = (Client(graph, namespace, BEST_EFFORT) for namespace in ('/uav1', '/uav2'))
+    for wrench in some_wrenches(3):
+        assert one.ask(wrench).tobytes() == offline(wrench).speeds.tobytes()
+    assert two.speeds == two.allocated == []
+    np.testing.assert_allclose(two.ask(HOVER), [HOVER_SPEED] * 6, rtol=1e-12)
+    assert (len(one.speeds), len(two.speeds)) == (6, 1)
+    names = [name for name, _ in graph.node.get_topic_names_and_types()]
+    assert '/uav1/command/wrench' in names
+    assert '/command/wrench' not in names

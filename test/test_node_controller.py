@@ -1,0 +1,168 @@
+"""The controller node, a process of its own, over DDS."""
+
+import math
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import Log
+
+from ca_ros import Vehicle
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.parameters import load
+from ca_ros.vehicle_audit import audit
+from ros import Graph
+
+LAW = Controller(
+    audit(Vehicle.load('hexarotor')).vehicle, Gains.from_parameters(load('hexarotor')))
+WAYPOINT = (1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)
+REST = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+class Client:
+    """Sends waypoints and states and gathers the wrenches."""
+
+    def __init__(self, graph):
+        self.graph, self.last = graph, 0
+        # In lockstep it gets each message, in order.
+        graph.start(
+            'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+        self.waypoint = graph.publisher(PoseStamped, 'command/pose')
+        self.pose = graph.publisher(PoseStamped, 'local_position/pose')
+        self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
+        self.wrenches = graph.listen(WrenchStamped, 'command/wrench')
+        self.log = graph.listen(Log, '/rosout')
+        self.parameters = graph.connect('controller')
+
+    def new_stamp(self):
+        """Return a stamp [s] that no other state has."""
+        self.last += 1
+        return self.last
+
+    def send_waypoint(self, position, attitude):
+        """Send a waypoint and wait until the node has said what it makes of it."""
+        before = len(self.log)
+        self.waypoint.publish(pose_message(position, attitude, 0))
+        self.graph.spin_until(
+            lambda: any('waypoint' in entry.msg for entry in self.log[before:]), 'word of it')
+
+    def send(self, position, attitude, velocity, angular_velocity):
+        """Send a state; return its stamp [s]."""
+        stamp = self.new_stamp()
+        self.pose.publish(pose_message(position, attitude, stamp))
+        self.velocity.publish(velocity_message(velocity, angular_velocity, stamp))
+        return stamp
+
+    def settle(self):
+        """Let the node answer something else, so that it comes to what was sent before."""
+        self.parameters.get('mode')
+
+    def ask(self, *state):
+        """Send a state; return the wrench that answers it."""
+        stamp = self.send(*state)
+        self.graph.spin_until(lambda: stamp in self.stamps(), f'the wrench of {stamp} s')
+        return six(self.wrenches[-1])
+
+    def stamps(self):
+        """Return the stamps of the wrenches [s]."""
+        return [message.header.stamp.sec for message in self.wrenches]
+
+
+def pose_message(position, attitude, stamp):
+    """Return a pose."""
+    message = PoseStamped()
+    message.header.stamp.sec = stamp
+    p, q = message.pose.position, message.pose.orientation
+    p.x, p.y, p.z = map(float, position)
+    q.x, q.y, q.z, q.w = map(float, attitude)
+    return message
+
+
+def velocity_message(velocity, angular_velocity, stamp):
+    """Return a velocity in the body frame."""
+    message = TwistStamped()
+    message.header.stamp.sec = stamp
+    v, w = message.twist.linear, message.twist.angular
+    v.x, v.y, v.z = map(float, velocity)
+    w.x, w.y, w.z = map(float, angular_velocity)
+    return message
+
+
+def six(message):
+    """Return a wrench (6,), force before torque."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+
+
+def expected(state, waypoint=WAYPOINT):
+    """Return what the law answers without ROS."""
+    parts = [np.array(part) for part in (*state, *waypoint)]
+    return np.concatenate([np.zeros(2), LAW.wrench(*parts[:4], Waypoint(*parts[4:]))])
+
+
+@pytest.fixture(scope='module')
+def client():
+    """Share a controller that flies to `WAYPOINT`."""
+    with Graph() as graph:
+        client = Client(graph)
+        client.send_waypoint(*WAYPOINT)
+        yield client
+
+
+def test_no_wrench_before_a_waypoint(graph):
+    client = Client(graph)
+    for _ in range(3):
+        client.send(*REST)
+        client.settle()
+    assert client.wrenches == []
+    client.send_waypoint(*WAYPOINT)
+    assert client.ask(*REST).tobytes() == expected(REST).tobytes()
+
+
+def test_wrenches_equal_those_of_the_law_to_the_last_bit(client):
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        position, velocity, angular_velocity = rng.normal(scale=3.0, size=(3, 3))
+        attitude = rng.normal(size=4)
+        state = position, attitude / np.linalg.norm(attitude), velocity, angular_velocity
+        assert client.ask(*state).tobytes() == expected(state).tobytes()
+    assert client.stamps() == sorted(set(client.stamps()))
+    assert {message.header.frame_id for message in client.wrenches} == {'base_link'}
+
+
+def test_pose_and_velocity_of_different_times_are_not_combined(client):
+    before = len(client.wrenches)
+    times = [client.new_stamp() for _ in range(4)]
+    client.pose.publish(pose_message(*REST[:2], times[0]))
+    client.velocity.publish(velocity_message(*REST[2:], times[1]))
+    client.pose.publish(pose_message(*REST[:2], times[2]))
+    client.velocity.publish(velocity_message(*REST[2:], times[3]))
+    client.ask(*REST)
+    assert client.stamps()[before:] == [client.last]
+
+
+@pytest.mark.parametrize('place', range(7))
+@pytest.mark.parametrize('fault', [math.nan, math.inf, -math.inf])
+def test_a_waypoint_that_is_no_pose_is_refused_and_the_old_one_stays(client, place, fault):
+    numbers = np.concatenate(WAYPOINT)
+    numbers[place] = fault
+    client.send_waypoint(numbers[:3], numbers[3:])
+    assert client.log[-1].level == Log.WARN
+    assert client.ask(*REST).tobytes() == expected(REST).tobytes()
+
+
+def test_a_waypoint_without_attitude_is_refused_and_the_old_one_stays(client):
+    client.send_waypoint((5.0, 5.0, 5.0), (0.0, 0.0, 0.0, 0.0))
+    assert client.log[-1].level == Log.WARN
+    assert client.ask(*REST).tobytes() == expected(REST).tobytes()
+
+
+def test_no_state_ends_the_node(graph):
+    client = Client(graph)
+    client.send_waypoint(*WAYPOINT)
+    for number in (math.nan, math.inf, 1e100, 1e200, np.finfo(float).max, 5e-324, 1e-200, 0.0):
+        for part in range(4):
+            client.send(*(np.full(len(x), number) if i == part else x for i, x in enumerate(REST)))
+            client.settle()
+            assert client.ask(*REST).tobytes() == expected(REST).tobytes()
+    assert all(np.isfinite(six(message)).all() for message in client.wrenches)

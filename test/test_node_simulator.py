@@ -1,0 +1,147 @@
+"""The simulator node, a process of its own, over DDS."""
+
+import math
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from ca_ros import Vehicle
+from ca_ros.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    NULL_STATE,
+    POSITION,
+    RigidBody,
+    velocity_in_body,
+)
+
+STEP = 10_000_000
+"""[ns]"""
+
+BODY = RigidBody(Vehicle.load('hexarotor'))
+
+
+class Client:
+    """Commands rotor speeds and gathers what the vehicle does."""
+
+    def __init__(self, graph, mode):
+        self.graph = graph
+        graph.start('simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}')
+        self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
+        self.poses = graph.listen(PoseStamped, 'local_position/pose')
+        self.velocities = graph.listen(TwistStamped, 'local_position/velocity_body')
+        self.speeds = graph.listen(Float64MultiArray, 'motor_speed')
+        graph.connect('simulator')
+
+    def send(self, speeds, stamp=None):
+        """Send rotor speeds that answer the state of a time [ns], or of none."""
+        message = Float64MultiArray(data=[float(speed) for speed in speeds])
+        if stamp is not None:
+            message.layout.dim = [MultiArrayDimension(label=f'stamp {stamp}')]
+        self.command.publish(message)
+
+    def state(self, stamp):
+        """Wait for the state of a time [ns]: position, attitude, velocities as one array."""
+        def seen():
+            return [
+                [m for m in messages if nanoseconds(m) == stamp]
+                for messages in (self.poses, self.velocities)]
+        self.graph.spin_until(lambda: all(seen()), f'the state at {stamp} ns')
+        return state_array(seen()[0][-1], seen()[1][-1])
+
+
+def nanoseconds(message):
+    """Return the stamp of a message [ns]."""
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def state_array(pose, velocity):
+    """Return what is published of a state as one array."""
+    p, q = pose.pose.position, pose.pose.orientation
+    v, w = velocity.twist.linear, velocity.twist.angular
+    return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z])
+
+
+def published(state):
+    """Return what should be published of a state (13,)."""
+    return np.concatenate([
+        state[POSITION], state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY]])
+
+
+REST = published(NULL_STATE)
+SOME_SPEEDS = np.array([260.0, 250.0, 300.0, 240.0, 255.0, 310.0])
+
+
+def test_lockstep_takes_the_steps_of_the_rigid_body_to_the_last_bit(graph):
+    client = Client(graph, 'lockstep')
+    rng = np.random.default_rng(0)
+    state, commands = NULL_STATE, []
+    assert client.state(0).tobytes() == REST.tobytes()
+    for i in range(200):
+        speeds = rng.uniform(40.0, 400.0, 6)
+        client.send(speeds, i * STEP)
+        state = BODY.step(state, speeds, 0.01)
+        assert client.state((i + 1) * STEP).tobytes() == published(state).tobytes()
+        commands.append((f'stamp {i * STEP}', tuple(speeds)))
+    def echoes():
+        """Return what it says of the rotors: still until the first command."""
+        return [
+            (message.layout.dim[1].label, tuple(message.data)) for message in client.speeds
+            if any(message.data)]
+
+    graph.spin_until(lambda: len(echoes()) >= len(commands), 'the speeds of each step')
+    assert echoes() == commands
+    assert {m.header.frame_id for m in client.poses} == {'map'}
+    assert {m.header.frame_id for m in client.velocities} == {'base_link'}
+
+
+BAD_COMMANDS = [
+    [], [255.0] * 5, [255.0] * 7,
+    *([255.0, 255.0, fault, 255.0, 255.0, 255.0]
+      for fault in (math.nan, math.inf, -math.inf, -1.0, -5e-324)),
+]
+
+
+def test_only_rotor_speeds_that_answer_the_present_state_are_followed_by_a_step(graph):
+    client, state = Client(graph, 'lockstep'), NULL_STATE
+    for present in (0, STEP, 2 * STEP):
+        for speeds in BAD_COMMANDS:
+            client.send(speeds, present)
+        for stamp in (present - STEP, present - 1, present + STEP, None):
+            client.send([400.0] * 6, stamp)
+        client.send(SOME_SPEEDS, present)
+        state = BODY.step(state, SOME_SPEEDS, 0.01)
+        assert client.state(present + STEP).tobytes() == published(state).tobytes()
+    assert {nanoseconds(m) for m in client.poses} - {0} == {STEP, 2 * STEP, 3 * STEP}
+
+
+def test_no_command_ends_the_node(graph):
+    client = Client(graph, 'lockstep')
+    for stamp in ('', '\N{SUPERSCRIPT TWO}', '1' * 5000, '9' * 30):
+        client.send(SOME_SPEEDS, stamp)
+    for number in (1e100, 1e200, np.finfo(float).max):
+        client.send([number] * 6, 0)
+    client.send(SOME_SPEEDS, 0)
+    for i in (1, 2, 3):
+        assert np.isfinite(client.state(i * STEP)).all()
+        client.send(SOME_SPEEDS, i * STEP)
+
+
+def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
+    client = Client(graph, 'realtime')
+    for speeds in BAD_COMMANDS:
+        client.send(speeds)
+    graph.spin_until(lambda: len(client.poses) >= 50 <= len(client.velocities), 'states at rest')
+    for pose, velocity in zip(client.poses, client.velocities, strict=False):
+        assert state_array(pose, velocity).tobytes() == REST.tobytes()
+    client.send([300.0] * 6)
+    graph.spin_until(lambda: client.poses[-1].pose.position.z > 0.1, 'a climb')
+    grid = nanoseconds(client.poses[0])
+    for messages in (client.poses, client.velocities):
+        stamps = np.array([nanoseconds(message) for message in messages])
+        assert not ((stamps - grid) % STEP).any()
+        assert np.all(np.diff(stamps) > 0)
+    labels = [message.layout.dim[1].label for message in client.speeds]
+    assert not any((int(label.removeprefix('stamp ')) - grid) % STEP for label in labels)
+    assert {tuple(message.data) for message in client.speeds} == {(0.0,) * 6, (300.0,) * 6}

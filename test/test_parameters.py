@@ -1,0 +1,164 @@
+"""Vehicle files: a fault is reported in one line that names the file, the key and the fault."""
+
+import pytest
+import yaml
+
+from ca_ros import ParameterError, Vehicle
+from ca_ros.parameters import PARAMETERS, check, load
+
+NAN, INFINITY, MISSING = float('nan'), float('inf'), object()
+
+FAULTS = [
+    # key, value, words of the message
+    ('vehicle.mass', MISSING, 'missing'),
+    ('vehicle.inertia', MISSING, 'missing'),
+    ('rotors.positions', MISSING, 'missing'),
+    ('rotors.spins', MISSING, 'missing'),
+    ('rotors.thrust_coefficient', MISSING, 'missing'),
+    ('rotors.torque_coefficient', MISSING, 'missing'),
+    ('rotors.speed_min', MISSING, 'missing'),
+    ('rotors.speed_max', MISSING, 'missing'),
+    ('rotors.positions', [0.4, 0.0], 'got 2'),
+    ('rotors.positions', [], 'got 0'),
+    ('rotors.spins', ['cw', 'ccw'], '6'),
+    ('rotors.spins', ['cw', 'ccw', 'cw', 'ccw', 'cw', 'up'], 'one of cw, ccw'),
+    ('rotors.thrust_coefficient', [2.5e-5] * 5, '6'),
+    ('rotors.torque_coefficient', [5e-7] * 7, '6'),
+    ('rotors.speed_min', [40.0] * 5, '6'),
+    ('rotors.speed_max', [400.0] * 12, '6'),
+    ('rotors.health', [1.0, 1.0], '6'),
+    ('rotors.axes', [0.0, 0.0, 1.0] * 2, '18'),
+    ('rotors.axes', [0.0, 0.0, 0.0], 'zero'),
+    ('vehicle.center_of_mass', [0.0, 0.0], '3'),
+    ('vehicle.inertia', [0.015, 0.015], '3 or 9'),
+    ('vehicle.mass', [1.0, 2.0], 'one value'),
+    ('vehicle.mass', -1.0, 'positive'),
+    ('vehicle.mass', 0.0, 'positive'),
+    ('vehicle.gravity', -9.81, 'at least 0'),
+    ('rotors.thrust_coefficient', [2.5e-5] * 5 + [0.0], 'positive'),
+    ('rotors.torque_coefficient', -5e-7, 'at least 0'),
+    ('rotors.speed_min', -1.0, 'at least 0'),
+    ('rotors.speed_min', 401.0, 'rotors.speed_max'),
+    ('rotors.speed_min', [40.0] * 5 + [500.0], 'rotor 6'),
+    ('rotors.health', 1.5, '[0, 1]'),
+    ('vehicle.mass', NAN, 'nan'),
+    ('rotors.positions', [NAN] + [0.0] * 17, 'nan'),
+    ('rotors.speed_max', INFINITY, 'inf'),
+    ('vehicle.mass', 'heavy', 'heavy'),
+    ('vehicle.mass', True, 'True'),
+    ('rotors.speed_max', {'front': 400.0}, 'rotors.speed_max'),
+    ('rotors.positions', [[0.4, 0.0, 0.0]] * 6, 'rotors.positions'),
+    pytest.param('vehicle.mass', 10**400, 'vehicle.mass', id='a number beyond all floats'),
+    ('vehicle.inertia', [0.015, 0.015, -0.03], 'positive'),
+    ('vehicle.inertia', [0.01, 0.01, 0.03], 'sum'),
+    ('vehicle.inertia', [0.02, 0.01, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.03], 'symmetric'),
+    ('rotors.speed_mim', 40.0, 'did you mean rotors.speed_min'),
+    ('vehicle.masss', 1.0, 'did you mean vehicle.mass'),
+    ('allocation.method', 'exactly', 'pseudo_inverse, direct, conventional, exact'),
+    ('allocation.axes', ['thrust', 'thrust'], 'different'),
+    ('allocation.axes', [], 'axes'),
+    ('allocation.axes', ['lift'], 'thrust'),
+    ('controller.speed_max', 0.0, 'positive'),
+]
+
+
+def write(path, changes):
+    """Write the hexarotor's file with some values changed or missing."""
+    tree = {}
+    for name, value in (load('hexarotor') | changes).items():
+        if value is not MISSING:
+            group = tree
+            *parents, last = name.split('.')
+            for parent in parents:
+                group = group.setdefault(parent, {})
+            group[last] = value
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': tree}}))
+    return path
+
+
+def complaint(path):
+    """Return the one line with which a vehicle's file is refused."""
+    with pytest.raises(ParameterError) as caught:
+        Vehicle.load(path)
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    assert path.name in message
+    return message
+
+
+@pytest.mark.parametrize(('key', 'value', 'words'), FAULTS)
+def test_a_fault_is_named_with_its_key(tmp_path, key, value, words):
+    message = complaint(write(tmp_path / 'wrong.yaml', {key: value}))
+    assert key in message
+    assert words in message
+
+
+@pytest.mark.parametrize('change', [
+    {'rotors.positions': [0.1, 0.0, 0.0] * 3 + [0.2, 0.0, 0.0] * 3},
+    {'rotors.spins': ['cw'] * 6},
+    {'rotors.torque_coefficient': 0.0},
+    {'rotors.axes': [0.0, 1.0, 0.0]},
+    {'allocation.axes': ['force_x', 'thrust', 'roll', 'pitch', 'yaw']},
+])
+def test_rotors_that_cannot_command_all_axes_are_refused(tmp_path, change):
+    message = complaint(write(tmp_path / 'wrong.yaml', change))
+    assert 'rotors.positions' in message
+    assert 'rank' in message
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('a: [1, 2', 'not a readable YAML file'),
+    ('\ta: 1', 'not a readable YAML file'),
+    ('\x00', 'not a readable YAML file'),
+    ('', 'ros__parameters'),
+    ('just words', 'ros__parameters'),
+    ('- 1', 'ros__parameters'),
+    ('vehicle: {mass: 1.0}', 'ros__parameters'),
+    ("'/**': {vehicle: {mass: 1.0}}", 'ros__parameters'),
+    ("'/**': {ros__parameters: [1]}", 'ros__parameters'),
+    ("'/**': {ros__parameters: }", 'ros__parameters'),
+    ("'/**': {ros__parameters: {vehicle: }}", 'vehicle'),
+])
+def test_what_is_no_parameter_file_is_refused(tmp_path, text, words):
+    path = tmp_path / 'wrong.yaml'
+    path.write_text(text)
+    assert words in complaint(path)
+
+
+def test_a_file_in_another_encoding_is_refused(tmp_path):
+    path = tmp_path / 'wrong.yaml'
+    path.write_bytes('# Größe\n'.encode('latin-1'))
+    assert 'YAML' in complaint(path)
+
+
+def test_a_directory_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match=str(tmp_path)):
+        Vehicle.load(tmp_path)
+
+
+def test_an_unchanged_copy_is_accepted(tmp_path):
+    vehicle = Vehicle.load(write(tmp_path / 'right.yaml', {}))
+    assert vehicle.mass == 1.0
+
+
+@pytest.mark.parametrize('text', ['1e-4', '1.0e-4', '0.0001'])
+def test_a_number_without_a_point_is_a_number_as_in_ros(tmp_path, text):
+    path = write(tmp_path / 'right.yaml', {'rotors.torque_coefficient': 'here'})
+    path.write_text(path.read_text().replace('here', text))
+    assert load(path)['rotors.torque_coefficient'] == 1e-4
+
+
+def test_parameters_left_out_have_their_defaults(tmp_path):
+    path = write(tmp_path / 'short.yaml', {'vehicle.gravity': MISSING, 'rotors.health': MISSING})
+    values = load(path)
+    assert values['vehicle.gravity'] == 9.81
+    assert values['rotors.health'] == 1.0
+    assert values.keys() == PARAMETERS.keys()
+
+
+@pytest.mark.parametrize('name', PARAMETERS)
+def test_every_parameter_is_described_with_its_default(name):
+    parameter = PARAMETERS[name]
+    assert parameter.description
+    if isinstance(parameter.default, (float, str, list)):
+        assert check(name, parameter.default) == parameter.default

@@ -1,0 +1,108 @@
+"""The vehicle: from parameters to bounds and speeds."""
+
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ca_ros import ParameterError, Vehicle
+from strategies import FLEET, HEXAROTOR, build, ring, vehicles
+
+
+def test_the_hexarotor_of_the_paper():
+    # f = k_f omega^2: 2.5e-5 * 40^2 = 0.04 N and 2.5e-5 * 400^2 = 4 N.
+    assert HEXAROTOR.n == 6
+    assert HEXAROTOR.weight == pytest.approx(9.81)
+    assert HEXAROTOR.thrust_min == pytest.approx(0.04)
+    assert HEXAROTOR.thrust_max == pytest.approx(4.0)
+    assert HEXAROTOR.axes == ('thrust', 'roll', 'pitch', 'yaw')
+    np.testing.assert_array_equal(HEXAROTOR.inertia, np.diag([0.015, 0.015, 0.03]))
+    np.testing.assert_allclose(HEXAROTOR.arms, ring(6), atol=1e-15)
+
+
+def test_a_shipped_vehicle_loads_from_any_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.testing.assert_array_equal(Vehicle.load('hexarotor').arms, HEXAROTOR.arms)
+
+
+def test_a_vehicle_loads_from_a_path(tmp_path, monkeypatch):
+    shipped = Path(__file__).parent.parent / 'config' / 'hexarotor.yaml'
+    own = tmp_path / 'own.yaml'
+    own.write_text(shipped.read_text().replace('mass: 1.0', 'mass: 2.5'))
+    monkeypatch.chdir(tmp_path)
+    for path in (own, str(own), 'own.yaml'):
+        assert Vehicle.load(path).mass == 2.5
+
+
+def test_an_unknown_vehicle_is_named_beside_those_that_there_are():
+    with pytest.raises(ParameterError, match=r'hexarotr.*hexarotor'):
+        Vehicle.load('hexarotr')
+
+
+def test_scalars_stand_for_all_rotors_and_lists_for_each():
+    one = build(ring(4), 'PNPN', speed_max=500.0)
+    each = build(ring(4), 'PNPN', speed_max=[500.0, 600.0, 700.0, 800.0])
+    np.testing.assert_array_equal(one.speed_max, [500.0] * 4)
+    np.testing.assert_array_equal(each.speed_max, [500.0, 600.0, 700.0, 800.0])
+
+
+def test_arms_begin_at_the_centre_of_mass():
+    vehicle = build(ring(4), 'PNPN', {'vehicle.center_of_mass': [0.1, -0.05, 0.02]})
+    np.testing.assert_allclose(vehicle.arms, ring(4) - [0.1, -0.05, 0.02])
+
+
+def test_axes_are_made_unit_vectors():
+    vehicle = build(ring(4), 'PNPN', axes=[0.0, 0.0, 7.0])
+    np.testing.assert_array_equal(vehicle.rotor_axes, [[0.0, 0.0, 1.0]] * 4)
+
+
+def test_inertia_may_be_a_matrix():
+    rows = [0.02, 0.001, 0.0, 0.001, 0.03, -0.002, 0.0, -0.002, 0.04]
+    vehicle = build(ring(4), 'PNPN', {'vehicle.inertia': rows})
+    np.testing.assert_array_equal(vehicle.inertia, np.reshape(rows, (3, 3)))
+
+
+def test_health_is_the_share_of_thrust_that_is_left():
+    vehicle = HEXAROTOR.with_health([1.0, 0.5, 0.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(vehicle.thrust_max, [4.0, 2.0, 0.0, 4.0, 4.0, 4.0])
+    np.testing.assert_allclose(vehicle.thrusts([200.0] * 6), [1.0, 0.5, 0.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(
+        vehicle.speeds([1.0, 0.5, 0.0, 1.0, 1.0, 1.0]), [200.0, 200.0, 0.0, 200.0, 200.0, 200.0])
+    assert np.all(HEXAROTOR.health == 1.0)
+
+
+@pytest.mark.parametrize('health', [
+    1.1, -0.1, np.nan, [1.0] * 5, [[1.0] * 6], [1.0] * 5 + [np.inf]])
+def test_health_is_a_share_per_rotor(health):
+    with pytest.raises(ParameterError, match=r'rotors\.health'):
+        HEXAROTOR.with_health(health)
+
+
+def test_a_vehicle_does_not_change():
+    with pytest.raises(FrozenInstanceError):
+        HEXAROTOR.mass = 2.0
+
+
+@given(vehicles(rank=False), st.data())
+def test_speeds_give_the_thrusts_and_keep_their_bounds(vehicle, data):
+    share = np.array(data.draw(st.lists(
+        st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0.0, 1.0)),
+        min_size=vehicle.n, max_size=vehicle.n)))
+    low, high = vehicle.thrust_min, vehicle.thrust_max
+    thrusts = np.where(share == 1.0, high, np.minimum(low + share * (high - low), high))
+    speeds, lost = vehicle.speeds(thrusts), vehicle.health == 0.0
+    assert np.all(speeds[lost] == 0.0)
+    assert np.all((vehicle.speed_min <= speeds) & (speeds <= vehicle.speed_max) | lost)
+    np.testing.assert_allclose(vehicle.thrusts(speeds), thrusts, rtol=1e-14)
+
+
+@pytest.mark.parametrize('name', FLEET)
+def test_speeds_of_many_thrusts_are_those_of_each(name):
+    vehicle = FLEET[name]
+    thrusts = np.random.default_rng(0).uniform(
+        vehicle.thrust_min, vehicle.thrust_max, (5, vehicle.n))
+    np.testing.assert_array_equal(
+        vehicle.speeds(thrusts), [vehicle.speeds(row) for row in thrusts])
