@@ -221,7 +221,7 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
     try:
         # YAML 1.1 reads 1e-4, without a point, as a word; ROS reads it as a number, and so do we.
         number = nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ParameterError(expected) from None
     if (
         not isfinite(number)

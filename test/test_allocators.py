@@ -31,8 +31,10 @@ def check_laws(vehicle, u, a):
     assert np.all(np.abs(a.residual - (u - wrench)) <= rounding)
     np.testing.assert_allclose(vehicle.thrusts(a.speeds), a.thrusts, rtol=1e-14)
     assert a.saturation.dtype == np.int8
-    np.testing.assert_array_equal(a.saturation == -1, a.thrusts == low)
-    np.testing.assert_array_equal(a.saturation == 1, (a.thrusts == high) & (low < high))
+    near = 1e-12 * np.maximum(1.0, high)
+    np.testing.assert_array_equal(a.saturation == -1, a.thrusts <= low + near)
+    np.testing.assert_array_equal(
+        a.saturation == 1, (a.thrusts >= high - near) & (a.thrusts > low + near))
     # The status tells the truth.
     exact = np.linalg.norm(a.residual) <= 1e-12 * max(1.0, np.linalg.norm(u))
     assert (a.status is Status.EXACT) == exact
@@ -104,7 +106,7 @@ def assert_same(name, one, other, scale):
     """Compare a field of two answers up to rounding, which may put a rotor on its bound."""
     if name == 'status':
         np.testing.assert_array_equal(one, other)
-    elif name != 'saturation':
+    elif name not in ('saturation', 'speeds'):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * scale, err_msg=name)
 
 
@@ -120,10 +122,9 @@ def test_a_batch_is_its_wrenches_one_by_one(method, data):
     for name in FIELDS:
         together, apart = getattr(batch, name), np.array([getattr(a, name) for a in singles])
         assert np.shape(together) == apart.shape, name
-        if name != 'saturation':
+        # The root of a thrust of nearly zero is all rounding; both follow from the thrusts.
+        if name not in ('saturation', 'speeds'):
             np.testing.assert_allclose(together, apart, rtol=1e-9, atol=rounding, err_msg=name)
-    # A rounding error may put a rotor at its bound or beside it.
-    np.testing.assert_array_equal(batch.saturation == -1, batch.thrusts == vehicle.thrust_min)
 
 
 @every_method

@@ -94,13 +94,12 @@ def test_nearly_parallel_rows_are_not_commanded_with_great_gains(pnpnpn):
     assert np.abs(gains).max() < 10.0
 
 
-@pytest.mark.parametrize('weight, lost', [(10.0, ()), (0.1, ())])
-def test_too_heavy_a_vehicle_keeps_its_axes_and_cannot_hover(pnpnpn, weight, lost):
-    vehicle = Vehicle.from_parameters({**load('hexarotor'), 'vehicle.mass': weight})
-    report = audit(vehicle)
-    assert report.lost == lost
-    assert report.sound == (weight < 1.0)
-    assert ('cannot hover' in str(report)) == (weight > 1.0)
+def test_too_heavy_a_vehicle_keeps_its_axes_and_cannot_hover():
+    # Six rotors lift 24 N.
+    report = audit(Vehicle.from_parameters({**load('hexarotor'), 'vehicle.mass': 2.5}))
+    assert report.lost == ()
+    assert not report.sound
+    assert 'cannot hover' in str(report)
 
 
 def test_a_geometry_without_yaw_is_refused_or_flown_without_it():

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ca_ros.allocation import ALLOCATORS, Allocator
 from ca_ros.parameters import AXES, ParameterError
+from ca_ros.vehicle import Vehicle
 
 
 def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) -> dict[str, Any]:
@@ -32,6 +34,25 @@ def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) 
     if 'order' in options:
         options['order'] = _order(prefix + 'order', options['order'], axes)
     return options
+
+
+def allocator_from_parameters(parameters: Mapping[str, Any], vehicle: Vehicle) -> Allocator:
+    """Return the allocator that the parameters ask for.
+
+    Raises
+    ------
+    ParameterError
+        If an option is wrong; it is named in full.
+    """
+    method = str(parameters['allocation.method'])
+    options = options_from_parameters(parameters, vehicle.axes)
+    try:
+        return ALLOCATORS[method](vehicle, **options)
+    except ParameterError:
+        raise
+    except ValueError as error:
+        named = any(str(error).startswith(f'{option}:') for option in options)
+        raise ParameterError(f'allocation.{method}.{error}' if named else str(error)) from None
 
 
 def _order(name: str, groups: Any, axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:

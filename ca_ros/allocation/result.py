@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ca_ros.allocation.certificate import Certificate, certify
-from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.allocation_problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.arrays import Array, IntArray
 
 
@@ -72,9 +72,11 @@ class Allocation:
 
     @property
     def saturation(self) -> IntArray:
-        """Per rotor, (n,): -1 at its lower bound, +1 at its upper bound, 0 between."""
-        above = (self.thrusts >= self.problem.upper).astype(np.int8)
-        return np.where(self.thrusts <= self.problem.lower, np.int8(-1), above)
+        """Per rotor, (n,): -1 at its lower and +1 at its upper bound, to rounding; 0 between."""
+        low, high = self.problem.lower, self.problem.upper
+        rounding = EXACT_TOLERANCE * np.maximum(1.0, high)
+        above = (self.thrusts >= high - rounding).astype(np.int8)
+        return np.where(self.thrusts <= low + rounding, np.int8(-1), above)
 
     @cached_property
     def certificate(self) -> Certificate:

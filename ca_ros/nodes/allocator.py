@@ -10,9 +10,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
-from ca_ros.allocation import Allocation, Status, make_allocator
+from ca_ros.allocation import Allocation, Status
 from ca_ros.allocation import Allocator as Method
-from ca_ros.allocation.options import options_from_parameters
+from ca_ros.allocation.options import allocator_from_parameters
 from ca_ros.control_allocation_matrix import rotor_wrenches
 from ca_ros.nodes.messages import speeds_message, wrench_array, wrench_message
 from ca_ros.nodes.qos import COMMAND, offered, requested
@@ -49,8 +49,7 @@ class Allocator(VehicleNode):
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Method]:
         """Make the allocation method for the axes that the rotors can command."""
         report = self.audited(parameters)
-        options = options_from_parameters(parameters, report.vehicle.axes)
-        return report, make_allocator(parameters['allocation.method'], report.vehicle, **options)
+        return report, allocator_from_parameters(parameters, report.vehicle)
 
     def adopt(self, built: tuple[Audit, Method]) -> None:
         """Allocate with this method from the next command on."""

@@ -196,6 +196,7 @@ def _fly(
                         )
             return recorder.flight(options.duration), time.monotonic() - began
     finally:
+        executor.shutdown()
         recorder.destroy_node()
         rclpy.try_shutdown()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from array import array
 
 import numpy as np
@@ -10,6 +11,9 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ca_ros.arrays import Array
+
+
+DIGITS = re.compile('[0-9]{1,19}')
 
 
 def stamp(nanoseconds: int) -> Time:
@@ -41,7 +45,7 @@ def speeds_stamp(message: Float64MultiArray) -> int | None:
     """Return the time stamp [ns] of a `speeds_message`; None if it has none."""
     for dimension in message.layout.dim:
         word, _, number = dimension.label.partition(' ')
-        if word == 'stamp' and number.isdigit():
+        if word == 'stamp' and DIGITS.fullmatch(number):
             return int(number)
     return None
 

@@ -149,7 +149,7 @@ def run(node_class: type[VehicleNode], description: str, argv: Sequence[str] | N
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: stop.append(received))
-    node = None
+    node = executor = None
     try:
         rclpy.init(
             args=parse(prog, description, sys.argv[1:] if argv is None else argv),
@@ -171,5 +171,9 @@ def run(node_class: type[VehicleNode], description: str, argv: Sequence[str] | N
     finally:
         if node is not None:
             node.close()
+        if executor is not None:
+            # Left to the interpreter's end, it may find its context gone.
+            executor.shutdown()
+        if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
