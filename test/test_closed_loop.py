@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ca_ros import ALLOCATORS, make_allocator
 from ca_ros.closed_loop import fly
@@ -18,22 +19,17 @@ WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
 every_method = pytest.mark.parametrize('method', ALLOCATORS)
 
 
-def fly_with(allocator, duration):
+def fly_with(method, duration):
+    options = {name: PARAMETERS[f'allocation.conventional.{name}']
+               for name in ('weight', 'reference') if method == 'conventional'}
     controller = Controller(HEXAROTOR, Gains.from_parameters(PARAMETERS))
+    allocator = make_allocator(method, HEXAROTOR, **options)
     return fly(controller, allocator, RigidBody(HEXAROTOR), WAYPOINT, duration)
 
 
 @pytest.fixture(scope='module')
-def allocators():
-    options = {name: PARAMETERS[f'allocation.conventional.{name}']
-               for name in ('weight', 'reference')}
-    return {method: make_allocator(
-        method, HEXAROTOR, **options if method == 'conventional' else {}) for method in ALLOCATORS}
-
-
-@pytest.fixture(scope='module')
-def flights(allocators):
-    return {method: fly_with(allocator, 10.0) for method, allocator in allocators.items()}
+def flights():
+    return {method: fly_with(method, 10.0) for method in ALLOCATORS}
 
 
 @every_method
@@ -77,9 +73,18 @@ def test_the_flights_are_close_to_each_other_as_in_the_paper(flights):
         assert np.abs(flight.position - flights['exact'].position).max() < 0.05
 
 
+def test_the_samples_follow_each_other_by_explicit_euler(flights):
+    # x(t + h) = x(t) + h R v with v in the body frame, h = 0.01 s.
+    flight = flights['exact']
+    velocity = Rotation.from_quat(flight.attitude).apply(flight.velocity)
+    np.testing.assert_allclose(np.diff(flight.time), 0.01, rtol=1e-9)
+    np.testing.assert_allclose(
+        np.diff(flight.position, axis=0), 0.01 * velocity[:-1], rtol=0.0, atol=1e-14)
+
+
 @every_method
-def test_the_flight_is_the_same_to_the_last_bit_each_time(flights, allocators, method):
-    again = fly_with(allocators[method], 2.0)
+def test_the_flight_is_the_same_to_the_last_bit_each_time(flights, method):
+    again = fly_with(method, 2.0)
     for name in ('time', 'position', 'attitude', 'velocity', 'angular_velocity', 'speeds'):
         np.testing.assert_array_equal(
             getattr(again, name), getattr(flights[method], name)[:201], name)

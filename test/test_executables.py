@@ -92,10 +92,9 @@ def test_a_wrong_vehicle_is_refused_in_one_line(graph, tmp_path, fault):
 def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
     refused(graph, [
         *((name, '--vehicle', 'nope') for name in OPTIONS),
+        *((name, '--ros-args', '--params-file', 'nope') for name in NODES),
         ('bringup', '--params-file', 'nope'),
-    ], ('nope', 'hexarotor'))
-    refused(graph, [
-        (name, '--ros-args', '--params-file', 'nope') for name in NODES], ('nope',))
+    ], ['nope'])
 
 
 def refused(graph, ways, words):
