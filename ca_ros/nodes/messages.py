@@ -12,7 +12,6 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ca_ros.arrays import Array
 
-
 DIGITS = re.compile('[0-9]{1,19}')
 
 

@@ -1,0 +1,66 @@
+"""Show what OSQP's answer is worth, and what a start at it is: accuracy and time per call."""
+
+import sys
+import time
+
+import numpy as np
+import osqp
+import scipy.sparse
+
+from ca_ros import AdmissibleSet, Vehicle, make_allocator
+
+VEHICLE = Vehicle.load(sys.argv[1] if len(sys.argv) > 1 else 'hexarotor')
+ADMISSIBLE = AdmissibleSet(VEHICLE)
+GAMMA = ADMISSIBLE.problem.gamma
+LOW, HIGH = VEHICLE.thrust_min, VEHICLE.thrust_max
+
+
+def plain_osqp(**settings):
+    """Return OSQP on Eqs. (20)-(22), set up once, as a function from a wrench to thrusts."""
+    n = VEHICLE.n
+    rows = scipy.sparse.csc_matrix(np.vstack([GAMMA, np.eye(n)]))
+    solver = osqp.OSQP()
+    zero = np.zeros(len(GAMMA))
+    solver.setup(
+        scipy.sparse.identity(n, format='csc'), np.zeros(n), rows,
+        np.concatenate([zero, LOW]), np.concatenate([zero, HIGH]), verbose=False, **settings)
+
+    def solve(u):
+        solver.update(l=np.concatenate([u, LOW]), u=np.concatenate([u, HIGH]))
+        return solver.solve().x
+
+    return solve
+
+
+def exact(**options):
+    """Return the exact allocator as a function from a wrench to thrusts."""
+    allocator = make_allocator('exact', VEHICLE, **options)
+    return lambda u: allocator.allocate(u).thrusts
+
+
+METHODS = {
+    'OSQP, defaults': plain_osqp(),
+    'OSQP, eps 1e-8': plain_osqp(eps_abs=1e-8, eps_rel=1e-8),
+    "exact, solver='osqp'": exact(solver='osqp'),
+    "exact, solver='newton'": exact(),
+}
+
+rng = np.random.default_rng(0)
+inside = ADMISSIBLE.sample(rng, 1000)
+boundary = np.array([ADMISSIBLE.scale(10.0 * u - 9.0 * ADMISSIBLE.center) for u in inside])
+
+print('| method | wrenches | worst error of the wrench | worst excess over a bound [N] '
+      '| median [us] | p99 [us] |')
+print('|---|---|---|---|---|---|')
+for load, wrenches in (('inside', inside), ('on the boundary', boundary)):
+    for name, solve in METHODS.items():
+        error = excess = 0.0
+        times = []
+        for u in wrenches:
+            start = time.perf_counter()
+            thrusts = solve(u)
+            times.append(1e6 * (time.perf_counter() - start))
+            error = max(error, float(np.linalg.norm(GAMMA @ thrusts - u)))
+            excess = max(excess, float((thrusts - HIGH).max()), float((LOW - thrusts).max()))
+        print(f'| {name} | {load} | {error:.1e} | {max(excess, 0.0):.1e} | '
+              f'{np.median(times):.0f} | {np.quantile(times, 0.99):.0f} |')
