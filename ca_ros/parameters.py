@@ -238,15 +238,16 @@ def complete(given: Mapping[str, Any]) -> dict[str, Value]:
     Raises
     ------
     ParameterError
-        If a value is wrong, a required one is missing, or a name in one of our groups is unknown.
+        If a value is wrong, a required one is missing, or a name is unknown but looks like ours.
     """
     groups = {name.split('.')[0] for name in PARAMETERS if '.' in name}
     for name in given:
-        if name not in PARAMETERS and name.split('.')[0] in groups:
-            near = get_close_matches(name, PARAMETERS, n=1)
-            raise ParameterError(
-                f'{name}: no such parameter' + (f' (did you mean {near[0]}?)' if near else '')
-            )
+        if name not in PARAMETERS:
+            near = get_close_matches(name, PARAMETERS, n=1, cutoff=0.7)
+            hint = f' (did you mean {near[0]}?)' if near else ''
+            # What is not like one of ours may be for another package's node.
+            if near or name.split('.')[0] in groups:
+                raise ParameterError(f'{name}: no such parameter{hint}')
     values = {}
     for name, parameter in PARAMETERS.items():
         value = given.get(name, parameter.default)

@@ -65,9 +65,20 @@ class RigidBody:
         return rate
 
     def step(self, state: Array, speeds: Array, time_step: float) -> Array:
-        """Return the state (13,) one explicit Euler step later, its quaternion normalised."""
-        after = state + time_step * self.derivative(state, speeds)
-        after[ATTITUDE] /= np.linalg.norm(after[ATTITUDE])
+        """Return the state (13,) one explicit Euler step later, its quaternion normalised.
+
+        Raises
+        ------
+        FloatingPointError
+            If the vehicle tumbles so fast that the steps diverge.
+        """
+        with np.errstate(over='ignore', invalid='ignore'):
+            after = state + time_step * self.derivative(state, speeds)
+            after[ATTITUDE] /= np.linalg.norm(after[ATTITUDE])
+        if not np.isfinite(after).all():
+            raise FloatingPointError(
+                f'the vehicle tumbles so fast that Euler steps of {time_step:g} s diverge'
+            )
         return after
 
 

@@ -99,7 +99,9 @@ class Zonotope:
         heights, rates = self.normals @ (start - self.center), self.normals @ direction
         slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
         moving = self.slanted(rates, direction)
-        return float((slacks[moving] / np.abs(rates[moving])).min()) if moving.any() else np.inf
+        with np.errstate(over='ignore'):
+            reaches = slacks[moving] / np.abs(rates[moving])
+        return float(reaches.min(initial=np.inf))
 
     def section(self, u: Array) -> tuple[float, float]:
         """Return least and greatest value of the last coordinate with the others of u (m,)."""

@@ -162,3 +162,14 @@ def test_every_parameter_is_described_with_its_default(name):
     assert parameter.description
     if isinstance(parameter.default, (float, str, list)):
         assert check(name, parameter.default) == parameter.default
+
+
+@pytest.mark.parametrize(
+    'name', ['controler.speed_max', 'rotor.health', 'Vehicle.mass', 'speed_max'])
+def test_a_name_that_looks_like_one_of_ours_is_not_passed_over(name):
+    with pytest.raises(ParameterError, match=f'{name}: no such parameter .did you mean'):
+        Vehicle.from_parameters({**load('hexarotor'), name: 1.0})
+
+
+def test_a_name_for_another_node_is_left_alone():
+    Vehicle.from_parameters({**load('hexarotor'), 'use_sim_time': True, 'camera.exposure': 3})

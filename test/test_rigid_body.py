@@ -173,3 +173,10 @@ def test_a_step_leaves_its_state_alone():
     before = STATE.copy()
     RigidBody(LOPSIDED).step(STATE, SPEEDS, 0.01)
     np.testing.assert_array_equal(STATE, before)
+
+
+def test_steps_that_diverge_are_an_error_and_not_a_state():
+    body, state = RigidBody(HEXAROTOR), np.array(NULL_STATE)
+    state[ANGULAR_VELOCITY] = [20.0, -30.0, 40.0]
+    with pytest.raises(FloatingPointError, match='diverge'):
+        flown(body, state, np.zeros(6), 10.0, 1000)

@@ -47,9 +47,9 @@ class Direct(Allocator):
         rates = demands @ image.normals.T
         # For each pair of facets, alpha rates is within the width of the middle.
         slanted = image.slanted(rates, demands)
-        with np.errstate(divide='ignore', invalid='ignore'):
+        with np.errstate(all='ignore'):
             ends = (middle + np.sign(rates) * image.widths) / rates
-        levels = np.minimum(np.where(slanted, ends, np.inf).min(axis=-1), 1.0)
+        levels = np.clip(np.where(slanted, ends, np.inf).min(axis=-1), -1.0, 1.0)
         served = levels[..., None] * demands
         given = (levels >= 0.0) & (image.margin(served) >= -0.5 * self.problem.tolerance(served))
         return np.where(given, levels, np.nan)

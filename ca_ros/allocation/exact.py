@@ -69,7 +69,7 @@ class Exact(Allocator):
 
     def _allocate(self, u: Array) -> Allocation:
         thrusts = None if self._osqp is not None else self._laws.find(u)
-        if thrusts is not None and self._judge(u, thrusts):
+        if thrusts is not None and self._judge(u, thrusts, 0.5):
             return Allocation(self.problem, u, thrusts, Status.EXACT)
         served, level, status = self._within(u)
         thrusts = self._solve(served)
@@ -87,7 +87,7 @@ class Exact(Allocator):
         if self._osqp is not None:
             return self._least_norm.solve(u, tolerance, self._osqp.multipliers(u))[0]
         thrusts = self._laws.find_or_learn(u)
-        if thrusts is not None and self._judge(u, thrusts):
+        if thrusts is not None and self._judge(u, thrusts, 0.5):
             return thrusts
         return self._least_norm.solve(u, tolerance)[0]
 
@@ -114,7 +114,7 @@ class Exact(Allocator):
         for i in np.flatnonzero(margins < -0.5 * self.problem.tolerance(demands)):
             served[i], levels[i], status[i] = self._within(demands[i])
         thrusts = self._laws.find_batch(served)
-        for i in np.flatnonzero(~self._judge(served, thrusts)):
+        for i in np.flatnonzero(~self._judge(served, thrusts, 0.5)):
             thrusts[i] = self._solve(served[i])
         rejected = status == Status.REJECTED
         thrusts[rejected] = self.problem.lower

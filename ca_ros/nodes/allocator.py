@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ class Allocator(VehicleNode):
     def __init__(self, name: str) -> None:
         self._counts: Counter[str] = Counter()
         self._last: Status | None = None
+        self._level = 1.0
         super().__init__(name)
         self._speeds = self.create_publisher(
             Float64MultiArray, 'command/motor_speed', offered(self.mode)
@@ -45,6 +47,11 @@ class Allocator(VehicleNode):
             WrenchStamped, 'command/wrench', self._serve, requested(self.mode)
         )
         self.create_timer(1.0, self._diagnose)
+        if find_spec('osqp') is None:
+            self.get_logger().info(
+                'osqp is not installed: allocation.exact.solver can only be newton, '
+                'which gives the same answers'
+            )
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Method]:
         """Make the allocation method for the axes that the rotors can command."""
@@ -73,6 +80,7 @@ class Allocator(VehicleNode):
             self._speeds.publish(speeds_message(answer.speeds, command.header.stamp))
         self._report(command, wrench, answer)
         self._counts[status.name.lower()] += 1
+        self._level = float(answer.level)
         if status is not self._last:
             self._last = status
             self._diagnose()
@@ -99,6 +107,7 @@ class Allocator(VehicleNode):
         values = {
             'method': self.parameters['allocation.method'],
             'audit': self.audit,
+            'level of the last answer': self._level,
             **self._counts,
         }
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

@@ -113,7 +113,10 @@ class Simulator(VehicleNode):
 
     def _step(self) -> None:
         self._publish_speeds()
-        self._state = self.body.step(self._state, self._command, self._step_ns / 1e9)
+        try:
+            self._state = self.body.step(self._state, self._command, self._step_ns / 1e9)
+        except FloatingPointError as error:
+            self.get_logger().error(f'{error}: it is held where it is', throttle_duration_sec=1.0)
         self._time += self._step_ns
         self._publish()
 
