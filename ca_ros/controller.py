@@ -120,17 +120,36 @@ class Controller:
         -------
         (m,) array
             In the admissible set [N, N m], one component for each of the vehicle's axes.
+
+        Raises
+        ------
+        ValueError
+            If the state is not finite, or so absurd that the demand is not.
         """
-        rotation = rotation_matrix(attitude)
-        force = self._force(position, rotation @ velocity, waypoint)
-        wanted = _attitude(force, waypoint.heading)
-        error = _rotation_vector(rotation.T @ wanted)
-        inertia = self.vehicle.inertia
-        torque = inertia @ (
-            self.gains.attitude_stiffness * error - self.gains.attitude_damping * angular_velocity
-        )
-        torque += cross(angular_velocity, inertia @ angular_velocity)
-        demand = np.concatenate([force @ rotation, torque])[self._rows]
+        state = {
+            'position': position,
+            'attitude': attitude,
+            'velocity': velocity,
+            'angular_velocity': angular_velocity,
+        }
+        for name, part in state.items():
+            if not np.isfinite(part).all():
+                raise ValueError(f'{name}: expected finite numbers, got {part}')
+        if not attitude.any():
+            raise ValueError('attitude: expected a quaternion, got zero')
+        # Absurd numbers may end as infinities in the demand, which is then refused.
+        with np.errstate(over='ignore', invalid='ignore'):
+            rotation = rotation_matrix(attitude)
+            force = self._force(position, rotation @ velocity, waypoint)
+            wanted = _attitude(force, waypoint.heading)
+            error = _rotation_vector(rotation.T @ wanted)
+            inertia = self.vehicle.inertia
+            torque = inertia @ (
+                self.gains.attitude_stiffness * error
+                - self.gains.attitude_damping * angular_velocity
+            )
+            torque += cross(angular_velocity, inertia @ angular_velocity)
+            demand = np.concatenate([force @ rotation, torque])[self._rows]
         return self.admissible.prioritize(demand)
 
     def _force(self, position: Array, velocity: Array, waypoint: Waypoint) -> Array:

@@ -74,8 +74,9 @@ class RigidBody:
         """
         with np.errstate(over='ignore', invalid='ignore'):
             after = state + time_step * self.derivative(state, speeds)
-            after[ATTITUDE] /= np.linalg.norm(after[ATTITUDE])
-        if not np.isfinite(after).all():
+            length = np.linalg.norm(after[ATTITUDE])
+            after[ATTITUDE] /= length
+        if not (np.isfinite(length) and np.isfinite(after).all()):
             raise FloatingPointError(
                 f'the vehicle tumbles so fast that Euler steps of {time_step:g} s diverge'
             )

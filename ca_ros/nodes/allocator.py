@@ -68,13 +68,12 @@ class Allocator(VehicleNode):
     def _serve(self, command: WrenchStamped) -> None:
         self._counts['received'] += 1
         wrench = wrench_array(command)
-        if not np.isfinite(wrench).all():
-            self._counts['dropped: not finite'] += 1
-            self.get_logger().warning(
-                'dropped a wrench that is not finite', throttle_duration_sec=1.0
-            )
+        try:
+            answer = self.method.allocate(wrench[self._rows])
+        except ValueError as error:
+            self._counts['dropped'] += 1
+            self.get_logger().warning(f'dropped: {error}', throttle_duration_sec=1.0)
             return
-        answer = self.method.allocate(wrench[self._rows])
         status = Status(answer.status)
         if status is not Status.REJECTED:
             self._speeds.publish(speeds_message(answer.speeds, command.header.stamp))

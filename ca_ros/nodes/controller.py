@@ -78,14 +78,14 @@ class Controller(VehicleNode):
             or self._pose.header.stamp != self._velocity.header.stamp
         ):
             return
-        state = [*pose_arrays(self._pose), *twist_arrays(self._velocity)]
-        if not all(np.isfinite(part).all() for part in state) or not state[1].any():
-            self.get_logger().warning(
-                'dropped a state that is not finite', throttle_duration_sec=1.0
-            )
-            return
         wrench = np.zeros(len(AXES))
-        wrench[self._rows] = self.law.wrench(*state, self._waypoint)
+        try:
+            wrench[self._rows] = self.law.wrench(
+                *pose_arrays(self._pose), *twist_arrays(self._velocity), self._waypoint
+            )
+        except ValueError as error:
+            self.get_logger().warning(f'dropped a state: {error}', throttle_duration_sec=1.0)
+            return
         self._wrench.publish(
             wrench_message(wrench, Header(stamp=self._pose.header.stamp, frame_id='base_link'))
         )

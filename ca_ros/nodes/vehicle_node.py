@@ -69,8 +69,10 @@ class VehicleNode(Node):
     def note(self, report: Audit) -> None:
         """Keep an audit, and say it if it is another than before."""
         if str(report) != str(self.audit):
-            log = self.get_logger()
-            (log.info if report.sound else log.error)(f'audit: {report}')
+            if report.sound:
+                self.get_logger().info(f'audit: {report}')
+            else:
+                self.get_logger().error(f'audit: {report}')
         self.audit = report
 
     def build(self, parameters: dict[str, Any]) -> Any:
