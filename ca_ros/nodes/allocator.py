@@ -69,6 +69,9 @@ class Allocator(VehicleNode):
         self._counts['received'] += 1
         wrench = wrench_array(command)
         try:
+            # Also what is not commanded must be sound: it is part of the residual.
+            if not np.isfinite(wrench).all():
+                raise ValueError(f'wrench: expected finite numbers, got {wrench}')
             answer = self.method.allocate(wrench[self._rows])
         except ValueError as error:
             self._counts['dropped'] += 1
