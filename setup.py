@@ -59,7 +59,9 @@ setup(
             'allocator = ca_ros.nodes.allocator:main',
             'bringup = ca_ros.nodes.bringup:main',
             'controller = ca_ros.nodes.controller:main',
+            'dynamic_study = ca_ros.studies.dynamic_study:main',
             'simulator = ca_ros.nodes.simulator:main',
+            'static_study = ca_ros.studies.static_study:main',
         ],
     },
 )

@@ -58,7 +58,9 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
 
 def split_ros(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     """Separate our arguments from those of ROS, from ``--ros-args`` up to ``--`` or the end."""
-    ours, ros, in_ros = [], [], False
+    ours: list[str] = []
+    ros: list[str] = []
+    in_ros = False
     for word in argv:
         in_ros = in_ros or word == '--ros-args'
         (ros if in_ros else ours).append(word)
@@ -106,7 +108,7 @@ class Case:
         changes : sequence of str
             ``NAME:=VALUE``, the value as in a parameter file.
         to_fly : bool
-            Ask for what the nodes ask for: that it can hover.
+            Ask for what the nodes ask for: that it can hover with all axes served.
 
         Raises
         ------
@@ -118,13 +120,15 @@ class Case:
             parameters.update([_change(change)])
         parameters = complete(parameters)
         try:
-            report = audit(Vehicle.from_parameters(parameters))
+            vehicle = Vehicle.from_parameters(parameters)
         except ParameterError as error:
             raise ParameterError(f'{name}: {error}') from None
-        if to_fly and not report.sound and parameters['allocation.lost_axes'] == 'refuse':
+        report = audit(vehicle)
+        sound = report.sound if to_fly else report.vehicle.axes == vehicle.axes
+        if not sound and parameters['allocation.lost_axes'] == 'refuse':
             raise ParameterError(
                 f'{name}: allocation.lost_axes: this vehicle is refused: {report} '
-                '(drop would fly it)'
+                f'(drop would {"fly" if to_fly else "study"} it)'
             )
         return cls(name, parameters, report.vehicle)
 
@@ -181,4 +185,6 @@ def _own_class(method: str) -> type[Allocator]:
         found: type[Allocator] = getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise ValueError(f'{method}: {error}') from None
+    if not callable(found):
+        raise ValueError(f'{method}: not a class')
     return found

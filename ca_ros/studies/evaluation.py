@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from itertools import chain, repeat
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation import AllocationProblem, Allocator, Status
+from ca_ros.allocation import AllocationProblem, Allocator
 from ca_ros.arrays import Array, BoolArray, IntArray
 
 VIOLATION = 1e-9
 """Thrusts that are further outside their bounds than this violate them [N]."""
 
 FORCES = ('force_x', 'force_y', 'thrust')
-TORQUES = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}
+"""The axes in N; the others are in N m."""
+
+
+class AnswerError(ValueError):
+    """What a method answered is no allocation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +40,7 @@ class Evaluation:
     time : (N,) array
         [s]
     status : (N,) int8 array
-        Values of `Status`.
+        Values of `ca_ros.Status`.
     """
 
     demands: Array
@@ -73,36 +76,33 @@ def evaluate(
 
     Raises
     ------
-    TypeError, ValueError
-        If the answers are none.
+    AnswerError
+        If the answers are not thrusts of the vehicle's rotors.
     """
-    start = perf_counter_ns()
     if batch and hasattr(allocator, 'allocate_batch'):
+        start = perf_counter_ns()
         answer = allocator.allocate_batch(demands)
-        time = np.full(len(demands), (perf_counter_ns() - start) / 1e9 / len(demands))
-        parts = [answer.thrusts, answer.violation, answer.status]
+        times = np.full(len(demands), (perf_counter_ns() - start) / 1e9 / len(demands))
+        parts: list[Any] = [answer.thrusts, answer.violation, answer.status]
     else:
-        answers, ends = [], [start]
-        for u in demands:
-            begin = perf_counter_ns()
+        answers, times = [], np.empty(len(demands))
+        for i, u in enumerate(demands):
+            start = perf_counter_ns()
             answers.append(allocator.allocate(u))
-            ends.append(perf_counter_ns() - begin)
-        time = np.array(ends[1:]) / 1e9
-        if not all(hasattr(a, 'thrusts') and hasattr(a, 'status') for a in answers):
-            raise TypeError(f'{name}: allocate has to return an Allocation')
-        parts = [
-            np.array([a.thrusts for a in answers]),
-            np.array([a.violation for a in answers]),
-            np.array([a.status for a in answers]),
-        ]
+            times[i] = (perf_counter_ns() - start) / 1e9
+        fields_used = ('thrusts', 'violation', 'status')
+        if not all(hasattr(a, part) for a in answers for part in fields_used):
+            raise AnswerError(f'{name}: allocate has to return an Allocation')
+        parts = [[getattr(a, part) for a in answers] for part in fields_used]
     thrusts = np.asarray(parts[0], dtype=float)
     if thrusts.shape != (len(demands), len(problem.lower)) or not np.isfinite(thrusts).all():
-        raise ValueError(
+        raise AnswerError(
             f'{name}: expected finite thrusts of {len(problem.lower)} rotors for each wrench, got '
             f'an array of shape {thrusts.shape}'
         )
     outside = np.abs(thrusts - problem.clip(thrusts)).max(axis=1)
-    residual = demands - thrusts @ problem.gamma.T
+    # Not by a product of matrices, whose last digits depend on how many wrenches there are.
+    residual = demands - np.einsum('ij,kj->ik', thrusts, problem.gamma)
     force = [axis in FORCES for axis in problem.axes]
     return Evaluation(
         demands,
@@ -110,6 +110,13 @@ def evaluate(
         np.maximum(np.broadcast_to(np.asarray(parts[1], dtype=float), outside.shape), outside),
         np.linalg.norm(residual[:, force], axis=1),
         np.linalg.norm(residual[:, np.logical_not(force)], axis=1),
-        time,
+        times,
         np.broadcast_to(np.asarray(parts[2], dtype=np.int8), outside.shape),
+    )
+
+
+def join(parts: Sequence[Evaluation]) -> Evaluation:
+    """Return evaluations of one method, one after the other, as one."""
+    return Evaluation(
+        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Evaluation))
     )

@@ -56,16 +56,14 @@ class PlainOsqp(Allocator):
         # OSQP adapts rho and keeps it: the answer would depend on the wrenches before this one.
         self._solver.update_settings(rho=self._rho)
         self._solver.update(l=lower, u=upper)
-        wanted = np.asarray(self._solver.solve().x, dtype=float)
+        wanted = np.asarray(self._solver.solve(raise_error=False).x, dtype=float)
         if not np.isfinite(wanted).all():
             return Allocation(
                 self.problem, u, self.problem.lower.copy(), Status.INEXACT, violation=np.inf
             )
         thrusts = self.problem.clip(wanted)
         violation = float(np.abs(wanted - thrusts).max())
-        return Allocation(
-            self.problem, u, thrusts, self._status(u, thrusts), violation=violation
-        )
+        return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
 
 
 class TightOsqp(PlainOsqp):

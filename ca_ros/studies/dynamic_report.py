@@ -1,0 +1,68 @@
+"""The file dynamic.md: the flights in a table, and the paper's observations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees
+from typing import Any
+
+TITLES = (
+    'method',
+    'steady-state error x, y, z [mm]',
+    'heading [°]',
+    'settling time x, y, z, heading [s]',
+    'overshoot x, y, z, heading [%]',
+    'effort [N² s]',
+    'time at a bound [%]',
+    'worst residual [N], [N m]',
+)
+
+
+def table(figures: Mapping[str, Any]) -> str:
+    """Return the flights of a study, as in dynamic.json, as a Markdown table."""
+    rows = [TITLES, ('---',) + ('---:',) * (len(TITLES) - 1)]
+    for name, found in figures['methods'].items():
+        error = found['steady_state_error']
+        rows.append(
+            (
+                f'`{name}`',
+                ', '.join(f'{1e3 * error[axis]:.2f}' for axis in 'xyz'),
+                f'{degrees(error["yaw"]):.4f}',
+                ', '.join(
+                    'never' if time is None else f'{time:.2f}'
+                    for time in found['settling_time'].values()
+                ),
+                ', '.join(f'{100.0 * share:.1f}' for share in found['overshoot'].values()),
+                f'{found["effort"]:.1f}',
+                f'{100.0 * found["time_at_bound"]:.1f}',
+                f'{found["worst_force_residual"]:.1e}, {found["worst_torque_residual"]:.1e}',
+            )
+        )
+    return '\n'.join('| ' + ' | '.join(row) + ' |' for row in rows)
+
+
+def observation_lines(figures: Mapping[str, Any]) -> list[str]:
+    """Return the paper's observations, each with its verdict and numbers."""
+    return [
+        f'- {"Holds" if holds else "Does not hold"}: {sentence} ({figures["numbers"][sentence]})'
+        for sentence, holds in figures['observations'].items()
+    ]
+
+
+def report(figures: Mapping[str, Any]) -> str:
+    """Return dynamic.md for a study as in dynamic.json."""
+    parts = [
+        '# Dynamic study',
+        f'`{figures["vehicle"]}` flies from rest at the origin to (1, 1, 1) m and a heading of '
+        f'45°, {figures["duration"]:g} s, {figures["flown"]}; the controller is the same for all '
+        'methods.',
+        table(figures),
+        'Steady state is the last second; settled is within 2 % of the step; effort is the '
+        'integral of |f|²; time at a bound is the share of the time of all rotors, to within '
+        '0.1 % of their range; a residual is what the controller asked for minus what the rotors '
+        'gave.',
+        "## The paper's observations",
+        '\n'.join(observation_lines(figures)),
+        'What the paper leaves open, and what was tried: docs/reproduction.md.',
+    ]
+    return '\n\n'.join(parts) + '\n'

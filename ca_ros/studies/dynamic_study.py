@@ -1,0 +1,163 @@
+"""The dynamic study: a flight to a waypoint with each method, as in Figures 2 to 4."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ca_ros.allocation import Allocator
+from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.closed_loop import fly
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.flight import Flight
+from ca_ros.rigid_body import RigidBody
+from ca_ros.studies.cases import Case, parser, positive, split_ros
+from ca_ros.studies.dynamic_report import observation_lines, report, table
+from ca_ros.studies.flight_figures import draw
+from ca_ros.studies.flight_metrics import metrics
+from ca_ros.studies.interrupts import interrupts
+from ca_ros.studies.observations import observe
+from ca_ros.studies.record import machine, versions
+from ca_ros.studies.ros_flight import RosFlightError, check, fly_over_ros
+
+WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
+"""The paper's."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; return its exit code, 130 after Ctrl-C."""
+    options = _parse(sys.argv[1:] if argv is None else argv)
+    try:
+        case = Case.load(options.vehicle, options.param, to_fly=True)
+        allocators = case.allocators(options.methods)
+        if options.over_ros:
+            check(list(allocators))
+        options.out.mkdir(parents=True, exist_ok=True)
+    except (ValueError, OSError) as error:
+        print(f'dynamic_study: {error}', file=sys.stderr)
+        return 1
+    with interrupts() as stop:
+        # An error in a method of the user's own is to be seen whole.
+        try:
+            flights = _fly(case, allocators, options, stop)
+            figures = _write(case, flights, options) if flights else {}
+        except (RosFlightError, OSError) as error:
+            print(f'dynamic_study: {error}', file=sys.stderr)
+            return 1
+    if flights:
+        print(table(figures), *observation_lines(figures), sep='\n')
+        print(f'written: dynamic.csv, .json, .md and figures in {options.out}')
+    if len(flights) < len(allocators):
+        print(
+            f'dynamic_study: interrupted after {len(flights)} of {len(allocators)} flights',
+            file=sys.stderr,
+        )
+        return 128 + stop[0]
+    return 0
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    made = parser(
+        'dynamic_study',
+        'Fly to (1, 1, 1) m and 45 degrees with each method: dynamic.csv, dynamic.json, '
+        'dynamic.md and figures.',
+    )
+    made.add_argument(
+        '--duration', type=partial(positive, float), default=10.0, help='time of flight [s]'
+    )
+    made.add_argument(
+        '--ros',
+        dest='over_ros',
+        action='store_true',
+        help='fly over the ROS nodes, in lockstep: the same flights, to the last bit',
+    )
+    own, ros = split_ros(argv)
+    options = made.parse_args(own)
+    options.ros = ros
+    return options
+
+
+def _fly(
+    case: Case,
+    allocators: Mapping[str, Allocator],
+    options: argparse.Namespace,
+    stop: Sequence[int],
+) -> dict[str, Flight]:
+    """Return the flights by method, as many as were complete when `stop` came."""
+    flights = {}
+    for name, allocator in tqdm(
+        allocators.items(), unit=' flights', disable=not sys.stderr.isatty()
+    ):
+        flight: Flight | None
+        if options.over_ros:
+            flight = fly_over_ros(case, name, WAYPOINT, options.duration, stop, options.ros)
+        else:
+            flight = fly(
+                _controller(case),
+                allocator,
+                RigidBody(case.vehicle),
+                WAYPOINT,
+                options.duration,
+                case.parameters['simulator.time_step'],
+            )
+        if stop or flight is None:
+            break
+        flights[name] = flight
+    return flights
+
+
+def _controller(case: Case) -> Controller:
+    return Controller(case.vehicle, Gains.from_parameters(case.parameters))
+
+
+def _write(
+    case: Case, flights: Mapping[str, Flight], options: argparse.Namespace
+) -> dict[str, Any]:
+    """Write all files; return what dynamic.json holds."""
+    controller = _controller(case)
+    observations = observe(flights, AllocationProblem(case.vehicle), WAYPOINT)
+    figures = {
+        'vehicle': case.name,
+        'duration': options.duration,
+        'flown': 'over ROS nodes in lockstep' if options.over_ros else 'offline',
+        'methods': {
+            name: metrics(flight, controller, WAYPOINT) for name, flight in flights.items()
+        },
+        'observations': {each.sentence: each.holds for each in observations},
+        'numbers': {each.sentence: each.numbers for each in observations},
+        'parameters': case.parameters,
+        'versions': versions(),
+        'machine': machine(),
+    }
+    write_csv(options.out / 'dynamic.csv', flights)
+    text = json.dumps(figures, indent=2) + '\n'
+    (options.out / 'dynamic.json').write_text(text, encoding='utf-8')
+    (options.out / 'dynamic.md').write_text(report(figures), encoding='utf-8')
+    draw(options.out, flights, case.vehicle, WAYPOINT)
+    return figures
+
+
+def write_csv(path: Path, flights: Mapping[str, Flight]) -> None:
+    """Write one row a method and sample, every number to its last bit; SI units."""
+    with path.open('w', encoding='utf-8', newline='') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        for i, (name, flight) in enumerate(flights.items()):
+            columns = flight.columns()
+            if i == 0:
+                writer.writerow(['method', *columns])
+            rows = np.column_stack(list(columns.values())).tolist()
+            writer.writerows([name, *row] for row in rows)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,113 @@
+"""Figures of the dynamic study, as Figures 2 to 4 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ca_ros.arrays import Array
+from ca_ros.controller import Waypoint
+from ca_ros.figures import COLORS, STYLE
+from ca_ros.flight import Flight
+from ca_ros.studies.figure_style import DASHED, coinciding, legend, sheet, title
+from ca_ros.studies.flight_metrics import steady
+from ca_ros.vehicle import Vehicle
+
+
+def draw(
+    out: Path, flights: Mapping[str, Flight], vehicle: Vehicle, waypoint: Waypoint
+) -> list[Path]:
+    """Draw position.png, attitude.png and rotor_speeds.png into a folder; return the files."""
+    with matplotlib.rc_context(STYLE):
+        figures = {
+            'position.png': draw_position(flights, waypoint),
+            'attitude.png': draw_attitude(flights, waypoint),
+            'rotor_speeds.png': draw_speeds(flights, vehicle),
+        }
+    for name, figure in figures.items():
+        figure.savefig(out / name, dpi=200)
+    return [out / name for name in figures]
+
+
+def draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
+    """Draw the position over time, and what is missing to the waypoint at the end."""
+    figure, head, body = sheet(7.0, 5.4, len(flights))
+    panels = body.subplots(3, 2, sharex='col', width_ratios=(3, 1))
+    ends = {
+        name: (flight.time[steady(flight)], flight.position[steady(flight)])
+        for name, flight in flights.items()
+    }
+    for i, (whole, end) in enumerate(panels):
+        goal = float(waypoint.position[i])
+        _lines(whole, {name: (f.time, f.position[:, i]) for name, f in flights.items()}, goal)
+        left = {name: (time, 1e3 * (path[:, i] - goal)) for name, (time, path) in ends.items()}
+        _lines(end, left, 0.0)
+        whole.set_ylabel(f'${"xyz"[i]}$ [m]')
+        end.set_ylabel(f'error in ${"xyz"[i]}$ [mm]')
+        end.margins(y=0.2)
+    panels[0][1].set_title('last second', fontsize='medium')
+    for axes in panels[-1]:
+        axes.set_xlabel('time [s]')
+    legend(head, panels[0][0].get_lines()[: len(flights)])
+    return figure
+
+
+def draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
+    """Draw the attitude over time."""
+    figure, head, body = sheet(7.0, 5.4, len(flights))
+    panels = body.subplots(3, 1, sharex=True)
+    goals = (None, None, float(np.degrees(waypoint.heading)))
+    for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'yaw'), panels, strict=True)):
+        angles = {name: (f.time, np.degrees(f.euler[:, i])) for name, f in flights.items()}
+        _lines(axes, angles, goals[i])
+        axes.set_ylabel(f'{name} [°]')
+    panels[-1].set_xlabel('time [s]')
+    legend(head, panels[0].get_lines())
+    return figure
+
+
+def draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
+    """Draw the rotor speeds, one panel a method."""
+    rows, columns = -(-len(flights) // 2), 6 if vehicle.n % 6 == 0 else 4
+    figure, head, body = sheet(7.0, 0.4 + 2.2 * rows, vehicle.n, columns)
+    panels = body.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).flatten()
+    for (name, flight), axes in zip(flights.items(), panels, strict=False):
+        for i in range(vehicle.n):
+            axes.plot(
+                flight.time,
+                flight.speeds[:, i],
+                label=f'rotor {i + 1}',
+                # More rotors than colours: the others are told apart by their dashes.
+                color=COLORS[i % len(COLORS)],
+                linestyle=('-', (0, (5, 1)), (0, (1, 1)))[i // len(COLORS) % 3],
+                # By their symmetry rotors coincide: those below are wider.
+                linewidth=3.0 - 2.1 * i / vehicle.n,
+            )
+        for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
+            axes.axhline(bound, **DASHED)
+        axes.set_title(title(name), fontsize='medium')
+        axes.margins(x=0.0)
+    for axes in panels[: len(flights) : 2]:
+        axes.set_ylabel('rotor speed [rad/s]')
+    for axes in panels[len(flights) :]:
+        axes.remove()
+    for axes in panels[max(len(flights) - 2, 0) : len(flights)]:
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel('time [s]')
+    legend(head, panels[0].get_lines()[: vehicle.n], columns)
+    return figure
+
+
+def _lines(axes: Axes, curves: Mapping[str, tuple[Array, Array]], goal: float | None) -> None:
+    """Draw times and values of each method, and the waypoint dashed."""
+    looks = coinciding(list(curves))
+    for name, (time, values) in curves.items():
+        axes.plot(time, values, label=title(name), **looks[name])
+    if goal is not None:
+        axes.axhline(goal, **DASHED)
+    axes.margins(x=0.0)

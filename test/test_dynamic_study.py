@@ -1,0 +1,258 @@
+"""The dynamic study: Figures 2 to 4 of the paper, from one command."""
+
+import csv
+import json
+import math
+import signal
+
+import numpy as np
+import pytest
+
+from ca_ros import ALLOCATORS, Vehicle
+from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.closed_loop import fly
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.flight import Flight
+from ca_ros.parameters import load
+from ca_ros.rigid_body import RigidBody
+from ca_ros.studies import dynamic_study
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic_study import main
+from ca_ros.studies.flight_metrics import metrics
+from ca_ros.studies.observations import observe
+from ca_ros.studies.ros_flight import RosFlightError, fly_over_ros, read_flight
+from strategies import HEXAROTOR
+
+WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
+HOVER = 255.73423
+FIGURES = ('position.png', 'attitude.png', 'rotor_speeds.png')
+
+
+def figures_of(folder):
+    return json.loads((folder / 'dynamic.json').read_text())
+
+
+@pytest.fixture(scope='module')
+def study(tmp_path_factory):
+    out = tmp_path_factory.mktemp('dynamic')
+    assert main(['--out', str(out)]) == 0
+    return out
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Draw no figures: they take longer than all the rest."""
+    monkeypatch.setattr(dynamic_study, 'draw', lambda *_: [])
+
+
+def test_the_paper_s_observations_hold(study):
+    found = figures_of(study)['observations']
+    assert len(found) == 3
+    assert all(value is True for value in found.values())
+    for words in ('height error', 'two rotors at their maximum', '255.7 rad/s'):
+        assert sum(words in sentence for sentence in found) == 1
+    text = (study / 'dynamic.md').read_text()
+    assert text.count('Holds: In steady state') == 3
+    assert 'Does not hold' not in text
+
+
+def test_the_figures_say_what_the_observations_say(study):
+    methods = figures_of(study)['methods']
+    assert set(methods) == set(ALLOCATORS)
+    error = {name: found['steady_state_error'] for name, found in methods.items()}
+    # The thrust is u / (1 + q), so hover takes a height error of q g / k_p.
+    assert error['conventional']['z'] == pytest.approx(9.1e-4 * 9.81 / 1.5, abs=1e-4)
+    for name in set(methods) - {'conventional'}:
+        assert abs(error[name]['z']) < 1e-4
+    for name, found in methods.items():
+        assert found['overshoot']['z'] == 0.0
+        assert all(2.0 < time < 6.0 for time in found['settling_time'].values())
+        assert max(map(abs, error[name].values())) < 1e-2
+    assert methods['direct']['effort'] > 2.0 * methods['exact']['effort']
+    assert methods['direct']['time_at_bound'] > 0.3
+    assert methods['exact']['time_at_bound'] == 0.0
+    assert methods['exact']['worst_force_residual'] < 1e-12
+    assert methods['conventional']['worst_force_residual'] == pytest.approx(1e-2, rel=0.2)
+
+
+def test_the_rows_are_those_of_the_closed_loop(study):
+    with (study / 'dynamic.csv').open(newline='') as file:
+        rows = list(csv.reader(file))
+    assert rows[0][:8] == ['method', 't', 'x', 'y', 'z', 'roll', 'pitch', 'yaw']
+    assert rows[0][8:14] == [f'speed_{i}' for i in range(1, 7)]
+    assert [row[0] for row in rows[1::1001]] == [
+        'exact', 'pseudo_inverse', 'conventional', 'direct']
+    assert len(rows) == 1 + 4 * 1001
+    case = Case.load('hexarotor')
+    for k, name in ((0, 'exact'), (2, 'conventional')):
+        flight = fly(
+            Controller(HEXAROTOR, Gains.from_parameters(case.parameters)), case.allocator(name),
+            RigidBody(HEXAROTOR), WAYPOINT, 10.0)
+        values = np.array([row[1:] for row in rows[1 + 1001 * k:1 + 1001 * (k + 1)]], dtype=float)
+        # Not to the last bit: a method in another state may round otherwise.
+        np.testing.assert_allclose(
+            values, np.column_stack(list(flight.columns().values())), atol=1e-9)
+
+
+def test_the_figures_are_drawn(study):
+    for name in FIGURES:
+        assert (study / name).stat().st_size > 50_000
+
+
+# The numbers, by hand
+
+def flight_of(height, speeds, step=0.1):
+    """A flight straight up, of given heights (K,) and speeds (K, n)."""
+    count = len(height)
+    zeros = np.zeros((count, 3))
+    return Flight(
+        step * np.arange(count), np.column_stack([zeros[:, :2], height]),
+        np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), zeros, zeros, np.asarray(speeds, dtype=float))
+
+
+def test_metrics_of_a_flight_made_by_hand():
+    height = np.concatenate([[0.0, 0.5, 1.25, 0.9, 1.019], np.full(26, 1.01)])
+    speeds = np.full((31, 6), 200.0)
+    speeds[:, 0], speeds[10:, 1] = 400.0, 40.1
+    controller = Controller(HEXAROTOR, Gains.from_parameters(load('hexarotor')))
+    found = metrics(flight_of(height, speeds), controller, Waypoint.of(0.0, 0.0, 1.0, 0.0))
+    assert found['steady_state_error'] == pytest.approx({'x': 0, 'y': 0, 'z': -0.01, 'yaw': 0})
+    assert found['settling_time'] == pytest.approx({'x': 0.0, 'y': 0.0, 'z': 0.4, 'yaw': 0.0})
+    assert found['overshoot'] == pytest.approx({'x': 0.0, 'y': 0.0, 'z': 0.25, 'yaw': 0.0})
+    # 30 intervals of 0.1 s with 4 N on rotor 1, 1 N on four, and on rotor 2 first 1 N.
+    assert found['effort'] == pytest.approx(
+        3.0 * (16.0 + 4.0) + 1.0 + 2.0 * (2.5e-5 * 40.1**2) ** 2)
+    assert found['time_at_bound'] == pytest.approx((31 + 21) / (6 * 31))
+
+
+def test_what_never_settles_says_so():
+    controller = Controller(HEXAROTOR, Gains.from_parameters(load('hexarotor')))
+    flight = flight_of(np.linspace(0.0, 0.9, 31), np.full((31, 6), HOVER))
+    found = metrics(flight, controller, Waypoint.of(0.0, 0.0, 1.0, 0.0))
+    assert found['settling_time']['z'] is None
+
+
+def holds(flights):
+    problem, waypoint = AllocationProblem(HEXAROTOR), Waypoint.of(0.0, 0.0, 1.0, 0.0)
+    return [each.holds for each in observe(flights, problem, waypoint)]
+
+
+def test_the_observations_can_fail():
+    hover, vertex = np.full((31, 6), HOVER), np.tile([400.0, 40.0, 186.0] * 2, (31, 1))
+    there, below = np.ones(31), np.full(31, 0.994)
+    flights = {
+        'exact': flight_of(there, hover), 'conventional': flight_of(below, hover),
+        'direct': flight_of(there, vertex)}
+    assert holds(flights) == [True, True, True]
+    assert holds(flights | {'exact': flight_of(below, hover)}) == [False, True, True]
+    assert holds(flights | {'conventional': flight_of(there, hover)}) == [False, True, True]
+    assert holds(flights | {'direct': flight_of(there, hover)}) == [True, False, True]
+    once = vertex.copy()
+    once[25, 0] = 390.0
+    assert holds(flights | {'direct': flight_of(there, once)}) == [True, False, True]
+    assert holds(flights | {'exact': flight_of(there, hover + 0.1)}) == [True, True, False]
+    # Only of methods that were flown, and only of the paper's.
+    assert holds({'exact': flights['exact']}) == [True]
+    assert holds({'mine:Mine': flights['direct']}) == []
+
+
+# Vehicles, methods and mistakes
+
+@pytest.mark.parametrize('vehicle', ['hexarotor_tilted', 'octorotor'])
+def test_other_vehicles(vehicle, tmp_path):
+    command = ['--vehicle', vehicle, '--duration', '1', '--methods', 'all', '--out', str(tmp_path)]
+    assert main(command) == 0
+    n = Vehicle.load(vehicle).n
+    header = (tmp_path / 'dynamic.csv').read_text().splitlines()[0]
+    assert f'speed_{n},' in header
+    assert f'speed_{n + 1},' not in header
+    assert figures_of(tmp_path)['methods']['exact']['worst_torque_residual'] < 1e-12
+
+
+def test_parameters_can_be_changed(tmp_path, plain):
+    command = ['--methods', 'conventional', '--out', str(tmp_path)]
+    assert main([*command, '-p', 'allocation.conventional.reference:=hover']) == 0
+    # As docs/reproduction.md says: with f_ref at hover there is no error in steady state.
+    assert list(figures_of(tmp_path)['observations'].values()) == [False, True]
+    assert main([*command, '-p', 'simulator.time_step:=0.02', '--duration', '1']) == 0
+    assert len((tmp_path / 'dynamic.csv').read_text().splitlines()) == 52
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['--vehicle', 'nowhere'], 'nowhere: neither a file'),
+    (['--methods', 'exakt'], "no method 'exakt'"),
+    (['-p', 'rotors.health:=[0, 1, 1, 1, 1, 1]'], 'this vehicle is refused: yaw lost'),
+    (['-p', 'controller.position_stiffness:=-1'], 'must be positive'),
+])
+def test_what_is_wrong_is_said_in_one_line(arguments, words, tmp_path, capsys):
+    assert main([*arguments, '--out', str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert err.startswith('dynamic_study: ')
+    assert words in err
+    assert err.count('\n') == 1
+
+
+def test_a_vehicle_that_has_lost_an_axis_flies_if_told_to(tmp_path, plain):
+    assert main([
+        '-p', 'rotors.health:=[0, 1, 1, 1, 1, 1]', '-p', 'allocation.lost_axes:=drop',
+        '--methods', 'exact', '--duration', '1', '--out', str(tmp_path)]) == 0
+
+
+def test_what_is_done_when_interrupted_is_written(tmp_path, monkeypatch, capsys):
+    (tmp_path / 'stopping.py').write_text("""
+import os, signal
+from ca_ros.allocation import PseudoInverse
+
+class Stopping(PseudoInverse):
+    calls = 0
+
+    def _allocate(self, u):
+        self.calls += 1
+        if self.calls == 50:
+            os.kill(os.getpid(), signal.SIGINT)
+        return super()._allocate(u)
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    before = signal.getsignal(signal.SIGINT)
+    command = ['--methods', 'exact,stopping:Stopping,direct', '--duration', '1']
+    assert main([*command, '--out', str(tmp_path)]) == 130
+    assert 'interrupted after 1 of 3 flights' in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is before
+    assert list(figures_of(tmp_path)['methods']) == ['exact']
+    assert len((tmp_path / 'dynamic.csv').read_text().splitlines()) == 102
+
+
+# Over ROS
+
+def test_a_flight_is_read_back_to_the_last_bit(tmp_path):
+    case = Case.load('hexarotor')
+    flight = fly(
+        Controller(HEXAROTOR, Gains.from_parameters(case.parameters)), case.allocator('exact'),
+        RigidBody(HEXAROTOR), WAYPOINT, 0.5)
+    flight.write_csv(tmp_path / 'flight.csv')
+    again = read_flight(tmp_path / 'flight.csv')
+    for name, column in flight.columns().items():
+        np.testing.assert_array_equal(again.columns()[name], column)
+
+
+@pytest.mark.slow
+def test_over_ros_the_flights_are_the_same_to_the_last_bit(
+        graph, tmp_path, monkeypatch, plain):
+    pytest.importorskip('rclpy')
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    # A parameter other than in the file has to reach the nodes too.
+    command = ['--duration', '1', '-p', 'controller.position_stiffness:=1.4']
+    command += ['--methods', 'exact,conventional']
+    assert main([*command, '--out', str(tmp_path / 'offline')]) == 0
+    assert main([*command, '--ros', '--out', str(tmp_path / 'ros')]) == 0
+    flown = (tmp_path / 'ros' / 'dynamic.csv').read_bytes()
+    assert flown == (tmp_path / 'offline' / 'dynamic.csv').read_bytes()
+    assert figures_of(tmp_path / 'ros')['flown'].startswith('over ROS')
+
+
+def test_the_reason_for_no_flight_over_ros_is_told(graph, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    case = Case.load('hexarotor')
+    with pytest.raises(RosFlightError, match=r'exact: no flight over ROS: .*nonsense'):
+        fly_over_ros(case, 'exact', WAYPOINT, 1.0, [], ['--nonsense'])

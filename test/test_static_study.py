@@ -1,0 +1,398 @@
+"""The static study: Table 1 of the paper, from one command."""
+
+import csv
+import json
+import os
+import re
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+from ca_ros import ALLOCATORS, AdmissibleSet, Status, Vehicle
+from ca_ros.parameters import config_directory
+from ca_ros.studies import static_run
+from ca_ros.studies.cases import Case, split_ros
+from ca_ros.studies.evaluation import evaluate
+from ca_ros.studies.sampling import SAMPLINGS, gauge, samples
+from ca_ros.studies.sections import sections
+from ca_ros.studies.static_study import main
+from ca_ros.studies.summary import Times
+
+SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))
+FIGURES = ('errors.png', 'latency.png', 'slices.png', 'violations.png')
+
+
+def rows_of(folder):
+    with (folder / 'static.csv').open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def figures_of(folder):
+    return json.loads((folder / 'static.json').read_text())
+
+
+def numbers(rows, *names):
+    return np.array([[float(row[name]) for name in names] for row in rows])
+
+
+def without_times(rows):
+    return [{name: word for name, word in row.items() if name != 'time'} for row in rows]
+
+
+@pytest.fixture(scope='module')
+def study(tmp_path_factory):
+    out = tmp_path_factory.mktemp('static')
+    assert main(['--samples', '1000', '--seed', '0', '--out', str(out)]) == 0
+    return out
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Draw no figures: they take longer than all the rest."""
+    monkeypatch.setattr(static_run, 'draw', lambda *_: [])
+
+
+# The paper's table
+
+def test_the_figures_are_those_of_the_paper(study):
+    methods = figures_of(study)['methods']
+    pseudo_inverse, conventional = methods['pseudo_inverse'], methods['conventional']
+    assert abs(pseudo_inverse['violations'] - 519) <= 48
+    assert abs(pseudo_inverse['force_error']['mean'] - 0.17) <= 0.02
+    assert abs(pseudo_inverse['torque_error']['mean'] - 0.063) <= 0.007
+    assert abs(conventional['force_error']['mean'] - 1.1e-2) <= 0.1e-2
+    assert abs(conventional['force_error']['max'] - 2.0e-2) <= 0.3e-2
+    assert conventional['torque_error']['mean'] < 1e-6
+    for name, force, torque in (
+            ('exact', 1.7e-9, 4.5e-10), ('direct', 1e-13, 1e-13)):
+        assert methods[name]['force_error']['max'] < force
+        assert methods[name]['torque_error']['max'] < torque
+    for name in ('exact', 'conventional', 'direct'):
+        assert methods[name]['violations'] == 0
+
+
+def test_the_rows_are_true(study):
+    """Every row says what its own thrusts give."""
+    rows, vehicle = rows_of(study), Vehicle.load('hexarotor')
+    assert list(rows[0]) == [
+        'sample', 'method', 'thrust', 'tau_x', 'tau_y', 'tau_z', *(f'f_{i}' for i in range(1, 7)),
+        'violated', 'force_error', 'torque_error', 'time', 'status']
+    assert [(int(row['sample']), row['method']) for row in rows] == [
+        (i, method) for i in range(1000)
+        for method in ('exact', 'pseudo_inverse', 'conventional', 'direct')]
+    admissible = AdmissibleSet(vehicle)
+    u = numbers(rows, 'thrust', 'tau_x', 'tau_y', 'tau_z')
+    assert admissible.margin(u).min() > -1e-12
+    thrusts = numbers(rows, *(f'f_{i}' for i in range(1, 7)))
+    assert np.all((thrusts >= vehicle.thrust_min) & (thrusts <= vehicle.thrust_max))
+    residual = u - thrusts @ admissible.problem.gamma.T
+    force, torque = numbers(rows, 'force_error', 'torque_error').T
+    np.testing.assert_allclose(force, np.abs(residual[:, 0]), atol=1e-13)
+    np.testing.assert_allclose(torque, np.linalg.norm(residual[:, 1:], axis=1), atol=1e-13)
+    wanted = u @ np.linalg.pinv(admissible.problem.gamma).T
+    outside = np.any((wanted < 0.04 - 1e-9) | (wanted > 4.0 + 1e-9), axis=1)
+    assert [row['violated'] == '1' for row in rows] == [
+        bool(bad) and row['method'] == 'pseudo_inverse'
+        for row, bad in zip(rows, outside, strict=True)]
+    exact = [Status[row['status']] is Status.EXACT for row in rows]
+    np.testing.assert_array_equal(exact, np.linalg.norm(residual, axis=1) < 1e-11)
+
+
+def test_the_figures_are_those_of_the_rows(study):
+    rows, figures = rows_of(study), figures_of(study)
+    assert (figures['samples'], figures['seed'], figures['sampling']) == (1000, 0, 'volume')
+    assert {'python', 'numpy', 'scipy', 'ca_ros'} <= set(figures['versions'])
+    assert {'processor', 'cores', 'system'} <= set(figures['machine'])
+    assert set(figures['methods']) == set(ALLOCATORS)
+    for name, found in figures['methods'].items():
+        own = [row for row in rows if row['method'] == name]
+        assert found['violations'] == sum(row['violated'] == '1' for row in own)
+        for key in ('force_error', 'torque_error', 'time'):
+            values = numbers(own, key)[:, 0]
+            assert found[key]['mean'] == pytest.approx(values.mean(), rel=1e-12)
+            assert found[key]['max'] == values.max()
+        assert found['time']['median'] == pytest.approx(np.median(values), rel=1e-12)
+        assert found['time']['p99'] == pytest.approx(np.percentile(values, 99), rel=1e-12)
+        assert 0.0 < found['time']['median'] <= found['time']['p99'] <= found['time']['max']
+
+
+def test_the_table_has_the_paper_s_beside_ours(study):
+    text = (study / 'static.md').read_text()
+    for words in (
+            'paper: pseudo-inverse | 519 ± 16 of 1000', '`pseudo_inverse` | 516 ± 16 of 1000',
+            '1.7e-01 / 1.1e+00', '1.1e-02 / 2.0e-02 | 2.3e-07 / 4.1e-05',
+            '51.6 % violations, 51.9 % in the paper, 0.1 standard errors apart',
+            'force error as in the paper on average', 'reproduction.md'):
+        assert words in text
+    for name in FIGURES:
+        assert (study / name).stat().st_size > 20_000
+
+
+# Any size, any order
+
+def test_the_same_seed_gives_the_same_numbers(study, tmp_path, plain):
+    assert main(['--samples', '150', '--out', str(tmp_path)]) == 0
+    assert without_times(rows_of(tmp_path)) == without_times(rows_of(study)[:600])
+    assert main(['--samples', '150', '--seed', '1', '--out', str(tmp_path)]) == 0
+    assert rows_of(tmp_path)[0]['thrust'] != rows_of(study)[0]['thrust']
+
+
+@pytest.mark.parametrize('sampling', SAMPLINGS)
+def test_a_sample_depends_on_seed_and_number_alone(sampling):
+    admissible = AdmissibleSet(Vehicle.load('hexarotor'))
+    whole = samples(admissible, sampling, 3, 0, 2500)
+    parts = [samples(admissible, sampling, 3, *ends)
+             for ends in ((0, 1), (1, 999), (999, 2001), (2001, 2500))]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    distance = gauge(admissible, whole)
+    if sampling == 'boundary':
+        np.testing.assert_allclose(distance, 1.0, atol=1e-12)
+    else:
+        assert distance.max() < 1.0
+    # Uniform by volume: the share within a copy of the set at half its size is 1 / 2^4.
+    inner = (distance < 0.5).mean()
+    assert inner == pytest.approx(
+        {'volume': 0.0625, 'thrusts': 0.27, 'boundary': 0.0}[sampling], abs=0.03)
+
+
+def test_batches_give_what_single_calls_give(study, tmp_path, monkeypatch, plain):
+    monkeypatch.setattr(static_run, 'SINGLE_MAX', 100)
+    monkeypatch.setattr(static_run, 'BATCH', 250)
+    assert main(['--samples', '1000', '--out', str(tmp_path)]) == 0
+    single, batch = rows_of(study), rows_of(tmp_path)
+    assert [(row['sample'], row['method'], row['violated'], row['status']) for row in batch] == [
+        (row['sample'], row['method'], row['violated'], row['status']) for row in single]
+    names = [f'f_{i}' for i in range(1, 7)]
+    np.testing.assert_allclose(numbers(batch, *names), numbers(single, *names), atol=1e-9)
+    assert figures_of(tmp_path)['timing'] == 'batches of 250'
+    # A wrench's time is its share of its batch.
+    assert len({row['time'] for row in batch if row['method'] == 'exact'}) <= 4
+
+
+def test_memory_does_not_grow_with_the_samples(tmp_path, monkeypatch):
+    for name, value in (('SINGLE_MAX', 100), ('BATCH', 100), ('KEPT', 200)):
+        monkeypatch.setattr(static_run, name, value)
+    case = Case.load('hexarotor')
+    study = static_run.Study(case, case.allocators('pseudo_inverse'), 2000, 0, 'volume')
+    study.run(tmp_path, stop=[])
+    assert study.done == 2000
+    assert sum(len(part.demands) for part in study.kept['pseudo_inverse']) == 200
+    values, shares = study.summaries['pseudo_inverse'].times.distribution()
+    assert len(values) == len(shares) <= 20
+    assert shares[-1] == 1.0
+
+
+def test_percentiles_of_repeated_times():
+    times, values = Times(), []
+    rng = np.random.default_rng(0)
+    for size in (300, 17, 300, 1, 300):
+        values += [rng.uniform()] * size
+        times.add(np.array(values[-size:]))
+    found = times.figures()
+    assert found['median'] == np.median(values)
+    assert found['p99'] == np.percentile(values, 99)
+    assert found['mean'] == pytest.approx(np.mean(values))
+
+
+# Ctrl-C
+
+@pytest.fixture
+def interrupting(tmp_path, monkeypatch):
+    """A method that sends the study a Ctrl-C at its 250th call."""
+    (tmp_path / 'interrupting.py').write_text("""
+import os, signal
+from ca_ros.allocation import PseudoInverse
+
+calls = 0
+
+class Interrupting(PseudoInverse):
+    def _allocate(self, u):
+        global calls
+        calls += 1
+        if calls == 250:
+            os.kill(os.getpid(), signal.SIGINT)
+        return super()._allocate(u)
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, 'interrupting', raising=False)
+    return 'exact,interrupting:Interrupting'
+
+
+def test_what_is_done_when_interrupted_is_written_and_can_be_resumed(
+        interrupting, tmp_path, capsys, plain):
+    before = signal.getsignal(signal.SIGINT)
+    command = ['--methods', interrupting, '--samples', '900', '--out', str(tmp_path)]
+    assert main(command) == 130
+    assert 'interrupted after 300 of 900 samples' in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is before
+    assert len(rows_of(tmp_path)) == 600
+    assert (figures_of(tmp_path)['samples'], figures_of(tmp_path)['requested']) == (300, 900)
+    assert '300 wrenches (of 900 asked for' in (tmp_path / 'static.md').read_text()
+    # As if it had been killed in the middle of a sample.
+    with (tmp_path / 'static.csv').open('a') as file:
+        file.write('300,exact,' + ','.join(['1.0'] * 13) + ',1e-5,EXACT\n300,interr')
+    assert main([*command, '--resume']) == 0
+    resumed, figures = without_times(rows_of(tmp_path)), figures_of(tmp_path)
+    assert main(command) == 0
+    again = figures_of(tmp_path)
+    assert resumed == without_times(rows_of(tmp_path))
+    for name, found in figures['methods'].items():
+        assert {**found, 'time': 0} == {**again['methods'][name], 'time': 0}
+
+
+@pytest.mark.parametrize('change', [
+    ['--seed', '1'], ['--sampling', 'boundary'], ['--methods', 'direct'],
+    ['-p', 'vehicle.mass:=2.0'], ['--samples', '20000']])
+def test_another_study_is_not_resumed(tmp_path, capsys, plain, change):
+    command = ['--samples', '20', '--methods', 'exact', '--out', str(tmp_path)]
+    assert main(command) == 0
+    rows = (tmp_path / 'static.csv').read_bytes()
+    assert main([*command, *change, '--resume']) == 1
+    assert 'not to be resumed' in capsys.readouterr().err
+    assert (tmp_path / 'static.csv').read_bytes() == rows
+
+
+# Other vehicles and methods
+
+@pytest.mark.parametrize('vehicle', SHIPPED)
+def test_every_shipped_vehicle(vehicle, tmp_path, plain):
+    assert main(['--vehicle', vehicle, '--samples', '40', '--out', str(tmp_path)]) == 0
+    problem = AdmissibleSet(Vehicle.load(vehicle)).problem
+    names = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}
+    header = list(rows_of(tmp_path)[0])
+    assert header[2:2 + len(problem.axes)] == [names.get(axis, axis) for axis in problem.axes]
+    methods = figures_of(tmp_path)['methods']
+    for key in ('force_error', 'torque_error'):
+        assert methods['exact'][key]['max'] < 1e-12
+        assert methods['direct'][key]['max'] < 1e-12
+    assert ('paper:' in (tmp_path / 'static.md').read_text()) is (vehicle == 'hexarotor')
+
+
+@pytest.mark.parametrize(
+    'axes', ['[thrust, roll]', '[force_x, force_y, thrust, roll, pitch, yaw]'])
+def test_a_vehicle_with_other_axes_is_drawn(axes, tmp_path):
+    assert main([
+        '--vehicle', 'hexarotor_tilted', '-p', f'allocation.axes:={axes}', '--samples', '20',
+        '--out', str(tmp_path)]) == 0
+    assert ('tau_y' in rows_of(tmp_path)[0]) is ('pitch' in axes)
+    assert ('force_x' in rows_of(tmp_path)[0]) is ('force_x' in axes)
+    assert (tmp_path / 'violations.png').stat().st_size > 20_000
+
+
+def test_plain_osqp_shows_what_the_finish_is_for(tmp_path, plain):
+    pytest.importorskip('osqp')
+    command = ['--samples', '300', '--methods', 'exact,osqp_default,osqp_tight']
+    for sampling, least in (('volume', 40), ('boundary', 150)):
+        assert main([*command, '--sampling', sampling, '--out', str(tmp_path)]) == 0
+        methods = figures_of(tmp_path)['methods']
+        assert methods['osqp_default']['violations'] > least
+        assert methods['osqp_default']['violation_max'] > 1e-3
+        assert 1e-10 < methods['osqp_tight']['force_error']['max'] < 1e-5
+        assert methods['exact']['violation_max'] == 0.0
+        assert methods['exact']['status'] == {'EXACT': 300}
+
+
+def test_plain_osqp_does_not_depend_on_what_was_asked_before():
+    pytest.importorskip('osqp')
+    case = Case.load('hexarotor')
+    demands = samples(AdmissibleSet(case.vehicle), 'volume', 0, 0, 50)
+    used = case.allocator('osqp_default')
+    for u in demands:
+        fresh = case.allocator('osqp_default').allocate(u)
+        np.testing.assert_array_equal(used.allocate(u).thrusts, fresh.thrusts)
+
+
+class Bare:
+    """No subclass of ours, and it does not say that its thrusts are out of bounds."""
+
+    def __init__(self, vehicle):
+        self.vehicle = vehicle
+
+    def allocate(self, u):
+        return type('Answer', (), {
+            'thrusts': np.full(6, 5.0), 'violation': 0.0, 'status': Status.EXACT})
+
+
+def test_a_method_is_judged_by_the_problem_s_data():
+    case = Case.load('hexarotor')
+    problem = AdmissibleSet(case.vehicle).problem
+    for batch in (False, True):
+        found = evaluate('bare', Bare(case.vehicle), problem, problem.hover[None], batch)
+        assert found.violated.tolist() == [True]
+        assert found.violation[0] == pytest.approx(1.0)
+        assert found.force_error[0] == pytest.approx(30.0 - 9.81)
+
+
+def test_answers_that_are_none_are_reported():
+    case = Case.load('hexarotor')
+    problem = AdmissibleSet(case.vehicle).problem
+    for answer, words in (
+            (np.zeros(6), 'an Allocation'),
+            (type('A', (), {'thrusts': np.zeros(5), 'violation': 0.0, 'status': 0}), 'thrusts')):
+        method = type('Method', (), {'allocate': lambda self, u, answer=answer: answer})()
+        with pytest.raises(ValueError, match=f'mine: .*{words}'):
+            evaluate('mine', method, problem, problem.hover[None], batch=False)
+
+
+def test_the_outline_of_a_section_is_on_the_boundary():
+    for vehicle in SHIPPED:
+        admissible = AdmissibleSet(Vehicle.load(vehicle))
+        for cut in sections(admissible, ('roll', 'pitch'), ('thrust', 'yaw')):
+            corners = cut.wrenches(*cut.outline.T)
+            middles = cut.wrenches(*((cut.outline + np.roll(cut.outline, 1, axis=0)) / 2.0).T)
+            np.testing.assert_allclose(admissible.margin(corners), 0.0, atol=1e-9)
+            np.testing.assert_allclose(admissible.margin(middles), 0.0, atol=1e-9)
+
+
+# The command line
+
+@pytest.mark.parametrize(('arguments', 'code', 'words'), [
+    (['--vehicle', 'nowhere'], 1, 'nowhere: neither a file nor a shipped vehicle'),
+    (['--methods', 'exakt'], 1, "no method 'exakt'; there are exact"),
+    (['--methods', 'nowhere:Mine'], 1, 'nowhere:Mine: No module named'),
+    (['--methods', 'json:Mine'], 1, 'json:Mine: module .* has no attribute'),
+    (['-p', 'vehicle.mass:=-1'], 1, 'vehicle.mass: must be positive'),
+    (['-p', 'vehicle.mas:=1'], 1, 'vehicle.mas: no such parameter'),
+    (['-p', 'vehicle.mass=1'], 1, 'expected NAME:=VALUE'),
+    (['-p', 'vehicle.mass:=['], 1, 'vehicle.mass: not a value'),
+    (['--samples', '0'], 2, 'not a positive number'),
+    (['--samples', 'many'], 2, 'not a positive number'),
+    (['--seed', '-1'], 2, 'whole number'),
+    (['--sampling', 'cube'], 2, 'invalid choice'),
+])
+def test_what_is_wrong_is_said_in_one_line(arguments, code, words, tmp_path, capsys):
+    try:
+        found = main([*arguments, '--out', str(tmp_path)])
+    except SystemExit as end:
+        found = end.code
+    assert found == code
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert re.search(words, err.splitlines()[-1])
+    assert 'Traceback' not in err
+    assert code == 2 or len(err.splitlines()) == 1
+
+
+def test_help_names_the_options(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(['--help'])
+    assert end.value.code == 0
+    out = capsys.readouterr().out
+    for option in ('--samples', '--seed', '--vehicle', '--methods', '--sampling', '--out'):
+        assert option in out
+
+
+def test_nothing_but_the_table_is_said_where_no_terminal_is(tmp_path, capsys, plain):
+    assert main(['--samples', '20', '--out', str(tmp_path), '--ros-args', '-r', '__ns:=/a']) == 0
+    out, err = capsys.readouterr()
+    assert err == ''
+    assert '| `exact` |' in out
+
+
+def test_arguments_of_ros_are_left_to_ros():
+    words = ['--seed', '1', '--ros-args', '-p', 'a:=1', '--', '--samples', '5']
+    assert split_ros(words) == (['--seed', '1', '--samples', '5'], ['--ros-args', '-p', 'a:=1',
+                                                                     '--'])
+    assert os.sep not in ''.join(split_ros(words)[0])
