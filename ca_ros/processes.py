@@ -20,7 +20,7 @@ class Processes:
     """
 
     PATIENCE = 5.0
-    """Time that a process has to end after SIGINT before it is killed [s]."""
+    """Time that a process has to end after SIGTERM before it is killed [s]."""
 
     def __init__(
         self, commands: Mapping[str, Sequence[str]], environment: Mapping[str, str] | None = None
@@ -52,7 +52,8 @@ class Processes:
         """End them one after the other, and whatever they started."""
         for name, process in self.running.items():
             if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+                # Python answers SIGINT with a traceback as long as it is still importing.
+                process.terminate()
                 try:
                     process.wait(self.PATIENCE)
                 except subprocess.TimeoutExpired:

@@ -110,11 +110,14 @@ class Graph:
         rclpy.init(
             args=[], context=context, domain_id=self.domain,
             signal_handler_options=SignalHandlerOptions.NO)
-        node = rclpy.create_node(
+        return rclpy.create_node(
             'test', context=context, start_parameter_services=False, enable_rosout=False)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(node)
-        return node
+
+    @cached_property
+    def _executor(self):
+        executor = SingleThreadedExecutor(context=self.node.context)
+        executor.add_node(self.node)
+        return executor
 
     def publisher(self, kind, topic, qos=RELIABLE):
         """Return a publisher."""

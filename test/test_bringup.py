@@ -131,18 +131,32 @@ def fly_on(graph, *arguments):
 
 def test_an_interrupt_ends_all_in_the_namespace_in_which_it_flies(graph, tmp_path):
     flight = fly_on(graph, '--out', str(tmp_path))
-    topics = {name for name, _ in graph.node.get_topic_names_and_types()}
-    common = {'/rosout', '/parameter_events', '/diagnostics'}
-    assert {name for name in topics - common if not name.startswith('/uav1/')} == set()
-    assert {f'/uav1/{name}' for name in (
+    def topics():
+        return {name for name, _ in graph.node.get_topic_names_and_types()}
+
+    own = {f'/uav1/{name}' for name in (
         'command/pose', 'command/wrench', 'command/motor_speed', 'motor_speed',
-        'local_position/pose', 'local_position/velocity_body')} <= topics
+        'local_position/pose', 'local_position/velocity_body')}
+    graph.spin_until(lambda: own <= topics(), f'topics {own}')
+    common = {'/rosout', '/parameter_events', '/diagnostics'}
+    assert {name for name in topics() - common if not name.startswith('/uav1/')} == set()
     assert len(graph.alive()) == 4
     flight.send_signal(signal.SIGINT)
     out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
     assert flight.returncode == 130, out + err
     assert 'Traceback' not in err
     assert 'SIGINT' in err
+    assert graph.alive() == []
+
+
+@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
+    flight = graph.start_silent('bringup', '--out', str(tmp_path))
+    graph.spin_until(lambda: len(graph.alive()) == 4, 'four processes')
+    flight.send_signal(number)
+    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    assert flight.returncode == code, out + err
+    assert 'Traceback' not in err
     assert graph.alive() == []
 
 

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
 
+from ca_ros.nodes.vehicle_node import split
 from ca_ros.parameters import find
 from ros import DEADLINE
 
@@ -38,6 +39,13 @@ def test_signals_end_the_nodes_cleanly_in_full_flight(graph, number):
         out, err = node.communicate(timeout=DEADLINE)
         assert (node.returncode, out) == (0, '')
         assert 'Traceback' not in err
+
+
+@pytest.mark.parametrize('own', ['', '--vehicle x', '--vehicle info'])
+def test_arguments_are_ours_or_those_of_ros(own):
+    ros = '--ros-args --log-level info'
+    assert split(f'{own} {ros}'.split()) == (own.split(), ros.split())
+    assert split(f'{ros} -- {own}'.split()) == (own.split(), f'{ros} --'.split())
 
 
 # Wrong vehicles
@@ -95,6 +103,10 @@ def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
         *((name, '--ros-args', '--params-file', 'nope') for name in NODES),
         ('bringup', '--params-file', 'nope'),
     ], ['nope'])
+
+
+def test_a_namespace_that_is_none_is_refused_in_one_line(graph):
+    refused(graph, [('bringup', '--namespace', '1 bad')], ['1 bad'])
 
 
 def refused(graph, ways, words):

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
 from tqdm import tqdm
 
 from ca_ros.controller import Waypoint
@@ -48,6 +50,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         vehicle = Vehicle.load(options.params_file or options.vehicle)
         options.out.mkdir(parents=True, exist_ok=True)
+        validate_namespace(options.namespace)
+    except InvalidNamespaceException:
+        print(f'bringup: --namespace: {options.namespace} is not a namespace', file=sys.stderr)
+        return 1
     except (ParameterError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1

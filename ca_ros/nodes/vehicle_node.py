@@ -16,7 +16,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete, find
 from ca_ros.vehicle import Vehicle
@@ -105,11 +104,14 @@ class VehicleNode(Node):
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return our own arguments and those for ROS."""
-    own = remove_ros_args(args=['', *argv])[1:]
-    ros = list(argv)
-    for argument in own:
-        ros.remove(argument)
+    """Return our own arguments and those for ROS, from each --ros-args up to the next --."""
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for argument in argv:
+        inside = inside or argument == '--ros-args'
+        (ros if inside else own).append(argument)
+        inside = inside and argument != '--'
     return own, ros
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ca_ros.parameters import ParameterError, load
+from ca_ros.parameters import load
 
 SAMPLES = 1000
 """How many the paper drew."""
@@ -68,12 +68,20 @@ ROWS = {
 
 def applies(figures: Mapping[str, Any]) -> bool:
     """Tell whether a study, as in static.json, is of the paper's vehicle and sampling."""
-    try:
-        paper = load('hexarotor')
-    except ParameterError:
-        return False
-    return figures['sampling'] == 'volume' and all(
+    return figures['sampling'] == 'volume' and _as_shipped(figures, 'vehicle.', 'rotors.')
+
+
+def why(figures: Mapping[str, Any], method: str) -> str:
+    """Say why a study's row of a method differs from the paper's."""
+    if method == 'conventional' and not _as_shipped(figures, 'allocation.conventional.'):
+        return 'Q and f_ref are others here than in config/hexarotor.yaml.'
+    return ROWS[method].why
+
+
+def _as_shipped(figures: Mapping[str, Any], *groups: str) -> bool:
+    """Tell whether parameters are those of the paper's vehicle."""
+    return all(
         figures['parameters'][name] == value
-        for name, value in paper.items()
-        if name.startswith(('vehicle.', 'rotors.')) or name == 'allocation.axes'
+        for name, value in load('hexarotor').items()
+        if name.startswith(groups) or name == 'allocation.axes'
     )

@@ -29,7 +29,7 @@ def draw_slices(admissible: AdmissibleSet, allocators: Mapping[str, Allocator]) 
     cuts = sections(admissible, ('roll', 'pitch'), ('roll', 'yaw'))
     if not cuts:
         return None
-    figure, head, body = sheet(0.8 + 1.9 * len(allocators), 0.4 + 2.1 * len(cuts), 3)
+    figure, head, body = sheet(max(0.8 + 1.9 * len(allocators), 4.5), 0.4 + 2.1 * len(cuts), 3)
     panels = body.subplots(len(cuts), len(allocators), sharex='row', sharey='row', squeeze=False)
     for cut, row in zip(cuts, panels, strict=True):
         for (name, allocator), axes in zip(allocators.items(), row, strict=True):

@@ -131,7 +131,12 @@ def _differences(figures: Mapping[str, Any]) -> str:
                     ),
                 ]
             )
-            lines.append(f'- `{name}`: {found}. {row.why}')
+            lines.append(f'- `{name}`: {found}. {paper_table.why(figures, name)}')
+    if figures['samples'] > paper_table.SAMPLES:
+        lines.append(
+            f'- The greatest of {figures["samples"]} errors is greater than that of '
+            f'{paper_table.SAMPLES}, as in the paper.'
+        )
     base = figures['methods'].get('pseudo_inverse')
     if base:
         ratios = ', '.join(
