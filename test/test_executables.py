@@ -105,8 +105,19 @@ def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
     ], ['nope'])
 
 
-def test_a_namespace_that_is_none_is_refused_in_one_line(graph):
-    refused(graph, [('bringup', '--namespace', '1 bad')], ['1 bad'])
+def test_bringup_refuses_a_wrong_option_by_name(graph):
+    wrong = [
+        ('--namespace', '1 bad'), ('--namespace', '/uav1/'), ('--duration', '-1'),
+        ('--duration', 'nan'), ('--waypoint', '1', '2', 'inf'), ('--method', 'magic')]
+    processes = [graph.start_silent('bringup', *option) for option in wrong]
+    for option, process in zip(wrong, processes, strict=True):
+        out, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode != 0, option
+        assert out == '', out
+        assert 'Traceback' not in err, err
+        last = err.splitlines()[-1]
+        assert last.startswith('bringup: '), last
+        assert option[0].strip('-') in last, last
 
 
 def refused(graph, ways, words):

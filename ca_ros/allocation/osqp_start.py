@@ -57,5 +57,5 @@ class OsqpStart:
         """Return OSQP's multipliers (m,) of Gamma f = u; None if they are not finite."""
         lower, upper = self._bounds(u)
         self._solver.update(l=lower, u=upper)
-        multipliers: Array = -self._solver.solve().y[: self._size]
+        multipliers: Array = -self._solver.solve(raise_error=False).y[: self._size]
         return multipliers if np.isfinite(multipliers).all() else None

@@ -16,6 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete, find
 from ca_ros.vehicle import Vehicle
@@ -105,6 +106,8 @@ class VehicleNode(Node):
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return our own arguments and those for ROS, from each --ros-args up to the next --."""
+    # Raises here, in one line, what starting ROS would raise in two.
+    remove_ros_args(args=['', *argv])
     own: list[str] = []
     ros: list[str] = []
     inside = False
