@@ -9,6 +9,7 @@ from operator import le
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ca_ros.arrays import Array, BoolArray
 
@@ -19,7 +20,7 @@ CHUNK = 16384
 """Wrenches that are worked on at once: they fit into a processor's cache."""
 
 SLACK = 1e-12
-"""How far, in units of the greatest thrust, a wrench may be outside of a region and be served."""
+"""How far, in units of the greatest thrust, z may be outside of a region and be served."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,16 +35,39 @@ class AffineLaw:
     slope, offset : (n, m) and (n,) arrays
     least, greatest : (n,) arrays
         [N]
+    bound : array of int
+        The rotors that are at a bound.
+    ends : array
+        Their thrusts [N].
+    limits : pair of lists
+        `least` and `greatest`, but without any slack for the free rotors: where z keeps them, the
+        thrusts are z with `ends` in it, and nothing need be clipped.
+    linear : bool
+        Whether the offset is nought.
+    proven : bool
+        Whether the thrusts are known to be right wherever z keeps the limits, so that the single
+        answer need not be judged.
     """
 
     slope: Array
     offset: Array
     least: Array
     greatest: Array
+    bound: NDArray[np.intp]
+    ends: Array
+    limits: tuple[list[float], list[float]]
+    linear: bool
+    proven: bool = False
 
     @classmethod
     def of(
-        cls, slope: Array, offset: Array, free: BoolArray, ends: Array, lower: Array, upper: Array
+        cls,
+        slope: Array,
+        offset: Array,
+        free: BoolArray,
+        ends: Array,
+        lower: Array,
+        upper: Array,
     ) -> AffineLaw:
         """Return the law for rotors that are free, or at that of their bounds which is in `ends`.
 
@@ -61,7 +85,34 @@ class AffineLaw:
         at_lower, at_upper = movable & (ends <= lower), movable & (ends >= upper)
         least = np.where(free, lower, np.where(at_upper, upper, -np.inf))
         greatest = np.where(free, upper, np.where(at_lower, lower, np.inf))
-        return cls(slope, offset, least - slack, greatest + slack)
+        limits = (
+            np.where(free, least, least - slack).tolist(),
+            np.where(free, greatest, greatest + slack).tolist(),
+        )
+        bound = np.flatnonzero(~free)
+        return cls(
+            slope,
+            offset,
+            least - slack,
+            greatest + slack,
+            bound,
+            ends[bound],
+            limits,
+            linear=not offset.any(),
+        )
+
+    def thrusts(self, u: Array) -> Array | None:
+        """Return the thrusts (n,) for a wrench (m,); None if it is outside of `limits`."""
+        # For so few numbers dot is faster than @, and Python than NumPy.
+        z = self.slope.dot(u)
+        if not self.linear:
+            z += self.offset
+        values, (least, greatest) = z.tolist(), self.limits
+        if not (all(map(le, least, values)) and all(map(le, values, greatest))):
+            return None
+        if len(self.bound):
+            z[self.bound] = self.ends
+        return z
 
 
 class AffineLaws:
@@ -77,16 +128,23 @@ class AffineLaws:
         Bounds of the thrusts [N].
     learn : callable
         Returns the law of the region around a wrench (m,), or None if there is none.
+
+    Attributes
+    ----------
+    last : AffineLaw or None
+        The law by which the last wrench was answered.
+    proven : bool
+        Whether that answer needs no judgement any more.
     """
 
     def __init__(
         self, lower: Array, upper: Array, learn: Callable[[Array], AffineLaw | None]
     ) -> None:
         self._lower, self._upper, self._learn = lower, upper, learn
+        self.last: AffineLaw | None = None
+        self.proven = False
         self._laws: list[AffineLaw] = []
-        self._last: AffineLaw | None = None
         self._served: Counter[AffineLaw] = Counter()
-        self._limits: tuple[list[float], list[float]] = ([], [])
 
     def __len__(self) -> int:
         """Return the number of laws that are known."""
@@ -94,22 +152,23 @@ class AffineLaws:
 
     def find(self, u: Array) -> Array | None:
         """Return the thrusts (n,) for a wrench (m,); None if its law is not known."""
-        last = self._last
-        if last is not None:
-            z = last.slope @ u + last.offset
-            values, (least, greatest) = z.tolist(), self._limits
-            # On so few numbers Python is faster than NumPy.
-            if all(map(le, least, values)) and all(map(le, values, greatest)):
+        law = self.last
+        if law is None:
+            return None
+        thrusts = law.thrusts(u)
+        if thrusts is None:
+            # Bytes are searched faster than arrays are reduced.
+            found = (self._rows.dot(u) <= self._sides).tobytes().find(self._all_true)
+            if found < 0:
+                return None
+            law = self.last = self._laws[found // self._block]
+            thrusts = law.thrusts(u)
+            if thrusts is None:
+                self.proven = False
+                z = law.slope @ u + law.offset
                 return np.minimum(np.maximum(z, self._lower), self._upper)
-        if not self._laws:
-            return None
-        all_z = self._slopes @ u + self._offsets
-        depths = np.minimum(all_z - self._leasts, self._greatests - all_z).min(axis=1)
-        deepest = int(depths.argmax())
-        if not depths[deepest] >= 0.0:
-            return None
-        self._use(self._laws[deepest])
-        return np.minimum(np.maximum(all_z[deepest], self._lower), self._upper)
+        self.proven = law.proven
+        return thrusts
 
     def find_or_learn(self, u: Array) -> Array | None:
         """Return the thrusts (n,) for a wrench (m,); None if there is no law for it."""
@@ -139,8 +198,8 @@ class AffineLaws:
             if one is not None:
                 thrusts[left[0]] = one
             left = left[1:]
-            if one is not None and self._last is not None:
-                left = self._serve(self._last, wrenches, thrusts, left)
+            if one is not None and self.last is not None:
+                left = self._serve(self.last, wrenches, thrusts, left)
 
     def _serve(self, law: AffineLaw, wrenches: Array, thrusts: Array, left: Any) -> Any:
         """Fill in what a law can serve of the wrenches that are left; return the rest."""
@@ -156,12 +215,13 @@ class AffineLaws:
             self._laws.clear()
             self._served.clear()
         self._laws.append(law)
-        self._slopes = np.array([known.slope for known in self._laws])
-        self._offsets = np.array([known.offset for known in self._laws])
-        self._leasts = np.array([known.least for known in self._laws])
-        self._greatests = np.array([known.greatest for known in self._laws])
-        self._use(law)
-
-    def _use(self, law: AffineLaw) -> None:
-        self._last = law
-        self._limits = law.least.tolist(), law.greatest.tolist()
+        # The region of each law is a block of inequalities ``row u <= side``, closed by one that
+        # never holds: where the others of a block hold, but nowhere else, as many in a row do.
+        never = np.zeros((1, law.slope.shape[1]))
+        rows = np.vstack([part for k in self._laws for part in (k.slope, -k.slope, never)])
+        sides = [(k.greatest - k.offset, k.offset - k.least, [-1.0]) for k in self._laws]
+        # In the order of columns, in which the product takes half as long.
+        self._rows, self._sides = np.asfortranarray(rows), np.concatenate(sum(sides, ()))
+        self._block = len(rows) // len(self._laws)
+        self._all_true = bytes([1] * (self._block - 1))
+        self.last = law

@@ -42,6 +42,7 @@ class AllocationProblem:
         self.gamma = control_allocation_matrix(vehicle)
         self.lower = vehicle.thrust_min
         self.upper = vehicle.thrust_max
+        self._shape = (len(self.axes),)
         self.hover = np.array([vehicle.weight if axis == 'thrust' else 0.0 for axis in self.axes])
 
     @cached_property
@@ -80,14 +81,17 @@ class AllocationProblem:
             If the shape is wrong or a component is not finite.
         """
         try:
-            wrench = np.asarray(u, dtype=float)
+            wrench = np.array(u, float)
         except (TypeError, ValueError):
             raise ValueError(
                 f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {u!r}'
             ) from None
-        m = len(self.axes)
-        if wrench.shape != (m,) and not (batch and wrench.ndim and wrench.shape[-1] == m):
-            expected = f'(..., {m})' if batch else f'({m},)'
+        if wrench.shape == self._shape:
+            # Of a single wrench Python tells faster than NumPy that there is nothing wrong.
+            if sum(map(abs, wrench.tolist())) <= ABSURD:
+                return wrench
+        elif not (batch and wrench.shape[-1:] == self._shape):
+            expected = f'(..., {len(self.axes)})' if batch else f'({len(self.axes)},)'
             raise ValueError(
                 f'wrench: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}'
             )

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ca_ros.affine_laws import AffineLaw
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.least_norm import LeastNorm
 
 BORDER = 1e-9
 """A rotor so near to a bound, relative to its thrust, is as good as free."""
 
 
-def explicit_law(least_norm: LeastNorm, multipliers: Array) -> AffineLaw | None:
+def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) -> AffineLaw | None:
     """Return the law of the region around a solution of the quadratic program of `LeastNorm`.
 
     While the same rotors are at the same bounds, the multipliers y are affine in u, and with them
@@ -25,6 +27,8 @@ def explicit_law(least_norm: LeastNorm, multipliers: Array) -> AffineLaw | None:
     least_norm : LeastNorm
     multipliers : (m,) array
         Of the solution.
+    tolerance : float
+        Residual, relative to max(1, |u|), up to which the law counts as proven.
 
     Returns
     -------
@@ -42,8 +46,25 @@ def explicit_law(least_norm: LeastNorm, multipliers: Array) -> AffineLaw | None:
         if inverse is not None:
             slope = matrix.T @ inverse
             offset = -slope @ (matrix[:, ~guess] @ thrusts[~guess])
-            return AffineLaw.of(slope, offset, guess, thrusts, low, high)
+            law = AffineLaw.of(slope, offset, guess, thrusts, low, high)
+            return replace(law, proven=_error(law, matrix, guess, thrusts) <= tolerance)
     return None
+
+
+def _error(law: AffineLaw, matrix: Array, free: BoolArray, ends: Array) -> float:
+    """Return a bound of |A f - u| / max(1, |u|) for all u in the law's region.
+
+    ``A f - u`` is ``(A_free slope_free - 1) u + A_free offset_free + A_bound ends``, and what the
+    rounding of z makes of it.
+    """
+    part, rest = matrix[:, free], matrix[:, ~free] @ ends[~free]
+    slope, offset = law.slope[free], law.offset[free]
+    error = np.linalg.norm(part @ slope - np.eye(len(matrix)), 2)
+    error += np.linalg.norm(part @ offset + rest)
+    sums = (len(matrix) + 1) * np.finfo(float).eps
+    error += sums * np.linalg.norm(np.abs(part) @ np.abs(slope), 2)
+    error += sums * np.linalg.norm(np.abs(part) @ np.abs(offset))
+    return float(error)
 
 
 def _inverse(free: Array) -> Array | None:

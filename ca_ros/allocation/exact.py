@@ -12,12 +12,16 @@ from ca_ros.affine_laws import AffineLaw, AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation_problem import EXACT_TOLERANCE
 from ca_ros.arrays import Array
 from ca_ros.explicit_law import explicit_law
 from ca_ros.vehicle import Vehicle
 
 POLICIES = ('prioritize', 'scale', 'reject')
 SOLVERS = ('newton', 'osqp')
+
+LAW_SHARE = 0.5
+"""Of the tolerance, that a law may use up; the rest is for those who sum up in another order."""
 
 
 class Exact(Allocator):
@@ -68,8 +72,8 @@ class Exact(Allocator):
         self.admissible.check_order(order)
 
     def _allocate(self, u: Array) -> Allocation:
-        thrusts = None if self._osqp is not None else self._laws.find(u)
-        if thrusts is not None and self._judge(u, thrusts, 0.5):
+        thrusts = self._laws.find(u)
+        if thrusts is not None and self._sound(u, thrusts):
             return Allocation(self.problem, u, thrusts, Status.EXACT)
         served, level, status = self._within(u)
         thrusts = self._solve(served)
@@ -87,12 +91,17 @@ class Exact(Allocator):
         if self._osqp is not None:
             return self._least_norm.solve(u, tolerance, self._osqp.multipliers(u))[0]
         thrusts = self._laws.find_or_learn(u)
-        if thrusts is not None and self._judge(u, thrusts, 0.5):
+        if thrusts is not None and self._sound(u, thrusts):
             return thrusts
         return self._least_norm.solve(u, tolerance)[0]
 
+    def _sound(self, u: Array, thrusts: Array) -> bool:
+        """Tell whether the thrusts by the last law are exact."""
+        return self._laws.proven or bool(self._judge(u, thrusts, LAW_SHARE))
+
     def _learn(self, u: Array) -> AffineLaw | None:
-        return explicit_law(self._least_norm, self.problem.multipliers(u))
+        multipliers = self.problem.multipliers(u)
+        return explicit_law(self._least_norm, multipliers, LAW_SHARE * EXACT_TOLERANCE)
 
     def _within(self, u: Array) -> tuple[Array, float, Status]:
         """Return what is served, its share of u, and the status."""
@@ -114,7 +123,7 @@ class Exact(Allocator):
         for i in np.flatnonzero(margins < -0.5 * self.problem.tolerance(demands)):
             served[i], levels[i], status[i] = self._within(demands[i])
         thrusts = self._laws.find_batch(served)
-        for i in np.flatnonzero(~self._judge(served, thrusts, 0.5)):
+        for i in np.flatnonzero(~self._judge(served, thrusts, LAW_SHARE)):
             thrusts[i] = self._solve(served[i])
         rejected = status == Status.REJECTED
         thrusts[rejected] = self.problem.lower
