@@ -40,6 +40,7 @@ class AdmissibleSet:
         self.zonotope = self.problem.image
         hover = self.problem.hover
         self.reference = hover if self.zonotope.margin(hover) > 0.0 else self.zonotope.center
+        self._default_order = default_order(self.problem.axes)
         self._prioritizations: dict[tuple[tuple[str, ...], ...], Prioritization] = {}
 
     @property
@@ -156,11 +157,7 @@ class AdmissibleSet:
 
     def check_order(self, order: Sequence[Sequence[str]] | None) -> Prioritization:
         """Return what serves an order; raise a ValueError if that is no partition of the axes."""
-        groups = (
-            default_order(self.problem.axes)
-            if order is None
-            else tuple(tuple(group) for group in order)
-        )
+        groups = self._default_order if order is None else tuple(tuple(group) for group in order)
         if groups not in self._prioritizations:
             if (
                 sorted(axis for group in groups for axis in group) != sorted(self.problem.axes)

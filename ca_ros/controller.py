@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan2, cos, sin, tan
+from functools import cached_property
+from math import atan2, cos, hypot, sin, tan
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ class Waypoint:
             np.array([x, y, z]), np.array([0.0, 0.0, sin(heading / 2.0), cos(heading / 2.0)])
         )
 
-    @property
+    @cached_property
     def heading(self) -> float:
         """Direction of the body's x axis seen from above [rad]."""
         forward = rotation_matrix(self.attitude)[:, 0]
@@ -132,9 +133,9 @@ class Controller:
             'velocity': velocity,
             'angular_velocity': angular_velocity,
         }
-        for name, part in state.items():
-            if not np.isfinite(part).all():
-                raise ValueError(f'{name}: expected finite numbers, got {part}')
+        if not np.isfinite(np.concatenate(list(state.values()))).all():
+            name, part = next(item for item in state.items() if not np.isfinite(item[1]).all())
+            raise ValueError(f'{name}: expected finite numbers, got {part}')
         if not attitude.any():
             raise ValueError('attitude: expected a quaternion, got zero')
         # Absurd numbers may end as infinities in the demand, which is then refused.
@@ -161,7 +162,7 @@ class Controller:
         approach = np.minimum(np.maximum(approach, -gains.speed_max), gains.speed_max)
         force = self.vehicle.mass * gains.position_damping * (approach - velocity)
         force[2] = max(force[2] + self.vehicle.weight, LIFT_MIN * self.vehicle.weight)
-        sideways, allowed = float(np.hypot(force[0], force[1])), tan(gains.tilt_max) * force[2]
+        sideways, allowed = hypot(*force[:2].tolist()), tan(gains.tilt_max) * force[2]
         if sideways > allowed:
             force[:2] *= allowed / sideways
         return force
@@ -169,16 +170,16 @@ class Controller:
 
 def _attitude(force: Array, heading: float) -> Array:
     """Return the rotation matrix whose z axis is along a force and whose x axis has a heading."""
-    up = force / np.linalg.norm(force)
+    up = force / hypot(*force.tolist())
     left = cross(up, np.array([cos(heading), sin(heading), 0.0]))
-    left /= np.linalg.norm(left)
-    return np.column_stack([cross(left, up), left, up])
+    left /= hypot(*left.tolist())
+    return np.array([cross(left, up), left, up]).T
 
 
 def _rotation_vector(rotation: Array) -> Array:
     """Return axis times angle of a rotation matrix; zero for half a turn, which has two axes."""
     r = rotation.tolist()
     vector = 0.5 * np.array([r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]])
-    sine = float(np.linalg.norm(vector))
+    sine = hypot(*vector.tolist())
     angle = atan2(sine, 0.5 * (r[0][0] + r[1][1] + r[2][2] - 1.0))
     return vector * (angle / sine) if sine > 0.0 else vector

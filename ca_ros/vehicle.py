@@ -180,12 +180,19 @@ class Vehicle:
 
         A lost rotor stands still.
         """
-        k_f = self.thrust_per_squared_speed
-        lost = k_f == 0.0
-        speeds = np.sqrt(np.asarray(thrusts, dtype=float) / np.where(lost, 1.0, k_f))
+        divisor, low, high = self._rooted
         # At a bound the root may come out a rounding error beyond it.
-        low, high = np.where(lost, 0.0, self.speed_min), np.where(lost, 0.0, self.speed_max)
-        return np.minimum(np.maximum(speeds, low), high)
+        return np.minimum(np.maximum(np.sqrt(np.asarray(thrusts, float) / divisor), low), high)
+
+    @cached_property
+    def _rooted(self) -> tuple[Array, Array, Array]:
+        """Divisor, least and greatest speed, (n,) each, of `speeds`."""
+        lost = self.thrust_per_squared_speed == 0.0
+        return (
+            np.where(lost, 1.0, self.thrust_per_squared_speed),
+            np.where(lost, 0.0, self.speed_min),
+            np.where(lost, 0.0, self.speed_max),
+        )
 
 
 def _per_rotor(parameters: Mapping[str, Any], name: str, n: int) -> Array:
