@@ -83,15 +83,15 @@ class AdmissibleSet:
 
         Parameters
         ----------
-        u : (m,) array
-            Wrench [N, N m].
+        u : (..., m) array
+            Wrenches [N, N m].
         about : (m,) array, optional
             A wrench in the set; by default `reference`.
 
         Returns
         -------
-        (m,) array
-            `u` itself if it is in the set, otherwise the last point of the line from `about` to
+        (..., m) array
+            `u` itself where it is in the set, otherwise the last point of the line from `about` to
             `u` that is.
 
         Raises
@@ -99,33 +99,32 @@ class AdmissibleSet:
         ValueError
             If `about` is outside the set.
         """
-        return self.scale_level(u, about)[0]
+        return self.scale_levels(u, about)[0]
 
-    def scale_level(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, float]:
-        """Like `scale`; return also the share of the way to `u`, 1 if `u` is in the set."""
+    def scale_levels(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Like `scale`; return also the share (...) of the way to `u`, 1 where that is inside."""
         start = self.check_reference(about)
-        u = self.problem.check(u)
-        if self.zonotope.margin(u) >= 0.0:
-            return u, 1.0
-        level = min(self.zonotope.reach(start, u - start), 1.0)
-        return start + level * (u - start), level
+        u = self.problem.check(u, batch=True)
+        inside = self.zonotope.margin(u) >= 0.0
+        levels = np.where(inside, 1.0, np.minimum(self.zonotope.reach(start, u - start), 1.0))
+        return np.where(levels == 1.0, u.T, (start + levels[..., None] * (u - start)).T).T, levels
 
     def prioritize(self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
 
         Parameters
         ----------
-        u : (m,) array
-            Wrench [N, N m].
+        u : (..., m) array
+            Wrenches [N, N m].
         order : sequence of groups of axes, optional
             By default roll and pitch together, before thrust, before yaw; lateral forces come
             last.
 
         Returns
         -------
-        (m,) array
-            `u` itself if it is in the set, otherwise the wrench in which each group gets as much
-            of its demand as is possible without taking from the groups before it.
+        (..., m) array
+            `u` itself where it is in the set, otherwise the wrench in which each group gets as
+            much of its demand as is possible without taking from the groups before it.
 
         Raises
         ------
@@ -137,10 +136,14 @@ class AdmissibleSet:
     def prioritize_levels(
         self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None
     ) -> tuple[Array, Array]:
-        """Like `prioritize`; return also the share (m,) of its demand that each axis got."""
+        """Like `prioritize`; return also the share (..., m) of its demand that each axis got."""
         prioritization = self.check_order(order)
-        u = self.problem.check(u)
-        return (u, np.ones(len(u))) if self.zonotope.margin(u) >= 0.0 else prioritization(u)
+        served = self.problem.check(u, batch=True)
+        levels = np.ones(served.shape)
+        outside = self.zonotope.margin(served) < 0.0
+        if outside.any():
+            served[outside], levels[outside] = prioritization(served[outside])
+        return served, levels
 
     def check_reference(self, about: ArrayLike | None) -> Array:
         """Return the reference of `scale`; raise a ValueError if it is outside the set."""

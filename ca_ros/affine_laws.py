@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import le
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from ca_ros.arrays import Array, BoolArray
 
 LAWS_MAX = 512
 """How many laws are kept; the exact allocation of the paper's hexarotor has 37."""
-
-CHUNK = 16384
-"""Wrenches that are worked on at once: they fit into a processor's cache."""
 
 SLACK = 1e-12
 """How far, in units of the greatest thrust, z may be outside of a region and be served."""
@@ -182,32 +178,45 @@ class AffineLaws:
         return thrusts
 
     def find_batch(self, wrenches: Array) -> Array:
-        """Return the thrusts (N, n) for wrenches (N, m); NaN where there is no law."""
+        """Return the thrusts (N, n) for wrenches (N, m); NaN where no law is known."""
         thrusts = np.full((len(wrenches), len(self._lower)), np.nan)
-        for first in range(0, len(wrenches), CHUNK):
-            self._fill(wrenches[first : first + CHUNK], thrusts[first : first + CHUNK])
+        self._fill(self._laws, wrenches, thrusts, np.arange(len(wrenches)))
         return thrusts
 
-    def _fill(self, wrenches: Array, thrusts: Array) -> None:
-        left: Any = np.arange(len(wrenches))
-        # Those that served most come first, so that little is left for the others.
-        for law in sorted(self._laws, key=self._served.__getitem__, reverse=True):
-            left = self._serve(law, wrenches, thrusts, left)
+    def find_or_learn_batch(self, wrenches: Array) -> Array:
+        """Return the thrusts (N, n) for wrenches (N, m); NaN where there is no law."""
+        thrusts = self.find_batch(wrenches)
+        left = np.flatnonzero(np.isnan(thrusts[:, 0]))
         while len(left):
-            one = self.find_or_learn(wrenches[left[0]])
-            if one is not None:
-                thrusts[left[0]] = one
-            left = left[1:]
+            first, left = left[0], left[1:]
+            one = self.find_or_learn(wrenches[first])
             if one is not None and self.last is not None:
-                left = self._serve(self.last, wrenches, thrusts, left)
+                thrusts[first] = one
+                left = self._fill([self.last], wrenches, thrusts, left)
+        return thrusts
 
-    def _serve(self, law: AffineLaw, wrenches: Array, thrusts: Array, left: Any) -> Any:
-        """Fill in what a law can serve of the wrenches that are left; return the rest."""
-        z = wrenches[left] @ law.slope.T + law.offset
-        inside = ((z >= law.least) & (z <= law.greatest)).all(axis=1)
-        self._served[law] += int(inside.sum())
-        thrusts[left[inside]] = np.minimum(np.maximum(z[inside], self._lower), self._upper)
-        return left[~inside]
+    def _fill(
+        self, laws: list[AffineLaw], wrenches: Array, thrusts: Array, left: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        """Fill in the thrusts of the wrenches that are left where one of the laws serves them.
+
+        Return those that are left then.
+        """
+        low, high = self._lower[:, None], self._upper[:, None]
+        # One column a wrench: sums over the rows of an array are faster than over its columns.
+        rest = wrenches[left].T
+        # Those that served most come first, so that little is left for the others.
+        for law in sorted(laws, key=self._served.__getitem__, reverse=True):
+            z = law.slope @ rest + law.offset[:, None]
+            inside = np.logical_and.reduce(
+                (z >= law.least[:, None]) & (z <= law.greatest[:, None])
+            )
+            served = left[inside]
+            if len(served):
+                self._served[law] += len(served)
+                thrusts[served] = np.minimum(np.maximum(z[:, inside], low), high).T
+                left, rest = left[~inside], rest[:, ~inside]
+        return left
 
     def _keep(self, law: AffineLaw) -> None:
         if len(self._laws) == LAWS_MAX:

@@ -35,57 +35,65 @@ class Prioritization:
         self._middle, self._reach = (lower + upper) / 2.0, (upper - lower) / 2.0
         self._gamma = gamma
         self._groups = [np.array(group) for group in groups]
-        prefixes = [np.concatenate(self._groups[: k + 1]) for k in range(len(groups))]
-        self._prefixes = prefixes
+        self._prefixes = [np.concatenate(self._groups[: k + 1]) for k in range(len(groups))]
         self._shadows = [
-            Zonotope(gamma[rows] @ self._middle, gamma[rows] * self._reach) for rows in prefixes
+            Zonotope(gamma[rows] @ self._middle, gamma[rows] * self._reach)
+            for rows in self._prefixes
         ]
 
     def __call__(self, u: Array) -> tuple[Array, Array]:
-        """Return the served wrench (m,) [N, N m] and the share (m,) of each axis's demand."""
-        served, levels = self._reference.copy(), np.ones(len(u))
+        """Return the served wrenches (..., m) [N, N m] and the shares (..., m) of each demand."""
+        served, levels = np.broadcast_to(self._reference, u.shape).copy(), np.ones(u.shape)
         for k, group in enumerate(self._groups):
             serve = self._serve_one if len(group) == 1 else self._serve_several
-            served[group], levels[group] = serve(k, served, u[group])
+            served[..., group], share = serve(k, served, u[..., group])
+            levels[..., group] = share[..., None]
         return served, levels
 
-    def _serve_one(self, k: int, served: Array, demand: Array) -> tuple[Array, float]:
-        low, high = self._shadows[k].section(served[self._prefixes[k]])
-        start, end = np.clip([self._reference[self._groups[k][0]], demand[0]], low, high)
-        level = 1.0 if end == demand[0] else (end - start) / (demand[0] - start)
-        return np.array([end]), float(level)
+    def _serve_one(self, k: int, served: Array, demand: Array) -> tuple[Array, Array]:
+        low, high = self._shadows[k].section(served[..., self._prefixes[k]])
+        start = np.minimum(np.maximum(self._reference[self._groups[k][0]], low), high)
+        wanted = demand[..., 0]
+        end = np.minimum(np.maximum(wanted, low), high)
+        with np.errstate(invalid='ignore'):
+            share = np.where(end == wanted, 1.0, (end - start) / (wanted - start))
+        return end[..., None], share
 
-    def _serve_several(self, k: int, served: Array, demand: Array) -> tuple[Array, float]:
+    def _serve_several(self, k: int, served: Array, demand: Array) -> tuple[Array, Array]:
         group, shadow = self._groups[k], self._shadows[k]
-        start = served[self._prefixes[k]]
         inner = self._inner(k, served)
 
-        def reach(begin: Array, way: Array) -> float:
-            start[-len(group) :] = begin
-            direction = np.concatenate([np.zeros(len(start) - len(group)), way])
-            return shadow.reach(start, direction)
+        def reach(begin: Array, way: Array) -> Array:
+            start = served[..., self._prefixes[k]]
+            start[..., -len(group) :] = begin
+            direction = np.zeros(start.shape)
+            direction[..., -len(group) :] = way
+            return np.minimum(shadow.reach(start, direction), 1.0)[..., None]
 
         to_hover = self._reference[group] - inner
         # On the border the way might go off it or along it, so a start out of reach is moved in.
-        begin = inner + min(reach(inner, to_hover), 1.0) ** 2 * to_hover
-        level = min(reach(begin, demand - begin), 1.0)
-        return begin + level * (demand - begin), level
+        begin = inner + reach(inner, to_hover) ** 2 * to_hover
+        share = reach(begin, demand - begin)
+        return begin + share * (demand - begin), share[..., 0]
 
     def _inner(self, k: int, served: Array) -> Array:
-        """Return a value of group k well inside of what the earlier groups leave.
+        """Return values (..., of group k) well inside of what the earlier groups leave.
 
         The earlier axes are as far from the middle of their set as a share of the way to its
         boundary; the thrusts that belong to it are that share of the way from the middle of their
         range to those on the boundary.
         """
         group = self._gamma[self._groups[k]]
+        middle = np.broadcast_to(group @ self._middle, (*served.shape[:-1], len(group)))
         if k == 0:
-            return group @ self._middle
+            return middle
         rows, shadow = self._prefixes[k - 1], self._shadows[k - 1]
-        way = served[rows] - shadow.center
-        reach = shadow.reach(shadow.center, way)
-        if reach == np.inf:
-            return group @ self._middle
         image = Zonotope(0.0 * shadow.center, shadow.generators)
         least = LeastNorm(self._gamma[rows], -self._reach, self._reach, image)
-        return group @ (self._middle + least.solve(reach * way, 1e-12)[0] / reach)
+        ways = served[..., rows] - shadow.center
+        reaches = shadow.reach(shadow.center, ways)
+        inner = middle.copy()
+        for i in np.ndindex(reaches.shape):
+            if reaches[i] < np.inf:
+                inner[i] += group @ (least.solve(reaches[i] * ways[i], 1e-12)[0] / reaches[i])
+        return inner

@@ -174,5 +174,5 @@ def _authority(problem: AllocationProblem, image: Zonotope) -> dict[str, tuple[f
     start, ranges = image.pull(problem.hover), {}
     for i, axis in enumerate(problem.axes):
         unit = np.eye(len(problem.axes))[i]
-        ranges[axis] = (-image.reach(start, -unit), image.reach(start, unit))
+        ranges[axis] = (-float(image.reach(start, -unit)), float(image.reach(start, unit)))
     return ranges

@@ -94,26 +94,27 @@ class Zonotope:
         size = np.abs(directions / self._extent).max(axis=-1)
         return np.abs(rates) > ROUNDING * np.multiply.outer(size, self._spans)
 
-    def reach(self, start: Array, direction: Array) -> float:
-        """Return the greatest t >= 0 with ``start + t direction`` in the set; `start` is in it."""
-        heights, rates = self.normals @ (start - self.center), self.normals @ direction
-        slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
-        moving = self.slanted(rates, direction)
-        with np.errstate(over='ignore'):
-            reaches = slacks[moving] / np.abs(rates[moving])
-        return float(reaches.min(initial=np.inf))
+    def reach(self, start: Array, direction: Array) -> Array:
+        """Return the greatest t >= 0 (...) with ``start + t direction`` in the set.
 
-    def section(self, u: Array) -> tuple[float, float]:
-        """Return least and greatest value of the last coordinate with the others of u (m,)."""
+        `start` (..., m) is in it; t is infinite where `direction` (..., m) is nought.
+        """
+        heights, rates = (start - self.center) @ self.normals.T, direction @ self.normals.T
+        slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
+        with np.errstate(all='ignore'):
+            reaches = slacks / np.abs(rates)
+        return np.where(self.slanted(rates, direction), reaches, np.inf).min(axis=-1)
+
+    def section(self, u: Array) -> tuple[Array, Array]:
+        """Return least and greatest last coordinates (...) with the others of u (..., m)."""
         rates = self.normals[:, -1]
-        slanted = self.slanted(rates, np.eye(len(u))[-1])
-        heights = self.normals[:, :-1] @ (u - self.center)[:-1]
-        middle = -heights[slanted] / rates[slanted]
-        half = self.widths[slanted] / np.abs(rates[slanted])
-        low, high = float((middle - half).max()), float((middle + half).min())
+        slanted = self.slanted(rates, np.eye(len(self.center))[-1])
+        rates = rates[slanted]
+        heights = (u - self.center)[..., :-1] @ self.normals[slanted, :-1].T
+        middle, half = -heights / rates, self.widths[slanted] / np.abs(rates)
+        low, high = (middle - half).max(axis=-1), (middle + half).min(axis=-1)
         # A section of no length may come out reversed by a rounding error.
-        low, high = min(low, high), max(low, high)
-        return low + self.center[-1], high + self.center[-1]
+        return np.minimum(low, high) + self.center[-1], np.maximum(low, high) + self.center[-1]
 
     @cached_property
     def tiles(self) -> tuple[Array, Array, Array]:

@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.allocation_problem import AllocationProblem, lengths
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.vehicle import Vehicle
+
+CHUNK = 16384
+"""Wrenches that are worked on at once: they fit into a processor's cache."""
 
 
 class Allocator(ABC):
@@ -54,7 +57,22 @@ class Allocator(ABC):
             raise ValueError(
                 f'wrenches: expected shape (N, {len(self.problem.axes)}), got {demands.shape}'
             )
-        return self._allocate_batch(demands)
+        chunks = [
+            self._allocate_batch(demands[first : first + CHUNK])
+            for first in range(0, len(demands), CHUNK)
+        ]
+        if len(chunks) == 1:
+            return chunks[0]
+        if not chunks:
+            return self._batch(demands, np.empty((0, self.problem.vehicle.n)))
+        return Allocation(
+            self.problem,
+            demands,
+            np.concatenate([chunk.thrusts for chunk in chunks]),
+            np.concatenate([chunk.status for chunk in chunks]),
+            np.concatenate([chunk.level for chunk in chunks]),
+            np.concatenate([chunk.violation for chunk in chunks]),
+        )
 
     @abstractmethod
     def _allocate(self, u: Array) -> Allocation:
@@ -98,7 +116,7 @@ class Allocator(ABC):
         A method that still has a choice asks for a `share` of the tolerance, so that another order
         of summation does not overturn the verdict.
         """
-        residual = np.linalg.norm(demands - thrusts @ self.problem.gamma.T, axis=-1)
+        residual = lengths(demands - thrusts @ self.problem.gamma.T)
         return residual <= share * self.problem.tolerance(demands)
 
     def _status(self, u: Array, thrusts: Array) -> Status:

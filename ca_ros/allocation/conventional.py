@@ -53,7 +53,7 @@ class Conventional(Allocator):
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _allocate_batch(self, demands: Array) -> Allocation:
-        thrusts = self._laws.find_batch(demands)
+        thrusts = self._laws.find_or_learn_batch(demands)
         for i in np.flatnonzero(np.isnan(thrusts).any(axis=1)):
             thrusts[i] = self._solve(demands[i])
         return self._batch(demands, thrusts)

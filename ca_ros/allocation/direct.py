@@ -73,7 +73,7 @@ class Direct(Allocator):
         given = ~np.isnan(levels)
         served = np.where(given, levels, 0.0)[:, None] * demands
         thrusts = np.tile(self.problem.lower, (len(demands), 1))
-        thrusts[given] = self._laws.find_batch(served[given])
+        thrusts[given] = self._laws.find_or_learn_batch(served[given])
         for i in np.flatnonzero(np.isnan(thrusts).any(axis=1)):
             thrusts[i] = self._vertex(served[i])
         status = np.full(len(demands), Status.INEXACT, dtype=np.int8)

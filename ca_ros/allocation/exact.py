@@ -13,11 +13,17 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import EXACT_TOLERANCE
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, IntArray
 from ca_ros.explicit_law import explicit_law
 from ca_ros.vehicle import Vehicle
 
-POLICIES = ('prioritize', 'scale', 'reject')
+POLICIES = {
+    'prioritize': Status.PRIORITIZED,
+    'scale': Status.SCALED,
+    'reject': Status.REJECTED,
+}
+"""What a policy makes of a wrench outside of the admissible set."""
+
 SOLVERS = ('newton', 'osqp')
 
 LAW_SHARE = 0.5
@@ -77,10 +83,10 @@ class Exact(Allocator):
             return Allocation(self.problem, u, thrusts, Status.EXACT)
         served, level, status = self._within(u)
         thrusts = self._solve(served)
-        if status is Status.REJECTED:
+        if status == Status.REJECTED:
             thrusts = self.problem.lower.copy()
         elif self._judge(u, thrusts):
-            status, level = Status.EXACT, 1.0
+            return Allocation(self.problem, u, thrusts, Status.EXACT)
         elif not self._judge(served, thrusts):
             status = Status.INEXACT
         return Allocation(self.problem, u, thrusts, status, level)
@@ -107,27 +113,43 @@ class Exact(Allocator):
         """Return what is served, its share of u, and the status."""
         if self.problem.image.margin(u) >= -0.5 * self.problem.tolerance(u):
             return u, 1.0, Status.EXACT
+        served, levels = self._by_policy(u)
+        return served, float(levels), POLICIES[self.policy]
+
+    def _by_policy(self, u: Array) -> tuple[Array, Array]:
+        """Return the wrenches (..., m) served for those (..., m) outside, and their shares."""
         if self.policy == 'scale':
-            return *self.admissible.scale_level(u, self.about), Status.SCALED
+            return self.admissible.scale_levels(u, self.about)
         if self.policy == 'prioritize':
             served, levels = self.admissible.prioritize_levels(u, self.order)
-            return served, float(levels.min()), Status.PRIORITIZED
-        return self.problem.gamma @ self.problem.lower, 0.0, Status.REJECTED
+            return served, levels.min(axis=-1)
+        nothing = self.problem.gamma @ self.problem.lower
+        return np.broadcast_to(nothing, u.shape), np.zeros(u.shape[:-1])
 
     def _allocate_batch(self, demands: Array) -> Allocation:
         if self._osqp is not None:
             return super()._allocate_batch(demands)
+        status, levels = np.zeros(len(demands), dtype=np.int8), np.ones(len(demands))
+        thrusts = self._laws.find_batch(demands)
+        left = np.flatnonzero(~self._judge(demands, thrusts, LAW_SHARE))
+        if len(left):
+            thrusts[left], status[left], levels[left] = self._allocate_left(demands[left])
+        return self._batch(demands, thrusts, status, levels)
+
+    def _allocate_left(self, demands: Array) -> tuple[Array, IntArray, Array]:
+        """Return thrusts, statuses and levels for demands whose laws are not known, if any."""
         served, levels = demands.copy(), np.ones(len(demands))
         status = np.full(len(demands), Status.EXACT, dtype=np.int8)
         margins = self.problem.image.margin(demands)
-        for i in np.flatnonzero(margins < -0.5 * self.problem.tolerance(demands)):
-            served[i], levels[i], status[i] = self._within(demands[i])
-        thrusts = self._laws.find_batch(served)
-        for i in np.flatnonzero(~self._judge(served, thrusts, LAW_SHARE)):
-            thrusts[i] = self._solve(served[i])
+        outside = margins < -0.5 * self.problem.tolerance(demands)
+        served[outside], levels[outside] = self._by_policy(demands[outside])
+        status[outside] = POLICIES[self.policy]
         rejected = status == Status.REJECTED
-        thrusts[rejected] = self.problem.lower
+        thrusts = np.tile(self.problem.lower, (len(demands), 1))
+        thrusts[~rejected] = self._laws.find_or_learn_batch(served[~rejected])
+        for i in np.flatnonzero(~self._judge(served, thrusts, LAW_SHARE) & ~rejected):
+            thrusts[i] = self._solve(served[i])
         status[~self._judge(served, thrusts) & ~rejected] = Status.INEXACT
         exact = self._judge(demands, thrusts) & ~rejected
         status[exact], levels[exact] = Status.EXACT, 1.0
-        return self._batch(demands, thrusts, status, levels)
+        return thrusts, status, levels
