@@ -168,6 +168,39 @@ PARAMETERS: dict[str, Parameter] = {
         choices=('hover', 'zero'),
         mutable=True,
     ),
+    'command_timeout': Parameter(
+        'time without a command after which the timeout action begins [s]',
+        default=0.1,
+        positive=True,
+        mutable=True,
+    ),
+    'timeout_action': Parameter(
+        'what the rotors do until commands return: idle: their least speeds; stop: stand still; '
+        'hold: keep the last speeds',
+        str,
+        default='idle',
+        choices=('idle', 'stop', 'hold'),
+        mutable=True,
+    ),
+    'command_frame': Parameter(
+        'frame of the wrenches; those of other frames are dropped, those of none are served',
+        str,
+        default='base_link',
+        mutable=True,
+    ),
+    'command_age_max': Parameter(
+        'age by ROS time beyond which a wrench is dropped; 0: none is too old [s]',
+        default=0.0,
+        minimum=0.0,
+        mutable=True,
+    ),
+    'command_order': Parameter(
+        'wrenches that are older than their predecessor: any: served; newer: dropped',
+        str,
+        default='any',
+        choices=('any', 'newer'),
+        mutable=True,
+    ),
     'simulator.time_step': Parameter(
         'step of the Euler integration [s]', default=0.01, positive=True
     ),
@@ -198,9 +231,9 @@ PARAMETERS: dict[str, Parameter] = {
 }
 
 
-def check(name: str, value: Any) -> Value:
+def check(name: str, value: Any, table: Mapping[str, Parameter] = PARAMETERS) -> Value:
     """Return the value of a parameter, typed, or raise a `ParameterError` that names the fault."""
-    parameter = PARAMETERS[name]
+    parameter = table[name]
     is_array = not isinstance(value, (str, bool)) and hasattr(value, '__len__')
     if is_array and not parameter.array:
         raise ParameterError(f'{name}: expected one value ({parameter.range()}), got {len(value)}')
@@ -232,28 +265,30 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
     return number
 
 
-def complete(given: Mapping[str, Any]) -> dict[str, Value]:
-    """Check the given parameters and add the defaults of the others.
+def complete(
+    given: Mapping[str, Any], table: Mapping[str, Parameter] = PARAMETERS
+) -> dict[str, Value]:
+    """Check the given parameters of a table and add the defaults of the others.
 
     Raises
     ------
     ParameterError
         If a value is wrong, a required one is missing, or a name is unknown but looks like ours.
     """
-    groups = {name.split('.')[0] for name in PARAMETERS if '.' in name}
+    groups = {name.split('.')[0] for name in table if '.' in name}
     for name in given:
-        if name not in PARAMETERS:
-            near = get_close_matches(name, PARAMETERS, n=1, cutoff=0.7)
+        if name not in table:
+            near = get_close_matches(name, table, n=1, cutoff=0.7)
             hint = f' (did you mean {near[0]}?)' if near else ''
             # What is not like one of ours may be for another package's node.
             if near or name.split('.')[0] in groups:
                 raise ParameterError(f'{name}: no such parameter{hint}')
     values = {}
-    for name, parameter in PARAMETERS.items():
+    for name, parameter in table.items():
         value = given.get(name, parameter.default)
         if value is REQUIRED or value is None:
             raise ParameterError(f'{name}: missing; it is the {parameter.description}')
-        values[name] = check(name, value)
+        values[name] = check(name, value, table)
     return values
 
 

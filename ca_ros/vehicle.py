@@ -180,19 +180,21 @@ class Vehicle:
 
         A lost rotor stands still.
         """
-        divisor, low, high = self._rooted
+        low, high = self.speed_limits
+        speeds = np.sqrt(np.asarray(thrusts, float) / self._divisor)
         # At a bound the root may come out a rounding error beyond it.
-        return np.minimum(np.maximum(np.sqrt(np.asarray(thrusts, float) / divisor), low), high)
+        return np.minimum(np.maximum(speeds, low), high)
 
     @cached_property
-    def _rooted(self) -> tuple[Array, Array, Array]:
-        """Divisor, least and greatest speed, (n,) each, of `speeds`."""
+    def speed_limits(self) -> tuple[Array, Array]:
+        """Least and greatest speeds of the rotors as they are, (n,) each; zero for a lost one."""
         lost = self.thrust_per_squared_speed == 0.0
-        return (
-            np.where(lost, 1.0, self.thrust_per_squared_speed),
-            np.where(lost, 0.0, self.speed_min),
-            np.where(lost, 0.0, self.speed_max),
-        )
+        return np.where(lost, 0.0, self.speed_min), np.where(lost, 0.0, self.speed_max)
+
+    @cached_property
+    def _divisor(self) -> Array:
+        k_f = self.thrust_per_squared_speed
+        return np.where(k_f == 0.0, 1.0, k_f)
 
 
 def _per_rotor(parameters: Mapping[str, Any], name: str, n: int) -> Array:

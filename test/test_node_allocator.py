@@ -39,7 +39,7 @@ class Client:
         """Send a wrench (6,), force before torque, with a stamp that no other has."""
         self.sent += 1
         message = WrenchStamped()
-        message.header.frame_id = 'some_frame'
+        message.header.frame_id = 'base_link'
         message.header.stamp.sec, message.header.stamp.nanosec = self.sent, 7
         force, torque = message.wrench.force, message.wrench.torque
         force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, wrench)

@@ -27,7 +27,9 @@ class Client:
 
     def __init__(self, graph, mode):
         self.graph = graph
-        graph.start('simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}')
+        graph.start(
+            'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
+            '-p', 'timeout_action:=hold')
         self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
         self.poses = graph.listen(PoseStamped, 'local_position/pose')
         self.velocities = graph.listen(TwistStamped, 'local_position/velocity_body')

@@ -2,35 +2,49 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from importlib.util import find_spec
+from operator import le
+from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
+from rclpy.duration import Duration
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import Allocation, Status
 from ca_ros.allocation import Allocator as Method
 from ca_ros.allocation.options import allocator_from_parameters
+from ca_ros.allocation_problem import ABSURD
+from ca_ros.arrays import Array
 from ca_ros.control_allocation_matrix import rotor_wrenches
-from ca_ros.nodes.messages import speeds_message, wrench_array, wrench_message
-from ca_ros.nodes.qos import COMMAND, offered, requested
+from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Latencies
+from ca_ros.nodes.messages import nanoseconds, speeds_message, wrench_array, wrench_message
+from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.parameters import AXES
 from ca_ros.vehicle_audit import Audit
 
+LAST_WORD = 0.5
+"""How long the node waits at its end for the motors to have its last word [s]."""
+
 
 class Allocator(VehicleNode):
-    """Answers each command/wrench with command/motor_speed, and says what became of it."""
+    """Answers each command/wrench with command/motor_speed, and says what became of it.
+
+    When commands cease, the timeout action goes out in their place until they return.
+    """
 
     method: Method
 
     def __init__(self, name: str) -> None:
-        self._counts: Counter[str] = Counter()
-        self._last: Status | None = None
+        self._status: Status | None = None
         self._level = 1.0
+        self._newest = 0
+        self._last: Array = np.zeros(1)
+        self._watchdog = Watchdog()
+        self._latencies = Latencies()
         super().__init__(name)
         self._speeds = self.create_publisher(
             Float64MultiArray, 'command/motor_speed', offered(self.mode)
@@ -42,11 +56,8 @@ class Allocator(VehicleNode):
         self._saturation = self.create_publisher(
             Int8MultiArray, '~/saturation', offered(self.mode)
         )
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', COMMAND)
-        self.create_subscription(
-            WrenchStamped, 'command/wrench', self._serve, requested(self.mode)
-        )
-        self.create_timer(1.0, self._diagnose)
+        self.listen(WrenchStamped, 'command/wrench', self._serve)
+        self.observe('allocation')
         if find_spec('osqp') is None:
             self.get_logger().info(
                 'osqp is not installed: allocation.exact.solver can only be newton, '
@@ -62,32 +73,110 @@ class Allocator(VehicleNode):
         """Allocate with this method from the next command on."""
         report, self.method = built
         self.note(report)
-        self._wrenches = rotor_wrenches(report.vehicle)
-        self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
+        vehicle = report.vehicle
+        self._wrenches = rotor_wrenches(vehicle)
+        self._rows = [AXES.index(axis) for axis in vehicle.axes]
+        low, high = vehicle.speed_limits
+        self._last = np.minimum(np.maximum(self._last, low), high)
+        self._limits = low.tolist(), high.tolist()
+        self._watchdog.timeout = self.parameters['command_timeout']
+        self._frame = self.parameters['command_frame']
+        self._age_max = self.parameters['command_age_max'] * 1e9
+        self._newer_only = self.parameters['command_order'] == 'newer'
+
+    def levels(self) -> list[tuple[bytes, str]]:
+        """Return what is to be said of the node, with its levels."""
+        levels = super().levels()
+        if self._watchdog.expired:
+            return [*levels, (ERROR, f'no command: {self.parameters["timeout_action"]}')]
+        if self._status is None:
+            return [*levels, (STALE, 'no command yet')]
+        served = self._status is Status.EXACT
+        return [*levels, (OK if served else WARN, self._status.name)]
+
+    def values(self) -> dict[str, object]:
+        """Return details of the node by name."""
+        return {
+            'method': self.parameters['allocation.method'],
+            'audit': self.audit,
+            'level of the last answer': self._level,
+            **super().values(),
+            **self._latencies.values(),
+        }
+
+    def watch(self) -> None:
+        """Send the timeout action while no commands come; in lockstep time may stand still."""
+        if self.mode == 'lockstep':
+            return
+        expired = self._watchdog.expired
+        if not self._watchdog.look():
+            if expired:
+                self.get_logger().info('commands have returned')
+            return
+        action = str(self.parameters['timeout_action'])
+        if not expired:
+            self.counts['timeouts'] += 1
+            # After a pause whoever sends may have begun anew, with an earlier clock.
+            self._newest = 0
+            self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
+        self._fall_back(action)
+
+    def close(self) -> None:
+        """Leave the rotors idle, or still if that is the timeout action."""
+        if not self._watchdog.awake:
+            return
+        action = 'stop' if self.parameters['timeout_action'] == 'stop' else 'idle'
+        self._fall_back(action)
+        self._speeds.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
     def _serve(self, command: WrenchStamped) -> None:
-        self._counts['received'] += 1
+        began = perf_counter_ns()
+        self.counts['received'] += 1
         wrench = wrench_array(command)
-        try:
-            # Also what is not commanded must be sound: it is part of the residual.
-            if not np.isfinite(wrench).all():
-                raise ValueError(f'wrench: expected finite numbers, got {wrench}')
-            answer = self.method.allocate(wrench[self._rows])
-        except ValueError as error:
-            self._counts['dropped'] += 1
-            self.get_logger().warning(f'dropped: {error}', throttle_duration_sec=1.0)
+        if fault := self._fault(command, wrench):
+            self.drop(*fault)
             return
-        status = Status(answer.status)
-        if status is not Status.REJECTED:
-            self._speeds.publish(speeds_message(answer.speeds, command.header.stamp))
+        answer = self.method.allocate(wrench[self._rows])
+        self._status, self._level = answer.status, answer.level
+        if answer.status is not Status.REJECTED:
+            speeds = answer.speeds
+            least, greatest = self._limits
+            values = speeds.tolist()
+            # Whatever a method may do, nothing else goes out to the motors.
+            if not (all(map(le, least, values)) and all(map(le, values, greatest))):
+                self.drop('answer', f'{speeds} rad/s are out of bounds: a fault of the method')
+                return
+            self._speeds.publish(speeds_message(speeds, command.header.stamp))
+            self._watchdog.feed()
+            self._last = speeds
+            self.counts['served'] += 1
+            self._latencies.add(perf_counter_ns() - began)
+        self.counts[answer.status.name.lower()] += 1
         self._report(command, wrench, answer)
-        self._counts[status.name.lower()] += 1
-        self._level = float(answer.level)
-        if status is not self._last:
-            self._last = status
-            self._diagnose()
 
-    def _report(self, command: WrenchStamped, wrench: np.ndarray, answer: Allocation) -> None:
+    def _fault(self, command: WrenchStamped, wrench: Array) -> tuple[str, str] | None:
+        """Return why a command is not to be served, in a word and at length."""
+        # Also what is not commanded must be sound: it is part of the residual.
+        if not (np.abs(wrench) <= ABSURD).all():
+            return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
+        frame = command.header.frame_id
+        if frame != self._frame and frame and self._frame:
+            return 'frame', f'wrench in {frame}: expected {self._frame} (parameter command_frame)'
+        time = nanoseconds(command.header.stamp)
+        if self._age_max and (age := self.get_clock().now().nanoseconds - time) > self._age_max:
+            return 'age', f'wrench that is {age / 1e9:.3f} s old (parameter command_age_max)'
+        if time < self._newest:
+            self.counts['out of order'] += 1
+            if self._newer_only:
+                return 'order', 'wrench older than its predecessor (parameter command_order)'
+        self._newest = time
+        return None
+
+    def _fall_back(self, action: str) -> None:
+        speeds = fallback(action, self.method.problem.vehicle, self._last)
+        self._speeds.publish(speeds_message(speeds, None))
+
+    def _report(self, command: WrenchStamped, wrench: Array, answer: Allocation) -> None:
         """Publish what the rotors give, in all six components, to whoever listens."""
         given = self._wrenches @ answer.thrusts
         if self._allocated.get_subscription_count():
@@ -96,26 +185,6 @@ class Allocator(VehicleNode):
             self._residual.publish(wrench_message(wrench - given, command.header))
         if self._saturation.get_subscription_count():
             self._saturation.publish(Int8MultiArray(data=answer.saturation.tolist()))
-
-    def _diagnose(self) -> None:
-        status = DiagnosticStatus(
-            name=f'{self.get_fully_qualified_name()}: allocation', hardware_id='rotors'
-        )
-        served = self._last in (None, Status.EXACT)
-        status.level = DiagnosticStatus.OK if served else DiagnosticStatus.WARN
-        status.message = 'no command yet' if self._last is None else self._last.name
-        if self.audit is not None and not self.audit.sound:
-            status.level = DiagnosticStatus.ERROR
-        values = {
-            'method': self.parameters['allocation.method'],
-            'audit': self.audit,
-            'level of the last answer': self._level,
-            **self._counts,
-        }
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
 
 
 def main() -> int:

@@ -10,8 +10,9 @@ from std_msgs.msg import Header
 
 from ca_ros.controller import Controller as Law
 from ca_ros.controller import Gains, Waypoint
+from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.messages import pose_arrays, twist_arrays, wrench_message
-from ca_ros.nodes.qos import COMMAND, offered, requested
+from ca_ros.nodes.qos import COMMAND, offered
 from ca_ros.nodes.vehicle_node import VehicleNode, run
 from ca_ros.parameters import AXES
 from ca_ros.vehicle_audit import Audit
@@ -28,16 +29,10 @@ class Controller(VehicleNode):
         self._waypoint: Waypoint | None = None
         super().__init__(name)
         self._wrench = self.create_publisher(WrenchStamped, 'command/wrench', offered(self.mode))
-        self.create_subscription(
-            PoseStamped, 'local_position/pose', self._receive_pose, requested(self.mode)
-        )
-        self.create_subscription(
-            TwistStamped,
-            'local_position/velocity_body',
-            self._receive_velocity,
-            requested(self.mode),
-        )
+        self.listen(PoseStamped, 'local_position/pose', self._receive_pose)
+        self.listen(TwistStamped, 'local_position/velocity_body', self._receive_velocity)
         self.create_subscription(PoseStamped, 'command/pose', self._receive_waypoint, COMMAND)
+        self.observe('control')
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Law]:
         """Make the control law for the axes that the rotors can command."""
@@ -49,6 +44,12 @@ class Controller(VehicleNode):
         report, self.law = built
         self.note(report)
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
+
+    def levels(self) -> list[tuple[bytes, str]]:
+        """Return what is to be said of the node, with its levels."""
+        waiting = 'no waypoint yet' if self._waypoint is None else 'no state yet'
+        going = self.counts['served'] > 0
+        return [*super().levels(), (OK, 'under way') if going else (STALE, waiting)]
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
@@ -63,6 +64,7 @@ class Controller(VehicleNode):
         self._answer()
 
     def _receive_pose(self, message: PoseStamped) -> None:
+        self.counts['received'] += 1
         self._pose = message
         self._answer()
 
@@ -84,8 +86,9 @@ class Controller(VehicleNode):
                 *pose_arrays(self._pose), *twist_arrays(self._velocity), self._waypoint
             )
         except ValueError as error:
-            self.get_logger().warning(f'dropped a state: {error}', throttle_duration_sec=1.0)
+            self.drop('state', f'state: {error}')
             return
+        self.counts['served'] += 1
         self._wrench.publish(
             wrench_message(wrench, Header(stamp=self._pose.header.stamp, frame_id='base_link'))
         )

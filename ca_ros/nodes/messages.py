@@ -25,17 +25,18 @@ def nanoseconds(time: Time) -> int:
     return time.sec * 1_000_000_000 + time.nanosec
 
 
-def speeds_message(speeds: Array, time: Time) -> Float64MultiArray:
+def speeds_message(speeds: Array, time: Time | None) -> Float64MultiArray:
     """Return rotor speeds (n,) [rad/s] as n rows of one column, labelled with the time.
 
     The type has no header, so the label carries the stamp: of the command that is answered, or of
-    the state from which on the speeds are in effect.
+    the state from which on the speeds are in effect; none if they answer nothing.
     """
     n = len(speeds)
+    label = 'no stamp' if time is None else f'stamp {nanoseconds(time)}'
     message = Float64MultiArray(data=array('d', np.ascontiguousarray(speeds).tobytes()))
     message.layout.dim = [
         MultiArrayDimension(label='rotor speed [rad/s]', size=n, stride=n),
-        MultiArrayDimension(label=f'stamp {nanoseconds(time)}', size=1, stride=1),
+        MultiArrayDimension(label=label, size=1, stride=1),
     ]
     return message
 

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.arrays import Array
+from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.messages import speeds_message, speeds_stamp, stamp, state_messages
-from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -41,27 +43,26 @@ class Simulator(VehicleNode):
 
     def __init__(self, name: str) -> None:
         self._state = NULL_STATE
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._watchdog = Watchdog()
         super().__init__(name)
         self._resting = True
         self._command = np.zeros(self.body.vehicle.n)
         self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
         self._time = 0 if self.mode == 'lockstep' else self.get_clock().now().nanoseconds
-        self._due = self._steady.now().nanoseconds
+        self._due = self.steady.now().nanoseconds
         self._pose = self.create_publisher(PoseStamped, 'local_position/pose', offered(self.mode))
         self._velocity = self.create_publisher(
             TwistStamped, 'local_position/velocity_body', offered(self.mode)
         )
         self._speeds = self.create_publisher(Float64MultiArray, 'motor_speed', offered(self.mode))
-        self.create_subscription(
-            Float64MultiArray, 'command/motor_speed', self._receive, requested(self.mode)
-        )
+        self.listen(Float64MultiArray, 'command/motor_speed', self._receive)
         lockstep = self.mode == 'lockstep'
         self._timer = self.create_timer(
             REPEAT if lockstep else self._step_ns / 1e9,
             self._repeat if lockstep else self._catch_up,
-            clock=self._steady,
+            clock=self.steady,
         )
+        self.observe('simulation')
 
     def build(self, parameters: dict[str, Any]) -> RigidBody:
         """Make the body."""
@@ -70,24 +71,53 @@ class Simulator(VehicleNode):
     def adopt(self, built: RigidBody) -> None:
         """Move like this body from the next step on."""
         self.body = built
+        self._watchdog.timeout = self.parameters['command_timeout']
+
+    def levels(self) -> list[tuple[bytes, str]]:
+        """Return what is to be said of the node, with its levels."""
+        levels = super().levels()
+        if self._watchdog.expired:
+            return [*levels, (ERROR, f'no command: {self.parameters["timeout_action"]}')]
+        return [*levels, (STALE, 'no command yet') if self._resting else (OK, 'in flight')]
+
+    def watch(self) -> None:
+        """Give the rotors the timeout action while no commands come."""
+        if self.mode == 'lockstep':
+            return
+        expired = self._watchdog.expired
+        if self._watchdog.look():
+            action = str(self.parameters['timeout_action'])
+            self._command = fallback(action, self.body.vehicle, self._command)
+            if not expired:
+                self.counts['timeouts'] += 1
+                self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
 
     def _receive(self, command: Float64MultiArray) -> None:
+        self.counts['received'] += 1
         speeds = np.array(command.data)
         n = self.body.vehicle.n
-        if speeds.shape != (n,) or not (np.isfinite(speeds).all() and np.all(speeds >= 0.0)):
-            self.get_logger().warning(
-                f'dropped rotor speeds {speeds}: expected {n} finite numbers, none negative',
-                throttle_duration_sec=1.0,
-            )
-            return
-        if self.mode == 'realtime':
+        if speeds.shape != (n,):
+            self.drop('length', f'{len(speeds)} rotor speeds: expected {n}')
+        elif not np.isfinite(speeds).all():
+            self.drop('numbers', f'rotor speeds {speeds}: expected finite numbers')
+        elif not (speeds >= 0.0).all():
+            self.drop('sign', f'rotor speeds {speeds}: expected none below zero')
+        elif self.mode == 'realtime':
             if self._resting:
-                self._due = self._steady.now().nanoseconds
-            self._command, self._resting = speeds, False
+                self._due = self.steady.now().nanoseconds
+            self._follow(speeds)
         elif speeds_stamp(command) == self._time:
-            self._command, self._resting = speeds, False
+            self._follow(speeds)
             self._step()
             self._timer.reset()
+        else:
+            # An answer to a state that was repeated, and has been answered.
+            self.counts['repeated'] += 1
+
+    def _follow(self, speeds: Array) -> None:
+        self._command, self._resting = speeds, False
+        self._watchdog.feed()
+        self.counts['served'] += 1
 
     def _repeat(self) -> None:
         """Publish an unanswered state once more: whoever was not there may be now."""
@@ -97,7 +127,7 @@ class Simulator(VehicleNode):
 
     def _catch_up(self) -> None:
         """Take the steps that are due."""
-        now = self._steady.now().nanoseconds
+        now = self.steady.now().nanoseconds
         if now - self._due > BEHIND_MAX * 1e9:
             self.get_logger().warning(
                 f'{(now - self._due) / 1e9:.1f} s behind the clock: they are left out'

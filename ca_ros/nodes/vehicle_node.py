@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import argparse
+import re
 import signal
 import sys
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
+from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
+from ca_ros.nodes.qos import requested
+from ca_ros.nodes.watchdog import TICK
 from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete, find
 from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import Audit, audit
 
 DEFAULT_VEHICLE = 'hexarotor'
+
+WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
+RCLError = rclpy_implementation.RCLError
+RCLInvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
 
 
 class VehicleNode(Node):
@@ -32,6 +44,11 @@ class VehicleNode(Node):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
+        self.counts: Counter[str] = Counter()
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._streams: list[Subscription] = []
+        self._notes: list[tuple[bytes, str]] = []
+        self._dropped_before = 0
         given = {}
         for key, parameter in PARAMETERS.items():
             descriptor = ParameterDescriptor(
@@ -83,8 +100,58 @@ class VehicleNode(Node):
         """Take over what `build` made, between two messages."""
         raise NotImplementedError
 
+    def listen(self, kind: type, topic: str, receive: Callable[[Any], None]) -> None:
+        """Subscribe to a stream that one publisher should send."""
+        self._streams.append(self.create_subscription(kind, topic, receive, requested(self.mode)))
+
+    def drop(self, reason: str, what: str) -> None:
+        """Count a message that is not served, and say why now and then."""
+        self.counts[f'dropped: {reason}'] += 1
+        self.get_logger().warning(f'dropped: {what}', throttle_duration_sec=1.0)
+
+    def observe(self, subject: str) -> None:
+        """Begin to give account of the node on /diagnostics: once a second, and on change."""
+        self._diagnostics = Diagnostics(self, subject, self.levels, self.values)
+        self.create_timer(1.0, self._look_around, clock=self.steady)
+        self.create_timer(TICK, self._tick, clock=self.steady)
+
+    def levels(self) -> list[tuple[bytes, str]]:
+        """Return what is to be said of the node, with its levels."""
+        lost = self.audit is not None and not self.audit.sound
+        return self._notes + ([(ERROR, str(self.audit))] if lost else [])
+
+    def values(self) -> dict[str, object]:
+        """Return details of the node by name."""
+        return dict(self.counts)
+
+    def watch(self) -> None:
+        """Look at what does not come by itself; called every `TICK` seconds."""
+
     def close(self) -> None:
         """Say the last word before the node ends."""
+
+    def _tick(self) -> None:
+        self.watch()
+        self._diagnostics.update()
+
+    def _look_around(self) -> None:
+        """Note who publishes what the node listens to, and whether something was dropped."""
+        notes = []
+        for stream in self._streams:
+            topic, matched = stream.topic_name, stream.get_publisher_count()
+            if matched > 1:
+                notes.append((WARN, f'{matched} publishers on {topic}'))
+            if self.count_publishers(topic) > matched:
+                notes.append((WARN, f'a publisher on {topic} offers another quality of service'))
+        for _, note in notes:
+            if (WARN, note) not in self._notes:
+                self.get_logger().warning(note)
+        dropped = sum(self.counts[key] for key in self.counts if key.startswith('dropped'))
+        if dropped > self._dropped_before:
+            notes.append((WARN, f'{dropped - self._dropped_before} dropped in a second'))
+        self._dropped_before = dropped
+        self._notes = notes
+        self._diagnostics.publish()
 
     def _consider(self, changes: list[Parameter]) -> SetParametersResult:
         ours = {change.name: change.value for change in changes if change.name in PARAMETERS}
@@ -147,40 +214,42 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     return ['--ros-args', '--params-file', str(find(vehicle)), '--', *ros]
 
 
-def run(node_class: type[VehicleNode], description: str, argv: Sequence[str] | None = None) -> int:
+def run(
+    node_class: type[Node],
+    description: str,
+    argv: Sequence[str] | None = None,
+    parse: Callable[[str, str, Sequence[str]], list[str]] = parse,
+) -> int:
     """Run a node until SIGINT or SIGTERM; return its exit code.
 
     The signals set a flag rather than end the context, so that the node can publish its last word.
     """
-    prog = node_class.__name__.lower()
+    prog = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', node_class.__name__).lower()
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: stop.append(received))
-    node = executor = None
-    try:
-        rclpy.init(
-            args=parse(prog, description, sys.argv[1:] if argv is None else argv),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        node = node_class(prog)
+    with ExitStack() as ending:
+        ending.callback(rclpy.try_shutdown)
+        try:
+            rclpy.init(
+                args=parse(prog, description, sys.argv[1:] if argv is None else argv),
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            node = node_class(prog)
+        except (ValueError, *WRONG_PARAMETER) as error:
+            print(f'{prog}: {error}', file=sys.stderr)
+            return 1
+        except (RCLError, RCLInvalidROSArgsError) as error:
+            # The message goes on with the places in ROS's own sources.
+            print(f'{prog}: {str(error).split(", at ")[0].strip()}', file=sys.stderr)
+            return 1
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+        ending.callback(node.destroy_node)
+        # Left to the interpreter's end, it may find its context gone.
+        ending.callback(executor.shutdown)
+        # However the node ends, be it by an exception: its last word goes out before all else.
+        ending.callback(node.close)
         while not stop:
             executor.spin_once(timeout_sec=0.1)
-        return 0
-    except (ValueError, InvalidParameterTypeException, InvalidParameterValueException) as error:
-        print(f'{prog}: {error}', file=sys.stderr)
-        return 1
-    except (rclpy_implementation.RCLError, rclpy_implementation.RCLInvalidROSArgsError) as error:
-        # The message goes on with the places in ROS's own sources.
-        print(f'{prog}: {str(error).split(", at ")[0].strip()}', file=sys.stderr)
-        return 1
-    finally:
-        if node is not None:
-            node.close()
-        if executor is not None:
-            # Left to the interpreter's end, it may find its context gone.
-            executor.shutdown()
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+    return 0
