@@ -15,6 +15,9 @@ from ca_ros.arrays import Array, BoolArray
 LAWS_MAX = 512
 """How many laws are kept; the exact allocation of the paper's hexarotor has 37."""
 
+GROWTH = 8
+"""Room is made for so many laws at a time."""
+
 SLACK = 1e-12
 """How far, in units of the greatest thrust, z may be outside of a region and be served."""
 
@@ -141,6 +144,9 @@ class AffineLaws:
         self.proven = False
         self._laws: list[AffineLaw] = []
         self._served: Counter[AffineLaw] = Counter()
+        self._next = 0
+        self._rows: Array = np.empty((0, 0))
+        self._sides: Array = np.empty(0)
 
     def __len__(self) -> int:
         """Return the number of laws that are known."""
@@ -219,18 +225,28 @@ class AffineLaws:
         return left
 
     def _keep(self, law: AffineLaw) -> None:
-        if len(self._laws) == LAWS_MAX:
-            # Rather forget all than search without end; those in use are soon back.
-            self._laws.clear()
-            self._served.clear()
-        self._laws.append(law)
-        # The region of each law is a block of inequalities ``row u <= side``, closed by one that
+        """Remember a law; where there are too many, the oldest is forgotten for it."""
+        i = self._next
+        self._next = (i + 1) % LAWS_MAX
+        if i == len(self._laws):
+            self._laws.append(law)
+        else:
+            self._served.pop(self._laws[i], None)
+            self._laws[i] = law
+        n, m = law.slope.shape
+        # Each law has a block of inequalities ``row u <= side`` for its region, closed by one that
         # never holds: where the others of a block hold, but nowhere else, as many in a row do.
-        never = np.zeros((1, law.slope.shape[1]))
-        rows = np.vstack([part for k in self._laws for part in (k.slope, -k.slope, never)])
-        sides = [(k.greatest - k.offset, k.offset - k.least, [-1.0]) for k in self._laws]
-        # In the order of columns, in which the product takes half as long.
-        self._rows, self._sides = np.asfortranarray(rows), np.concatenate(sum(sides, ()))
-        self._block = len(rows) // len(self._laws)
-        self._all_true = bytes([1] * (self._block - 1))
+        self._block = 2 * n + 1
+        if i * self._block == len(self._sides):
+            # In the order of columns, in which the product takes half as long.
+            rows = np.zeros((len(self._sides) + GROWTH * self._block, m), order='F')
+            rows[: len(self._sides)] = self._rows.reshape(-1, m)
+            self._rows = rows
+            self._sides = np.append(self._sides, np.full(GROWTH * self._block, -1.0))
+        place = i * self._block
+        self._rows[place : place + n] = law.slope
+        self._rows[place + n : place + 2 * n] = -law.slope
+        self._sides[place : place + n] = law.greatest - law.offset
+        self._sides[place + n : place + 2 * n] = law.offset - law.least
+        self._all_true = bytes([True] * (2 * n))
         self.last = law

@@ -59,12 +59,10 @@ def _error(law: AffineLaw, matrix: Array, free: BoolArray, ends: Array) -> float
     """
     part, rest = matrix[:, free], matrix[:, ~free] @ ends[~free]
     slope, offset = law.slope[free], law.offset[free]
-    error = np.linalg.norm(part @ slope - np.eye(len(matrix)), 2)
-    error += np.linalg.norm(part @ offset + rest)
-    sums = (len(matrix) + 1) * np.finfo(float).eps
-    error += sums * np.linalg.norm(np.abs(part) @ np.abs(slope), 2)
-    error += sums * np.linalg.norm(np.abs(part) @ np.abs(offset))
-    return float(error)
+    left = np.column_stack([part @ slope - np.eye(len(matrix)), part @ offset + rest])
+    terms = np.abs(part) @ np.abs(np.column_stack([slope, offset]))
+    rounding = (len(matrix) + 1) * np.finfo(float).eps
+    return float(np.sqrt(2.0) * (np.linalg.norm(left) + rounding * np.linalg.norm(terms)))
 
 
 def _inverse(free: Array) -> Array | None:
