@@ -16,6 +16,8 @@ from typing import Any
 
 import yaml
 
+from ca_ros.methods import METHODS
+
 Value = float | bool | str | list[float] | list[str]
 
 REQUIRED = object()
@@ -70,7 +72,6 @@ class Parameter:
 
 
 AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
-METHODS = ('pseudo_inverse', 'direct', 'conventional', 'exact')
 
 PARAMETERS: dict[str, Parameter] = {
     'mode': Parameter(
@@ -124,7 +125,7 @@ PARAMETERS: dict[str, Parameter] = {
         choices=AXES,
     ),
     'allocation.method': Parameter(
-        'allocation method', str, default='exact', choices=METHODS, mutable=True
+        'allocation method', str, default='exact', choices=tuple(METHODS), mutable=True
     ),
     'allocation.lost_axes': Parameter(
         'refuse: do not start unless the rotors can command every axis and hover; drop: start, '

@@ -202,7 +202,7 @@ def test_a_vehicle_that_has_lost_an_axis_flies_if_told_to(tmp_path, plain):
 def test_what_is_done_when_interrupted_is_written(tmp_path, monkeypatch, capsys):
     (tmp_path / 'stopping.py').write_text("""
 import os, signal
-from ca_ros.allocation import PseudoInverse
+from ca_ros.allocation.pseudo_inverse import PseudoInverse
 
 class Stopping(PseudoInverse):
     calls = 0

@@ -212,7 +212,7 @@ def interrupting(tmp_path, monkeypatch):
     """A method that sends the study a Ctrl-C at its 250th call."""
     (tmp_path / 'interrupting.py').write_text("""
 import os, signal
-from ca_ros.allocation import PseudoInverse
+from ca_ros.allocation.pseudo_inverse import PseudoInverse
 
 calls = 0
 

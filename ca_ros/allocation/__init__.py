@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.conventional import Conventional
-from ca_ros.allocation.direct import Direct
-from ca_ros.allocation.exact import Exact
-from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.methods import METHODS
 from ca_ros.vehicle import Vehicle
 
-ALLOCATORS: dict[str, type[Allocator]] = {
-    'pseudo_inverse': PseudoInverse,
-    'direct': Direct,
-    'conventional': Conventional,
-    'exact': Exact,
-}
+
+def _class(place: str) -> type[Allocator]:
+    module, _, name = place.partition(':')
+    found: type[Allocator] = getattr(import_module(module), name)
+    return found
+
+
+ALLOCATORS = {name: _class(place) for name, place in METHODS.items()}
 """The methods by name."""
 
 
@@ -50,10 +50,6 @@ __all__ = [
     'Allocation',
     'AllocationProblem',
     'Allocator',
-    'Conventional',
-    'Direct',
-    'Exact',
-    'PseudoInverse',
     'Status',
     'make_allocator',
 ]

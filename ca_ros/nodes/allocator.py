@@ -19,7 +19,13 @@ from ca_ros.allocation_problem import ABSURD
 from ca_ros.arrays import Array
 from ca_ros.control_allocation_matrix import rotor_wrenches
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Latencies
-from ca_ros.nodes.messages import nanoseconds, speeds_message, wrench_array, wrench_message
+from ca_ros.nodes.messages import (
+    fill_speeds,
+    nanoseconds,
+    speeds_message,
+    wrench_array,
+    wrench_message,
+)
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode, run
 from ca_ros.nodes.watchdog import Watchdog, fallback
@@ -75,10 +81,11 @@ class Allocator(VehicleNode):
         self.note(report)
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
-        self._rows = [AXES.index(axis) for axis in vehicle.axes]
+        self._rows = np.array([AXES.index(axis) for axis in vehicle.axes])
         low, high = vehicle.speed_limits
         self._last = np.minimum(np.maximum(self._last, low), high)
         self._limits = low.tolist(), high.tolist()
+        self._message = speeds_message(self._last, None)
         self._watchdog.timeout = self.parameters['command_timeout']
         self._frame = self.parameters['command_frame']
         self._age_max = self.parameters['command_age_max'] * 1e9
@@ -136,7 +143,7 @@ class Allocator(VehicleNode):
         if fault := self._fault(command, wrench):
             self.drop(*fault)
             return
-        answer = self.method.allocate(wrench[self._rows])
+        answer = self.method.allocate(wrench.take(self._rows))
         self._status, self._level = answer.status, answer.level
         if answer.status is not Status.REJECTED:
             speeds = answer.speeds
@@ -146,7 +153,7 @@ class Allocator(VehicleNode):
             if not (all(map(le, least, values)) and all(map(le, values, greatest))):
                 self.drop('answer', f'{speeds} rad/s are out of bounds: a fault of the method')
                 return
-            self._speeds.publish(speeds_message(speeds, command.header.stamp))
+            self._speeds.publish(fill_speeds(self._message, speeds, command.header.stamp))
             self._watchdog.feed()
             self._last = speeds
             self.counts['served'] += 1
@@ -157,7 +164,7 @@ class Allocator(VehicleNode):
     def _fault(self, command: WrenchStamped, wrench: Array) -> tuple[str, str] | None:
         """Return why a command is not to be served, in a word and at length."""
         # Also what is not commanded must be sound: it is part of the residual.
-        if not (np.abs(wrench) <= ABSURD).all():
+        if not sum(map(abs, wrench.tolist())) <= ABSURD:
             return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
         frame = command.header.frame_id
         if frame != self._frame and frame and self._frame:
@@ -174,15 +181,19 @@ class Allocator(VehicleNode):
 
     def _fall_back(self, action: str) -> None:
         speeds = fallback(action, self.method.problem.vehicle, self._last)
-        self._speeds.publish(speeds_message(speeds, None))
+        self._speeds.publish(fill_speeds(self._message, speeds, None))
 
     def _report(self, command: WrenchStamped, wrench: Array, answer: Allocation) -> None:
         """Publish what the rotors give, in all six components, to whoever listens."""
-        given = self._wrenches @ answer.thrusts
-        if self._allocated.get_subscription_count():
-            self._allocated.publish(wrench_message(given, command.header))
-        if self._residual.get_subscription_count():
-            self._residual.publish(wrench_message(wrench - given, command.header))
+        allocated, residual = (
+            publisher.get_subscription_count() for publisher in (self._allocated, self._residual)
+        )
+        if allocated or residual:
+            given = self._wrenches @ answer.thrusts
+            if allocated:
+                self._allocated.publish(wrench_message(given, command.header))
+            if residual:
+                self._residual.publish(wrench_message(wrench - given, command.header))
         if self._saturation.get_subscription_count():
             self._saturation.publish(Int8MultiArray(data=answer.saturation.tolist()))
 

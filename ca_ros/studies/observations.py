@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation import Exact
+from ca_ros.allocation.exact import Exact
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.controller import Waypoint
 from ca_ros.flight import Flight

@@ -19,7 +19,7 @@ import yaml
 from ca_ros.arrays import Array
 from ca_ros.controller import Waypoint
 from ca_ros.flight import Flight
-from ca_ros.parameters import METHODS
+from ca_ros.methods import METHODS
 from ca_ros.studies.cases import Case
 
 PATIENCE = 30.0
