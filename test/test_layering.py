@@ -97,7 +97,7 @@ def test_the_example_of_the_contract_runs_without_ros(tmp_path, blocked):
     result = run(tmp_path, EXAMPLE, blocked)
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == [
-        'pseudo_inverse', 'direct', 'conventional', 'exact', '(4,', '6)', 'EXACT', '(2,', '6)']
+        'exact', 'pseudo_inverse', 'conventional', 'direct', '(4,', '6)', 'EXACT', '(2,', '6)']
 
 
 def test_without_osqp_its_start_is_refused_and_osqp_named(tmp_path):

@@ -54,7 +54,7 @@ FAULTS = [
     ('vehicle.inertia', [0.02, 0.01, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.03], 'symmetric'),
     ('rotors.speed_mim', 40.0, 'did you mean rotors.speed_min'),
     ('vehicle.masss', 1.0, 'did you mean vehicle.mass'),
-    ('allocation.method', 'exactly', 'pseudo_inverse, direct, conventional, exact'),
+    ('allocation.method', 'exactly', 'exact, pseudo_inverse, conventional, direct'),
     ('allocation.axes', ['thrust', 'thrust'], 'different'),
     ('allocation.axes', [], 'axes'),
     ('allocation.axes', ['lift'], 'thrust'),
