@@ -1,0 +1,153 @@
+"""What README and the guides tell users to type works, block by block."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for pattern in ('*.md', 'docs/*.md', 'examples/*.md') for path in ROOT.glob(pattern))
+
+NOT_HERE = {
+    'needs ROS': 'a ROS 2 installation',
+    'needs hardware': 'a vehicle',
+    'long': 'minutes; CA_ROS_LONG=1 runs them',
+    'run by .ci/run': 'no more: .ci/run does it, in a fresh clone',
+}
+"""Marks of blocks that are not run here, and what they would need."""
+
+FENCE = re.compile(
+    r'(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w+)\n(?P<text>.*?)^```$'
+    r'(?:\n\n```text\n(?P<output>.*?)^```$)?', re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page, with the comment in front of it and the output after it."""
+
+    kind: str
+    text: str
+    mark: str
+    output: str | None
+
+    @property
+    def runs(self):
+        """Whether it is to be run here."""
+        long = self.mark == 'long' and os.environ.get('CA_ROS_LONG')
+        return self.kind in ('sh', 'python') and (long or self.mark not in NOT_HERE)
+
+
+def blocks(page):
+    """Return the blocks of a page in their order."""
+    text = (ROOT / page).read_text(encoding='utf-8')
+    return [
+        Block(found['kind'], found['text'], found['mark'] or '', found['output'])
+        for found in FENCE.finditer(text)]
+
+
+@pytest.fixture
+def clone(tmp_path):
+    """Return a copy of the sources, with a virtual environment that is this one."""
+    place = tmp_path / 'clone'
+    left_out = shutil.ignore_patterns(
+        '.*', 'out', 'build', 'install', 'log', '__pycache__', '*.egg-info')
+    shutil.copytree(ROOT, place, ignore=left_out)
+    shutil.copytree(ROOT / '.ci', place / '.ci')
+    activate = place / '.venv' / 'bin' / 'activate'
+    activate.parent.mkdir(parents=True)
+    activate.touch()
+    return place
+
+
+def environment(place, graph):
+    """Return what a shell in an activated clone would have."""
+    paths = [sysconfig.get_path('scripts'), str(Path(sys.executable).parent), os.environ['PATH']]
+    return os.environ | {
+        'PATH': os.pathsep.join(paths), 'PYTHONPATH': str(place),
+        'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg'}
+
+
+def shell(place, graph, script):
+    """Run a script in the clone."""
+    run = subprocess.run(
+        ['bash', '-euo', 'pipefail', '-c', script], cwd=place, env=environment(place, graph),
+        capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
+    assert run.returncode == 0, f'{script}\n{run.stdout}\n{run.stderr}'
+    return run.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize('page', PAGES)
+def test_the_commands_of_a_page_run_one_after_the_other(page, clone, graph):
+    for block in blocks(page):
+        if block.mark.startswith('file '):
+            path = clone / block.mark.removeprefix('file ')
+            path.write_text(block.text, encoding='utf-8')
+        elif block.runs and block.kind == 'sh':
+            shell(clone, graph, block.text)
+        elif block.runs:
+            printed = shell(clone, graph, f"python - <<'END'\n{block.text}\nEND\n")
+            assert block.output is None or printed == block.output
+
+
+def test_marks_are_known_and_what_is_not_run_here_is_listed(record_property):
+    not_run = []
+    for page in PAGES:
+        for block in blocks(page):
+            word = block.mark.split(' ')[0]
+            assert block.mark in NOT_HERE or word in ('', 'file', 'insert', 'prints'), block
+            assert not (block.runs and re.search(r'^make\b', block.text, re.MULTILINE)), (
+                f'{page}: make in a copy would install anew: let .ci/run do it')
+            if block.kind in ('sh', 'python') and block.mark in NOT_HERE:
+                not_run.append(f'{page}: {block.text.splitlines()[0]} ({NOT_HERE[block.mark]})')
+    record_property('not run', not_run)
+    print(*not_run, sep='\n')
+    assert not_run
+
+
+def test_what_is_left_to_ci_is_done_there():
+    script = (ROOT / '.ci' / 'run').read_text(encoding='utf-8')
+    for page in PAGES:
+        for block in blocks(page):
+            if block.mark == 'run by .ci/run':
+                for line in block.text.splitlines():
+                    command = line.partition('#')[0].strip()
+                    assert re.search(rf'^{re.escape(command)}$', script, re.MULTILINE), command
+
+
+def test_links_within_the_repository_lead_somewhere():
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding='utf-8')
+        for target in re.findall(r'\]\((?!https?:|#)([^)#]+)', text):
+            assert (ROOT / page).parent.joinpath(target).exists(), f'{page}: {target}'
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
+    [source, line] = [
+        block for block in blocks('CONTRIBUTING.md') if block.mark.startswith(('file', 'insert'))]
+    (clone / source.mark.removeprefix('file ')).write_text(source.text, encoding='utf-8')
+    registry = clone / line.mark.removeprefix('insert into ')
+    old = registry.read_text(encoding='utf-8')
+    registry.write_text(old.replace('\n}\n', f'\n{line.text}}}\n', 1), encoding='utf-8')
+    out = shell(clone, graph, '''
+        python -c "from ca_ros import ALLOCATORS; print(*ALLOCATORS)"
+        python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
+        static_study --samples 20 --out out/static
+        dynamic_study --duration 1 --out out/dynamic
+        bringup --mode lockstep --method mean --duration 1 --waypoint 0 0 0 --heading 0 --out out/f
+        benchmark --quick --no-nodes --samples 10 --out out/benchmark
+        ''')
+    assert out.split()[4] == 'mean'
+    for name in ('static/static.json', 'dynamic/dynamic.json', 'benchmark/benchmark.json'):
+        assert '"mean"' in (clone / 'out' / name).read_text(encoding='utf-8')
