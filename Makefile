@@ -54,7 +54,8 @@ test: .venv/.test
 
 readme: demo
 	.venv/bin/python docs/readme.py
-	cp out/demo/flight.png docs/flight.png
+	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
+	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
 
 venv: .venv/.demo
 	@echo 'Ready: . .venv/bin/activate'
