@@ -1,0 +1,53 @@
+"""The echo node: what a message costs before anything is allocated."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.nodes.messages import fill_speeds, speeds_message, wrench_array
+from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.vehicle import Vehicle
+
+
+class Echo(VehicleNode):
+    """Answers each command/wrench with its numbers, as many as the vehicle has rotors.
+
+    It stands beside the allocator node in a benchmark: same messages, same quality of service,
+    same executor, same start.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._speeds = self.create_publisher(
+            Float64MultiArray, 'command/motor_speed', offered(self.mode)
+        )
+        self.create_subscription(
+            WrenchStamped, 'command/wrench', self._serve, requested(self.mode)
+        )
+
+    def build(self, parameters: dict[str, Any]) -> int:
+        """Count the rotors."""
+        return Vehicle.from_parameters(parameters).n
+
+    def adopt(self, built: int) -> None:
+        """Answer with so many numbers from the next command on."""
+        self._n = built
+        self._message = speeds_message(np.zeros(built), None)
+
+    def _serve(self, command: WrenchStamped) -> None:
+        numbers = np.resize(wrench_array(command), self._n)
+        self._speeds.publish(fill_speeds(self._message, numbers, command.header.stamp))
+
+
+def main() -> int:
+    """Run the node."""
+    return run(Echo, 'Answer wrenches (command/wrench) with their numbers (command/motor_speed).')
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
