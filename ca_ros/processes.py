@@ -1,4 +1,4 @@
-"""Child processes that are started together, watched and stopped together."""
+"""Child processes that are started together, watched, started again and stopped together."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
@@ -22,19 +24,30 @@ class Processes:
     PATIENCE = 5.0
     """Time that a process has to end after SIGTERM before it is killed [s]."""
 
+    PAUSE = 0.5
+    """Time after which one that has ended is started again [s]."""
+
+    STARTING = 10.0
+    """Time within which an end, other than on demand, is held to be a failed start [s]."""
+
+    ATTEMPTS = 3
+    """Failed starts in a row, after which there is no hope."""
+
     def __init__(
         self, commands: Mapping[str, Sequence[str]], environment: Mapping[str, str] | None = None
     ) -> None:
         self.commands = commands
         self.environment = {**os.environ, **(environment or {})}
         self.running: dict[str, subprocess.Popen[bytes]] = {}
+        self.respawned: Counter[str] = Counter()
+        self._started: dict[str, float] = {}
+        self._ended: dict[str, float] = {}
+        self._failures: Counter[str] = Counter()
 
     def __enter__(self) -> Processes:
         try:
-            for name, command in self.commands.items():
-                self.running[name] = subprocess.Popen(
-                    command, env=self.environment, stdin=subprocess.DEVNULL, start_new_session=True
-                )
+            for name in self.commands:
+                self._start(name)
         except BaseException:
             self.stop()
             raise
@@ -48,19 +61,68 @@ class Processes:
         codes = {name: process.poll() for name, process in self.running.items()}
         return {name: code for name, code in codes.items() if code is not None}
 
+    def hopeless(self) -> list[str]:
+        """Return those that have ended again and again at their start."""
+        self._note()
+        return [name for name, count in self._failures.items() if count >= self.ATTEMPTS]
+
+    def respawn(self) -> dict[str, int]:
+        """Start again those that ended a while ago; return their exit codes, by name."""
+        self._note()
+        before = time.monotonic() - self.PAUSE
+        codes = {name: code for name, code in self.ended().items() if self._ended[name] <= before}
+        for name in codes:
+            self._kill(name)
+            self._start(name)
+            self.respawned[name] += 1
+        return codes
+
+    def _note(self) -> None:
+        """Judge the ends that are new."""
+        now = time.monotonic()
+        for name, code in self.ended().items():
+            if name not in self._ended:
+                self._ended[name] = now
+                failed = now - self._started[name] < self.STARTING
+                on_demand = code in (0, -signal.SIGKILL)
+                self._failures[name] = self._failures[name] + 1 if failed and not on_demand else 0
+
+    def _start(self, name: str) -> None:
+        self.running[name] = subprocess.Popen(
+            self.commands[name],
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        self._started[name] = time.monotonic()
+        self._ended.pop(name, None)
+
+    def _kill(self, name: str) -> None:
+        """Kill what is left of one, and of what it started."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.running[name].pid, signal.SIGKILL)
+        self.running[name].wait()
+
+    def restart(self, name: str) -> None:
+        """End one and start it again."""
+        self._end(name)
+        self._start(name)
+
     def stop(self) -> None:
         """End them one after the other, and whatever they started."""
-        for name, process in self.running.items():
-            if process.poll() is None:
-                # Python answers SIGINT with a traceback as long as it is still importing.
-                process.terminate()
-                try:
-                    process.wait(self.PATIENCE)
-                except subprocess.TimeoutExpired:
-                    print(
-                        f'{name} did not end within {self.PATIENCE:g} s and is killed',
-                        file=sys.stderr,
-                    )
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+        for name in self.running:
+            self._end(name)
+
+    def _end(self, name: str) -> None:
+        process = self.running[name]
+        if process.poll() is None:
+            # Python answers SIGINT with a traceback as long as it is still importing.
+            process.terminate()
+            try:
+                process.wait(self.PATIENCE)
+            except subprocess.TimeoutExpired:
+                print(
+                    f'{name} did not end within {self.PATIENCE:g} s and is killed',
+                    file=sys.stderr,
+                )
+        self._kill(name)

@@ -71,6 +71,8 @@ class Simulator(VehicleNode):
     def adopt(self, built: RigidBody) -> None:
         """Move like this body from the next step on."""
         self.body = built
+        # What another program has computed may be a rounding error beyond the bound.
+        self._greatest = built.vehicle.speed_max * (1.0 + 1e-9)
         self._watchdog.timeout = self.parameters['command_timeout']
 
     def levels(self) -> list[tuple[bytes, str]]:
@@ -102,6 +104,8 @@ class Simulator(VehicleNode):
             self.drop('numbers', f'rotor speeds {speeds}: expected finite numbers')
         elif not (speeds >= 0.0).all():
             self.drop('sign', f'rotor speeds {speeds}: expected none below zero')
+        elif not (speeds <= self._greatest).all():
+            self.drop('bounds', f'rotor speeds {speeds}: expected up to {self._greatest} rad/s')
         elif self.mode == 'realtime':
             if self._resting:
                 self._due = self.steady.now().nanoseconds

@@ -1,0 +1,242 @@
+"""The faults of a link: what becomes of each message on its way."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import blake2b
+from heapq import heappop, heappush
+from math import copysign, inf, nan
+from typing import Any, Generic, TypeVar
+
+from ca_ros.parameters import Parameter, ParameterError, complete
+
+Message = TypeVar('Message')
+
+# Not nan and inf, which ROS would read as numbers.
+_OF_A_NUMBER = ('not_a_number', 'infinite', 'huge', 'sign')
+CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')
+"""One number is replaced, one is too many or missing, or the frame is another."""
+
+LINKS = {
+    'command/wrench': (*_OF_A_NUMBER, 'frame'),
+    'command/motor_speed': (*_OF_A_NUMBER, 'length'),
+    'local_position/pose': (*_OF_A_NUMBER, 'frame'),
+    'local_position/velocity_body': (*_OF_A_NUMBER, 'frame'),
+}
+"""The topics that join controller, allocator and simulator, and what can be wrong with each."""
+
+HUGE = 1e12
+
+
+def _share(description: str) -> Parameter:
+    return Parameter(description, array=True, default=0.0, minimum=0.0, maximum=1.0, mutable=True)
+
+
+def _time(description: str) -> Parameter:
+    return Parameter(description, array=True, default=0.0, minimum=0.0, maximum=60.0, mutable=True)
+
+
+FAULTS: dict[str, Parameter] = {
+    'topics': Parameter(
+        'the links to be faulty', str, array=True, default=list(LINKS), choices=tuple(LINKS)
+    ),
+    'seed': Parameter('the fate of a message depends on seed, topic and number', default=0.0),
+    'drop': _share('share of the messages that are lost'),
+    'duplicate': _share('share that comes twice'),
+    'reorder': _share('share that comes after the next one'),
+    'corrupt': _share('share that is damaged'),
+    'delay': _time('time that each message takes [s]'),
+    'jitter': _time('greatest random time on top of the delay [s]'),
+    'corruptions': Parameter(
+        'kinds of damage, of which each topic has those that its type allows',
+        str,
+        array=True,
+        default=list(CORRUPTIONS),
+        choices=CORRUPTIONS,
+        mutable=True,
+    ),
+}
+"""Parameters of the proxy; shares and times are for all topics, or one for each."""
+
+
+@dataclass(frozen=True)
+class Fate:
+    """What becomes of one message.
+
+    Attributes
+    ----------
+    copies : int
+        How often it comes: 0 if it is lost, 2 if it is duplicated.
+    delay : float
+        After which time [s].
+    overtaken : bool
+        Whether it waits until the next message has come in, and then lets it go first.
+    corruption : str or None
+        One of `CORRUPTIONS`.
+    place : float
+        In [0, 1): which of its numbers is corrupted, as a share of how many there are.
+    """
+
+    copies: int = 1
+    delay: float = 0.0
+    overtaken: bool = False
+    corruption: str | None = None
+    place: float = 0.0
+
+    @property
+    def kinds(self) -> list[str]:
+        """In words, what happens to the message; nothing if the list is empty."""
+        if not self.copies:
+            return ['dropped']
+        kinds = {
+            'duplicated': self.copies > 1,
+            'delayed': self.delay > 0.0,
+            'reordered': self.overtaken,
+            'corrupted': self.corruption is not None,
+        }
+        return [kind for kind, happens in kinds.items() if happens]
+
+
+@dataclass(frozen=True)
+class Faults:
+    """The faults of one link; see `FAULTS`."""
+
+    topic: str
+    seed: float = 0.0
+    drop: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    corrupt: float = 0.0
+    delay: float = 0.0
+    jitter: float = 0.0
+    corruptions: tuple[str, ...] = CORRUPTIONS
+
+    @property
+    def active(self) -> dict[str, float]:
+        """Shares and times that are not zero, by name."""
+        names = ('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter')
+        return {name: getattr(self, name) for name in names if getattr(self, name)}
+
+    def fate(self, k: int) -> Fate:
+        """Return the fate of message k, which does not depend on any other message.
+
+        Each fault has a draw of its own: what is lost at one rate is lost at every greater rate,
+        whatever the other faults are.
+        """
+        drop, duplicate, reorder, corrupt, kind, place, jitter = _draws(self.seed, self.topic, k)
+        if drop < self.drop:
+            return Fate(copies=0)
+        corruption = None
+        if corrupt < self.corrupt and self.corruptions:
+            corruption = self.corruptions[int(kind * len(self.corruptions))]
+        return Fate(
+            copies=2 if duplicate < self.duplicate else 1,
+            delay=self.delay + jitter * self.jitter,
+            overtaken=reorder < self.reorder,
+            corruption=corruption,
+            place=place,
+        )
+
+
+def _draws(seed: float, topic: str, k: int) -> tuple[float, ...]:
+    """Return seven numbers in [0, 1), the same on every machine."""
+    words = struct.unpack('<7Q8x', blake2b(f'{seed!r} {topic} {k}'.encode()).digest())
+    return tuple((word >> 11) * 2.0**-53 for word in words)
+
+
+def links(given: Mapping[str, Any]) -> dict[str, Faults]:
+    """Return the faults of each topic from parameters by name.
+
+    Raises
+    ------
+    ParameterError
+        If a name or a value is wrong; the message names it.
+    """
+    p: dict[str, Any] = complete(given, FAULTS)
+    topics, corruptions = _words(p.pop('topics')), _words(p.pop('corruptions'))
+    if not topics or len(set(topics)) < len(topics):
+        raise ParameterError(f'topics: expected different topics, got {topics}')
+    seed = p.pop('seed')
+    columns = {name: _one_each(name, value, len(topics)) for name, value in p.items()}
+    return {
+        topic: Faults(
+            topic,
+            seed,
+            corruptions=tuple(kind for kind in LINKS[topic] if kind in corruptions),
+            **{name: column[i] for name, column in columns.items()},
+        )
+        for i, topic in enumerate(topics)
+    }
+
+
+def _words(value: Any) -> list[str]:
+    return [value] if isinstance(value, str) else list(value)
+
+
+def _one_each(name: str, value: Any, n: int) -> list[float]:
+    values = value if isinstance(value, list) else [value]
+    if len(values) not in (1, n):
+        raise ParameterError(
+            f'{name}: expected 1 number, or one for each of {n} topics, got {len(values)}'
+        )
+    return values * n if len(values) == 1 else values
+
+
+def corrupted(numbers: list[float], corruption: str, place: float) -> list[float]:
+    """Return what a corruption makes of a message's numbers."""
+    if corruption == 'length':
+        return numbers[:-1] if place < 0.5 and numbers else [*numbers, 0.0]
+    if not numbers or corruption == 'frame':
+        return numbers
+    i = int(place * len(numbers))
+    value = numbers[i]
+    wrong = {
+        'not_a_number': nan,
+        'infinite': copysign(inf, value),
+        'huge': copysign(HUGE, value),
+        'sign': -value,
+    }[corruption]
+    return [*numbers[:i], wrong, *numbers[i + 1 :]]
+
+
+class Link(Generic[Message]):
+    """A wire on which messages wait for their time, and overtake each other."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, int, Message]] = []
+        self._overtaken: list[tuple[float, Message]] = []
+        self._order = 0
+
+    def __len__(self) -> int:
+        """Return how many messages are on their way."""
+        return len(self._waiting) + len(self._overtaken)
+
+    @property
+    def due(self) -> float:
+        """When the next message comes out [s]; infinity if none does by itself."""
+        return self._waiting[0][0] if self._waiting else inf
+
+    def put(self, message: Message, fate: Fate, now: float) -> None:
+        """Take a message at a time [s]; what it overtakes comes right after it."""
+        due = now + fate.delay
+        overtaken, self._overtaken = self._overtaken, []
+        copies = [(due, message)] * fate.copies
+        if fate.overtaken:
+            self._overtaken = copies
+        else:
+            self._send(copies)
+        self._send([(max(due, own), late) for own, late in overtaken])
+
+    def take(self, now: float) -> list[Message]:
+        """Return the messages that have come out until a time [s]."""
+        taken = []
+        while self._waiting and self.due <= now:
+            taken.append(heappop(self._waiting)[2])
+        return taken
+
+    def _send(self, messages: list[tuple[float, Message]]) -> None:
+        for due, message in messages:
+            heappush(self._waiting, (due, self._order, message))
+            self._order += 1

@@ -1,0 +1,300 @@
+"""The fault proxy node, a process of its own: what it passes on, and flights through it."""
+
+import math
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros import Vehicle, make_allocator
+from ca_ros.closed_loop import fly
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.faults import FAULTS, LINKS, Faults, corrupted
+from ca_ros.nodes.fault_proxy import PREFIX, remaps
+from ca_ros.parameters import load
+from ca_ros.rigid_body import NULL_STATE, POSITION, RigidBody
+from ros import DEADLINE
+
+ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)
+
+
+class Proxy:
+    """A proxy of one topic, both ends of which are the test's."""
+
+    def __init__(self, graph, kind, topic, **parameters):
+        self.graph, self.kind = graph, kind
+        values = [f'{name}:={value}' for name, value in parameters.items()]
+        graph.start(
+            'fault_proxy', '--ros-args',
+            *(word for value in values for word in ('-p', value)))
+        self.sent = 0
+        self.input = graph.publisher(kind, topic)
+        self.received = graph.listen(kind, f'{PREFIX}{topic}')
+        self.diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
+        self.parameters = graph.connect('fault_proxy', 'seed')
+        self.topic = topic
+
+    def send(self, messages):
+        """Send messages; return when all have been taken."""
+        for message in messages:
+            self.input.publish(message)
+        self.sent += len(messages)
+        self.graph.spin_until(lambda: self.counts().get('received') == self.sent, 'all received')
+
+    def status(self):
+        """Return the newest status of the topic."""
+        found = [
+            status for array in self.diagnostics for status in array.status
+            if status.name == f'/fault_proxy: {self.topic}']
+        return found[-1] if found else None
+
+    def counts(self):
+        """Return the newest counts of the topic."""
+        status = self.status()
+        return {value.key: int(value.value) for value in status.values} if status else {}
+
+
+def wrenches(n):
+    """Return n wrenches that tell each other apart."""
+    messages = []
+    for k in range(n):
+        message = WrenchStamped()
+        message.header.frame_id = 'base_link'
+        message.wrench.force.x, message.wrench.torque.z = k + 1.0, -k - 1.0
+        messages.append(message)
+    return messages
+
+
+def number(message):
+    """Return which of the `wrenches` one is."""
+    return round(-message.wrench.torque.z) - 1
+
+
+def values(message):
+    """Return the numbers of a wrench."""
+    f, t = message.wrench.force, message.wrench.torque
+    return [f.x, f.y, f.z, t.x, t.y, t.z]
+
+
+def test_without_faults_every_message_passes_unchanged(graph):
+    proxy = Proxy(graph, WrenchStamped, 'command/wrench')
+    messages = wrenches(200)
+    proxy.send(messages)
+    graph.spin_until(lambda: len(proxy.received) == 200, 'all messages')
+    assert proxy.received == messages
+    assert proxy.counts() == {'received': 200, 'passed': 200, 'on their way': 0}
+    assert proxy.status().level == DiagnosticStatus.OK
+
+
+def test_the_fates_are_those_of_the_seed(graph):
+    given = {'drop': 0.2, 'duplicate': 0.2, 'corrupt': 0.2}
+    proxy = Proxy(graph, WrenchStamped, 'command/wrench', seed=5.0, **given,
+                  corruptions='[not_a_number, infinite, huge, sign, frame]')
+    messages = wrenches(200)
+    faults = Faults(
+        'command/wrench', 5.0, **given, corruptions=LINKS['command/wrench'])
+    fates = [faults.fate(k) for k in range(len(messages))]
+    expected = []
+    for message, fate in zip(messages, fates, strict=True):
+        wrong = fate.corruption and corrupted(values(message), fate.corruption, fate.place)
+        frame = 'corrupted' if fate.corruption == 'frame' else 'base_link'
+        expected += [(frame, wrong or values(message))] * fate.copies
+    proxy.send(messages)
+    graph.spin_until(lambda: len(proxy.received) >= len(expected), 'what should come')
+    assert repr([(m.header.frame_id, values(m)) for m in proxy.received]) == repr(expected)
+    counts = proxy.counts()
+    assert counts['dropped'] == sum(fate.copies == 0 for fate in fates)
+    assert counts['received'] - counts['dropped'] + counts['duplicated'] == counts['passed']
+    assert proxy.status().level == DiagnosticStatus.WARN
+    assert 'drop 0.2' in proxy.status().message
+
+
+def test_arrays_get_a_wrong_length(graph):
+    proxy = Proxy(
+        graph, Float64MultiArray, 'command/motor_speed', corrupt=1.0, corruptions='length')
+    proxy.send([Float64MultiArray(data=[255.0] * 6)] * 20)
+    graph.spin_until(lambda: len(proxy.received) == 20, 'all messages')
+    assert {len(message.data) for message in proxy.received} == {5, 7}
+
+
+def test_delayed_messages_come_in_order_and_overtaken_ones_do_not(graph):
+    proxy = Proxy(graph, WrenchStamped, 'command/wrench', delay=0.05)
+    proxy.send(wrenches(50))
+    graph.spin_until(lambda: len(proxy.received) == 50, 'all messages')
+    assert [number(m) for m in proxy.received] == list(range(50))
+    assert proxy.counts()['delayed'] == 50
+    proxy.received.clear()
+    assert proxy.parameters.set_atomically({'delay': 0.0, 'reorder': 0.3}).successful
+    proxy.send(wrenches(50))
+    graph.spin_until(lambda: len(proxy.received) >= 49, 'all messages, but perhaps the last')
+    order = [number(m) for m in proxy.received]
+    assert order != sorted(order)
+    assert set(order) >= set(range(49))
+
+
+def test_a_link_is_cut_and_mended_and_wrong_values_change_nothing(graph):
+    proxy = Proxy(graph, WrenchStamped, 'command/wrench')
+    assert proxy.parameters.set_atomically({'drop': [1.0, 0.0, 0.0, 0.0]}).successful
+    proxy.send(wrenches(20))
+    assert proxy.counts()['dropped'] == 20
+    for wrong in ({'drop': 1.5}, {'drop': [0.1, 0.2]}, {'delay': math.nan}, {'delay': -1.0},
+                  {'drop': 0.0, 'corruptions': ['rust']}, {'drop': 'much'}):
+        result = proxy.parameters.set_atomically(wrong)
+        assert not result.successful
+        assert any(name in result.reason for name in wrong), result.reason
+    for fixed in ({'topics': ['command/wrench']}, {'seed': 1.0}):
+        assert not proxy.parameters.set_atomically(fixed).successful
+    proxy.send(wrenches(20))
+    assert proxy.counts()['dropped'] == 40
+    assert proxy.parameters.set_atomically({'drop': 0.0}).successful
+    proxy.send(wrenches(20))
+    graph.spin_until(lambda: len(proxy.received) == 20, 'all messages')
+    assert proxy.counts()['passed'] == 20
+
+
+@pytest.mark.parametrize('parameter', [
+    'drop:=1.5', 'drop:=[0.1, 0.2]', 'delay:=.nan', 'dorp:=0.1', 'foo:=1', 'topics:=[a]',
+    'corruptions:=[rust]'])
+def test_a_wrong_parameter_is_refused_in_one_line(graph, parameter):
+    proxy = graph.start_silent('fault_proxy', '--ros-args', '-p', parameter)
+    out, err = proxy.communicate(timeout=DEADLINE)
+    assert proxy.returncode == 1
+    assert out == ''
+    [line] = err.splitlines()
+    assert line.startswith(f'fault_proxy: {parameter.split(":")[0]}')
+
+
+def test_its_help_names_every_parameter_and_the_remaps(graph):
+    out, err = graph.start_silent('fault_proxy', '--help').communicate(timeout=DEADLINE)
+    assert err == ''
+    assert [name for name in FAULTS if f'  {name} ' not in out] == []
+    assert [topic for topic in LINKS if f'-r {topic}:={PREFIX}{topic}' not in out] == []
+
+
+# Flights
+
+START, GOAL = (0.0, 0.0, 1.0), (1.0, 1.0, 2.0)
+TOLERANCE = 0.01
+"""[m]"""
+STAY = 100
+"""Steps of 0.01 s."""
+
+LEGS = {
+    'no faults': {},
+    'drop 1 %': {'drop': 0.01},
+    'drop 10 %': {'drop': 0.1},
+    'delay 20 ms in the loop': {'delay': [0.0, 0.02, 0.0, 0.0]},
+    'reorder 10 %': {'reorder': 0.1},
+    'corrupt 1 %': {
+        'corrupt': 0.01},
+    'drop 30 %, command_timeout 0.5 s': {'drop': 0.3},
+}
+"""On each of the four links, so that 30 % leaves a quarter of the loop's answers; but the delay on
+one: 20 ms on each would be 60 ms in the loop, with which the controller's gains are not stable."""
+
+
+class Pilot:
+    """Flies between two points through a proxy, in real time."""
+
+    def __init__(self, graph):
+        self.graph = graph
+        for node in ('simulator', 'allocator', 'controller'):
+            graph.start(node, '--vehicle', 'hexarotor', '--ros-args', *remaps(node))
+        graph.start('fault_proxy')
+        self.waypoint = graph.publisher(PoseStamped, 'command/pose')
+        self.poses = graph.listen(PoseStamped, 'local_position/pose')
+        self.watchdogs = [graph.connect(node) for node in ('simulator', 'allocator')]
+        graph.connect('controller')
+        self.proxy = graph.connect('fault_proxy', 'seed')
+
+    def set_timeout(self, timeout):
+        """Set the time without a command after which the rotors are idle [s]."""
+        for watchdog in self.watchdogs:
+            assert watchdog.set_atomically({'command_timeout': timeout}).successful
+
+    def set_faults(self, faults):
+        """Make the links faulty in these ways and no others."""
+        assert self.proxy.set_atomically({**ZERO, **faults}).successful
+
+    def fly(self, goal):
+        """Fly to a goal and stay there for a second; return times [s] and positions (K, 3)."""
+        message = PoseStamped()
+        p = message.pose.position
+        p.x, p.y, p.z = goal
+        self.poses.clear()
+        self.waypoint.publish(message)
+        self.graph.spin_until(
+            lambda: len(self.poses) > STAY and all(
+                math.dist(position(pose), goal) <= TOLERANCE for pose in self.poses[-STAY:]),
+            f'at {goal}')
+        poses = list(self.poses)
+        times = np.array([p.header.stamp.sec + p.header.stamp.nanosec / 1e9 for p in poses])
+        return times - times[0], np.array([position(pose) for pose in poses])
+
+
+def offline(start, goal):
+    """Return the flight from a hover at one point to another, without ROS."""
+    vehicle = Vehicle.load('hexarotor')
+    state = NULL_STATE.copy()
+    state[POSITION] = start
+    return fly(
+        Controller(vehicle, Gains.from_parameters(load('hexarotor'))),
+        make_allocator('exact', vehicle), RigidBody(vehicle), Waypoint.of(*goal, 0.0), 10.0,
+        state=state)
+
+
+def position(message):
+    """Return the position of a pose [m]."""
+    p = message.pose.position
+    return p.x, p.y, p.z
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.filterwarnings('ignore:record_property')
+def test_flights_through_faults_reach_their_waypoint(graph, record_property):
+    """Each property: error at the end, greatest distance from the ideal flight, when there."""
+    ideal = {GOAL: offline(START, GOAL), START: offline(GOAL, START)}
+    pilot = Pilot(graph)
+    goal = START
+    for name, faults in LEGS.items():
+        if '0.5' in name:
+            pilot.set_timeout(0.5)
+        # Changing parameters may have cost some commands: it begins from rest.
+        start, goal = goal, GOAL if goal is START else START
+        pilot.fly(start)
+        pilot.set_faults(faults)
+        times, positions = pilot.fly(goal)
+        expected = np.column_stack(
+            [np.interp(times, ideal[goal].time, x) for x in ideal[goal].position.T])
+        error = np.linalg.norm(positions[-STAY:] - goal, axis=1).mean()
+        deviation = np.linalg.norm(positions - expected, axis=1).max()
+        record_property(
+            name, f'{1e3 * error:.1f} mm, {1e3 * deviation:.0f} mm, {times[-1]:.1f} s')
+        assert np.isfinite(positions).all()
+
+
+@pytest.mark.slow
+def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
+    flight = graph.start_silent(
+        'bringup', '--faults', 'drop:=0.1 delay:=0.005 seed:=3', '--namespace', 'uav1',
+        '--out', str(tmp_path))
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
+    graph.spin_until(
+        lambda: any(status.name.startswith('/uav1/fault_proxy') and 'drop 0.1' in status.message
+                    for array in diagnostics for status in array.status), 'its diagnostics')
+    out, err = flight.communicate(timeout=4 * DEADLINE)
+    assert flight.returncode == 0, out + err
+    assert 'reached' in out
+    assert 'Traceback' not in err
+    assert graph.alive() == []
+
+
+@pytest.mark.parametrize('faults', ['drop', 'drop=0.1', 'dorp:=0.1', 'topics:=command/wrench'])
+def test_bringup_refuses_what_is_no_fault_in_one_line(graph, faults):
+    flight = graph.start_silent('bringup', '--faults', faults)
+    out, err = flight.communicate(timeout=DEADLINE)
+    assert (flight.returncode, out) == (2, '')
+    assert err.splitlines()[-1].startswith('bringup: error: argument --faults: ')

@@ -1,0 +1,176 @@
+"""Nodes that are killed in flight with kill -9: bringup brings them back, and the flight goes on.
+
+CA_ROS_KILLS says how often each node is killed (default 2).
+"""
+
+import math
+import os
+import signal
+from pathlib import Path
+
+import psutil
+import pytest
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.processes import Processes
+from ros import DEADLINE
+from test_bringup import fly_offline
+
+KILLS = int(os.environ.get('CA_ROS_KILLS', '2'))
+NODES = ('simulator', 'allocator', 'controller')
+IDLE = 40.0
+"""Of each rotor [rad/s]."""
+
+
+@pytest.fixture(autouse=True)
+def _loopback(monkeypatch):
+    """Keep to this machine by its loopback: the range LOCALHOST would bring in shared memory."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    monkeypatch.setenv(
+        'FASTRTPS_DEFAULT_PROFILES_FILE', str(Path(__file__).with_name('loopback.xml')))
+
+
+class Flight:
+    """A flight of bringup that does not end by itself, and what the vehicle does."""
+
+    def __init__(self, graph, folder, *arguments):
+        self.graph = graph
+        self.process = graph.start_silent(
+            'bringup', '--respawn', '--out', str(folder), *arguments)
+        self.poses = graph.listen(PoseStamped, 'local_position/pose')
+        self.speeds = graph.listen(Float64MultiArray, 'motor_speed')
+
+    def node(self, name):
+        """Return the process of a node, if there is one."""
+        for child in psutil.Process(self.process.pid).children():
+            try:
+                if f'ca_ros.nodes.{name}' in child.cmdline():
+                    return child
+            except psutil.Error:
+                pass
+        return None
+
+    def kill(self, name):
+        """Kill a node; return when it has been started again."""
+        victim = self.node(name)
+        self.poses.clear()
+        self.speeds.clear()
+        victim.kill()
+        self.graph.spin_until(
+            lambda: self.node(name) not in (None, victim), f'the {name}: started again')
+        self.poses.clear()
+
+    def wait(self, condition, what):
+        """Wait until the newest pose fulfils a condition; forget the older ones."""
+        def fulfilled():
+            del self.poses[:-1]
+            return bool(self.poses) and condition(self.poses[-1])
+        self.graph.spin_until(fulfilled, what)
+        return self.poses[-1]
+
+    def wait_for_waypoint(self):
+        """Wait until the vehicle is where it should go."""
+        self.wait(lambda pose: distance(pose) <= 0.05, 'at the waypoint')
+
+
+def distance(message):
+    """Return how far a pose is from the waypoint (1, 1, 1) [m]."""
+    p = message.pose.position
+    return math.dist([p.x, p.y, p.z], [1.0, 1.0, 1.0])
+
+
+def time_of(message):
+    """Return the stamp of a message [s]."""
+    return message.header.stamp.sec + message.header.stamp.nanosec / 1e9
+
+
+def shared_memory(graph):
+    """Return what Fast DDS has in shared memory for the ports of a graph's domain."""
+    first = 7400 + 250 * graph.domain
+    ports = {f'fastrtps_port{port}' for port in range(first, first + 250)}
+    return {path.name for path in Path('/dev/shm').iterdir() if path.name in ports}
+
+
+def end(flight, graph, before):
+    """Interrupt a flight; nothing is left behind."""
+    flight.process.send_signal(signal.SIGINT)
+    out, err = flight.process.communicate(timeout=DEADLINE)
+    assert flight.process.returncode == 130, out + err
+    assert 'Traceback' not in err, err
+    assert graph.alive() == []
+    assert shared_memory(graph) <= before
+    return err
+
+
+def check_lines(err, kills):
+    """Each kill is said in one line."""
+    lines = [line for line in err.splitlines() if line.startswith('bringup: the ')]
+    assert len(lines) == sum(kills.values())
+    for name, count in kills.items():
+        own = [line for line in lines if f'the {name} ended' in line]
+        assert len(own) == count
+        assert all('-9' in line and 'started again' in line for line in own), own
+        assert all(('anew' in line) == (name == 'simulator') for line in own), own
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(60 + 120 * KILLS)
+def test_in_real_time_the_vehicle_comes_back_to_its_waypoint(graph, tmp_path):
+    before = shared_memory(graph)
+    # On a small planet and in haste, lest it fall so far that the way back takes minutes.
+    flight = Flight(
+        graph, tmp_path, '--duration', '1e6', '--ros-args', '-p', 'vehicle.gravity:=2.0',
+        '-p', 'controller.speed_max:=20.0')
+    flight.wait_for_waypoint()
+    for _ in range(KILLS):
+        for name in NODES:
+            flight.kill(name)
+            if name != 'simulator':
+                graph.spin_until(
+                    lambda: any(set(message.data) == {IDLE} for message in flight.speeds),
+                    f'after the {name}: the motors told')
+            flight.wait(lambda pose: distance(pose) > 0.1, f'{name}: missed')
+            flight.wait_for_waypoint()
+    check_lines(end(flight, graph, before), dict.fromkeys(NODES, KILLS))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(60 + 120 * KILLS)
+def test_in_lockstep_no_step_is_lost(graph, tmp_path):
+    duration, before = 20.0, shared_memory(graph)
+    flight = Flight(
+        graph, tmp_path, '--mode', 'lockstep', '--duration', str(duration), '--method', 'exact')
+    flight.wait(lambda pose: pose.pose.position.z > 0.1, 'a flight')
+    for _ in range(KILLS):
+        for name in NODES:
+            flight.kill(name)
+            first = time_of(flight.wait(lambda _: True, f'after the {name}: a pose'))
+            flight.wait(
+                lambda pose, first=first: time_of(pose) > first, f'after the {name}: another')
+    out, err = flight.process.communicate(timeout=3 * DEADLINE)
+    assert flight.process.returncode == 0, out + err
+    check_lines(err, dict.fromkeys(NODES, KILLS))
+    assert all(f'{name} {KILLS}' in out for name in NODES), out
+    fly_offline('exact', duration).write_csv(tmp_path / 'offline.csv')
+    assert (tmp_path / 'flight.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
+    assert graph.alive() == []
+    assert shared_memory(graph) <= before
+
+
+def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
+    flight = graph.start_silent(
+        'bringup', '--respawn', '--out', str(tmp_path),
+        '--ros-args', '-p', 'allocator:command_timeout:=-1.0')
+    out, err = flight.communicate(timeout=2 * DEADLINE)
+    assert flight.returncode == 1, out + err
+    assert 'Traceback' not in err
+    own = [line for line in err.splitlines() if line.startswith('allocator: ')]
+    assert len(own) == Processes.ATTEMPTS, err
+    assert all('command_timeout' in line for line in own)
+    said = [line for line in err.splitlines() if line.startswith('bringup: ')]
+    assert said == [
+        *['bringup: the allocator ended with exit code 1 and is started again']
+        * (Processes.ATTEMPTS - 1),
+        'bringup: the allocator ended with exit code 1']
+    assert graph.alive() == []

@@ -1,0 +1,78 @@
+"""Child processes: started again when they end, given up when they cannot start."""
+
+import signal
+import sys
+import time
+
+import psutil
+
+from ca_ros.processes import Processes
+from ros import DEADLINE
+
+SLEEP = [sys.executable, '-c', 'import time; time.sleep(1000.0)']
+FAIL = [sys.executable, '-c', 'raise SystemExit(3)']
+CHILD = [sys.executable, '-c',
+         f'import subprocess, time; subprocess.Popen({SLEEP}); time.sleep(1000.0)']
+
+
+def until(condition):
+    """Wait until a condition holds, and return what it is."""
+    start = time.monotonic()
+    while not (value := condition()):
+        assert time.monotonic() < start + DEADLINE
+        time.sleep(0.01)
+    return value
+
+
+def test_what_is_killed_is_started_again_however_often(monkeypatch):
+    monkeypatch.setattr(Processes, 'PAUSE', 0.05)
+    with Processes({'sleeper': SLEEP, 'other': SLEEP}) as processes:
+        other = processes.running['other']
+        for i in range(1, 6):
+            victim = processes.running['sleeper']
+            victim.kill()
+            assert until(processes.respawn) == {'sleeper': -signal.SIGKILL}
+            assert processes.running['sleeper'].pid != victim.pid
+            assert processes.respawned == {'sleeper': i}
+            assert processes.ended() == {}
+        assert processes.hopeless() == []
+        assert processes.running['other'] is other
+    assert not any(psutil.pid_exists(p.pid) for p in processes.running.values())
+
+
+def test_it_is_not_started_before_the_pause_is_over(monkeypatch):
+    monkeypatch.setattr(Processes, 'PAUSE', 1e6)
+    with Processes({'sleeper': SLEEP}) as processes:
+        processes.running['sleeper'].kill()
+        until(processes.ended)
+        assert processes.respawn() == {}
+        assert processes.ended() == {'sleeper': -signal.SIGKILL}
+
+
+def test_what_fails_again_and_again_at_its_start_is_hopeless(monkeypatch):
+    monkeypatch.setattr(Processes, 'PAUSE', 0.0)
+    monkeypatch.setattr(Processes, 'STARTING', 1e6)
+    with Processes({'failing': FAIL}) as processes:
+        for _ in range(Processes.ATTEMPTS - 1):
+            assert until(processes.respawn) == {'failing': 3}
+            assert processes.hopeless() == []
+        assert until(processes.hopeless) == ['failing']
+
+
+def test_what_fails_later_is_not(monkeypatch):
+    monkeypatch.setattr(Processes, 'PAUSE', 0.0)
+    monkeypatch.setattr(Processes, 'STARTING', 0.0)
+    with Processes({'failing': FAIL}) as processes:
+        for _ in range(2 * Processes.ATTEMPTS):
+            until(processes.respawn)
+        assert processes.hopeless() == []
+
+
+def test_nothing_is_left_of_what_a_killed_process_had_started(monkeypatch):
+    monkeypatch.setattr(Processes, 'PAUSE', 0.0)
+    with Processes({'parent': CHILD}) as processes:
+        parent = processes.running['parent']
+        [child] = until(psutil.Process(parent.pid).children)
+        parent.kill()
+        until(processes.respawn)
+        until(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE)
