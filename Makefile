@@ -6,10 +6,12 @@ ifdef ROS_DISTRO
 # Where ROS is sourced it provides rclpy, and the wheels must stay away.
 venv_options := --system-site-packages
 extras.test := [test]
+extras.benchmark := [peers]
 else
 # The wheels bring Fast DDS alone, and no module from elsewhere may come before theirs.
-extras.demo := [ros]
+extras.demo := [ros,bag]
 extras.test := [ros,test]
+extras.benchmark := [ros,peers]
 unexport PYTHONPATH RMW_IMPLEMENTATION
 ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # This shell comes from a Python with such wheels of its own, and would pass on its libraries.
@@ -34,14 +36,19 @@ fault = $(or \
   $(if $(ROS_DISTRO)$(filter Linux_x86_64,$(shell uname -sm | tr ' ' _)),,\
     rclpy has wheels for x86-64 Linux only: install ROS 2 Jazzy here and source it))
 
-.PHONY: help demo test readme venv clean
+# How long `make soak` keeps the nodes at 500 Hz [s].
+SOAK ?= 600
+
+.PHONY: help demo test soak benchmark readme venv clean
 
 help:
-	@echo 'make demo    fly the hexarotor over ROS 2 in real time; results in out/demo'
-	@echo 'make test    lint, types and tests'
-	@echo 'make readme  write anew what README shows: example, parameters, picture'
-	@echo 'make venv    only set up .venv, with the rclpy of ROS 2 Jazzy'
-	@echo 'make clean   remove .venv, out and all that builds and tests leave'
+	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
+	@echo 'make test       lint, types and tests'
+	@echo 'make benchmark  time everything beside other solvers, for minutes; fills README'
+	@echo 'make soak       reliability in the long run, for an hour or more; results in out/soak'
+	@echo 'make readme     write anew what README shows: example, parameters, picture'
+	@echo 'make venv       only set up .venv, with the rclpy of ROS 2 Jazzy'
+	@echo 'make clean      remove .venv, out and all that builds and tests leave'
 	@echo 'PYTHON=python3.12 and the like choose the Python, 3.10 to 3.13.'
 
 demo: .venv/.demo
@@ -51,6 +58,13 @@ test: .venv/.test
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m mypy
 	.venv/bin/python -m pytest
+
+benchmark: .venv/.benchmark
+	.venv/bin/benchmark --out out/benchmark
+	.venv/bin/python docs/performance.py
+
+soak: .venv/.test
+	.venv/bin/python test/soak.py --seconds $(SOAK)
 
 readme: demo
 	.venv/bin/python docs/readme.py
@@ -66,7 +80,7 @@ clean:
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 # Pip takes half-installed packages for whole, so what was interrupted starts again from nothing.
-.venv/.demo .venv/.test: .venv/.$(kind) setup.py setup.cfg
+.venv/.demo .venv/.test .venv/.benchmark: .venv/.$(kind) setup.py setup.cfg
 	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes'
 	@rm $<
 	@.venv/bin/python -m pip install -qq -e '.$(extras$(suffix $@))'

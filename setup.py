@@ -4,6 +4,9 @@ from setuptools import find_packages, setup
 
 package = 'ca_ros'
 solvers = ['daqp', 'quadprog']
+# Besides osqp, which is needed anyway.
+peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
+bag = ['rosbags>=0.11']
 
 setup(
     name=package,
@@ -13,11 +16,13 @@ setup(
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',
     packages=find_packages(include=[package, f'{package}.*']),
-    package_data={package: ['py.typed']},
+    package_data={package: ['py.typed', 'report/page.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
         (f'share/{package}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{package}/security', ['security/policy.xml']),
+        (f'share/{package}/layouts', sorted(glob('layouts/*'))),
     ],
     zip_safe=False,
     python_requires='>=3.10',
@@ -29,6 +34,8 @@ setup(
         'PyYAML>=6.0',
         'matplotlib>=3.6',
         'tqdm>=4.66',
+        'Jinja2>=3.1',
+        'mistune>=3.0',
     ],
     extras_require={
         # ROS 2 Jazzy for machines without it. Where ROS is installed, rclpy comes from there:
@@ -39,27 +46,38 @@ setup(
             'ros-geometry-msgs==5.3.6',
             'ros-diagnostic-msgs==5.3.6',
         ],
+        # Bags of flights, without a ROS installation.
+        'bag': bag,
         'solvers': solvers,
+        # What `benchmark` compares with, wheels for CPython 3.10 to 3.13 all of them.
+        'peers': peers,
         # Here and not in tests_require, with which colcon would run no test at all. The checkers
         # are held back because each new series of theirs finds fault with what passed before.
         'test': [
+            'build',
             'colcon-common-extensions',
             'hypothesis',
+            'mcap-ros2-support>=0.5.5',
             'mypy~=2.4.1',
             'psutil',
             'pytest>=7.4',
             'pytest-timeout',
             'ruff~=0.17.5',
             'types-PyYAML',
-            *solvers,
+            'wheel',
+            *bag,
+            *peers,
         ],
     },
     entry_points={
         'console_scripts': [
             'allocator = ca_ros.nodes.allocator:main',
+            'benchmark = ca_ros.benchmark.benchmark:main',
             'bringup = ca_ros.nodes.bringup:main',
             'controller = ca_ros.nodes.controller:main',
             'dynamic_study = ca_ros.studies.dynamic_study:main',
+            'fault_proxy = ca_ros.nodes.fault_proxy:main',
+            'report = ca_ros.report.report:main',
             'simulator = ca_ros.nodes.simulator:main',
             'static_study = ca_ros.studies.static_study:main',
         ],

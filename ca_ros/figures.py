@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +28,50 @@ STYLE: dict[Any, Any] = {
     'legend.frameon': False,
     'lines.linewidth': 1.4,
 }
-DASHED = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
+DASHED: dict[str, Any] = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
+"""Waypoints and bounds."""
+
+FORMATS: dict[str, dict[str, None]] = {
+    'png': {},
+    'svg': {'Date': None},
+    'pdf': {'CreationDate': None},
+}
+"""What figures can be written as, and the metadata without which they are the same each time."""
 
 
-def draw_flight(path: Path, flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> None:
+def add_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command line choose the formats of its figures."""
+    parser.add_argument(
+        '--figures',
+        type=formats,
+        default='png',
+        metavar='A,B',
+        help=f'formats of the figures: {", ".join(FORMATS)}',
+    )
+
+
+def formats(text: str) -> list[str]:
+    """Return the formats in a list such as png,svg; raise what argparse turns into a message."""
+    words = [word.strip() for word in text.split(',')]
+    for word in words:
+        if word not in FORMATS:
+            raise argparse.ArgumentTypeError(
+                f'{word!r} is no format of figures; there are {", ".join(FORMATS)}'
+            )
+    return list(dict.fromkeys(words))
+
+
+def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write a figure in each format, under a path to which the suffix is added."""
+    files = [path.with_name(f'{path.name}.{form}') for form in formats]
+    # Otherwise the names inside of an SVG file are drawn by lot.
+    with matplotlib.rc_context({'svg.hashsalt': path.name}):
+        for file, form in zip(files, formats, strict=True):
+            figure.savefig(file, dpi=200, metadata=FORMATS[form])
+    return files
+
+
+def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
     """Draw position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.0, 7.5), layout='constrained')
@@ -51,7 +93,7 @@ def draw_flight(path: Path, flight: Flight, vehicle: Vehicle, waypoint: Waypoint
             speeds.axhline(bound, **DASHED)
         speeds.set_xlabel('time [s]')
         speeds.set_xlim(flight.time[0], flight.time[-1])
-        figure.savefig(path, dpi=200)
+    return figure
 
 
 def _lines(

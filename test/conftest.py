@@ -14,6 +14,9 @@ os.environ |= {
 }
 
 
+pytest.register_assert_rewrite('ros')
+
+
 @pytest.fixture(scope='session', autouse=True)
 def _logs(tmp_path_factory):
     """Keep the logs of ROS out of the user's own."""

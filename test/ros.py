@@ -5,17 +5,20 @@ import os
 import random
 import signal
 import subprocess
+import sys
 import sysconfig
 import tempfile
 import time
 import uuid
-from contextlib import suppress
+from collections import Counter
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 
 import psutil
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -35,7 +38,9 @@ RELIABLE, BEST_EFFORT = (
 
 
 def executable(name):
-    """Return the path of an installed executable, colcon's before pip's."""
+    """Return the path of an installed executable, colcon's before pip's, or a path as it is."""
+    if Path(name).is_absolute():
+        return Path(name)
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     places = [Path(prefix, 'lib', 'ca_ros') for prefix in prefixes]
     for place in [*places, Path(sysconfig.get_path('scripts'))]:
@@ -92,6 +97,18 @@ class Graph:
         """Start an executable whose output `communicate` will return."""
         return self.start(name, *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
+    def end(self, process, number):
+        """Send a signal to a process of `start_silent`; return what it had to say."""
+        process.send_signal(number)
+        return self.outlive(process)
+
+    def outlive(self, process, patience=DEADLINE):
+        """Wait until a process of `start_silent` ends; return what it had to say."""
+        output = process.communicate(timeout=patience)
+        # From here on it is not missed.
+        self._processes = {k: p for k, p in self._processes.items() if p is not process}
+        return output
+
     def alive(self):
         """Return the processes of this graph, and those that they have started."""
         found = []
@@ -132,7 +149,7 @@ class Graph:
         self._ends.append((topic, subscription.get_publisher_count))
         return messages
 
-    def connect(self, name):
+    def connect(self, name, parameter='mode'):
         """Wait until the ends of all topics have found each other; return a node's parameters.
 
         A participant's ends are announced in the order in which they were made: a node that
@@ -141,7 +158,7 @@ class Graph:
         parameters = Parameters(self, name)
         for topic, matched in self._ends:
             self.spin_until(matched, f'{topic}: matched')
-        parameters.get('mode')
+        parameters.get(parameter)
         return parameters
 
     def spin_until(self, condition, what, repeat=None):
@@ -172,6 +189,35 @@ def _claim_domain():
         else:
             return domain, lock
     pytest.fail('all ROS domains are claimed')
+
+
+class Diagnostics:
+    """What the nodes of a graph say of themselves."""
+
+    def __init__(self, graph):
+        self._graph = graph
+        self.arrays = graph.listen(DiagnosticArray, '/diagnostics')
+
+    def all(self, node):
+        """Return what a node has said: level, message and values of each time."""
+        return [
+            (status.level, status.message, {pair.key: pair.value for pair in status.values})
+            for array in self.arrays for status in array.status
+            if status.name.startswith(f'{node}: ')]
+
+    def wait(self, node, condition, what):
+        """Wait until the newest level, message and values fulfil a condition; return them."""
+        def fulfilled():
+            said = self.all(node)
+            return bool(said) and condition(*said[-1])
+        self._graph.spin_until(fulfilled, f'{node} says: {what}')
+        return self.all(node)[-1]
+
+
+def counts(values):
+    """Return the counts among the values of a diagnosis; those that are not there are zero."""
+    return Counter({
+        key: int(value) for key, value in values.items() if value.isdigit() and '[' not in key})
 
 
 class Parameters:
@@ -213,3 +259,17 @@ class Parameters:
 
 def _written(values):
     return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+@contextmanager
+def busy_processors():
+    """Keep each processor busy with a process of its own."""
+    processes = [
+        subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+        for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()

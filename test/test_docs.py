@@ -140,14 +140,14 @@ def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
     registry = clone / line.mark.removeprefix('insert into ')
     old = registry.read_text(encoding='utf-8')
     registry.write_text(old.replace('\n}\n', f'\n{line.text}}}\n', 1), encoding='utf-8')
-    out = shell(clone, graph, '''
+    out = shell(clone, graph, """
         python -c "from ca_ros import ALLOCATORS; print(*ALLOCATORS)"
         python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
         static_study --samples 20 --out out/static
         dynamic_study --duration 1 --out out/dynamic
         bringup --mode lockstep --method mean --duration 1 --waypoint 0 0 0 --heading 0 --out out/f
         benchmark --quick --no-nodes --samples 10 --out out/benchmark
-        ''')
+        """)
     assert out.split()[4] == 'mean'
     for name in ('static/static.json', 'dynamic/dynamic.json', 'benchmark/benchmark.json'):
         assert '"mean"' in (clone / 'out' / name).read_text(encoding='utf-8')

@@ -100,24 +100,28 @@ def test_a_wrong_vehicle_is_refused_in_one_line(graph, tmp_path, fault):
 def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
     refused(graph, [
         *((name, '--vehicle', 'nope') for name in OPTIONS),
-        *((name, '--ros-args', '--params-file', 'nope') for name in NODES),
         ('bringup', '--params-file', 'nope'),
-    ], ['nope'])
+    ], ['nope', 'hexarotor'])
 
 
-def test_bringup_refuses_a_wrong_option_by_name(graph):
-    wrong = [
-        ('--namespace', '1 bad'), ('--namespace', '/uav1/'), ('--duration', '-1'),
-        ('--duration', 'nan'), ('--waypoint', '1', '2', 'inf'), ('--method', 'magic')]
-    processes = [graph.start_silent('bringup', *option) for option in wrong]
-    for option, process in zip(wrong, processes, strict=True):
+WRONG_OPTIONS = [
+    ('bringup', '--namespace', '1 bad'), ('bringup', '--namespace', '/uav1/'),
+    ('bringup', '--duration', '-1'), ('bringup', '--duration', 'nan'),
+    ('bringup', '--waypoint', '1', '2', 'inf'), ('bringup', '--method', 'magic'),
+    ('allocator', '--ros-args', '--params-file', 'nope'),
+]
+
+
+def test_a_wrong_option_is_refused_by_name(graph):
+    processes = [graph.start_silent(*way) for way in WRONG_OPTIONS]
+    for (name, *options), process in zip(WRONG_OPTIONS, processes, strict=True):
         out, err = process.communicate(timeout=DEADLINE)
-        assert process.returncode != 0, option
+        assert process.returncode != 0, options
         assert out == '', out
         assert 'Traceback' not in err, err
         last = err.splitlines()[-1]
-        assert last.startswith('bringup: '), last
-        assert option[0].strip('-') in last, last
+        assert last.startswith(f'{name}: '), last
+        assert any(word.strip('-') in last for word in options), last
 
 
 def refused(graph, ways, words):

@@ -1,4 +1,8 @@
-"""Figures of flights."""
+"""Figures: what is on those of flights, and the files that they become."""
+
+import argparse
+import time
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -6,7 +10,7 @@ from matplotlib import image
 from matplotlib.colors import to_rgb
 
 from ca_ros.controller import Waypoint
-from ca_ros.figures import COLORS, draw_flight
+from ca_ros.figures import COLORS, FORMATS, draw_flight, formats, save
 from ca_ros.flight import Flight
 from strategies import FLEET
 
@@ -31,7 +35,7 @@ def pixels_of(picture, color):
 @pytest.mark.parametrize('name', ['quadrotor', 'x8'])
 def test_a_flight_becomes_a_png_with_a_line_for_each_rotor(tmp_path, name):
     vehicle = FLEET[name]
-    draw_flight(tmp_path / 'flight.png', some_flight(vehicle), vehicle, WAYPOINT)
+    save(draw_flight(some_flight(vehicle), vehicle, WAYPOINT), tmp_path / 'flight', ['png'])
     assert (tmp_path / 'flight.png').read_bytes().startswith(b'\x89PNG\r\n\x1a\n')
     picture = image.imread(tmp_path / 'flight.png')
     height, width = picture.shape[:2]
@@ -40,3 +44,26 @@ def test_a_flight_becomes_a_png_with_a_line_for_each_rotor(tmp_path, name):
     for i, color in enumerate(COLORS):
         drawn = pixels_of(picture, color)
         assert (drawn > 500) == (i < max(vehicle.n, 3)), color
+
+
+def test_a_figure_is_the_same_file_each_time(tmp_path, monkeypatch):
+    written = []
+    for day, folder in enumerate([tmp_path / 'a', tmp_path / 'b']):
+        folder.mkdir()
+        # What matplotlib would take for the date of the file.
+        monkeypatch.setenv('SOURCE_DATE_EPOCH', str(day * 86_400 + int(time.time())))
+        figure = draw_flight(some_flight(FLEET['x8']), FLEET['x8'], WAYPOINT)
+        files = save(figure, folder / 'flight', list(FORMATS))
+        assert [file.name for file in files] == ['flight.png', 'flight.svg', 'flight.pdf']
+        written.append([file.read_bytes() for file in files])
+    assert written[0] == written[1]
+    _, svg, pdf = written[0]
+    assert ElementTree.fromstring(svg).tag == '{http://www.w3.org/2000/svg}svg'
+    assert pdf.startswith(b'%PDF-')
+
+
+def test_formats_are_a_list_of_known_ones():
+    assert formats('svg, png,svg') == ['svg', 'png']
+    for wrong in ('', 'gif', 'png,'):
+        with pytest.raises(argparse.ArgumentTypeError, match='png, svg, pdf'):
+            formats(wrong)

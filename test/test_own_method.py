@@ -16,7 +16,8 @@ METHODS = 'all,my_methods:Redistributed'
 @pytest.fixture
 def example(tmp_path, monkeypatch):
     """The example where the user stands, which is not where an installed script lies."""
-    (code,) = re.findall(r'<!-- file my_methods.py -->\n```python\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    fenced = r'<!-- file my_methods.py -->\n```python\n(.*?)```'
+    (code,) = re.findall(fenced, PAGE.read_text(), re.DOTALL)
     (tmp_path / 'my_methods.py').write_text(code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, 'path', [place for place in sys.path if place])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from operator import le
-from time import perf_counter_ns
+from time import perf_counter_ns, sleep
 from typing import Any
 
 import numpy as np
@@ -28,12 +28,15 @@ from ca_ros.nodes.messages import (
 )
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode, run
-from ca_ros.nodes.watchdog import Watchdog, fallback
+from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
 from ca_ros.parameters import AXES
 from ca_ros.vehicle_audit import Audit
 
 LAST_WORD = 0.5
 """How long the node waits at its end for the motors to have its last word [s]."""
+
+LAST_WORDS = 5
+"""How often it is said: best-effort motors cannot say that they missed it."""
 
 
 class Allocator(VehicleNode):
@@ -83,7 +86,8 @@ class Allocator(VehicleNode):
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = np.array([AXES.index(axis) for axis in vehicle.axes])
         low, high = vehicle.speed_limits
-        self._last = np.minimum(np.maximum(self._last, low), high)
+        # What is held: all but the speeds of lost rotors.
+        self._last = np.where(high > 0.0, self._last, 0.0)
         self._limits = low.tolist(), high.tolist()
         self._message = speeds_message(self._last, None)
         self._watchdog.timeout = self.parameters['command_timeout']
@@ -123,8 +127,6 @@ class Allocator(VehicleNode):
         action = str(self.parameters['timeout_action'])
         if not expired:
             self.counts['timeouts'] += 1
-            # After a pause whoever sends may have begun anew, with an earlier clock.
-            self._newest = 0
             self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
         self._fall_back(action)
 
@@ -133,7 +135,9 @@ class Allocator(VehicleNode):
         if not self._watchdog.awake:
             return
         action = 'stop' if self.parameters['timeout_action'] == 'stop' else 'idle'
-        self._fall_back(action)
+        for _ in range(LAST_WORDS):
+            self._fall_back(action)
+            sleep(TICK)
         self._speeds.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
     def _serve(self, command: WrenchStamped) -> None:
@@ -155,6 +159,7 @@ class Allocator(VehicleNode):
                 return
             self._speeds.publish(fill_speeds(self._message, speeds, command.header.stamp))
             self._watchdog.feed()
+            self._newest = nanoseconds(command.header.stamp)
             self._last = speeds
             self.counts['served'] += 1
             self._latencies.add(perf_counter_ns() - began)
@@ -168,20 +173,21 @@ class Allocator(VehicleNode):
             return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
         frame = command.header.frame_id
         if frame != self._frame and frame and self._frame:
-            return 'frame', f'wrench in {frame}: expected {self._frame} (parameter command_frame)'
+            frames = f'{frame!r:.99}: expected {self._frame}'
+            return 'frame', f'wrench in {frames} (parameter command_frame)'
         time = nanoseconds(command.header.stamp)
         if self._age_max and (age := self.get_clock().now().nanoseconds - time) > self._age_max:
             return 'age', f'wrench that is {age / 1e9:.3f} s old (parameter command_age_max)'
         if time < self._newest:
             self.counts['out of order'] += 1
-            if self._newer_only:
+            # After a pause whoever sends may have begun anew, with an earlier clock.
+            if self._newer_only and not self._watchdog.over:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
-        self._newest = time
         return None
 
     def _fall_back(self, action: str) -> None:
-        speeds = fallback(action, self.method.problem.vehicle, self._last)
-        self._speeds.publish(fill_speeds(self._message, speeds, None))
+        self._last = fallback(action, self.method.problem.vehicle, self._last)
+        self._speeds.publish(fill_speeds(self._message, self._last, None))
 
     def _report(self, command: WrenchStamped, wrench: Array, answer: Allocation) -> None:
         """Publish what the rotors give, in all six components, to whoever listens."""

@@ -8,8 +8,9 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
-from pathlib import Path
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
@@ -19,16 +20,16 @@ from rclpy.validate_namespace import validate_namespace
 from tqdm import tqdm
 
 from ca_ros.controller import Waypoint
-from ca_ros.figures import draw_flight
+from ca_ros.faults import LINKS
+from ca_ros.figures import draw_flight, save
 from ca_ros.flight import Flight
+from ca_ros.nodes.bag import Bag, BagError
+from ca_ros.nodes.bringup_options import commands, parse
+from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.recorder import Recorder
-from ca_ros.nodes.vehicle_node import split
-from ca_ros.parameters import METHODS, ParameterError, find
+from ca_ros.parameters import ParameterError
 from ca_ros.processes import Processes
 from ca_ros.vehicle import Vehicle
-
-NODES = ('controller', 'allocator', 'simulator')
-"""In the order in which they end: no command may come from a loop that is half stopped."""
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 START_TIMEOUT = 30.0
@@ -43,7 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Segments in shared memory, left behind by a killed process, would delay the next start by
     # seconds.
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
-    options = _parse(sys.argv[1:] if argv is None else argv)
+    # The matrices are small, and the threads of BLAS would only wait for work.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    options = parse(sys.argv[1:] if argv is None else argv)
     interrupts: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: interrupts.append(received))
@@ -51,135 +54,88 @@ def main(argv: Sequence[str] | None = None) -> int:
         vehicle = Vehicle.load(options.params_file or options.vehicle)
         options.out.mkdir(parents=True, exist_ok=True)
         validate_namespace(options.namespace)
+        bag = Bag(options.bag) if options.bag else None
     except InvalidNamespaceException:
         print(f'bringup: --namespace: {options.namespace} is not a namespace', file=sys.stderr)
         return 1
-    except (ParameterError, OSError) as error:
+    except (ParameterError, BagError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
     waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
     try:
-        flight, wall = _fly(options, waypoint, interrupts)
-    except Stopped as stopped:
+        flight, wall, respawned = _fly(options, waypoint, interrupts, bag)
+    except (Stopped, BagError) as stopped:
         print(f'bringup: {stopped}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
     flight.write_csv(options.out / 'flight.csv')
-    draw_flight(options.out / 'flight.png', flight, vehicle, waypoint)
-    return 0 if _report(options, vehicle, waypoint, flight, wall) else 1
-
-
-def _parse(argv: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='bringup',
-        description='Start controller, allocator and simulator, fly to a waypoint, and report.',
-        epilog='ROS arguments after --ros-args go to the three nodes.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        '--method',
-        choices=METHODS,
-        help="allocation method (default: the parameter file's)",
-        default=argparse.SUPPRESS,
-    )
-    parser.add_argument(
-        '--mode',
-        choices=('realtime', 'lockstep'),
-        default='realtime',
-        help='follow the clock, or step as fast as possible',
-    )
-    parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
-    parser.add_argument(
-        '--waypoint',
-        type=_finite,
-        nargs=3,
-        default=(1.0, 1.0, 1.0),
-        metavar=('X', 'Y', 'Z'),
-        help='position to fly to [m]',
-    )
-    parser.add_argument(
-        '--heading', type=_finite, default=45.0, help='heading to turn to [degrees]'
-    )
-    parser.add_argument(
-        '--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results'
-    )
-    parser.add_argument(
-        '--vehicle', default='hexarotor', help='a shipped vehicle or a parameter file'
-    )
-    parser.add_argument(
-        '--params-file', metavar='FILE', help='the same, by path alone', default=argparse.SUPPRESS
-    )
-    parser.add_argument(
-        '--namespace', default='/', help='namespace of the nodes, for instance /uav1'
-    )
-    own, ros = split(argv)
-    options = parser.parse_args(own)
-    options.ros = ros
-    options.method = getattr(options, 'method', None)
-    options.params_file = getattr(options, 'params_file', None)
-    if not options.namespace.startswith('/'):
-        options.namespace = f'/{options.namespace}'
-    return options
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f'{text} is not a finite number')
-    return number
-
-
-def _positive(text: str) -> float:
-    number = _finite(text)
-    if number <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text} is not positive')
-    return number
-
-
-def _commands(options: argparse.Namespace) -> dict[str, list[str]]:
-    arguments = [
-        '--ros-args',
-        '--params-file',
-        str(find(options.params_file or options.vehicle).resolve()),
-        '-p',
-        f'mode:={options.mode}',
-        '-r',
-        f'__ns:={options.namespace}',
-    ]
-    if options.method:
-        arguments += ['-p', f'allocation.method:={options.method}']
-    arguments += ['--', *options.ros]
-    return {name: [sys.executable, '-m', f'ca_ros.nodes.{name}', *arguments] for name in NODES}
+    figure = draw_flight(flight, vehicle, waypoint)
+    files = [options.out / 'flight.csv', *save(figure, options.out / 'flight', options.figures)]
+    reached = _report(options, vehicle, waypoint, flight, wall)
+    print(f'  written       {", ".join(map(str, files))}')
+    if respawned:
+        counts = ', '.join(f'{name} {count}' for name, count in respawned.items())
+        print(f'  respawned     {counts}')
+    if bag:
+        print(f'  bag           {bag}')
+    return 0 if reached else 1
 
 
 def _fly(
-    options: argparse.Namespace, waypoint: Waypoint, interrupts: list[int]
-) -> tuple[Flight, float]:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    recorder = Recorder(options.namespace)
+    options: argparse.Namespace, waypoint: Waypoint, interrupts: list[int], bag: Bag | None
+) -> tuple[Flight, float, Counter[str]]:
+    enclave = f'{options.namespace.rstrip("/")}/recorder'
+    rclpy.init(
+        args=['--ros-args', '--enclave', enclave], signal_handler_options=SignalHandlerOptions.NO
+    )
+    links = [*LINKS]
+    if options.faults is not None:
+        links += [f'{PREFIX}{topic}' for topic in LINKS]
+    recorder = Recorder(options.namespace, links)
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
     try:
-        with Processes(_commands(options)) as processes:
+        # The bag is complete when the nodes have ended.
+        with bag or nullcontext(), Processes(commands(options)) as processes:
+            if bag:
+                bag.listen(options.namespace)
 
             def spin() -> None:
                 executor.spin_once(timeout_sec=0.1)
+                if bag:
+                    bag.write()
                 if interrupts:
                     raise Stopped(f'interrupted by {signal.Signals(interrupts[0]).name}')
-                if ended := processes.ended():
+                ended = processes.ended()
+                if ended and (not options.respawn or processes.hopeless()):
                     raise Stopped(
                         ', '.join(
                             f'the {name} ended with exit code {code}'
                             for name, code in ended.items()
                         )
                     )
-
-            deadline = time.monotonic() + START_TIMEOUT
-            while missing := recorder.missing():
-                spin()
-                if time.monotonic() > deadline:
-                    raise Stopped(
-                        f'after {START_TIMEOUT:g} s there is nobody on {", ".join(missing)}'
+                for name, code in processes.respawn().items() if ended else ():
+                    anew = ''
+                    if name == 'simulator':
+                        # So that nothing moves before the recorder sees it.
+                        processes.restart('controller')
+                        recorder.restart()
+                        anew = ', and the controller too: the flight begins anew, from rest'
+                    tqdm.write(
+                        f'bringup: the {name} ended with exit code {code} and is started again'
+                        f'{anew}',
+                        file=sys.stderr,
                     )
+
+            def wait(missing: Callable[[], list[str]]) -> None:
+                deadline = time.monotonic() + START_TIMEOUT
+                while topics := missing():
+                    spin()
+                    if time.monotonic() > deadline:
+                        raise Stopped(
+                            f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
+                        )
+
+            wait(lambda: recorder.missing() + (bag.missing() if bag else []))
             recorder.send(waypoint)
             began = time.monotonic()
             with tqdm(
@@ -192,15 +148,21 @@ def _fly(
                 progress, last = 0.0, time.monotonic()
                 while progress < options.duration:
                     spin()
-                    if recorder.elapsed > progress:
-                        bar.update(min(recorder.elapsed, options.duration) - progress)
+                    if recorder.waiting and not recorder.missing():
+                        recorder.send(waypoint)
+                    if recorder.elapsed != progress:
+                        bar.update(min(recorder.elapsed, options.duration) - bar.n)
                         progress, last = recorder.elapsed, time.monotonic()
                     elif time.monotonic() - last > START_TIMEOUT:
                         raise Stopped(
                             f'the flight has stood still at {progress:.2f} s '
                             f'for {START_TIMEOUT:g} s'
                         )
-            return recorder.flight(options.duration), time.monotonic() - began
+            if bag:
+                end = recorder.end(options.duration)
+                wait(lambda: bag.behind(end))
+            wall = time.monotonic() - began
+            return recorder.flight(options.duration), wall, processes.respawned
     finally:
         executor.shutdown()
         recorder.destroy_node()
@@ -222,8 +184,7 @@ def _report(
         f'{math.degrees(heading_error):.3f} degrees away\n'
         f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,\n'
         f'                {speeds.min():.1f} to {speeds.max():.1f} rad/s in flight, '
-        f'{"within" if inside else "OUT OF"} bounds\n'
-        f'  written       {options.out / "flight.csv"}, {options.out / "flight.png"}'
+        f'{"within" if inside else "OUT OF"} bounds'
     )
     return reached
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ class Controller(VehicleNode):
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
+        self._open = False
         super().__init__(name)
         self._wrench = self.create_publisher(WrenchStamped, 'command/wrench', offered(self.mode))
         self.listen(PoseStamped, 'local_position/pose', self._receive_pose)
@@ -53,10 +55,12 @@ class Controller(VehicleNode):
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
-        length = np.linalg.norm(attitude)
+        length = hypot(*attitude.tolist())
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
+            self.counts['refused waypoints'] += 1
             self.get_logger().warning(
-                f'refused a waypoint that is not a pose: {position} m, quaternion {attitude}'
+                f'refused a waypoint that is not a pose: {position} m, quaternion {attitude}',
+                throttle_duration_sec=1.0,
             )
             return
         self._waypoint = Waypoint(position, attitude)
@@ -65,7 +69,8 @@ class Controller(VehicleNode):
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self.counts['received'] += 1
-        self._pose = message
+        self.counts['unanswered'] += self._open
+        self._pose, self._open = message, True
         self._answer()
 
     def _receive_velocity(self, message: TwistStamped) -> None:
@@ -80,15 +85,17 @@ class Controller(VehicleNode):
             or self._pose.header.stamp != self._velocity.header.stamp
         ):
             return
+        first, self._open = self._open, False
         wrench = np.zeros(len(AXES))
         try:
             wrench[self._rows] = self.law.wrench(
                 *pose_arrays(self._pose), *twist_arrays(self._velocity), self._waypoint
             )
         except ValueError as error:
-            self.drop('state', f'state: {error}')
+            if first:
+                self.drop('state', f'state: {error}')
             return
-        self.counts['served'] += 1
+        self.counts['served' if first else 'served anew'] += 1
         self._wrench.publish(
             wrench_message(wrench, Header(stamp=self._pose.header.stamp, frame_id='base_link'))
         )

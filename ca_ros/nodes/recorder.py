@@ -2,54 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.controller import Waypoint
+from ca_ros.faults import LINKS
 from ca_ros.flight import Flight
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
 from ca_ros.nodes.qos import COMMAND, LOCKSTEP_DEPTH
-
-LINKS = (
-    'command/wrench',
-    'command/motor_speed',
-    'local_position/pose',
-    'local_position/velocity_body',
-)
-"""The topics that join the three nodes."""
 
 
 class Recorder(Node):
     """Gathers what the simulator publishes into samples, by their stamps."""
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, links: Iterable[str] = LINKS) -> None:
         super().__init__('recorder', namespace=namespace)
-        self._samples: dict[int, dict[str, np.ndarray]] = {}
+        self._links = links
+        self._waypoint = self.create_publisher(
+            PoseStamped,
+            'command/pose',
+            COMMAND,
+            event_callbacks=PublisherEventCallbacks(matched=self._greet),
+        )
+        self._streams: list[Subscription] = []
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the flight, which begins anew, and what is still on its way of it."""
+        self._goal: Waypoint | None = None
+        for stream in self._streams:
+            self.destroy_subscription(stream)
         everything = QoSProfile(
             reliability=ReliabilityPolicy.RELIABLE,
             history=HistoryPolicy.KEEP_LAST,
             depth=LOCKSTEP_DEPTH,
         )
-        self._waypoint = self.create_publisher(PoseStamped, 'command/pose', COMMAND)
-        self.create_subscription(
-            PoseStamped, 'local_position/pose', self._receive_pose, everything
-        )
-        self.create_subscription(
-            TwistStamped, 'local_position/velocity_body', self._receive_velocity, everything
-        )
-        self.create_subscription(
-            Float64MultiArray, 'motor_speed', self._receive_speeds, everything
-        )
+        self._streams = [
+            self.create_subscription(kind, topic, receive, everything)
+            for kind, topic, receive in (
+                (PoseStamped, 'local_position/pose', self._receive_pose),
+                (TwistStamped, 'local_position/velocity_body', self._receive_velocity),
+                (Float64MultiArray, 'motor_speed', self._receive_speeds),
+            )
+        ]
+        self._samples: dict[int, dict[str, np.ndarray]] = {}
         self._start: int | None = None
         self._last: int | None = None
 
     def missing(self) -> list[str]:
         """Return the links of the loop that are not there yet, in words."""
         ends = {
-            topic: (self.count_publishers(topic), self.count_subscribers(topic)) for topic in LINKS
+            topic: (self.count_publishers(topic), self.count_subscribers(topic))
+            for topic in self._links
         }
         lacking = [
             topic
@@ -64,6 +75,7 @@ class Recorder(Node):
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors begin to turn."""
+        self._goal = waypoint
         message = PoseStamped()
         message.header.frame_id = 'map'
         message.header.stamp = self.get_clock().now().to_msg()
@@ -73,11 +85,25 @@ class Recorder(Node):
         self._waypoint.publish(message)
 
     @property
+    def waiting(self) -> bool:
+        """Whether no waypoint has been sent yet."""
+        return self._goal is None
+
+    def _greet(self, event: QoSPublisherMatchedInfo) -> None:
+        """Send the waypoint to a controller that came later, or came back."""
+        if self._goal is not None and event.current_count_change > 0:
+            self.send(self._goal)
+
+    @property
     def elapsed(self) -> float:
         """Time of the flight so far [s]."""
         if self._start is None or self._last is None:
             return 0.0
         return (self._last - self._start) / 1e9
+
+    def end(self, duration: float) -> int:
+        """Return the stamp with which a flight that lasts `duration` [s] ends [ns]."""
+        return (self._start or 0) + round(duration * 1e9)
 
     def flight(self, duration: float) -> Flight:
         """Return the complete samples of the first `duration` seconds."""

@@ -39,6 +39,8 @@ except ImportError:
 
 DEFAULT_VEHICLE = 'hexarotor'
 
+MISMATCH = 'type or quality of service'
+
 WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
 RCLError = rclpy_implementation.RCLError
 RCLInvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
@@ -68,6 +70,9 @@ class VehicleNode(Node):
             given[key] = self.declare_parameter(key, default, descriptor).value
         given.update({key: override.value for key, override in self._parameter_overrides.items()})
         self.parameters = complete(given)
+        strangers = [key for key in self._parameter_overrides if not self.has_parameter(key)]
+        if strangers:
+            self.get_logger().warning(f'no parameters of this node: {", ".join(strangers)}')
         self._candidate: tuple[dict[str, Any], Any] | None = None
         self.mode = str(self.parameters['mode'])
         self.adopt(self.build(self.parameters))
@@ -142,14 +147,18 @@ class VehicleNode(Node):
         self._diagnostics.update()
 
     def _look_around(self) -> None:
-        """Note who publishes what the node listens to, and whether something was dropped."""
+        """Note who is at the other ends of the topics, and whether something was dropped."""
         notes = []
         for stream in self._streams:
             topic, matched = stream.topic_name, stream.get_publisher_count()
             if matched > 1:
                 notes.append((WARN, f'{matched} publishers on {topic}'))
             if self.count_publishers(topic) > matched:
-                notes.append((WARN, f'a publisher on {topic} offers another quality of service'))
+                notes.append((WARN, f'a publisher on {topic} offers another {MISMATCH}'))
+        for publisher in self.publishers:
+            topic = publisher.topic_name
+            if self.count_subscribers(topic) > publisher.get_subscription_count():
+                notes.append((WARN, f'a subscriber to {topic} asks for another {MISMATCH}'))
         for _, note in notes:
             if (WARN, note) not in self._notes:
                 self.get_logger().warning(note)

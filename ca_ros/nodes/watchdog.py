@@ -36,13 +36,18 @@ class Watchdog:
         """Whether there has been a command."""
         return self._last is not None
 
+    @property
+    def over(self) -> bool:
+        """Whether the time is over."""
+        return self._last is not None and monotonic() - self._last > self.timeout
+
     def feed(self) -> None:
         """Take note of a command."""
         self._last = monotonic()
 
     def look(self) -> bool:
-        """Tell whether the time is over."""
-        self.expired = self._last is not None and monotonic() - self._last > self.timeout
+        """Tell whether the time is over, and remember it."""
+        self.expired = self.over
         return self.expired
 
 

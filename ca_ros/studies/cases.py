@@ -15,13 +15,14 @@ import yaml
 
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
+from ca_ros.figures import add_option
 from ca_ros.parameters import PARAMETERS, ParameterError, complete, load
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import audit
 
-BUILT_IN = ('exact', 'pseudo_inverse', 'conventional', 'direct')
-"""The four methods, in the order of the paper's Table 1."""
+BUILT_IN = tuple(ALLOCATORS)
+"""Those of the package, the four of the paper in the order of its Table 1."""
 
 FOR_COMPARISON: dict[str, type[Allocator]] = {'osqp_default': PlainOsqp, 'osqp_tight': TightOsqp}
 """Solvers without the finish of `exact`; only studies know them."""
@@ -40,7 +41,7 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
         default='all',
         metavar='A,B',
         help=f'what to compare: {", ".join([*BUILT_IN, *FOR_COMPARISON])}, module:Class for a '
-        'method of your own, all for the first four',
+        f'method of your own, all for the first {len(BUILT_IN)}',
     )
     made.add_argument(
         '-p',
@@ -53,6 +54,7 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     made.add_argument(
         '--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results'
     )
+    add_option(made)
     return made
 
 

@@ -143,7 +143,7 @@ def _write(
     text = json.dumps(figures, indent=2) + '\n'
     (options.out / 'dynamic.json').write_text(text, encoding='utf-8')
     (options.out / 'dynamic.md').write_text(report(figures), encoding='utf-8')
-    draw(options.out, flights, case.vehicle, WAYPOINT)
+    draw(options.out, flights, case.vehicle, WAYPOINT, options.figures)
     return figures
 
 

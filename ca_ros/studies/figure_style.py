@@ -8,11 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure, SubFigure
 
-from ca_ros import figures
 from ca_ros.figures import COLORS
-
-DASHED: dict[str, Any] = {**figures.DASHED}
-"""Waypoints and bounds."""
 
 STYLES: dict[str, dict[str, Any]] = {
     'exact': {'color': COLORS[5], 'linestyle': '-'},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -12,26 +12,28 @@ from matplotlib.figure import Figure
 
 from ca_ros.arrays import Array
 from ca_ros.controller import Waypoint
-from ca_ros.figures import COLORS, STYLE
+from ca_ros.figures import COLORS, DASHED, STYLE, save
 from ca_ros.flight import Flight
-from ca_ros.studies.figure_style import DASHED, coinciding, legend, sheet, title
+from ca_ros.studies.figure_style import coinciding, legend, sheet, title
 from ca_ros.studies.flight_metrics import steady
 from ca_ros.vehicle import Vehicle
 
 
 def draw(
-    out: Path, flights: Mapping[str, Flight], vehicle: Vehicle, waypoint: Waypoint
+    out: Path,
+    flights: Mapping[str, Flight],
+    vehicle: Vehicle,
+    waypoint: Waypoint,
+    formats: Sequence[str],
 ) -> list[Path]:
-    """Draw position.png, attitude.png and rotor_speeds.png into a folder; return the files."""
+    """Draw position, attitude and rotor_speeds into a folder; return the files."""
     with matplotlib.rc_context(STYLE):
         figures = {
-            'position.png': draw_position(flights, waypoint),
-            'attitude.png': draw_attitude(flights, waypoint),
-            'rotor_speeds.png': draw_speeds(flights, vehicle),
+            'position': draw_position(flights, waypoint),
+            'attitude': draw_attitude(flights, waypoint),
+            'rotor_speeds': draw_speeds(flights, vehicle),
         }
-    for name, figure in figures.items():
-        figure.savefig(out / name, dpi=200)
-    return [out / name for name in figures]
+    return [file for name, drawn in figures.items() for file in save(drawn, out / name, formats)]
 
 
 def draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:

@@ -97,7 +97,13 @@ def draw_violations(admissible: AdmissibleSet, evaluation: Evaluation) -> Figure
         (outline,) = axes.fill(*cut.outline.T, facecolor='0.92')
         if worst > VIOLATION:
             image = axes.pcolormesh(
-                *cut.grid(CELLS), field, cmap='viridis_r', vmin=0.0, vmax=worst
+                *cut.grid(CELLS),
+                field,
+                cmap='viridis_r',
+                vmin=0.0,
+                vmax=worst,
+                # As a vector graphic each cell would be a polygon: 100 MB.
+                rasterized=True,
             )
             image.set_clip_path(outline)
             # Lest the outline lie on the frame.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ca_ros.admissible_set import AdmissibleSet
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
-from ca_ros.figures import STYLE
+from ca_ros.figures import STYLE, save
 from ca_ros.studies.evaluation import Evaluation
 from ca_ros.studies.figure_style import legend, sheet, styles, title
 from ca_ros.studies.section_figures import draw_slices, draw_violations
@@ -30,22 +30,23 @@ def draw(
     kept: Mapping[str, Evaluation],
     times: Mapping[str, Times],
     batch: bool,
+    formats: Sequence[str],
 ) -> list[Path]:
     """Draw all figures of a static study into a folder; return their files."""
     with matplotlib.rc_context(STYLE):
         figures = {
-            'errors.png': draw_errors(kept),
-            'latency.png': draw_latency(times, batch),
-            'slices.png': draw_slices(admissible, allocators),
+            'errors': draw_errors(kept),
+            'latency': draw_latency(times, batch),
+            'slices': draw_slices(admissible, allocators),
         }
         if 'pseudo_inverse' in allocators:
-            figures['violations.png'] = draw_violations(admissible, kept['pseudo_inverse'])
-    drawn = []
-    for name, figure in figures.items():
-        if figure is not None:
-            figure.savefig(out / name, dpi=200)
-            drawn.append(out / name)
-    return drawn
+            figures['violations'] = draw_violations(admissible, kept['pseudo_inverse'])
+    return [
+        file
+        for name, drawn in figures.items()
+        if drawn is not None
+        for file in save(drawn, out / name, formats)
+    ]
 
 
 def draw_errors(kept: Mapping[str, Evaluation]) -> Figure:

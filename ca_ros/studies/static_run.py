@@ -163,12 +163,12 @@ class Study:
     def _samples(self, start: int, end: int) -> Array:
         return samples(self.admissible, self.sampling, self.seed, start, end)
 
-    def write(self, out: Path) -> list[Path]:
+    def write(self, out: Path, formats: Sequence[str] = ('png',)) -> list[Path]:
         """Write summary, table and figures of what is done; return their files."""
         figures = self.figures()
         (out / 'static.json').write_text(json.dumps(figures, indent=2) + '\n', encoding='utf-8')
         (out / 'static.md').write_text(report(figures), encoding='utf-8')
         kept = {name: join(parts) for name, parts in self.kept.items()}
         times = {name: summary.times for name, summary in self.summaries.items()}
-        drawn = draw(out, self.admissible, self.allocators, kept, times, self.batch)
+        drawn = draw(out, self.admissible, self.allocators, kept, times, self.batch, formats)
         return [out / 'static.csv', out / 'static.json', out / 'static.md', *drawn]

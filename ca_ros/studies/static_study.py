@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # An error in a method of the user's own is to be seen whole.
         try:
             study.run(options.out, stop)
-            files = study.write(options.out) if study.done else []
+            files = study.write(options.out, options.figures) if study.done else []
         except (AnswerError, OSError) as error:
             print(f'static_study: {error}', file=sys.stderr)
             return 1

@@ -1,0 +1,95 @@
+"""What this installation of ca_ros has: ``python -m ca_ros``."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+from importlib.metadata import PackageNotFoundError, distribution
+from importlib.util import find_spec
+from pathlib import Path
+
+from ca_ros.allocation import ALLOCATORS
+from ca_ros.parameters import ParameterError, config_directory
+from ca_ros.vehicle import Vehicle
+
+DOCS = {
+    'README.md': 'how to run it, topics, parameters, results',
+    'docs/': 'how the exact allocator works, guides, reproduction of the paper',
+    'examples/': 'from rotor speeds to Gazebo, PX4 and ros2_control',
+}
+
+
+def main() -> None:
+    """Print it."""
+    argparse.ArgumentParser(
+        prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
+    ).parse_args()
+    version, programs = installed()
+    sections = {
+        'executables, each with --help': programs,
+        'vehicles, for --vehicle and Vehicle.load': vehicles(),
+        'methods, for --method and make_allocator': {
+            name: first_line(kind.__doc__) for name, kind in ALLOCATORS.items()
+        },
+        'documentation, with the sources': DOCS,
+    }
+    print(f'ca_ros {version} in {Path(__file__).parent}\nrclpy: {rclpy()}')
+    width = max(len(name) for lines in sections.values() for name in lines)
+    for title, lines in sections.items():
+        print(f'\n{title}:')
+        for name, text in lines.items():
+            print(f'  {name:{width}}  {text}')
+
+
+def installed() -> tuple[str, dict[str, str]]:
+    """Return the version, and what each executable is by the first line of its module."""
+    try:
+        package = distribution('ca_ros')
+    except PackageNotFoundError:
+        return '(not installed: no executables)', {}
+    programs = sorted(
+        (point for point in package.entry_points if point.group == 'console_scripts'),
+        key=lambda point: point.name,
+    )
+    return package.version, {point.name: summary(point.module) for point in programs}
+
+
+def summary(module: str) -> str:
+    """Return the first line of a module's docstring without importing it, as it may need ROS."""
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        return 'missing: reinstall the package'
+    return first_line(ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding='utf-8'))))
+
+
+def first_line(docstring: str | None) -> str:
+    """Return the first line of a docstring."""
+    return (docstring or '').strip().partition('\n')[0]
+
+
+def vehicles() -> dict[str, str]:
+    """Return the shipped vehicles."""
+    try:
+        files = sorted(config_directory().glob('*.yaml'))
+    except ParameterError as error:
+        return {'none': str(error)}
+    found = {}
+    for file in files:
+        vehicle = Vehicle.load(file)
+        found[file.stem] = f'{vehicle.n} rotors, {vehicle.mass:g} kg, {", ".join(vehicle.axes)}'
+    return found
+
+
+def rclpy() -> str:
+    """Say where rclpy comes from, without importing it."""
+    spec = find_spec('rclpy')
+    if spec is None or spec.origin is None:
+        return (
+            "absent, and with it the nodes: source ROS 2 Jazzy, or install ca_ros's extra 'ros' "
+            '(x86-64 Linux)'
+        )
+    return str(Path(spec.origin).parent)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,204 @@
+"""A bag: every message of the vehicle in a file that ros2 bag, Foxglove and PlotJuggler read."""
+
+from __future__ import annotations
+
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import Log
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Float64MultiArray, Int8MultiArray
+
+from ca_ros.nodes.messages import nanoseconds, speeds_stamp
+from ca_ros.nodes.qos import LOCKSTEP_DEPTH
+
+TOPICS: dict[str, Any] = {
+    'command/pose': PoseStamped,
+    'command/wrench': WrenchStamped,
+    'command/motor_speed': Float64MultiArray,
+    'motor_speed': Float64MultiArray,
+    'local_position/pose': PoseStamped,
+    'local_position/velocity_body': TwistStamped,
+    'allocator/allocated_wrench': WrenchStamped,
+    'allocator/residual': WrenchStamped,
+    'allocator/saturation': Int8MultiArray,
+    '/diagnostics': DiagnosticArray,
+    '/rosout': Log,
+}
+"""What is recorded; relative names are the vehicle's own, each with one publisher."""
+
+LOOP = tuple(TOPICS)[1:6]
+"""The topics on which a message comes with each step, with its stamp."""
+
+LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
+
+INFINITE = (9223372036, 854775807)
+"""RMW_DURATION_INFINITE [s, ns]."""
+
+
+class BagError(RuntimeError):
+    """The bag cannot be written."""
+
+
+class Bag:
+    """Writes the messages of `TOPICS` to an MCAP file with the metadata of rosbag2.
+
+    Parameters
+    ----------
+    path : Path
+        The folder to make.
+
+    Attributes
+    ----------
+    path : Path
+    counts : dict of str to int
+        Messages written, by topic.
+    lost : int
+        Messages on the vehicle's own topics that were sent but never came.
+
+    Raises
+    ------
+    BagError
+        If the folder is there already or cannot be made, or there is no `rosbags`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if find_spec('rosbags') is None:
+            raise BagError("--bag needs rosbags: pip install rosbags, or ca_ros's extra 'bag'")
+        from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+        from rosbags.typesys import Stores, get_typestore
+
+        self.path, self.counts, self.lost = path, dict.fromkeys(TOPICS, 0), 0
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._node: Node | None = None
+        self._subscriptions: dict[str, Any] = {}
+        self._connections: dict[str, Any] = {}
+        self._sequence: dict[str, int] = {}
+        self._newest: dict[str, bytes] = {}
+        try:
+            # Version 9 is Jazzy's.
+            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer.open()
+        except (WriterError, OSError) as error:
+            raise BagError(f'--bag: {error}') from None
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def listen(self, namespace: str) -> None:
+        """Subscribe to all topics, with a node of its own that `write` serves, and no executor."""
+        self._node = Node(
+            'bag', namespace=namespace, start_parameter_services=False, enable_rosout=False
+        )
+        for topic, kind in TOPICS.items():
+            # But for the depth this is also what the publishers offer.
+            qos = QoSProfile(
+                reliability=ReliabilityPolicy.RELIABLE,
+                history=HistoryPolicy.KEEP_LAST,
+                depth=LOCKSTEP_DEPTH,
+                durability=LATCHED if topic == '/rosout' else DurabilityPolicy.VOLATILE,
+            )
+            subscription = self._node.create_subscription(kind, topic, print, qos, raw=True)
+            self._subscriptions[topic] = subscription
+            self._connections[topic] = self._writer.add_connection(
+                subscription.topic_name,
+                f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}',
+                typestore=self._types,
+                offered_qos_profiles=[_noted(qos)],
+            )
+
+    def missing(self) -> list[str]:
+        """Return the topics that nobody publishes yet."""
+        return [
+            topic
+            for topic, subscription in self._subscriptions.items()
+            if not subscription.get_publisher_count()
+        ]
+
+    def write(self) -> None:
+        """Write all that has come since the last call, under the time at which it came."""
+        for topic, subscription in self._subscriptions.items():
+            with subscription.handle:
+                # An executor would take several times as long for a message.
+                while taken := subscription.handle.take_message(subscription.msg_type, True):
+                    self._put(topic, *taken)
+
+    def _put(self, topic: str, message: bytes, info: dict[str, Any]) -> None:
+        try:
+            self._writer.write(self._connections[topic], info['received_timestamp'], message)
+        except OSError as error:
+            raise BagError(f'--bag: {self.path}: {error}') from None
+        self.counts[topic] += 1
+        self._newest[topic] = message
+        if not topic.startswith('/'):
+            before, number = self._sequence.get(topic), info['publication_sequence_number']
+            # A publisher that was started anew begins again at one.
+            if before is not None and number > before:
+                self.lost += number - before - 1
+            self._sequence[topic] = number
+
+    def behind(self, time: int) -> list[str]:
+        """Return the topics of the loop on which nothing as new as a stamp [ns] has come yet."""
+        return [topic for topic in LOOP if self._stamp(topic) < time]
+
+    def _stamp(self, topic: str) -> int:
+        if topic not in self._newest:
+            return -1
+        message: Any = deserialize_message(self._newest[topic], TOPICS[topic])
+        if isinstance(message, Float64MultiArray):
+            time = speeds_stamp(message)
+            return -1 if time is None else time
+        return nanoseconds(message.header.stamp)
+
+    def close(self) -> None:
+        """Write the rest and complete the file; a bag without any message is removed."""
+        try:
+            self.write()
+            if sum(self.counts.values()):
+                self._writer.close()
+            else:
+                self._writer.abort()
+                shutil.rmtree(self.path)
+        except OSError as error:
+            raise BagError(f'--bag: {self.path}: {error}') from None
+        finally:
+            if self._node is not None:
+                self._node.destroy_node()
+
+    def __str__(self) -> str:
+        written = sum(map(bool, self.counts.values()))
+        lost = f'{self.lost} LOST' if self.lost else 'none lost'
+        return f'{self.path}: {sum(self.counts.values())} messages on {written} topics, {lost}'
+
+
+def _noted(qos: QoSProfile) -> Any:
+    """Return a profile in the form that is written into a bag; the numbers are those of rmw."""
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    return Qos(
+        QosHistory(qos.history.value),
+        qos.depth,
+        QosReliability(qos.reliability.value),
+        QosDurability(qos.durability.value),
+        QosTime(*INFINITE),
+        QosTime(*INFINITE),
+        QosLiveliness.AUTOMATIC,
+        QosTime(*INFINITE),
+        False,
+    )

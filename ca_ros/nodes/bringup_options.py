@@ -1,0 +1,151 @@
+"""The options of the bringup script, and the commands that start the nodes with them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ca_ros.faults import FAULTS
+from ca_ros.figures import add_option
+from ca_ros.methods import METHODS
+from ca_ros.nodes.fault_proxy import remaps
+from ca_ros.nodes.vehicle_node import split
+from ca_ros.parameters import find
+
+NODES = ('controller', 'allocator', 'simulator')
+"""In the order in which they end: no command may come from a loop that is half stopped."""
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """Return the options; what is for ROS is in `ros`."""
+    parser = argparse.ArgumentParser(
+        prog='bringup',
+        description='Start controller, allocator and simulator, fly to a waypoint, and report.',
+        epilog='ROS arguments after --ros-args go to the three nodes.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument(
+        '--method',
+        choices=METHODS,
+        help="allocation method (default: the parameter file's)",
+        default=argparse.SUPPRESS,
+    )
+    parser.add_argument(
+        '--mode',
+        choices=('realtime', 'lockstep'),
+        default='realtime',
+        help='follow the clock, or step as fast as possible',
+    )
+    parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
+    parser.add_argument(
+        '--waypoint',
+        type=_finite,
+        nargs=3,
+        default=(1.0, 1.0, 1.0),
+        metavar=('X', 'Y', 'Z'),
+        help='position to fly to [m]',
+    )
+    parser.add_argument(
+        '--heading', type=_finite, default=45.0, help='heading to turn to [degrees]'
+    )
+    parser.add_argument(
+        '--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results'
+    )
+    add_option(parser)
+    parser.add_argument(
+        '--bag',
+        type=Path,
+        metavar='DIR',
+        help='record every message into this new folder, as an MCAP bag of rosbag2',
+        default=argparse.SUPPRESS,
+    )
+    parser.add_argument(
+        '--respawn',
+        action='store_true',
+        help='start a node that ends again; without its simulator the flight begins anew',
+    )
+    parser.add_argument(
+        '--faults',
+        type=_faults,
+        metavar='PARAMETERS',
+        help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
+        default=argparse.SUPPRESS,
+    )
+    parser.add_argument(
+        '--vehicle', default='hexarotor', help='a shipped vehicle or a parameter file'
+    )
+    parser.add_argument(
+        '--params-file', metavar='FILE', help='the same, by path alone', default=argparse.SUPPRESS
+    )
+    parser.add_argument(
+        '--namespace', default='/', help='namespace of the nodes, for instance /uav1'
+    )
+    own, ros = split(argv)
+    options = parser.parse_args(own)
+    options.ros = ros
+    options.method = getattr(options, 'method', None)
+    options.params_file = getattr(options, 'params_file', None)
+    options.bag = getattr(options, 'bag', None)
+    options.faults = getattr(options, 'faults', None)
+    if not options.namespace.startswith('/'):
+        options.namespace = f'/{options.namespace}'
+    return options
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f'{text} is not a finite number')
+    return number
+
+
+def _positive(text: str) -> float:
+    number = _finite(text)
+    if number <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text} is not positive')
+    return number
+
+
+def _faults(text: str) -> list[str]:
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text}: {error}') from None
+    for word in words:
+        name, assigned, _ = word.partition(':=')
+        if not assigned or name not in FAULTS:
+            raise argparse.ArgumentTypeError(f'{word} is not a parameter of fault_proxy')
+        if name == 'topics':
+            raise argparse.ArgumentTypeError('topics: here they are all four')
+    return words
+
+
+def commands(options: argparse.Namespace) -> dict[str, list[str]]:
+    """Return the command line of each node by name."""
+    arguments = [
+        '--ros-args',
+        '--params-file',
+        str(find(options.params_file or options.vehicle).resolve()),
+        '-p',
+        f'mode:={options.mode}',
+        '-r',
+        f'__ns:={options.namespace}',
+    ]
+    if options.method:
+        arguments += ['-p', f'allocation.method:={options.method}']
+    arguments += ['--', *options.ros]
+    lines = {}
+    for name in NODES:
+        own = ['--ros-args', '--enclave', f'{options.namespace.rstrip("/")}/{name}']
+        if options.faults is not None:
+            own += remaps(name)
+        lines[name] = [sys.executable, '-m', f'ca_ros.nodes.{name}', *own, '--', *arguments]
+    if options.faults is not None:
+        own = ['--ros-args', '-r', f'__ns:={options.namespace}']
+        own += [word for parameter in options.faults for word in ('-p', parameter)]
+        lines['fault_proxy'] = [sys.executable, '-m', 'ca_ros.nodes.fault_proxy', *own]
+    return lines

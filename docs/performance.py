@@ -1,0 +1,48 @@
+"""Copy the tables of a full benchmark into README and docs/performance.md, between their marks."""
+
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+README, PAGE, FIGURE = DOCS.parent / 'README.md', DOCS / 'performance.md', DOCS / 'benchmark.png'
+FIRST = '## Percentiles'
+"""The first section of benchmark.md that is not for README."""
+
+
+def filled(text: str, content: str) -> str:
+    """Return a page with what stands between its marks made anew."""
+    new, count = re.subn(
+        r'(<!-- benchmark -->\n).*?(<!-- end of benchmark -->)',
+        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
+        text,
+        flags=re.DOTALL,
+    )
+    if count != 1:
+        raise ValueError(f'expected one place that is marked for the benchmark, got {count}')
+    return new
+
+
+def main(folder: Path) -> None:
+    """Take benchmark.json, benchmark.md and benchmark.png from a folder."""
+    if json.loads((folder / 'benchmark.json').read_text(encoding='utf-8'))['settings']['quick']:
+        sys.exit(f'{folder}: holds a quick benchmark, whose figures are not for the pages')
+    report = (folder / 'benchmark.md').read_text(encoding='utf-8').strip()
+    body = report.partition('\n')[2].strip()
+    pages = {
+        README: body.partition(FIRST)[0],
+        PAGE: f'![Times per call, and against the number of rotors]({FIGURE.name})\n\n{body}',
+    }
+    texts = {
+        page: filled(page.read_text(encoding='utf-8'), content.strip().replace('## ', '### '))
+        for page, content in pages.items()
+    }
+    shutil.copyfile(folder / 'benchmark.png', FIGURE)
+    for page, text in texts.items():
+        page.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else 'out/benchmark'))

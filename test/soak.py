@@ -1,0 +1,79 @@
+"""The long run: `make soak SOAK=600`, or `python test/soak.py --seconds 600`.
+
+First `endurance.py`, then the tests in `SERIES` in their long forms.  The figures end in a table
+and in soak.json.  The lengths in `SERIES` can be set in the environment, too.
+"""
+
+import argparse
+import json
+import os
+import platform
+import sys
+from datetime import datetime, timezone
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+
+SERIES = {
+    'test_fuzz.py': {'CA_ROS_FUZZ': '10000'},
+    'test_watchdog.py': {'CA_ROS_TIMEOUTS': '150'},
+    'test_end.py': {'CA_ROS_ENDS': '50'},
+    'test_kill.py': {'CA_ROS_KILLS': '50'},
+    'test_fault_proxy.py': {},
+}
+"""Files of tests, and how long they are to be."""
+
+
+class Figures:
+    """Gathers the outcomes of the tests, and what they have recorded."""
+
+    def __init__(self):
+        self.tests = {}
+
+    def pytest_runtest_logreport(self, report):
+        """Take down a test, and above all what went wrong in it."""
+        if report.when == 'call' or not report.passed:
+            self.tests[report.nodeid] = {
+                'outcome': report.outcome,
+                'time [s]': round(report.duration, 1),
+                'figures': dict(report.user_properties),
+            }
+
+
+def main():
+    """Run all; return pytest's exit code."""
+    parser = argparse.ArgumentParser(prog='soak', description=__doc__.splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=600.0, help='at 500 Hz (default: 600)')
+    parser.add_argument('--out', type=Path, default=HERE.parent / 'out' / 'soak', metavar='DIR')
+    arguments = parser.parse_args()
+    lengths = {'CA_ROS_SOAK': str(arguments.seconds)}
+    for length in SERIES.values():
+        lengths |= length
+    # Read when the tests are imported.
+    os.environ |= {**lengths, **{key: os.environ[key] for key in lengths if key in os.environ}}
+    os.environ['CA_ROS_SOAK'] = str(arguments.seconds)
+    files = [str(HERE / name) for name in ('endurance.py', *SERIES)]
+    figures = Figures()
+    code = pytest.main(['-q', '-p', 'no:cacheprovider', *files], plugins=[figures])
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    results = {
+        'date': datetime.now(timezone.utc).isoformat(timespec='seconds'),
+        'machine': f'{platform.machine()}, {os.cpu_count()} processors',
+        'python': platform.python_version(),
+        'versions': {name: version(name) for name in ('ca_ros', 'numpy')},
+        'lengths': {key: os.environ[key] for key in lengths},
+        'tests': figures.tests,
+    }
+    (arguments.out / 'soak.json').write_text(json.dumps(results, indent=2) + '\n')
+    for name, test in figures.tests.items():
+        print(f'{test["outcome"]:8}{test["time [s]"]:7.1f} s  {Path(name).name}')
+        for key, value in test['figures'].items():
+            print(f'{"":18} {key}: {value}')
+    return code
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,217 @@
+"""The bag of a flight, read by a reader that shares nothing with its writer."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from functools import reduce
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import PoseStamped
+
+from ca_ros.nodes.bag import LOOP, TOPICS, Bag
+from ros import DEADLINE, Graph
+
+pytest.importorskip('rosbags', reason="needs the extra 'bag'")
+make_reader = pytest.importorskip('mcap.reader', reason="needs the extra 'test'").make_reader
+DecoderFactory = pytest.importorskip('mcap_ros2.decoder').DecoderFactory
+
+LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'
+DURATION = 3.0
+
+
+class Recording:
+    """A bag that was read: messages by topic, in their order, and what the files say of them."""
+
+    def __init__(self, folder):
+        [file] = folder.glob('*.mcap')
+        self.types, self.messages = {}, defaultdict(list)
+        with file.open('rb') as stream:
+            reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+            self.summary = reader.get_summary()
+            for schema, channel, _, message in reader.iter_decoded_messages():
+                self.types[channel.topic] = schema.name
+                self.messages[channel.topic].append(message)
+        self.metadata = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))[
+            'rosbag2_bagfile_information']
+        assert self.metadata['relative_file_paths'] == [file.name]
+
+    def by_stamp(self, topic):
+        """Return the messages of a topic by their stamps [ns], the last one of each."""
+        return {_stamp(message): message for message in self.messages[topic]}
+
+
+def _stamp(message):
+    if hasattr(message, 'header'):
+        return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    # The allocator's last word, when it is ended, answers no state and has no stamp.
+    word, _, number = message.layout.dim[1].label.partition(' ')
+    return int(number) if word == 'stamp' else None
+
+
+@pytest.fixture(scope='module')
+def flight(tmp_path_factory):
+    """Return the bag of a flight in lockstep, its flight.csv and what bringup said."""
+    folder = tmp_path_factory.mktemp('flight')
+    with Graph() as graph:
+        process = graph.start_silent(
+            'bringup', '--mode', 'lockstep', '--duration', str(DURATION),
+            '--out', str(folder), '--bag', str(folder / 'bag'))
+        out, err = process.communicate(timeout=100)
+    assert (folder / 'flight.csv').is_file(), out + err
+    table = np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)
+    return Recording(folder / 'bag'), table, out
+
+
+def test_every_topic_is_there_with_its_type_and_count(flight):
+    recording, _, out = flight
+    expected = {
+        topic if topic.startswith('/') else f'/{topic}':
+        f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
+        for topic, kind in TOPICS.items()}
+    assert recording.types == expected
+    counts = {topic: len(messages) for topic, messages in recording.messages.items()}
+    noted = {
+        entry['topic_metadata']['name']: entry['message_count']
+        for entry in recording.metadata['topics_with_message_count']}
+    assert noted == counts
+    assert recording.metadata['message_count'] == sum(counts.values())
+    assert recording.summary.statistics.message_count == sum(counts.values())
+    assert f'{sum(counts.values())} messages on {len(expected)} topics, none lost' in out
+
+
+def test_the_type_hashes_are_those_on_the_wire(flight, graph):
+    noted = {
+        entry['topic_metadata']['type']: entry['topic_metadata']['type_description_hash']
+        for entry in flight[0].metadata['topics_with_message_count']}
+    for kind in set(TOPICS.values()):
+        graph.publisher(kind, kind.__name__)
+        def found(name=f'/{kind.__name__}'):
+            return graph.node.get_publishers_info_by_topic(name)
+
+        graph.spin_until(found, kind.__name__)
+        [end] = found()
+        assert noted[end.topic_type] == str(end.topic_type_hash)
+
+
+def test_no_step_is_missing_and_the_speeds_are_those_of_the_flight(flight):
+    recording, table, _ = flight
+    stamps = np.round(table['t'] * 1e9).astype(int).tolist()
+    assert len(stamps) == round(DURATION / 0.01) + 1
+    for topic in LOOP:
+        assert set(stamps) <= set(recording.by_stamp(f'/{topic}')), topic
+    for topic in ('allocated_wrench', 'residual'):
+        assert set(stamps) <= set(recording.by_stamp(f'/allocator/{topic}')), topic
+    # A step is taken once; before the first one, rest is published again and again.
+    often = Counter(_stamp(message) for message in recording.messages['/motor_speed'])
+    assert {often[stamp] for stamp in stamps[1:]} == {1}
+    speeds = recording.by_stamp('/motor_speed')
+    poses = recording.by_stamp('/local_position/pose')
+    for row, stamp in zip(table, stamps, strict=True):
+        assert list(speeds[stamp].data) == [row[f'speed_{i + 1}'] for i in range(6)]
+        assert poses[stamp].pose.position.z == row['z']
+
+
+def test_the_waypoint_and_the_log_are_there(flight):
+    [waypoint] = flight[0].messages['/command/pose']
+    assert waypoint.pose.position.x == 1.0
+    assert {'allocator', 'controller'} <= {each.name for each in flight[0].messages['/rosout']}
+
+
+# Layouts
+
+def test_the_layout_of_foxglove_shows_what_is_recorded(flight):
+    layout = json.loads((LAYOUTS / 'foxglove.json').read_text(encoding='utf-8'))
+    panels = layout['configById']
+    assert sorted(_leaves(layout['layout'])) == sorted(panels)
+    shown = set()
+    for panel in panels.values():
+        for path in panel.get('paths', []):
+            topic, dot, field = path['value'].partition('.')
+            assert _number(flight[0], topic, dot + field) is not None, path
+            shown.add(topic)
+        shown |= {*panel.get('topics', {}), *filter(None, [panel.get('topicToRender')])}
+    assert shown <= set(flight[0].types)
+
+
+def _leaves(node):
+    if isinstance(node, str):
+        return [node]
+    return _leaves(node['first']) + _leaves(node['second'])
+
+
+def test_the_layout_of_plotjuggler_shows_what_is_recorded(flight):
+    root = ElementTree.parse(LAYOUTS / 'plotjuggler.xml').getroot()
+    curves = [curve.get('name') for curve in root.iter('curve')]
+    assert len(curves) > 20
+    for curve in curves:
+        [topic] = [topic for topic in flight[0].types if curve.startswith(f'{topic}/')]
+        field = curve.removeprefix(topic).replace('/', '.')
+        # PlotJuggler makes these three of the quaternion.
+        field = re.sub(r'orientation\.(roll|pitch|yaw)$', 'orientation.w', field)
+        assert _number(flight[0], topic, field) is not None, curve
+    for splitter in root.iter('DockSplitter'):
+        assert int(splitter.get('count')) == len(splitter) == len(splitter.get('sizes').split(';'))
+
+
+def _number(recording, topic, path):
+    """Return the number at a path such as .data[0] of a topic's last message."""
+    steps = re.findall(r'\.(\w+)|\[(\d+)\]', path)
+    return float(reduce(
+        lambda value, step: getattr(value, step[0]) if step[0] else value[int(step[1])],
+        steps, recording.messages[topic][-1]))
+
+
+# Bags that are not to be had, or not to be finished
+
+def test_an_interrupted_flight_leaves_a_bag_that_can_be_read(graph, tmp_path):
+    process = graph.start_silent(
+        'bringup', '--duration', '1e6', '--namespace', 'uav1', '--out', str(tmp_path),
+        '--bag', str(tmp_path / 'bag'))
+    poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
+    graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.1, 'a flight')
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 130, out + err
+    assert 'Traceback' not in err
+    recording = Recording(tmp_path / 'bag')
+    heights = [each.pose.position.z for each in recording.messages['/uav1/local_position/pose']]
+    assert max(heights) > 0.1
+    assert {f'/uav1/{topic}' for topic in LOOP} <= set(recording.types)
+
+
+def test_a_folder_that_is_there_is_left_alone(graph, tmp_path):
+    (tmp_path / 'bag').mkdir()
+    process = graph.start_silent(
+        'bringup', '--out', str(tmp_path), '--bag', str(tmp_path / 'bag'))
+    out, err = process.communicate(timeout=DEADLINE)
+    assert (process.returncode, out) == (1, '')
+    [line] = err.splitlines()
+    assert line.startswith('bringup: --bag')
+    assert 'exists' in line
+    assert list((tmp_path / 'bag').iterdir()) == []
+
+
+def test_a_bag_without_a_message_is_removed(tmp_path):
+    with Bag(tmp_path / 'new' / 'bag') as bag:
+        assert bag.path.is_dir()
+    assert not bag.path.exists()
+
+
+def test_without_rosbags_its_extra_is_named(tmp_path):
+    script = (
+        'import sys; sys.modules["rosbags"] = None; from ca_ros.nodes.bringup import main; '
+        f'sys.exit(main(["--out", {str(tmp_path)!r}, "--bag", {str(tmp_path / "bag")!r}]))')
+    run = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (1, '')
+    [line] = run.stderr.splitlines()
+    assert line.startswith('bringup: --bag')
+    assert 'rosbags' in line
+    assert "'bag'" in line
+    assert not (tmp_path / 'bag').exists()

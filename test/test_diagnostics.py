@@ -1,0 +1,219 @@
+"""What the nodes say of themselves on /diagnostics (REP 107)."""
+
+import itertools
+import math
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, TwistStamped, Wrench, WrenchStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Float64MultiArray
+
+from ros import BEST_EFFORT, RELIABLE, Diagnostics, counts
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
+TRANSIENT_LOCAL = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+SUBJECTS = {
+    'allocator': 'allocation', 'simulator': 'simulation', 'controller': 'control'}
+STREAMS = {
+    'allocator': (WrenchStamped, 'command/wrench'),
+    'simulator': (Float64MultiArray, 'command/motor_speed'),
+    'controller': (PoseStamped, 'local_position/pose')}
+OUTPUTS = {
+    'allocator': (Float64MultiArray, 'command/motor_speed'),
+    'simulator': (TwistStamped, 'local_position/velocity_body'),
+    'controller': (WrenchStamped, 'command/wrench')}
+HOVER, BEYOND = 9.81, 1e3
+NOWHERE = 'no publisher and no subscription of the test'
+
+
+class Node:
+    """A node, what it says of itself, and a publisher of what it listens to."""
+
+    def __init__(self, graph, name, *options, qos=RELIABLE):
+        self.graph, self.name = graph, f'/{name}'
+        self.process = graph.start_silent(name, '--vehicle', 'hexarotor', '--ros-args', *options)
+        self.diagnostics = Diagnostics(graph)
+        if qos is not NOWHERE:
+            self.stream = graph.publisher(*STREAMS[name], qos)
+        graph.connect(name)
+
+    def wait(self, level, words, what=lambda values: True):
+        """Wait until the newest level is this, and its message has these words; return values."""
+        return self.diagnostics.wait(
+            self.name, lambda now, message, values: now == level and words in message
+            and what(values), f'{words}')[2]
+
+    def send(self, thrust):
+        """Send a thrust [N] to an allocator."""
+        message = WrenchStamped()
+        message.wrench.force.z = thrust
+        self.stream.publish(message)
+
+
+def fly(node, thrust=HOVER):
+    """Have an allocator get commands so fast that none is missed; return the timer."""
+    return node.graph.node.create_timer(0.02, lambda: node.send(thrust))
+
+
+@pytest.mark.parametrize('name', SUBJECTS)
+def test_each_node_says_once_a_second_what_it_is_about(graph, name):
+    node = Node(graph, name)
+    graph.spin_until(lambda: len(node.diagnostics.all(node.name)) >= 4, 'four diagnoses')
+    for array in node.diagnostics.arrays:
+        [status] = array.status
+        assert status.name == f'{node.name}: {SUBJECTS[name]}'
+        assert status.hardware_id == 'rotors'
+        assert array.header.stamp.sec > 0
+    assert {level for level, _, _ in node.diagnostics.all(node.name)} == {STALE}
+
+
+def test_the_name_is_that_of_the_node_in_its_namespace(graph):
+    graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', '__ns:=/uav7')
+    diagnostics = Diagnostics(graph)
+    diagnostics.wait('/uav7/allocator', lambda level, *_: level == STALE, 'anything')
+
+
+def test_each_level_of_the_allocator_is_said_when_it_begins(graph):
+    node = Node(graph, 'allocator', '-p', 'command_timeout:=0.5')
+    node.wait(STALE, 'no command yet')
+    for thrust, level, words in ((HOVER, OK, 'EXACT'), (BEYOND, WARN, 'PRIORITIZED')) * 2:
+        timer = fly(node, thrust)
+        node.wait(level, words)
+        timer.cancel()
+        node.wait(ERROR, 'no command: idle')
+    # More than once a second: it is said on change, too.
+    said = [(level, message) for level, message, _ in node.diagnostics.all(node.name)]
+    changes = [status for status, _ in itertools.groupby(said)]
+    assert changes[1:] == [
+        (OK, 'EXACT'), (ERROR, 'no command: idle'),
+        (WARN, 'PRIORITIZED'), (ERROR, 'no command: idle')] * 2
+
+
+def test_a_loss_is_an_error_for_as_long_as_it_lasts(graph):
+    node = Node(graph, 'allocator')
+    parameters = graph.connect('allocator')
+    timer = fly(node)
+    node.wait(OK, 'EXACT')
+    assert parameters.set_atomically({'rotors.health': [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}).successful
+    values = node.wait(ERROR, 'lost')
+    assert 'lost' in values['audit']
+    assert parameters.set_atomically({'rotors.health': 1.0}).successful
+    values = node.wait(OK, 'EXACT')
+    assert 'lost' not in values['audit']
+    timer.cancel()
+
+
+def test_the_allocator_counts_by_reason(graph):
+    node = Node(graph, 'allocator', '-p', 'mode:=lockstep')
+    message = WrenchStamped(wrench=Wrench())
+    message.header.frame_id = 'map'
+    for _ in range(3):
+        node.send(HOVER)
+    for _ in range(4):
+        node.send(BEYOND)
+    for _ in range(5):
+        node.send(math.nan)
+    for _ in range(6):
+        node.stream.publish(message)
+    account = counts(node.wait(
+        WARN, 'dropped in a second', lambda values: counts(values)['received'] == 18))
+    expected = {
+        'received': 18, 'served': 7, 'exact': 3, 'prioritized': 4,
+        'dropped: numbers': 5, 'dropped: frame': 6}
+    assert {key: account[key] for key in expected} == expected
+
+
+def test_what_was_dropped_is_a_warning_for_a_second(graph):
+    node = Node(graph, 'allocator', '-p', 'mode:=lockstep')
+    node.send(HOVER)
+    node.wait(OK, 'EXACT')
+    node.send(math.nan)
+    node.wait(WARN, '1 dropped in a second')
+    node.wait(OK, 'EXACT')
+
+
+def test_latencies_are_said_in_order(graph):
+    node = Node(graph, 'allocator')
+    timer = fly(node)
+    values = node.wait(OK, 'EXACT', lambda values: counts(values)['served'] >= 100)
+    timer.cancel()
+    latencies = [float(values[f'latency {name} [us]']) for name in ('p50', 'p99', 'max')]
+    assert 0.0 < latencies[0] <= latencies[1] <= latencies[2]
+    assert values['method'] == 'exact'
+    assert 'hover margin' in values['audit']
+
+
+def test_the_simulator_says_whether_it_rests_flies_or_is_left_alone(graph):
+    node = Node(graph, 'simulator', '-p', 'command_timeout:=0.5', '-p', 'timeout_action:=stop')
+    node.wait(STALE, 'no command yet')
+    timer = graph.node.create_timer(
+        0.02, lambda: node.stream.publish(Float64MultiArray(data=[255.0] * 6)))
+    node.wait(OK, 'in flight')
+    timer.cancel()
+    node.wait(ERROR, 'no command: stop')
+    node.stream.publish(Float64MultiArray(data=[255.0] * 5))
+    values = node.wait(ERROR, 'no command: stop', lambda values: 'dropped: length' in values)
+    account = counts(values)
+    assert account['received'] == account['served'] + account['dropped: length']
+
+
+def test_the_controller_says_what_it_waits_for(graph):
+    node = Node(graph, 'controller', '-p', 'mode:=lockstep')
+    waypoint = graph.publisher(PoseStamped, 'command/pose')
+    velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
+    graph.connect('controller')
+    node.wait(STALE, 'no waypoint yet')
+    message = PoseStamped()
+    message.pose.orientation.w = 1.0
+    waypoint.publish(message)
+    node.wait(STALE, 'no state yet')
+    node.stream.publish(message)
+    velocity.publish(TwistStamped())
+    node.wait(OK, 'under way')
+    message.pose.position.x = math.nan
+    node.stream.publish(message)
+    velocity.publish(TwistStamped())
+    values = node.wait(WARN, '1 dropped in a second')
+    assert counts(values)['dropped: state'] == 1
+
+
+@pytest.mark.parametrize('name', SUBJECTS)
+def test_a_second_publisher_is_said_until_it_goes(graph, name):
+    node = Node(graph, name)
+    kind, topic = STREAMS[name]
+    node.wait(STALE, '')
+    second = graph.node.create_publisher(kind, topic, RELIABLE)
+    before = len(node.diagnostics.all(node.name))
+    node.wait(WARN, f'2 publishers on /{topic}')
+    # By the node's own clock, which says something each second: it has noticed within two.
+    assert len(node.diagnostics.all(node.name)) <= before + 3
+    graph.node.destroy_publisher(second)
+    node.wait(STALE, '')
+
+
+@pytest.mark.parametrize(('name', 'what'), [*(
+    (name, 'quality') for name in SUBJECTS), ('allocator', 'type')])
+def test_a_publisher_that_does_not_match_is_said(graph, name, what):
+    node = Node(graph, name, '-p', 'mode:=lockstep', qos=NOWHERE)
+    kind, topic = STREAMS[name]
+    node.wait(STALE, '')
+    wrong = graph.node.create_publisher(
+        *(kind, topic, BEST_EFFORT) if what == 'quality' else (Wrench, topic, RELIABLE))
+    node.wait(WARN, f'/{topic} ')
+    graph.node.destroy_publisher(wrong)
+    node.wait(STALE, '')
+
+
+@pytest.mark.parametrize('name', SUBJECTS)
+def test_a_subscriber_that_does_not_match_is_said(graph, name):
+    node = Node(graph, name)
+    kind, topic = OUTPUTS[name]
+    node.wait(STALE, '')
+    wrong = graph.node.create_subscription(kind, topic, [].append, TRANSIENT_LOCAL)
+    node.wait(WARN, f'/{topic} ')
+    graph.node.destroy_subscription(wrong)
+    node.wait(STALE, '')

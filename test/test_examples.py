@@ -1,0 +1,209 @@
+"""The adapters in examples/: what they send, without the packages that they send it to."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ca_ros import Vehicle, control_allocation_matrix
+from strategies import FLEET
+
+FOLDER = Path(__file__).resolve().parent.parent / 'examples'
+FILES = sorted(FOLDER.glob('*.py'))
+if not FILES:
+    pytest.skip('examples/ is not beside the tests', allow_module_level=True)
+
+
+def load(name):
+    """Import an example by its path."""
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+gazebo, px4, joints = map(
+    load, ('gazebo_actuators', 'px4_actuator_motors', 'ros2_control_velocities'))
+
+
+def run(name, *arguments):
+    """Run an example and return it when it has ended."""
+    return subprocess.run(
+        [sys.executable, str(FOLDER / f'{name}.py'), *arguments], capture_output=True, text=True)
+
+
+# Gazebo
+
+def test_gazebo_gets_the_speeds_as_they_are():
+    assert gazebo.velocities(np.array([0.0, 40.0, 400.0])) == [0.0, 40.0, 400.0]
+    for wrong in (-1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match='none negative'):
+            gazebo.velocities([wrong])
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'x8', 'asymmetric'])
+def test_the_motor_models_give_the_yaw_torque_of_the_allocation_matrix(name):
+    vehicle = FLEET[name]
+    models = ElementTree.fromstring(f'<sdf>{gazebo.motor_models(vehicle)}</sdf>')
+    assert [int(model.findtext('motorNumber')) for model in models] == list(range(vehicle.n))
+    for model, i in zip(models, range(vehicle.n), strict=True):
+        # MulticopterMotorModel.cc: thrust k w^2, torque -direction * thrust * moment constant.
+        sign = {'ccw': -1.0, 'cw': 1.0}[model.findtext('turningDirection')]
+        thrust = float(model.findtext('motorConstant')) * 100.0**2
+        torque = sign * thrust * float(model.findtext('momentConstant'))
+        assert thrust == pytest.approx(vehicle.thrust_coefficient[i] * 100.0**2)
+        assert torque == pytest.approx(
+            vehicle.spins[i] * vehicle.torque_coefficient[i] * 100.0**2)
+        assert float(model.findtext('maxRotVelocity')) == pytest.approx(vehicle.speed_max[i])
+
+
+# PX4
+
+def output(control, factor):
+    """Return what PX4 makes of a control: the x of control = factor x^2 + (1 - factor) x."""
+    roots = np.roots([factor, 1.0 - factor, -control]) if factor else [control]
+    return max(np.real(roots))
+
+
+speeds = st.floats(40.0, 400.0)
+
+
+@given(speeds)
+def test_px4_gets_shares_of_the_greatest_thrust(speed):
+    [control] = px4.thrust_controls(np.array([speed]), np.array([400.0]))
+    assert control == pytest.approx((2.5e-5 * speed**2) / (2.5e-5 * 400.0**2), rel=1e-12)
+    assert 0.0 < control <= 1.0
+
+
+@given(speeds, st.floats(0.0, 40.0), st.sampled_from([0.0, 0.3, 1.0]) | st.floats(1e-3, 1.0))
+def test_px4_finds_the_output_that_sets_the_speed(speed, idle, factor):
+    [control] = px4.speed_controls(np.array([speed]), np.array([400.0]), idle, factor)
+    assert idle + output(control, factor) * (400.0 - idle) == pytest.approx(speed, abs=1e-3)
+
+
+def test_with_a_factor_of_one_and_no_idle_speed_both_kinds_are_the_same():
+    turning, top = np.array([40.0, 255.7, 400.0]), np.full(3, 400.0)
+    np.testing.assert_allclose(
+        px4.speed_controls(turning, top, 0.0, 1.0), px4.thrust_controls(turning, top), rtol=1e-15)
+
+
+def test_px4_gets_its_own_order_and_nan_for_what_does_not_turn():
+    turning, top = np.array([100.0, 200.0, 0.0]), np.full(3, 400.0)
+    sent = px4.fields(px4.thrust_controls(turning, top), turning, [2, 3, 1])
+    assert sent.dtype == np.float32
+    assert sent.shape == (12,)
+    np.testing.assert_array_equal(sent[:3], np.array([0.25, np.nan, 0.0625], dtype=np.float32))
+    assert np.isnan(sent[3:]).all()
+
+
+@pytest.mark.parametrize('wrong', [[401.0, 0.0], [-1.0, 0.0], [np.nan, 0.0], [100.0]])
+def test_px4_gets_nothing_that_is_out_of_bounds(wrong):
+    with pytest.raises(ValueError, match='rotor speeds'):
+        px4.thrust_controls(np.array(wrong), np.full(2, 400.0))
+    with pytest.raises(ValueError, match='below the idle speed'):
+        px4.speed_controls(np.array([20.0]), np.full(1, 400.0), 40.0, 0.0)
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'x8', 'asymmetric', 'tilted_hexarotor'])
+def test_the_parameters_of_px4_are_the_same_vehicle_seen_from_below(name):
+    vehicle = FLEET[name]
+    order = np.random.default_rng(0).permutation(vehicle.n)
+    given = px4.px4_parameters(vehicle, (order + 1).tolist())
+    assert given['CA_ROTOR_COUNT'] == vehicle.n
+    for motor, i in enumerate(order):
+        place, axis = (
+            np.array([given[f'CA_ROTOR{motor}_{kind}{axis}'] for axis in 'XYZ']) for kind in 'PA')
+        # ActuatorEffectivenessRotors.cpp: thrust along the axis, moment p x a - km a.
+        moment = np.cross(place, axis) - given[f'CA_ROTOR{motor}_KM'] * axis
+        ours = control_allocation_matrix(vehicle)[-3:, i]
+        np.testing.assert_allclose(moment, ours * [1.0, -1.0, -1.0], atol=1e-12)
+
+
+def test_px4_parameters_are_printed_without_ros():
+    process = run('px4_actuator_motors', '--vehicle', 'quadrotor', '--px4-parameters')
+    assert (process.returncode, process.stderr) == (0, '')
+    assert process.stdout.splitlines()[0] == 'param set CA_ROTOR_COUNT 4'
+    assert len(process.stdout.splitlines()) == 1 + 4 * 7
+
+
+# ros2_control
+
+def test_joints_turn_clockwise_by_a_minus():
+    vehicle = Vehicle.load('hexarotor')
+    signs = np.sign(joints.joint_velocities(np.full(6, 100.0), vehicle.spins))
+    np.testing.assert_array_equal(signs, [-1, 1, -1, 1, -1, 1])
+    with pytest.raises(ValueError, match='5 rotor speeds for 6 rotors'):
+        joints.joint_velocities([1.0] * 5, vehicle.spins)
+
+
+def test_joint_velocities_arrive(graph):
+    from std_msgs.msg import Float64MultiArray
+
+    from ros import DEADLINE
+
+    process = subprocess.Popen(
+        [sys.executable, str(FOLDER / 'ros2_control_velocities.py'), '--vehicle', 'quadrotor',
+         '--ros-args', '-r', '~/commands:=/rotor_controller/commands'],
+        env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)}, stderr=subprocess.PIPE, text=True)
+    try:
+        sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
+        received = graph.listen(Float64MultiArray, '/rotor_controller/commands')
+        graph.spin_until(
+            lambda: received, 'velocities', lambda: (
+                sender.publish(Float64MultiArray(data=[1.0])),
+                sender.publish(Float64MultiArray(data=[100.0, 200.0, 300.0, 400.0]))))
+        expected = joints.joint_velocities(
+            [100.0, 200.0, 300.0, 400.0], Vehicle.load('quadrotor').spins)
+        assert list(received[0].data) == expected
+        process.terminate()
+        assert 'Traceback' not in process.communicate(timeout=DEADLINE)[1]
+        assert process.returncode == 0
+    finally:
+        process.kill()
+
+
+# All of them
+
+@pytest.mark.parametrize('file', FILES, ids=lambda file: file.stem)
+def test_help(file):
+    process = run(file.stem, '--help')
+    assert (process.returncode, process.stderr) == (0, '')
+    assert '--ros-args' in process.stdout
+
+
+@pytest.mark.parametrize(('name', 'arguments', 'package'), [
+    ('gazebo_actuators', [], 'actuator_msgs'),
+    ('px4_actuator_motors', ['--vehicle', 'quadrotor'], 'px4_msgs')])
+def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, package):
+    if importlib.util.find_spec(package):
+        pytest.skip(f'{package} is installed')
+    process = run(name, *arguments)
+    assert process.returncode == 1
+    [line] = process.stderr.splitlines()
+    assert line.startswith(f'{name}: ')
+    assert package in line
+
+
+@pytest.mark.parametrize(('name', 'arguments', 'words'), [
+    ('gazebo_actuators', ['--sdf', 'nope'], ['nope', 'hexarotor']),
+    ('ros2_control_velocities', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
+    ('px4_actuator_motors', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
+    ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3'], ['--order', '4', '3']),
+    ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3,3'], ['--order', 'once']),
+    ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--thrust-factor', 'nan'], ['0 to 1']),
+    ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--idle-speed', '1e9'], ['--idle-speed']),
+])
+def test_a_wrong_option_is_refused_by_name(name, arguments, words):
+    process = run(name, *arguments)
+    assert process.returncode != 0
+    assert process.stdout == ''
+    last = process.stderr.splitlines()[-1]
+    assert last.startswith(name)
+    assert [word for word in words if word not in last] == []

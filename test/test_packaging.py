@@ -1,0 +1,138 @@
+"""The source distribution and the wheel, built from a copy, are complete and work."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from ca_ros import ALLOCATORS
+from ca_ros.__main__ import installed, summary
+from ca_ros.parameters import config_directory
+
+ROOT = Path(__file__).resolve().parent.parent
+VEHICLES = sorted(file.stem for file in config_directory().glob('*.yaml'))
+LEFT_BY_TOOLS = (
+    '.git', '.venv', '.hypothesis', '.*_cache', '__pycache__', '*.egg-info', 'build', 'dist',
+    'install', 'log', 'out')
+
+
+@pytest.fixture(scope='module')
+def tree(tmp_path_factory):
+    """Return a copy of the sources, without what tools leave in them."""
+    copy = tmp_path_factory.mktemp('copy') / 'ca_ros'
+    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*LEFT_BY_TOOLS))
+    return copy
+
+
+@pytest.fixture(scope='module')
+def sdist(tree):
+    """Return the folder that the source distribution unpacks to."""
+    archive = build(tree, '--sdist')
+    with tarfile.open(archive) as file:
+        file.extractall(tree.parent)
+    return tree.parent / archive.name.removesuffix('.tar.gz')
+
+
+@pytest.fixture(scope='module')
+def wheel(sdist):
+    """Return the wheel that is built from the unpacked source distribution."""
+    return build(sdist, '--wheel')
+
+
+def build(tree, kind):
+    """Build a distribution with what is installed here; return its file."""
+    pytest.importorskip('build', reason="needs the extra 'test'")
+    run('-m', 'build', '--no-isolation', kind, '--outdir', str(tree.parent / 'dist'), str(tree))
+    [file] = (tree.parent / 'dist').glob('*.whl' if kind == '--wheel' else '*.tar.gz')
+    return file
+
+
+def run(*arguments, cwd='/', **environment):
+    """Run Python to a good end; return what it prints."""
+    inherited = {key: value for key, value in os.environ.items() if key != 'PYTHONPATH'}
+    process = subprocess.run(
+        [sys.executable, *arguments], cwd=cwd, env=inherited | environment, capture_output=True,
+        text=True)
+    assert process.returncode == 0, process.stdout + process.stderr
+    return process.stdout
+
+
+@pytest.mark.slow
+def test_the_source_distribution_has_every_source(tree, sdist):
+    def files(folder):
+        return {str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file()}
+
+    assert files(tree) - files(sdist) == set()
+    made = {name for name in files(sdist) - files(tree) if 'egg-info' not in name}
+    assert made == {'PKG-INFO'}
+    assert {'LICENSE', 'package.xml', 'ca_ros/py.typed', 'resource/ca_ros', 'test/ros.py'} <= (
+        files(sdist))
+
+
+@pytest.mark.slow
+def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    modules = {
+        str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros').rglob('*.py')}
+    assert modules | {'ca_ros/py.typed', 'ca_ros/report/page.html'} <= set(names)
+    [data] = {name.split('/')[0] for name in names if '.data/' in name}
+    shared = {name.removeprefix(f'{data}/data/share/') for name in names if name.startswith(data)}
+    layouts = {f'ca_ros/layouts/{file.name}' for file in (ROOT / 'layouts').iterdir()}
+    assert shared >= layouts | {f'ca_ros/config/{vehicle}.yaml' for vehicle in VEHICLES} | {
+        'ca_ros/package.xml', 'ament_index/resource_index/packages/ca_ros'}
+    assert any(name.endswith('LICENSE') for name in names)
+    assert not any(name.startswith(('test', 'docs', 'examples')) for name in names)
+
+
+@pytest.mark.slow
+def test_the_package_built_from_the_source_distribution_works(wheel, sdist, tmp_path):
+    run('-m', 'pip', 'install', '--quiet', '--no-deps', '--no-index', '--ignore-installed',
+        '--prefix', str(tmp_path), str(wheel))
+    [site] = tmp_path.glob('lib*/python*/site-packages')
+    script = (
+        'import ca_ros; print(ca_ros.__file__); '
+        f'print([ca_ros.Vehicle.load(name).n for name in {VEHICLES}])')
+    place, rotors = run('-c', script, PYTHONPATH=str(site)).splitlines()
+    assert Path(place).is_relative_to(tmp_path)
+    assert rotors.count(',') == len(VEHICLES) - 1
+    assert str(site) in run('-m', 'ca_ros', PYTHONPATH=str(site))
+    executables = {path.name for path in (tmp_path / 'bin').iterdir()}
+    assert executables >= {'allocator', 'bringup', 'controller', 'simulator', 'static_study'}
+    # The tests come with the sources, and find all that they need there.
+    assert 'passed' in run(
+        '-m', 'pytest', '-q', 'test/test_parameters.py', 'test/test_vehicle.py', cwd=sdist)
+
+
+# What there is
+
+def test_python_m_ca_ros_names_all_there_is():
+    said = run('-m', 'ca_ros', cwd=ROOT)
+    version, programs = installed()
+    package = ElementTree.parse(ROOT / 'package.xml')
+    assert version == package.findtext('version')
+    assert said.startswith(f'ca_ros {version} in ')
+    assert {'allocator', 'bringup', 'static_study'} <= set(programs)
+    for name in (*programs, *VEHICLES, *ALLOCATORS, 'README.md'):
+        assert f'\n  {name} ' in said, name
+    assert all(text.endswith('.') for text in programs.values())
+    assert summary('ca_ros.nodes.allocator') in said
+
+
+def test_python_m_ca_ros_says_that_there_is_no_rclpy(tmp_path):
+    script = (
+        'import sys, runpy; sys.modules["rclpy"] = None; sys.argv[1:] = []; '
+        f'sys.path.insert(0, {str(ROOT)!r}); runpy.run_module("ca_ros", run_name="__main__")')
+    assert 'rclpy: absent' in run('-c', script, cwd=tmp_path)
+
+
+def test_the_versions_agree():
+    version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    assert f"version='{version}'" in (ROOT / 'setup.py').read_text(encoding='utf-8')
+    assert f'version: {version}\n' in (ROOT / 'CITATION.cff').read_text(encoding='utf-8')

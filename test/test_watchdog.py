@@ -1,0 +1,245 @@
+"""Commands that cease, in the allocator and in the simulator.
+
+CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (default 50).
+"""
+
+import math
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.nodes.watchdog import TICK
+from ros import Diagnostics, counts
+
+TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '50'))
+TIMEOUT = 0.05
+"""[s]"""
+
+STEP = 0.01
+"""Of the simulator, which shows its rotor speeds so often [s]."""
+
+STALL = 0.03
+"""For so long a virtual machine may stand still, and nobody in it is the wiser [s]."""
+
+ACTIONS = 'idle', 'stop', 'hold'
+NAMES = 'allocator', 'simulator'
+
+
+class Watched:
+    """An allocator or a simulator that gets commands now and then."""
+
+    def __init__(self, graph, name, *options):
+        self.graph, self.name, self.timeouts, self.speed = graph, f'/{name}', 0, 255.0
+        self.allocates = name == 'allocator'
+        self.process = graph.start(
+            name, '--vehicle', 'hexarotor', '--ros-args',
+            '-p', f'command_timeout:={TIMEOUT}', *options)
+        if self.allocates:
+            self.command = graph.publisher(WrenchStamped, 'command/wrench')
+            self.heard = graph.listen(Float64MultiArray, 'command/motor_speed')
+        else:
+            self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
+            self.heard = graph.listen(Float64MultiArray, 'motor_speed')
+        self.diagnostics = Diagnostics(graph)
+        self.parameters = graph.connect(name)
+
+    def send(self, speed=None):
+        """Command a speed of all rotors [rad/s]."""
+        speed = self.speed if speed is None else speed
+        if self.allocates:
+            message = WrenchStamped()
+            message.wrench.force.z = 6 * 2.5e-5 * speed**2
+        else:
+            message = Float64MultiArray(data=[speed] * 6)
+        self.sent = time.monotonic()
+        self.command.publish(message)
+
+    def told(self, action):
+        """Tell whether the newest speeds heard are those of a timeout action."""
+        speed = {'idle': 40.0, 'stop': 0.0, 'hold': self.speed}[action]
+        return bool(self.heard) and (
+            not self.allocates or fallen_back(self.heard[-1])) and np.allclose(
+            self.heard[-1].data, speed, rtol=1e-12, atol=0.0)
+
+    def fly(self):
+        """Command a speed that has not been commanded before, until it is followed."""
+        self.speed += 0.01
+        self.heard.clear()
+        self.graph.spin_until(
+            lambda: self.heard and np.allclose(self.heard[-1].data, self.speed, rtol=1e-12)
+            and not (self.allocates and fallen_back(self.heard[-1])),
+            f'{self.name} follows', repeat=self.send)
+
+    def wait_for(self, action):
+        """Wait until the rotors are told what to do, once more if they have been."""
+        self.heard.clear()
+        self.graph.spin_until(lambda: self.told(action), f'{self.name}: {action}')
+
+    def wait_for_timeout(self, action):
+        """Wait until the node has said that it is over, one time more than before."""
+        self.timeouts += 1
+        level, message, values = self.diagnostics.wait(
+            self.name,
+            lambda level, message, values: counts(values)['timeouts'] >= self.timeouts,
+            f'time-out {self.timeouts}')
+        assert (level, message) == (DiagnosticStatus.ERROR, f'no command: {action}')
+        assert counts(values)['timeouts'] == self.timeouts
+
+    def wait_a_while(self):
+        """Wait for much longer than the time-out, by the node's own clock."""
+        before = len(self.diagnostics.all(self.name))
+        self.graph.spin_until(
+            lambda: len(self.diagnostics.all(self.name)) >= before + 3, 'three diagnoses')
+
+
+def fallen_back(message):
+    """Tell whether rotor speeds of the allocator answer no command."""
+    return message.layout.dim[1].label == 'no stamp'
+
+
+def work(pid):
+    """Return how long the threads of a process have worked, or waited for a processor [s]."""
+    total = 0
+    for path in Path(f'/proc/{pid}/task').glob('*/schedstat'):
+        worked, waited, _ = path.read_text().split()
+        total += int(worked) + int(waited)
+    return total / 1e9
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120 + TIMEOUTS)
+@pytest.mark.parametrize('name', NAMES)
+def test_the_rotors_are_told_in_time_again_and_again(graph, name, record_property):
+    """In time is: within the time-out and one period.
+
+    What is measured here also holds what the machine did to both processes in the meantime, which
+    the kernel tells, but for stalls of the machine itself.  Whoever is late begins a new row.
+    """
+    node, delays, row = Watched(graph, name), [], 0
+    period = TICK if node.allocates else TICK + STEP
+    while row < TIMEOUTS:
+        action = ACTIONS[row % 3]
+        assert node.parameters.set_atomically({'timeout_action': action}).successful
+        before = work(node.process.pid) + work(os.getpid())
+        node.fly()
+        if name == 'simulator' and action == 'hold':
+            node.wait_for_timeout(action)
+        else:
+            node.wait_for(action)
+        delay = time.monotonic() - node.sent - TIMEOUT
+        load = work(node.process.pid) + work(os.getpid()) - before
+        assert delay > 0.0, 'too early'
+        row = row + 1 if delay <= period + load + STALL else 0
+        delays.append(delay)
+        assert len(delays) < 5 * TIMEOUTS, f'late: {np.round(delays, 3)}'
+        if name == 'allocator' or action != 'hold':
+            node.wait_for_timeout(action)
+        for _ in range(3):
+            node.wait_for(action)
+    p50, highest = np.percentile(delays, (50, 100)) * 1e3
+    record_property(f'{name}: time-outs in a row', TIMEOUTS)
+    record_property(f'{name}: of how many', len(delays))
+    record_property(f'{name}: after the time-out, p50 [ms]', round(p50, 1))
+    record_property(f'{name}: after the time-out, max [ms]', round(highest, 1))
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_before_the_first_command_nothing_is_over(graph, name):
+    node = Watched(graph, name)
+    node.send(math.nan)
+    node.wait_a_while()
+    assert {level for level, _, values in node.diagnostics.all(node.name)[1:]} <= {
+        DiagnosticStatus.STALE, DiagnosticStatus.WARN}
+    if node.allocates:
+        assert node.heard == []
+    else:
+        assert not any(any(message.data) for message in node.heard)
+    node.fly()
+    node.wait_for('idle')
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_commands_that_are_dropped_do_not_count(graph, name):
+    node = Watched(graph, name)
+    timer = graph.node.create_timer(TICK / 4, lambda: node.send(math.nan))
+    for _ in range(5):
+        timer.cancel()
+        node.fly()
+        timer.reset()
+        node.wait_for_timeout('idle')
+        node.wait_for('idle')
+    timer.cancel()
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_time_out_and_action_can_be_set_while_commands_are_missing(graph, name):
+    node = Watched(graph, name)
+    node.fly()
+    node.wait_for('idle')
+    # To hold is to change nothing, be it what another action left.
+    for action, left in (('stop', 'stop'), ('hold', 'stop'), ('idle', 'idle'), ('hold', 'idle')):
+        assert node.parameters.set_atomically({'timeout_action': action}).successful
+        for _ in range(5):
+            node.wait_for(left)
+    node.wait_for_timeout('hold')
+    assert node.parameters.set_atomically({'command_timeout': 1000.0}).successful
+    node.fly()
+    node.heard.clear()
+    node.wait_a_while()
+    if node.allocates:
+        assert node.heard == []
+    else:
+        assert {tuple(message.data) for message in node.heard} == {(node.speed,) * 6}
+    assert node.parameters.set_atomically(
+        {'command_timeout': 2.0 * TIMEOUT, 'timeout_action': 'stop'}).successful
+    node.wait_for('stop')
+    node.wait_for_timeout('stop')
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_ros_time_that_stands_still_or_jumps_changes_nothing(graph, name):
+    node = Watched(graph, name, '-p', 'use_sim_time:=true')
+    clock = graph.publisher(Clock, '/clock')
+
+    def set_clock(seconds):
+        clock.publish(Clock(clock=Time(sec=seconds)))
+
+    for seconds in (1000, 1000, 10, 2_000_000, 0):
+        graph.spin_until(
+            lambda seconds=seconds: node.diagnostics.arrays
+            and node.diagnostics.arrays[-1].header.stamp == Time(sec=seconds),
+            f'ROS time {seconds} s', repeat=lambda seconds=seconds: set_clock(seconds))
+        for _ in range(3):
+            node.fly()
+            node.wait_for('idle')
+            node.wait_for_timeout('idle')
+
+
+def test_a_rotor_that_is_lost_while_others_hold_stands_still(graph):
+    node = Watched(graph, 'allocator', '-p', 'timeout_action:=hold')
+    node.fly()
+    node.wait_for('hold')
+    lost = node.speed * np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
+    for health in ([1.0, 1.0, 1.0, 0.0, 1.0, 1.0], 1.0):
+        assert node.parameters.set_atomically({'rotors.health': health}).successful
+        node.heard.clear()
+        graph.spin_until(lambda: len(node.heard) >= 5, 'the timeout action')
+        np.testing.assert_allclose([message.data for message in node.heard[2:]], [lost] * 3)
+    node.fly()
+
+
+def test_in_lockstep_time_may_stand_still(graph):
+    node = Watched(graph, 'allocator', '-p', 'mode:=lockstep')
+    node.fly()
+    node.heard.clear()
+    node.wait_a_while()
+    assert node.heard == []
+    assert node.diagnostics.all(node.name)[-1][:2] == (DiagnosticStatus.OK, 'EXACT')
