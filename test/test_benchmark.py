@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -441,6 +442,35 @@ def test_a_failure_of_that_process_is_reported(tmp_path, with_ros, figures, faul
 def test_without_ros_that_is_said(monkeypatch):
     monkeypatch.setattr(node, 'find_spec', lambda name: None)
     assert node.time_node('hexarotor', True) == {'absent': 'rclpy is not installed'}
+
+
+def test_an_interrupt_waits_for_that_process_to_end_its_nodes(tmp_path):
+    child, ready, ended = (tmp_path / name for name in ('child.py', 'ready', 'ended'))
+    child.write_text(f"""
+import pathlib, signal, time
+def end(*_):
+    time.sleep(1.0)
+    pathlib.Path({str(ended)!r}).touch()
+    raise SystemExit
+signal.signal(signal.SIGTERM, end)
+pathlib.Path({str(ready)!r}).touch()
+while True:
+    signal.pause()
+""")
+    parent = f"""
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from ca_ros.benchmark import node
+node.find_spec = lambda name: object()
+node.time_node('hexarotor', True, (sys.executable, {str(child)!r}))
+"""
+    with subprocess.Popen([sys.executable, '-c', parent], stderr=subprocess.DEVNULL) as process:
+        while not ready.exists():
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        process.wait(60.0)
+    assert ended.exists()
 
 
 # The command line

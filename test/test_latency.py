@@ -33,10 +33,15 @@ def test_the_figures_are_complete_and_consistent(graph, tmp_path):
         assert 0.0 < side['p50'] <= side['p99'] <= side['p99.9']
         assert 0 < side['answered'] <= side['sent']
         assert side['sent'] - side['answered'] <= side['late'] <= side['sent']
-        assert figures['sustained'][kind] >= 200.0
+        assert figures['sustained'][kind] >= 1.0
+        # It would have failed if one of these had not been answered.
+        assert figures['in_turn'][kind] > 0.0
     # Of three pairs of blocks: the same order of size as the ratio of all.
     assert 0.1 < rate['ratio_p50'] / (rate['allocator']['p50'] / rate['echo']['p50']) < 10.0
-    assert figures['sustained']['ratio'] > 0.0
+    for name in ('sustained', 'in_turn'):
+        part = figures[name]
+        # One round, so the ratio is that of the rates.
+        assert part['ratio'] == pytest.approx(part['allocator'] / part['echo'])
 
 
 def test_a_wrong_vehicle_ends_it_in_one_line_and_leaves_nothing_behind(graph, tmp_path):
@@ -45,6 +50,37 @@ def test_a_wrong_vehicle_ends_it_in_one_line_and_leaves_nothing_behind(graph, tm
     assert process.returncode == 1
     assert err.splitlines()[-1].startswith('latency: ')
     assert 'nope' in err.splitlines()[-1]
+    assert graph.alive() == []
+
+
+@pytest.mark.parametrize('options', [
+    ('--rates', '0'), ('--rates', 'nan'), ('--rates', '250,fast'), ('--rates', '1e9'),
+    ('--out', 'no/such/folder/x')])
+def test_a_wrong_option_is_refused_before_anything_is_measured(graph, tmp_path, options):
+    process = start(graph, '--out', str(tmp_path / 'x'), *options)
+    _, err = graph.outlive(process)
+    assert process.returncode != 0
+    assert 'Traceback' not in err
+    last = err.splitlines()[-1]
+    assert last.startswith('latency: ')
+    assert options[0] in last
+    assert not (tmp_path / 'x').exists()
+
+
+@pytest.mark.parametrize('kind', ['allocator', 'echo'])
+def test_a_node_that_dies_is_named_and_nothing_is_left_behind(graph, tmp_path, kind):
+    process = start(graph, '--out', str(tmp_path / 'x'))
+
+    def nodes():
+        return [
+            child for child in graph.alive() if f'ca_ros.nodes.{kind}' in child.cmdline()]
+
+    graph.spin_until(nodes, 'the node')
+    nodes()[0].kill()
+    _, err = graph.outlive(process)
+    assert process.returncode == 1
+    assert err.splitlines()[-1] == f'latency: the {kind} ended with exit code -9'
+    assert not (tmp_path / 'x').exists()
     assert graph.alive() == []
 
 
@@ -58,13 +94,14 @@ def test_an_interrupt_ends_it_and_its_nodes(graph, tmp_path):
 
 
 def test_a_summary_by_hand():
-    latencies = np.array([1e-3, 2e-3, 3e-3, math.nan])
-    figures = summary(latencies, 2.5e-3)
-    assert (figures['p50'], figures['sent'], figures['answered']) == (2e-3, 4, 3)
-    # The third is late and the fourth was never answered.
-    assert figures['late'] == 2
+    latencies = np.array([1e-3, 2e-3, 3e-3, 2e-3, math.nan])
+    delays = np.array([0.0, 0.0, 0.0, 1e-3, 0.0])
+    figures = summary(latencies, delays, 2.5e-3)
+    assert (figures['p50'], figures['sent'], figures['answered']) == (2e-3, 5, 4)
+    # The third is late, the fourth for having gone out late, and the fifth was never answered.
+    assert figures['late'] == 3
     with pytest.raises(LatencyError):
-        summary(np.full(3, math.nan), 1.0)
+        summary(np.full(3, math.nan), np.zeros(3), 1.0)
 
 
 def test_the_commands_are_those_of_a_flight():

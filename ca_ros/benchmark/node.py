@@ -62,5 +62,6 @@ def _run(command: list[str], quick: bool) -> tuple[int, str]:
         except BaseException:
             # It has to end the nodes, so it is asked to, and waited for.
             process.terminate()
+            process.communicate()
             raise
     return process.returncode, said

@@ -216,8 +216,8 @@ def _benchmark_tiles(figures: Figures) -> list[tuple[str, str]]:
     for load, own in figures['calls'].items():
         if 'exact' in own:
             ratio, time = own['exact']['ratio']['median'], own['exact']['mean']['median']
-            about = f'clipped pseudo-inverses: a call of exact, {load}, {1e6 * time:.3g} µs'
-            tiles.append((f'{ratio:.2g}', about))
+            about = f'the time of a clipped pseudo-inverse: exact, {load}, {1e6 * time:.3g} µs'
+            tiles.append((f'{ratio:.3g}x', about))
     return tiles
 
 
@@ -265,7 +265,10 @@ KINDS = {
     'benchmark': Kind(
         'Benchmark',
         'benchmark',
-        {'benchmark': 'Times per call.'},
+        {
+            'benchmark': 'Times per call on each load, and how they grow with the rotors. What is '
+            'hollow was answered wrongly.'
+        },
         ('benchmark',),
         _benchmark_tiles,
         _benchmark_options,
