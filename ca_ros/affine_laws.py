@@ -113,6 +113,22 @@ class AffineLaw:
             z[self.bound] = self.ends
         return z
 
+    def served(self, wrenches: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return which of the wrenches (m, N) are in the region, K indices, and their z (n, K)."""
+        # Few pass the conditions of the rotors at a bound, so these are looked at first.
+        held = self.bound
+        candidates = np.flatnonzero(self._keeps(held, self._z(held, wrenches)))
+        z = self._z(slice(None), wrenches[:, candidates])
+        inside = self._keeps(slice(None), z)
+        return candidates[inside], z[:, inside]
+
+    def _z(self, rotors: NDArray[np.intp] | slice, wrenches: Array) -> Array:
+        return self.slope[rotors] @ wrenches + self.offset[rotors, None]
+
+    def _keeps(self, rotors: NDArray[np.intp] | slice, z: Array) -> BoolArray:
+        least, greatest = self.least[rotors, None], self.greatest[rotors, None]
+        return np.logical_and.reduce((z >= least) & (z <= greatest))
+
 
 class AffineLaws:
     """Remembers affine laws as they are met, and looks them up.
@@ -165,10 +181,10 @@ class AffineLaws:
                 return None
             law = self.last = self._laws[found // self._block]
             thrusts = law.thrusts(u)
-            if thrusts is None:
-                self.proven = False
-                z = law.slope @ u + law.offset
-                return np.minimum(np.maximum(z, self._lower), self._upper)
+        if thrusts is None:
+            self.proven = False
+            z = law.slope.dot(u) + law.offset
+            return np.minimum(np.maximum(z, self._lower), self._upper)
         self.proven = law.proven
         return thrusts
 
@@ -211,18 +227,20 @@ class AffineLaws:
         low, high = self._lower[:, None], self._upper[:, None]
         # One column a wrench: sums over the rows of an array are faster than over its columns.
         rest = wrenches[left].T
+        unserved = np.ones(len(left), dtype=bool)
         # Those that served most come first, so that little is left for the others.
         for law in sorted(laws, key=self._served.__getitem__, reverse=True):
-            z = law.slope @ rest + law.offset[:, None]
-            inside = np.logical_and.reduce(
-                (z >= law.least[:, None]) & (z <= law.greatest[:, None])
-            )
-            served = left[inside]
-            if len(served):
-                self._served[law] += len(served)
-                thrusts[served] = np.minimum(np.maximum(z[:, inside], low), high).T
-                left, rest = left[~inside], rest[:, ~inside]
-        return left
+            found, z = law.served(rest)
+            if not len(found):
+                continue
+            self._served[law] += len(found)
+            thrusts[left[found]] = np.minimum(np.maximum(z, low), high).T
+            unserved[found] = False
+            # To close the gaps costs more than to look at some wrenches once more.
+            if np.count_nonzero(unserved) < 0.8 * len(left):
+                left, rest = left[unserved], rest[:, unserved]
+                unserved = np.ones(len(left), dtype=bool)
+        return left[unserved]
 
     def _keep(self, law: AffineLaw) -> None:
         """Remember a law; where there are too many, the oldest is forgotten for it."""

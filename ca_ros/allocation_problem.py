@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from math import hypot
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,9 @@ ABSURD = 1e100
 
 
 def lengths(vectors: Array) -> Array:
-    """Return the Euclidean lengths (...) of vectors (..., m); for many short ones the fastest."""
+    """Return the Euclidean lengths (...) of vectors (..., m); for short ones the fastest."""
+    if vectors.ndim == 1:
+        return np.sqrt(vectors.dot(vectors))
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
 
 
@@ -93,7 +96,7 @@ class AllocationProblem:
             ) from None
         if wrench.shape == self._shape:
             # Of a single wrench Python tells faster than NumPy that there is nothing wrong.
-            if sum(map(abs, wrench.tolist())) <= ABSURD:
+            if hypot(*wrench.tolist()) <= ABSURD:
                 return wrench
         elif not (batch and wrench.shape[-1:] == self._shape):
             expected = f'(..., {len(self.axes)})' if batch else f'({len(self.axes)},)'

@@ -40,6 +40,7 @@ class Prioritization:
             Zonotope(gamma[rows] @ self._middle, gamma[rows] * self._reach)
             for rows in self._prefixes
         ]
+        self._first = self._begin(0, self._reference)
 
     def __call__(self, u: Array) -> tuple[Array, Array]:
         """Return the served wrenches (..., m) [N, N m] and the shares (..., m) of each demand."""
@@ -60,21 +61,27 @@ class Prioritization:
         return end[..., None], share
 
     def _serve_several(self, k: int, served: Array, demand: Array) -> tuple[Array, Array]:
-        group, shadow = self._groups[k], self._shadows[k]
-        inner = self._inner(k, served)
-
-        def reach(begin: Array, way: Array) -> Array:
-            start = served[..., self._prefixes[k]]
-            start[..., -len(group) :] = begin
-            direction = np.zeros(start.shape)
-            direction[..., -len(group) :] = way
-            return np.minimum(shadow.reach(start, direction), 1.0)[..., None]
-
-        to_hover = self._reference[group] - inner
-        # On the border the way might go off it or along it, so a start out of reach is moved in.
-        begin = inner + reach(inner, to_hover) ** 2 * to_hover
-        share = reach(begin, demand - begin)
+        # The first group has no earlier ones, so that its way always begins at the same place.
+        begin = self._begin(k, served) if k else self._first
+        share = self._share(k, served, begin, demand - begin)
         return begin + share * (demand - begin), share[..., 0]
+
+    def _begin(self, k: int, served: Array) -> Array:
+        """Return where the way (..., of group k) to the demand begins."""
+        inner = self._inner(k, served)
+        to_hover = self._reference[self._groups[k]] - inner
+        # On the border the way might go off it or along it, so a start out of reach is moved in.
+        return inner + self._share(k, served, inner, to_hover) ** 2 * to_hover
+
+    def _share(self, k: int, served: Array, begin: Array, way: Array) -> Array:
+        """Return the share (..., 1) of a way of group k that can be gone."""
+        shape = (*np.broadcast_shapes(served.shape[:-1], way.shape[:-1]), len(self._prefixes[k]))
+        start, direction = np.empty(shape), np.zeros(shape)
+        count = len(self._groups[k])
+        start[...] = served[..., self._prefixes[k]]
+        start[..., -count:] = begin
+        direction[..., -count:] = way
+        return np.minimum(self._shadows[k].reach(start, direction), 1.0)[..., None]
 
     def _inner(self, k: int, served: Array) -> Array:
         """Return values (..., of group k) well inside of what the earlier groups leave.
@@ -84,9 +91,9 @@ class Prioritization:
         range to those on the boundary.
         """
         group = self._gamma[self._groups[k]]
-        middle = np.broadcast_to(group @ self._middle, (*served.shape[:-1], len(group)))
         if k == 0:
-            return middle
+            return group @ self._middle
+        middle = np.broadcast_to(group @ self._middle, (*served.shape[:-1], len(group)))
         rows, shadow = self._prefixes[k - 1], self._shadows[k - 1]
         image = Zonotope(0.0 * shadow.center, shadow.generators)
         least = LeastNorm(self._gamma[rows], -self._reach, self._reach, image)

@@ -92,7 +92,7 @@ class Zonotope:
     def slanted(self, rates: Array, directions: Array) -> BoolArray:
         """Tell which rates ``directions @ normals.T`` (..., k) are more than rounding errors."""
         size = np.abs(directions / self._extent).max(axis=-1)
-        return np.abs(rates) > ROUNDING * np.multiply.outer(size, self._spans)
+        return np.abs(rates) > (ROUNDING * size)[..., None] * self._spans
 
     def reach(self, start: Array, direction: Array) -> Array:
         """Return the greatest t >= 0 (...) with ``start + t direction`` in the set.
@@ -101,20 +101,27 @@ class Zonotope:
         """
         heights, rates = (start - self.center) @ self.normals.T, direction @ self.normals.T
         slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
-        with np.errstate(all='ignore'):
-            reaches = slacks / np.abs(rates)
-        return np.where(self.slanted(rates, direction), reaches, np.inf).min(axis=-1)
+        moving = self.slanted(rates, direction)
+        speeds = np.where(moving, np.abs(rates), 1.0)
+        with np.errstate(over='ignore'):
+            return np.where(moving, slacks / speeds, np.inf).min(axis=-1)
 
     def section(self, u: Array) -> tuple[Array, Array]:
         """Return least and greatest last coordinates (...) with the others of u (..., m)."""
-        rates = self.normals[:, -1]
-        slanted = self.slanted(rates, np.eye(len(self.center))[-1])
-        rates = rates[slanted]
-        heights = (u - self.center)[..., :-1] @ self.normals[slanted, :-1].T
-        middle, half = -heights / rates, self.widths[slanted] / np.abs(rates)
-        low, high = (middle - half).max(axis=-1), (middle + half).min(axis=-1)
+        slopes, halves = self._last_coordinate
+        middles = (u - self.center)[..., :-1] @ slopes
+        low, high = (middles - halves).max(axis=-1), (middles + halves).min(axis=-1)
         # A section of no length may come out reversed by a rounding error.
         return np.minimum(low, high) + self.center[-1], np.maximum(low, high) + self.center[-1]
+
+    @cached_property
+    def _last_coordinate(self) -> tuple[Array, Array]:
+        """The pairs of facets as bounds of the last coordinate: of its middle, and its reach."""
+        slanted = self.slanted(self.normals[:, -1], np.eye(len(self.center))[-1])
+        rates = self.normals[slanted, -1]
+        return -(self.normals[slanted, :-1] / rates[:, None]).T, self.widths[slanted] / np.abs(
+            rates
+        )
 
     @cached_property
     def tiles(self) -> tuple[Array, Array, Array]:

@@ -190,7 +190,7 @@ def test_what_is_no_batch_is_refused_by_name(method, wrenches, words):
 
 
 def test_an_unknown_method_is_refused_with_the_names_of_all():
-    with pytest.raises(ValueError, match='pseudo_inverse, direct, conventional, exact'):
+    with pytest.raises(ValueError, match='exact, pseudo_inverse, conventional, direct'):
         make_allocator('exactly', HEXAROTOR)
 
 

@@ -26,6 +26,8 @@ POLICIES = {
 
 SOLVERS = ('newton', 'osqp')
 
+EXACT = Status.EXACT
+
 LAW_SHARE = 0.5
 """Of the tolerance, that a law may use up; the rest is for those who sum up in another order."""
 
@@ -78,9 +80,10 @@ class Exact(Allocator):
         self.admissible.check_order(order)
 
     def _allocate(self, u: Array) -> Allocation:
-        thrusts = self._laws.find(u)
-        if thrusts is not None and self._sound(u, thrusts):
-            return Allocation(self.problem, u, thrusts, Status.EXACT)
+        laws = self._laws
+        thrusts = laws.find(u)
+        if thrusts is not None and (laws.proven or self._judge(u, thrusts, LAW_SHARE)):
+            return Allocation(self.problem, u, thrusts, EXACT)
         served, level, status = self._within(u)
         thrusts = self._solve(served)
         if status == Status.REJECTED:
@@ -97,13 +100,9 @@ class Exact(Allocator):
         if self._osqp is not None:
             return self._least_norm.solve(u, tolerance, self._osqp.multipliers(u))[0]
         thrusts = self._laws.find_or_learn(u)
-        if thrusts is not None and self._sound(u, thrusts):
+        if thrusts is not None and (self._laws.proven or self._judge(u, thrusts, LAW_SHARE)):
             return thrusts
         return self._least_norm.solve(u, tolerance)[0]
-
-    def _sound(self, u: Array, thrusts: Array) -> bool:
-        """Tell whether the thrusts by the last law are exact."""
-        return self._laws.proven or bool(self._judge(u, thrusts, LAW_SHARE))
 
     def _learn(self, u: Array) -> AffineLaw | None:
         multipliers = self.problem.multipliers(u)
@@ -121,7 +120,7 @@ class Exact(Allocator):
         if self.policy == 'scale':
             return self.admissible.scale_levels(u, self.about)
         if self.policy == 'prioritize':
-            served, levels = self.admissible.prioritize_levels(u, self.order)
+            served, levels = self.admissible.check_order(self.order)(u)
             return served, levels.min(axis=-1)
         nothing = self.problem.gamma @ self.problem.lower
         return np.broadcast_to(nothing, u.shape), np.zeros(u.shape[:-1])
