@@ -84,14 +84,22 @@ def shell(place, graph, script):
     return run.stdout
 
 
+def write(place, block):
+    """Write a block into its file, or as the last entry into the dict that is there."""
+    path = place / block.mark.rpartition(' ')[2]
+    text = block.text
+    if block.mark.startswith('insert '):
+        text = path.read_text(encoding='utf-8').replace('\n}\n', f'\n{text}}}\n', 1)
+    path.write_text(text, encoding='utf-8')
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize('page', PAGES)
 def test_the_commands_of_a_page_run_one_after_the_other(page, clone, graph):
     for block in blocks(page):
-        if block.mark.startswith('file '):
-            path = clone / block.mark.removeprefix('file ')
-            path.write_text(block.text, encoding='utf-8')
+        if block.mark.startswith(('file ', 'insert ')):
+            write(clone, block)
         elif block.runs and block.kind == 'sh':
             shell(clone, graph, block.text)
         elif block.runs:
@@ -136,10 +144,8 @@ def test_links_within_the_repository_lead_somewhere():
 def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
     [source, line] = [
         block for block in blocks('CONTRIBUTING.md') if block.mark.startswith(('file', 'insert'))]
-    (clone / source.mark.removeprefix('file ')).write_text(source.text, encoding='utf-8')
-    registry = clone / line.mark.removeprefix('insert into ')
-    old = registry.read_text(encoding='utf-8')
-    registry.write_text(old.replace('\n}\n', f'\n{line.text}}}\n', 1), encoding='utf-8')
+    write(clone, source)
+    write(clone, line)
     out = shell(clone, graph, """
         python -c "from ca_ros import ALLOCATORS; print(*ALLOCATORS)"
         python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
