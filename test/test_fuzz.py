@@ -151,6 +151,10 @@ def said(message):
     return message.layout.dim[1].label, message.data.tolist()
 
 
+NONE = *FAULTS, -1.0, -5e-324, 400.1, 1e12, 1e300
+"""What is no rotor speed [rad/s]."""
+
+
 class Simulator:
     """Commands a simulator."""
 
@@ -178,12 +182,12 @@ class Simulator:
             f'stamp {self.time}', f'stamp {self.time - STEP}', f'stamp {self.time + STEP}',
             'stamp -1', 'stamp 1e3', 'stamp', '', 'no stamp', 'stamp ' + 30 * '9', 5000 * 'ä'))
         if label == f'stamp {self.time}' and len(speeds) == 6:
-            speeds[rng.integers(6)] = choose(rng, (*FAULTS, -1e12, -5e-324))
+            speeds[rng.integers(6)] = choose(rng, NONE)
         self.send(speeds, *(choose(rng, (label, '')) for _ in range(rng.integers(4))))
 
     def combine(self):
         """Send a message for each combination of a number with what is none."""
-        for i, fault in itertools.product(range(6), (*FAULTS, -1.0, -5e-324)):
+        for i, fault in itertools.product(range(6), NONE):
             self.send(np.where(np.arange(6) == i, fault, 255.0), f'stamp {self.time}')
             yield
 

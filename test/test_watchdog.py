@@ -5,6 +5,8 @@ CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (de
 
 import math
 import os
+import signal
+import sys
 import time
 from pathlib import Path
 
@@ -177,6 +179,46 @@ def test_commands_that_are_dropped_do_not_count(graph, name):
         node.wait_for_timeout('idle')
         node.wait_for('idle')
     timer.cancel()
+
+
+FLOOD = """
+import sys
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
+
+rclpy.init()
+nothing = float('nan')
+if sys.argv[1] == 'command/wrench':
+    message = WrenchStamped()
+    message.wrench.force.z = nothing
+else:
+    message = Float64MultiArray(data=[nothing] * 6)
+publisher = rclpy.create_node('flood').create_publisher(type(message), sys.argv[1], 1)
+encoded = serialize_message(message)
+while True:
+    publisher.publish(encoded)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', NAMES)
+def test_a_flood_of_what_is_dropped_delays_nothing_for_long(graph, name):
+    node = Watched(graph, name)
+    timer = graph.node.create_timer(TICK, node.send)
+    topic = node.command.topic_name.lstrip('/')
+    flood = graph.start(sys.executable, '-c', FLOOD, topic)
+    node.diagnostics.wait(
+        node.name, lambda level, message, values: counts(values)['dropped: numbers'] > 1000,
+        'a flood')
+    timer.cancel()
+    for _ in range(20):
+        node.wait_for('idle')
+    assert flood.poll() is None
+    graph.end(flood, signal.SIGKILL)
+    node.fly()
+    node.wait_for('idle')
 
 
 @pytest.mark.parametrize('name', NAMES)

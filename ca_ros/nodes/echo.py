@@ -11,6 +11,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.nodes.messages import fill_speeds, speeds_message, wrench_array
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.parameters import AXES
 from ca_ros.vehicle import Vehicle
 
 
@@ -36,11 +37,11 @@ class Echo(VehicleNode):
 
     def adopt(self, built: int) -> None:
         """Answer with so many numbers from the next command on."""
-        self._n = built
+        self._chosen = np.arange(built) % len(AXES)
         self._message = speeds_message(np.zeros(built), None)
 
     def _serve(self, command: WrenchStamped) -> None:
-        numbers = np.resize(wrench_array(command), self._n)
+        numbers = wrench_array(command).take(self._chosen)
         self._speeds.publish(fill_speeds(self._message, numbers, command.header.stamp))
 
 

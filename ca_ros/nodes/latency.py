@@ -64,7 +64,7 @@ CHANCES = 3
 OFFERED_MIN = 0.98
 """Share of a rate at which commands must have gone out: of a slower one, nothing is known."""
 
-LADDER_START, LADDER = 200.0, 1.5
+LADDER_START, LADDER = 500.0, 2.0
 """The first rate that is tried [Hz], and the ratio of those that follow."""
 
 

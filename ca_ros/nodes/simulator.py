@@ -93,6 +93,8 @@ class Simulator(VehicleNode):
             if not expired:
                 self.counts['timeouts'] += 1
                 self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
+        if not self._resting:
+            self._catch_up()
 
     def _receive(self, command: Float64MultiArray) -> None:
         self.counts['received'] += 1
