@@ -43,6 +43,12 @@ class Flight:
         """Roll, pitch, yaw (K, 3): Euler angles 123, about x, the new y, the new z [rad]."""
         return Rotation.from_quat(self.attitude).as_euler('XYZ')
 
+    @property
+    def gaps(self) -> int:
+        """How many samples are missing between the first and the last, if they are equidistant."""
+        steps = np.diff(self.time)
+        return round(float((steps / steps.min() - 1.0).sum())) if len(steps) else 0
+
     def position_error(self, waypoint: Waypoint) -> float:
         """Return the final distance to a waypoint [m]."""
         return float(np.linalg.norm(self.position[-1] - waypoint.position))

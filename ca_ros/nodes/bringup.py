@@ -101,6 +101,7 @@ def _fly(
 
             def spin() -> None:
                 executor.spin_once(timeout_sec=0.1)
+                recorder.drain()
                 if bag:
                     bag.write()
                 if interrupts:
@@ -162,7 +163,10 @@ def _fly(
                 end = recorder.end(options.duration)
                 wait(lambda: bag.behind(end))
             wall = time.monotonic() - began
-            return recorder.flight(options.duration), wall, processes.respawned
+            flight = recorder.flight(options.duration)
+            if options.mode == 'lockstep' and (lost := flight.gaps):
+                raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
+            return flight, wall, processes.respawned
     finally:
         executor.shutdown()
         recorder.destroy_node()

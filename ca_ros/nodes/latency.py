@@ -397,11 +397,13 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
 
             sides = [Side(node, kind, commands) for kind in KINDS]
             deadline = time.monotonic() + START_TIMEOUT
-            while not all(side.there for side in sides):
-                watch()
-                time.sleep(0.05)
-                if time.monotonic() > deadline:
-                    raise LatencyError(f'after {START_TIMEOUT:g} s not all nodes are there')
+            for side in sides:
+                # Who has found a node is not yet found by it: its first answers may go to nobody.
+                while not (side.there and side.ask(50.0, 10).answered):
+                    watch()
+                    time.sleep(0.05)
+                    if time.monotonic() > deadline:
+                        raise LatencyError(f'after {START_TIMEOUT:g} s no answer of {side.kind}')
             for side in sides:
                 # Laws are learned, caches are filled.
                 side.ask_in_turn(len(commands), watch)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -31,13 +32,13 @@ class Recorder(Node):
             COMMAND,
             event_callbacks=PublisherEventCallbacks(matched=self._greet),
         )
-        self._streams: list[Subscription] = []
+        self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
         self.restart()
 
     def restart(self) -> None:
         """Forget the flight, which begins anew, and what is still on its way of it."""
         self._goal: Waypoint | None = None
-        for stream in self._streams:
+        for stream, _ in self._streams:
             self.destroy_subscription(stream)
         everything = QoSProfile(
             reliability=ReliabilityPolicy.RELIABLE,
@@ -45,7 +46,7 @@ class Recorder(Node):
             depth=LOCKSTEP_DEPTH,
         )
         self._streams = [
-            self.create_subscription(kind, topic, receive, everything)
+            (self.create_subscription(kind, topic, receive, everything), receive)
             for kind, topic, receive in (
                 (PoseStamped, 'local_position/pose', self._receive_pose),
                 (TwistStamped, 'local_position/velocity_body', self._receive_velocity),
@@ -55,6 +56,17 @@ class Recorder(Node):
         self._samples: dict[int, dict[str, np.ndarray]] = {}
         self._start: int | None = None
         self._last: int | None = None
+
+    def drain(self) -> None:
+        """Take all that has come; an executor would take several times as long for a message."""
+        for stream, receive in self._streams:
+            with stream.handle:
+                while taken := stream.handle.take_message(stream.msg_type, False):
+                    receive(taken[0])
+        if self._start is None and self._samples:
+            # Before the flight only the newest samples matter: one may become the first.
+            oldest = max(self._samples) - 1_000_000_000
+            self._samples = {key: part for key, part in self._samples.items() if key >= oldest}
 
     def missing(self) -> list[str]:
         """Return the links of the loop that are not there yet, in words."""
@@ -96,7 +108,7 @@ class Recorder(Node):
 
     @property
     def elapsed(self) -> float:
-        """Time of the flight so far [s]."""
+        """Time of the flight so far, up to the last complete sample [s]."""
         if self._start is None or self._last is None:
             return 0.0
         return (self._last - self._start) / 1e9
@@ -136,13 +148,10 @@ class Recorder(Node):
         speeds = np.array(message.data)
         if speeds.any():
             self._start = time if self._start is None else min(time, self._start)
-            self._last = time if self._last is None else max(time, self._last)
         self._put(time, speeds=speeds)
 
     def _put(self, time: int, **parts: np.ndarray) -> None:
-        if self._start is None:
-            # Before the flight only the newest sample matters: it may become the first.
-            self._samples = {
-                key: sample for key, sample in self._samples.items() if key >= time - 1_000_000_000
-            }
-        self._samples.setdefault(time, {}).update(parts)
+        sample = self._samples.setdefault(time, {})
+        sample.update(parts)
+        if len(sample) == 5 and self._start is not None:
+            self._last = time if self._last is None else max(time, self._last)
