@@ -280,7 +280,7 @@ def test_flights_through_faults_reach_their_waypoint(graph, record_property):
 def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
     flight = graph.start_silent(
         'bringup', '--faults', 'drop:=0.1 delay:=0.005 seed:=3', '--namespace', 'uav1',
-        '--out', str(tmp_path))
+        '--out', str(tmp_path), '--ros-args', '-p', 'command_timeout:=1.0')
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
     graph.spin_until(
         lambda: any(status.name.startswith('/uav1/fault_proxy') and 'drop 0.1' in status.message

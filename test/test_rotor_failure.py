@@ -48,5 +48,6 @@ def test_a_ppnnpn_hexarotor_loses_rotor_1_at_hover(graph, announced):
         repeat=lambda: goal.publish(waypoint(NEXT)))
     assert arrived(NEXT) == announced
     if announced:
-        assert all(message.data[0] == 0.0 for message in speeds)
+        # Not the first ones, which may have been on their way since before the loss.
+        assert all(message.data[0] == 0.0 for message in speeds[-100:])
     assert np.isfinite([message.data for message in speeds]).all()
