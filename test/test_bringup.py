@@ -94,12 +94,12 @@ def test_lockstep_equals_the_offline_loop_to_the_last_bit(tmp_path, methods):
                 np.testing.assert_allclose(last, HOVER_SPEED, atol=0.5)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(2 * FLIGHT_TIMEOUT)
 # A machine that stands still for a moment is no end of commands.
 PATIENT = ('--ros-args', '-p', 'command_timeout:=1.0')
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(2 * FLIGHT_TIMEOUT)
 def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
     flight = graph.start_silent(
         'bringup', '--method', 'exact', '--out', str(tmp_path), '--duration', '8',
