@@ -24,7 +24,7 @@ from test_node_allocator import HOVER, VEHICLE, six, some_wrenches, twin
 from test_node_controller import LAW, REST, WAYPOINT, expected, pose_message, velocity_message
 from test_node_simulator import STEP, published, state_array
 
-FUZZ = int(os.environ.get('CA_ROS_FUZZ', '1000'))
+FUZZ = int(os.environ.get('CA_ROS_FUZZ', '500'))
 BATCH = 50
 """So many bad messages are sent between two good ones."""
 

@@ -17,7 +17,7 @@ from ca_ros.processes import Processes
 from ros import DEADLINE
 from test_bringup import fly_offline
 
-KILLS = int(os.environ.get('CA_ROS_KILLS', '2'))
+KILLS = int(os.environ.get('CA_ROS_KILLS', '1'))
 NODES = ('simulator', 'allocator', 'controller')
 IDLE = 40.0
 """Of each rotor [rad/s]."""

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.nodes.watchdog import TICK
 from ros import Diagnostics, counts
 
-TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '50'))
+TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '15'))
 TIMEOUT = 0.05
 """[s]"""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,6 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None and not is_one_thread():
         # NumPy's libraries look at this when they are loaded, which is before any line of ours.
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], one_thread())
+    # Also where whoever started it has left interrupts out, as shells do in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         return _measure(options)
     except KeyboardInterrupt:
