@@ -1,6 +1,6 @@
 """What no sound sender would send: nothing unsound goes out, and the next good command is served.
 
-CA_ROS_FUZZ says how many messages each node gets (default 1000).
+CA_ROS_FUZZ says how many messages each node gets (default 500).
 """
 
 import itertools

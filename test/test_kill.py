@@ -1,6 +1,6 @@
 """Nodes that are killed in flight with kill -9: bringup brings them back, and the flight goes on.
 
-CA_ROS_KILLS says how often each node is killed (default 2).
+CA_ROS_KILLS says how often each node is killed (default 1).
 """
 
 import math

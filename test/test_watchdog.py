@@ -1,6 +1,6 @@
 """Commands that cease, in the allocator and in the simulator.
 
-CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (default 50).
+CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (default 15).
 """
 
 import math
