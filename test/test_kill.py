@@ -138,7 +138,7 @@ def test_in_real_time_the_vehicle_comes_back_to_its_waypoint(graph, tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(60 + 120 * KILLS)
 def test_in_lockstep_no_step_is_lost(graph, tmp_path):
-    duration, before = 20.0, shared_memory(graph)
+    duration, before = 20.0 + KILLS, shared_memory(graph)
     flight = Flight(
         graph, tmp_path, '--mode', 'lockstep', '--duration', str(duration), '--method', 'exact')
     flight.wait(lambda pose: pose.pose.position.z > 0.1, 'a flight')

@@ -236,7 +236,7 @@ def _node(node: Figures) -> str:
             'From a command to its motor speeds, the allocator node beside an echo node that '
             'only copies numbers.',
             table(('', 'p50 [us]', 'p99 [us]', 'p99.9 [us]', 'late', 'answered'), rows),
-            f'Allocator over echo, {ratios}. Highest rate without loss: '
+            f'Allocator over echo, {ratios}. Highest sustained rate: '
             f'{number(sustained["allocator"])} Hz, echo {number(sustained["echo"])} Hz, ratio '
             f'{number(sustained["ratio"])}.',
             *([f'Settings: {settings}.'] if settings else []),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from importlib.util import find_spec
 from operator import le
 from time import perf_counter_ns, sleep
@@ -10,6 +11,8 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import Allocation, Status
@@ -23,8 +26,8 @@ from ca_ros.nodes.messages import (
     fill_speeds,
     nanoseconds,
     speeds_message,
-    wrench_array,
     wrench_message,
+    wrench_numbers,
 )
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode, run
@@ -48,8 +51,9 @@ class Allocator(VehicleNode):
     method: Method
 
     def __init__(self, name: str) -> None:
-        self._status: Status | None = None
-        self._level = 1.0
+        self._answer: Allocation | None = None
+        self._answers: Counter[Status] = Counter()
+        self._heard: set[Publisher] = set()
         self._newest = 0
         self._last: Array = np.zeros(1)
         self._watchdog = Watchdog()
@@ -58,13 +62,9 @@ class Allocator(VehicleNode):
         self._speeds = self.create_publisher(
             Float64MultiArray, 'command/motor_speed', offered(self.mode)
         )
-        self._allocated = self.create_publisher(
-            WrenchStamped, '~/allocated_wrench', offered(self.mode)
-        )
-        self._residual = self.create_publisher(WrenchStamped, '~/residual', offered(self.mode))
-        self._saturation = self.create_publisher(
-            Int8MultiArray, '~/saturation', offered(self.mode)
-        )
+        self._allocated = self._create_aside(WrenchStamped, '~/allocated_wrench')
+        self._residual = self._create_aside(WrenchStamped, '~/residual')
+        self._saturation = self._create_aside(Int8MultiArray, '~/saturation')
         self.listen(WrenchStamped, 'command/wrench', self._serve)
         self.observe('allocation')
         if find_spec('osqp') is None:
@@ -84,7 +84,7 @@ class Allocator(VehicleNode):
         self.note(report)
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
-        self._rows = np.array([AXES.index(axis) for axis in vehicle.axes])
+        self._rows = [AXES.index(axis) for axis in vehicle.axes]
         low, high = vehicle.speed_limits
         # What is held: all but the speeds of lost rotors.
         self._last = np.where(high > 0.0, self._last, 0.0)
@@ -100,18 +100,19 @@ class Allocator(VehicleNode):
         levels = super().levels()
         if self._watchdog.expired:
             return [*levels, (ERROR, f'no command: {self.parameters["timeout_action"]}')]
-        if self._status is None:
+        if self._answer is None:
             return [*levels, (STALE, 'no command yet')]
-        served = self._status is Status.EXACT
-        return [*levels, (OK if served else WARN, self._status.name)]
+        status = Status(self._answer.status)
+        return [*levels, (OK if status is Status.EXACT else WARN, status.name)]
 
     def values(self) -> dict[str, object]:
         """Return details of the node by name."""
         return {
             'method': self.parameters['allocation.method'],
             'audit': self.audit,
-            'level of the last answer': self._level,
+            'level of the last answer': self._answer.level if self._answer else 1.0,
             **super().values(),
+            **{status.name.lower(): count for status, count in self._answers.items()},
             **self._latencies.values(),
         }
 
@@ -143,12 +144,13 @@ class Allocator(VehicleNode):
     def _serve(self, command: WrenchStamped) -> None:
         began = perf_counter_ns()
         self.counts['received'] += 1
-        wrench = wrench_array(command)
-        if fault := self._fault(command, wrench):
+        wrench = wrench_numbers(command)
+        time = nanoseconds(command.header.stamp)
+        if fault := self._fault(wrench, command.header.frame_id, time):
             self.drop(*fault)
             return
-        answer = self.method.allocate(wrench.take(self._rows))
-        self._status, self._level = answer.status, answer.level
+        answer = self.method.allocate([wrench[row] for row in self._rows])
+        self._answer = answer
         if answer.status is not Status.REJECTED:
             speeds = answer.speeds
             least, greatest = self._limits
@@ -157,25 +159,24 @@ class Allocator(VehicleNode):
             if not (all(map(le, least, values)) and all(map(le, values, greatest))):
                 self.drop('answer', f'{speeds} rad/s are out of bounds: a fault of the method')
                 return
-            self._speeds.publish(fill_speeds(self._message, speeds, command.header.stamp))
+            self._speeds.publish(fill_speeds(self._message, speeds, time))
             self._watchdog.feed()
-            self._newest = nanoseconds(command.header.stamp)
+            self._newest = time
             self._last = speeds
             self.counts['served'] += 1
             self._latencies.add(perf_counter_ns() - began)
-        self.counts[answer.status.name.lower()] += 1
-        self._report(command, wrench, answer)
+        self._answers[answer.status] += 1
+        if self._heard:
+            self._report(command, wrench, answer)
 
-    def _fault(self, command: WrenchStamped, wrench: Array) -> tuple[str, str] | None:
+    def _fault(self, wrench: list[float], frame: str, time: int) -> tuple[str, str] | None:
         """Return why a command is not to be served, in a word and at length."""
         # Also what is not commanded must be sound: it is part of the residual.
-        if not sum(map(abs, wrench.tolist())) <= ABSURD:
+        if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
-        frame = command.header.frame_id
         if frame != self._frame and frame and self._frame:
             frames = f'{frame!r:.99}: expected {self._frame}'
             return 'frame', f'wrench in {frames} (parameter command_frame)'
-        time = nanoseconds(command.header.stamp)
         if self._age_max and (age := self.get_clock().now().nanoseconds - time) > self._age_max:
             return 'age', f'wrench that is {age / 1e9:.3f} s old (parameter command_age_max)'
         if time < self._newest:
@@ -189,18 +190,25 @@ class Allocator(VehicleNode):
         self._last = fallback(action, self.method.problem.vehicle, self._last)
         self._speeds.publish(fill_speeds(self._message, self._last, None))
 
-    def _report(self, command: WrenchStamped, wrench: Array, answer: Allocation) -> None:
+    def _create_aside(self, kind: type, topic: str) -> Publisher:
+        """Create a publisher of what is worked out only while somebody listens."""
+
+        def matched(change: Any) -> None:
+            # To be told costs less than to ask with every command.
+            (self._heard.add if change.current_count else self._heard.discard)(publisher)
+
+        events = PublisherEventCallbacks(matched=matched)
+        publisher = self.create_publisher(kind, topic, offered(self.mode), event_callbacks=events)
+        return publisher
+
+    def _report(self, command: WrenchStamped, wrench: list[float], answer: Allocation) -> None:
         """Publish what the rotors give, in all six components, to whoever listens."""
-        allocated, residual = (
-            publisher.get_subscription_count() for publisher in (self._allocated, self._residual)
-        )
-        if allocated or residual:
-            given = self._wrenches @ answer.thrusts
-            if allocated:
-                self._allocated.publish(wrench_message(given, command.header))
-            if residual:
-                self._residual.publish(wrench_message(wrench - given, command.header))
-        if self._saturation.get_subscription_count():
+        given = self._wrenches @ answer.thrusts
+        if self._allocated in self._heard:
+            self._allocated.publish(wrench_message(given, command.header))
+        if self._residual in self._heard:
+            self._residual.publish(wrench_message(wrench - given, command.header))
+        if self._saturation in self._heard:
             self._saturation.publish(Int8MultiArray(data=answer.saturation.tolist()))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.nodes.messages import fill_speeds, speeds_message, wrench_array
+from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.vehicle_node import VehicleNode, run
 from ca_ros.parameters import AXES
@@ -41,8 +41,9 @@ class Echo(VehicleNode):
         self._message = speeds_message(np.zeros(built), None)
 
     def _serve(self, command: WrenchStamped) -> None:
-        numbers = wrench_array(command).take(self._chosen)
-        self._speeds.publish(fill_speeds(self._message, numbers, command.header.stamp))
+        numbers = np.array(wrench_numbers(command)).take(self._chosen)
+        time = nanoseconds(command.header.stamp)
+        self._speeds.publish(fill_speeds(self._message, numbers, time))
 
 
 def main() -> int:

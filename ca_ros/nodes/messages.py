@@ -25,8 +25,8 @@ def nanoseconds(time: Time) -> int:
     return time.sec * 1_000_000_000 + time.nanosec
 
 
-def speeds_message(speeds: Array, time: Time | None) -> Float64MultiArray:
-    """Return rotor speeds (n,) [rad/s] as n rows of one column, labelled with the time.
+def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
+    """Return rotor speeds (n,) [rad/s] as n rows of one column, labelled with the time [ns].
 
     The type has no header, so the label carries the stamp: of the command that is answered, or of
     the state from which on the speeds are in effect; none if they answer nothing.
@@ -40,11 +40,10 @@ def speeds_message(speeds: Array, time: Time | None) -> Float64MultiArray:
     return fill_speeds(message, speeds, time)
 
 
-def fill_speeds(message: Float64MultiArray, speeds: Array, time: Time | None) -> Float64MultiArray:
+def fill_speeds(message: Float64MultiArray, speeds: Array, time: int | None) -> Float64MultiArray:
     """Fill a `speeds_message` once more, which takes a quarter of the time of a new one."""
     message.data = array('d', speeds.tobytes())
-    label = 'no stamp' if time is None else f'stamp {nanoseconds(time)}'
-    message.layout.dim[1].label = label
+    message.layout.dim[1].label = 'no stamp' if time is None else f'stamp {time}'
     return message
 
 
@@ -92,7 +91,7 @@ def wrench_message(wrench: Array, header: Header) -> WrenchStamped:
     return message
 
 
-def wrench_array(message: WrenchStamped) -> Array:
-    """Return a wrench (6,), force before torque [N, N m]."""
+def wrench_numbers(message: WrenchStamped) -> list[float]:
+    """Return the six numbers of a wrench, force before torque [N, N m]."""
     f, t = message.wrench.force, message.wrench.torque
-    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
+    return [f.x, f.y, f.z, t.x, t.y, t.z]

@@ -157,7 +157,7 @@ class Simulator(VehicleNode):
         self._publish()
 
     def _publish_speeds(self) -> None:
-        self._speeds.publish(speeds_message(self._command, stamp(self._time)))
+        self._speeds.publish(speeds_message(self._command, self._time))
 
     def _publish(self) -> None:
         state = self._state
