@@ -62,6 +62,7 @@ setup(
             'psutil',
             'pytest>=7.4',
             'pytest-timeout',
+            'pytest-xdist',
             'ruff~=0.17.5',
             'types-PyYAML',
             'wheel',

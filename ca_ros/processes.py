@@ -18,7 +18,7 @@ class Processes:
     Parameters
     ----------
     commands : mapping of str to sequence of str
-        Command lines by name, in the order in which they are started, and stopped.
+        Command lines by name, in the order in which they are started.
     """
 
     PATIENCE = 5.0
@@ -109,20 +109,20 @@ class Processes:
         self._start(name)
 
     def stop(self) -> None:
-        """End them one after the other, and whatever they started."""
-        for name in self.running:
-            self._end(name)
+        """End them all at once, lest one miss the other, and whatever they started."""
+        self._end(*self.running)
 
-    def _end(self, name: str) -> None:
-        process = self.running[name]
-        if process.poll() is None:
-            # Python answers SIGINT with a traceback as long as it is still importing.
-            process.terminate()
+    def _end(self, *names: str) -> None:
+        for name in names:
+            if self.running[name].poll() is None:
+                # Python answers SIGINT with a traceback as long as it is still importing.
+                self.running[name].terminate()
+        for name in names:
             try:
-                process.wait(self.PATIENCE)
+                self.running[name].wait(self.PATIENCE)
             except subprocess.TimeoutExpired:
                 print(
                     f'{name} did not end within {self.PATIENCE:g} s and is killed',
                     file=sys.stderr,
                 )
-        self._kill(name)
+            self._kill(name)
