@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from operator import le
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,9 +105,11 @@ class AffineLaw:
         z = self.slope.dot(u)
         if not self.linear:
             z += self.offset
-        values, (least, greatest) = z.tolist(), self.limits
-        if not (all(map(le, least, values)) and all(map(le, values, greatest))):
-            return None
+        lower, upper = self.limits
+        # To be strict would take as long as all comparisons.
+        for least, value, greatest in zip(lower, z.tolist(), upper):  # noqa: B905
+            if not least <= value <= greatest:
+                return None
         if len(self.bound):
             z[self.bound] = self.ends
         return z
