@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from importlib.util import find_spec
-from operator import le
 from time import perf_counter_ns, sleep
 from typing import Any
 
@@ -88,7 +87,7 @@ class Allocator(VehicleNode):
         low, high = vehicle.speed_limits
         # What is held: all but the speeds of lost rotors.
         self._last = np.where(high > 0.0, self._last, 0.0)
-        self._limits = low.tolist(), high.tolist()
+        self._limits = list(zip(low.tolist(), high.tolist(), strict=True))
         self._message = speeds_message(self._last, None)
         self._watchdog.timeout = self.parameters['command_timeout']
         self._frame = self.parameters['command_frame']
@@ -153,12 +152,11 @@ class Allocator(VehicleNode):
         self._answer = answer
         if answer.status is not Status.REJECTED:
             speeds = answer.speeds
-            least, greatest = self._limits
-            values = speeds.tolist()
             # Whatever a method may do, nothing else goes out to the motors.
-            if not (all(map(le, least, values)) and all(map(le, values, greatest))):
-                self.drop('answer', f'{speeds} rad/s are out of bounds: a fault of the method')
-                return
+            for speed, (least, greatest) in zip(speeds.tolist(), self._limits, strict=True):
+                if not least <= speed <= greatest:
+                    self.drop('answer', f'{speeds} rad/s are out of bounds: a fault of the method')
+                    return
             self._speeds.publish(fill_speeds(self._message, speeds, time))
             self._watchdog.feed()
             self._newest = time
