@@ -147,7 +147,7 @@ def test_the_rotors_are_told_in_time_again_and_again(graph, name, record_propert
             node.wait_for_timeout(action)
         for _ in range(3):
             node.wait_for(action)
-    p50, highest = np.percentile(delays, (50, 100)) * 1e3
+    p50, highest = (1e3 * np.percentile(delays, (50, 100))).tolist()
     record_property(f'{name}: time-outs in a row', TIMEOUTS)
     record_property(f'{name}: of how many', len(delays))
     record_property(f'{name}: after the time-out, p50 [ms]', round(p50, 1))
