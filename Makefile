@@ -57,7 +57,7 @@ demo: .venv/.demo
 test: .venv/.test
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m mypy
-	.venv/bin/python -m pytest --numprocesses auto --dist loadfile
+	.venv/bin/python -m pytest --numprocesses auto --dist worksteal
 
 benchmark: .venv/.benchmark
 	.venv/bin/benchmark --out out/benchmark

@@ -22,7 +22,7 @@ SERIES = {
     'test_watchdog.py': {'CA_ROS_TIMEOUTS': '150'},
     'test_end.py': {'CA_ROS_ENDS': '50'},
     'test_kill.py': {'CA_ROS_KILLS': '50'},
-    'test_fault_proxy.py': {},
+    'test_fault_proxy.py': {'CA_ROS_LEGS': 'all'},
 }
 """Files of tests, and how long they are to be."""
 

@@ -423,7 +423,7 @@ def test_what_the_process_with_ros_measures_is_merged(tmp_path, with_ros, figure
     figures['node'] = found
     text = benchmark.report(figures)
     assert '| 250 Hz, allocator | 100 | 200 | 300 | 0 | 9 of 9 |' in text
-    assert 'Highest rate without loss: 900 Hz, echo 1000 Hz, ratio 0.9.' in text
+    assert 'Highest sustained rate: 900 Hz, echo 1000 Hz, ratio 0.9.' in text
 
 
 @pytest.mark.parametrize(('fault', 'words'), [
