@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,15 @@ def environment() -> dict[str, Any]:
 def load_average() -> list[float]:
     """Return the mean numbers of processes that wanted to run in the last 1, 5 and 15 minutes."""
     return [round(load, 2) for load in os.getloadavg()]
+
+
+def stolen() -> float | None:
+    """Return how long others have had this virtual machine's processors [s]; None if unknown."""
+    try:
+        ticks = Path('/proc/stat').read_text(encoding='ascii').split(maxsplit=9)[8]
+    except OSError:
+        return None
+    return int(ticks) / os.sysconf('SC_CLK_TCK')
 
 
 def _blas() -> str:

@@ -249,9 +249,11 @@ def _made_with(figures: Figures) -> str:
     machine = around['machine']
     versions = [f'{name} {number}' for name, number in around['versions'].items()]
     plan = ', '.join(f'{WORDS[name]} {_plain(value)}' for name, value in settings['plan'].items())
+    stolen = around['stolen']
     lines = [
         f'{machine["processor"]}, {machine["cores"]} cores, {machine["system"]}; load '
-        f'{around["load_average"][0]:g} before and {around["load_average_after"][0]:g} after',
+        f'{around["load_average"][0]:g} before and {around["load_average_after"][0]:g} after'
+        + ('' if stolen is None else f'; {stolen:.1f} s of its time went to other machines'),
         f'{", ".join(versions)}; BLAS of NumPy: {around["blas"]}',
         ', '.join(f'{name}={value}' for name, value in around['threads'].items()),
         f'clock {around["clock"]}; garbage collector {around["garbage_collector"]}',

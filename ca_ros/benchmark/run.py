@@ -19,7 +19,7 @@ from ca_ros.benchmark.batches import time_batches
 from ca_ros.benchmark.calls import fastest_correct_peer, time_calls
 from ca_ros.benchmark.closed_loop_time import time_flights
 from ca_ros.benchmark.contenders import BASELINE, Contender, baseline, method, peers
-from ca_ros.benchmark.environment import environment, load_average
+from ca_ros.benchmark.environment import environment, load_average, stolen
 from ca_ros.benchmark.growth import grow
 from ca_ros.benchmark.node import time_node
 from ca_ros.benchmark.plan import Plan
@@ -46,7 +46,7 @@ def run(
     nodes : bool
         Whether the nodes are measured too.
     """
-    start, surroundings = time.perf_counter(), environment()
+    start, stolen_before, surroundings = time.perf_counter(), stolen(), environment()
     admissible = AdmissibleSet(case.vehicle)
     problem = admissible.problem
     gains = Gains.from_parameters(case.parameters)
@@ -89,7 +89,11 @@ def run(
             'plan': asdict(plan),
             'baseline': BASELINE,
         },
-        'environment': {**surroundings, 'load_average_after': load_average()},
+        'environment': {
+            **surroundings,
+            'load_average_after': load_average(),
+            'stolen': None if stolen_before is None else (stolen() or 0.0) - stolen_before,
+        },
         'loads': {
             load: {
                 'about': about,
