@@ -43,11 +43,12 @@ class Flight:
         """Roll, pitch, yaw (K, 3): Euler angles 123, about x, the new y, the new z [rad]."""
         return Rotation.from_quat(self.attitude).as_euler('XYZ')
 
-    @property
-    def gaps(self) -> int:
-        """How many samples are missing between the first and the last, if they are equidistant."""
-        steps = np.diff(self.time)
-        return round(float((steps / steps.min() - 1.0).sum())) if len(steps) else 0
+    def missing(self, duration: float) -> int:
+        """Return how many samples are missing of a flight of so many seconds in equal steps."""
+        if len(self.time) < 2:
+            return 2 - len(self.time)
+        step = float(np.diff(self.time).min())
+        return int(duration / step + 1e-6) + 1 - len(self.time)
 
     def position_error(self, waypoint: Waypoint) -> float:
         """Return the final distance to a waypoint [m]."""

@@ -164,7 +164,7 @@ def _fly(
                 wait(lambda: bag.behind(end))
             wall = time.monotonic() - began
             flight = recorder.flight(options.duration)
-            if options.mode == 'lockstep' and (lost := flight.gaps):
+            if options.mode == 'lockstep' and (lost := flight.missing(options.duration)):
                 raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
             return flight, wall, processes.respawned
     finally:

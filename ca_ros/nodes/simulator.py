@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.duration import Duration
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.messages import speeds_message, speeds_stamp, stamp, state_messages
-from ca_ros.nodes.qos import offered
+from ca_ros.nodes.qos import LOCKSTEP_DEPTH, offered
 from ca_ros.nodes.vehicle_node import VehicleNode, run
 from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.rigid_body import (
@@ -26,6 +27,12 @@ from ca_ros.vehicle import Vehicle
 
 REPEAT = 0.2
 """In lockstep a state that nobody has answered is published again after this time [s]."""
+
+BACKLOG = LOCKSTEP_DEPTH // 4
+"""In lockstep, after so many steps, those who read along are given the time to catch up."""
+
+CATCH_UP = 2.0
+"""How much time at most [s]: one that has been killed will not."""
 
 BEHIND_MAX = 0.5
 """In real time the simulation catches up with the clock if it is not more than this behind [s]."""
@@ -115,6 +122,8 @@ class Simulator(VehicleNode):
         elif speeds_stamp(command) == self._time:
             self._follow(speeds)
             self._step()
+            if self._time % (BACKLOG * self._step_ns) == 0:
+                self._wait_for_readers()
             self._timer.reset()
         else:
             # An answer to a state that was repeated, and has been answered.
@@ -124,6 +133,11 @@ class Simulator(VehicleNode):
         self._command, self._resting = speeds, False
         self._watchdog.feed()
         self.counts['served'] += 1
+
+    def _wait_for_readers(self) -> None:
+        patience = Duration(seconds=CATCH_UP)
+        publishers = self._speeds, self._pose, self._velocity
+        all(publisher.wait_for_all_acked(patience) for publisher in publishers)
 
     def _repeat(self) -> None:
         """Publish an unanswered state once more: whoever was not there may be now."""
