@@ -45,7 +45,7 @@ help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test       lint, types and tests'
 	@echo 'make benchmark  time everything beside other solvers, for minutes; fills README'
-	@echo 'make soak       reliability in the long run, for an hour or more; results in out/soak'
+	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     write anew what README shows: example, parameters, picture'
 	@echo 'make venv       only set up .venv, with the rclpy of ROS 2 Jazzy'
 	@echo 'make clean      remove .venv, out and all that builds and tests leave'

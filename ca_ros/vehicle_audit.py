@@ -74,7 +74,8 @@ class Audit:
         hover = (
             f'hover margin {self.kept_hover_margin:.3g}'
             if self.kept_hover_margin > 0.0
-            else 'cannot hover'
+            else f'cannot hover with {self.vehicle.thrust_max.sum():.3g} N at most '
+            f'and a weight of {self.vehicle.weight:.3g} N'
         )
         return f'{lost}{hover}; around hover: {kept}' if kept else f'{lost}{hover}'
 

@@ -12,6 +12,9 @@ from ca_ros.parameters import PARAMETERS, REQUIRED, Parameter
 
 README = Path(__file__).resolve().parent.parent / 'README.md'
 
+ALLOWED = {'allocation.method': 'a [method](#the-problem)'}
+"""What is said here of values that another table lists, or `python -m ca_ros` does."""
+
 
 def table() -> str:
     """Return the parameters as a Markdown table."""
@@ -19,7 +22,7 @@ def table() -> str:
     for name, parameter in PARAMETERS.items():
         mark = '*' if parameter.mutable else ''
         rows.append(
-            f'| `{name}`{mark} | {_default(parameter)} | {parameter.range()} '
+            f'| `{name}`{mark} | {_default(parameter)} | {ALLOWED.get(name) or parameter.range()} '
             f'| {parameter.description} |'
         )
     return '\n'.join(rows)

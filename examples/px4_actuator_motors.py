@@ -239,11 +239,14 @@ def main() -> None:
         except ValueError as error:
             node.get_logger().warning(f'dropped: {error}', throttle_duration_sec=1.0)
             return
-        last = time.monotonic()
+        stamp = speeds_stamp(command)
+        if stamp is not None:
+            # Without one it is the allocator's timeout action: that must not keep off the fail-safe.
+            last = time.monotonic()
         motors.publish(
             ActuatorMotors(
                 timestamp=now(),
-                timestamp_sample=(speeds_stamp(command) or 0) // 1000,
+                timestamp_sample=(stamp or 0) // 1000,
                 control=fields(controls, speeds, options.order),
             )
         )

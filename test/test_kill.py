@@ -66,7 +66,10 @@ class Flight:
         def fulfilled():
             del self.poses[:-1]
             return bool(self.poses) and condition(self.poses[-1])
-        self.graph.spin_until(fulfilled, what)
+        try:
+            self.graph.spin_until(fulfilled, what)
+        except AssertionError as error:
+            raise AssertionError(f'{error}; last seen: {self.poses[-1:]}') from None
         return self.poses[-1]
 
     def wait_for_waypoint(self):

@@ -53,6 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         vehicle = Vehicle.load(options.params_file or options.vehicle)
         options.out.mkdir(parents=True, exist_ok=True)
+        # Not found out after the flight.
+        if not os.access(options.out, os.W_OK | os.X_OK):
+            raise PermissionError(f'--out: {options.out} cannot be written to')
         validate_namespace(options.namespace)
         bag = Bag(options.bag) if options.bag else None
     except InvalidNamespaceException:
@@ -67,10 +70,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (Stopped, BagError) as stopped:
         print(f'bringup: {stopped}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
-    flight.write_csv(options.out / 'flight.csv')
-    figure = draw_flight(flight, vehicle, waypoint)
-    files = [options.out / 'flight.csv', *save(figure, options.out / 'flight', options.figures)]
     reached = _report(options, vehicle, waypoint, flight, wall)
+    try:
+        flight.write_csv(options.out / 'flight.csv')
+        figure = draw_flight(flight, vehicle, waypoint)
+        files = [
+            options.out / 'flight.csv',
+            *save(figure, options.out / 'flight', options.figures),
+        ]
+    except OSError as error:
+        print(f'bringup: {error}', file=sys.stderr)
+        return 1
     print(f'  written       {", ".join(map(str, files))}')
     if respawned:
         counts = ', '.join(f'{name} {count}' for name, count in respawned.items())

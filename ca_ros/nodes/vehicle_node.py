@@ -93,9 +93,8 @@ class VehicleNode(Node):
         report = audit(Vehicle.from_parameters(parameters))
         starting = self.audit is None
         if starting and not report.sound and parameters['allocation.lost_axes'] == 'refuse':
-            raise ParameterError(
-                f'allocation.lost_axes: this vehicle is refused: {report} (drop would fly it)'
-            )
+            hint = ' (drop would fly it)' if report.kept_hover_margin > 0.0 else ''
+            raise ParameterError(f'allocation.lost_axes: this vehicle is refused: {report}{hint}')
         return report
 
     def note(self, report: Audit) -> None:

@@ -187,6 +187,6 @@ def _own_class(method: str) -> type[Allocator]:
         found: type[Allocator] = getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise ValueError(f'{method}: {error}') from None
-    if not callable(found):
+    if not isinstance(found, type):
         raise ValueError(f'{method}: not a class')
     return found
