@@ -161,14 +161,14 @@ class Graph:
         parameters.get(parameter)
         return parameters
 
-    def spin_until(self, condition, what, repeat=None):
+    def spin_until(self, condition, what, repeat=None, deadline=DEADLINE):
         """Spin until a condition holds; `repeat` is called at first and now and then."""
         start = again = time.monotonic()
         while not condition():
             now = time.monotonic()
             ended = {k: p.returncode for k, p in self._processes.items() if p.poll() is not None}
             assert not ended, f'{what}: waited for in vain, exit codes: {ended}'
-            assert now < start + DEADLINE, f'{what}: not within {DEADLINE:g} s'
+            assert now < start + deadline, f'{what}: not within {deadline:g} s'
             if repeat and now >= again:
                 repeat()
                 again = now + 2.0
