@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import gc
 import re
 import signal
@@ -42,6 +43,9 @@ except ImportError:
 DEFAULT_VEHICLE = 'hexarotor'
 
 MISMATCH = 'type or quality of service'
+
+ENDING_MAX = 20.0
+"""How long a node may take to end [s]."""
 
 WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
 RCLError = rclpy_implementation.RCLError
@@ -257,8 +261,14 @@ def run(
     """
     prog = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', node_class.__name__).lower()
     stop: list[int] = []
+
+    def end(received: int, _: object) -> None:
+        stop.append(received)
+        # Should the middleware not let go, the process ends all the same, and shows where it was.
+        faulthandler.dump_traceback_later(ENDING_MAX, exit=True)
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: stop.append(received))
+        signal.signal(number, end)
     with ExitStack() as ending:
         ending.callback(rclpy.try_shutdown)
         try:
