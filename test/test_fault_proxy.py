@@ -234,7 +234,7 @@ class Pilot:
         self.graph.spin_until(
             lambda: len(self.poses) > STAY and all(
                 math.dist(position(pose), goal) <= TOLERANCE for pose in self.poses[-STAY:]),
-            f'at {goal}')
+            f'at {goal}', deadline=3 * DEADLINE)
         poses = list(self.poses)
         times = np.array([p.header.stamp.sec + p.header.stamp.nanosec / 1e9 for p in poses])
         return times - times[0], np.array([position(pose) for pose in poses])
