@@ -45,9 +45,7 @@ class Flight:
 
     def missing(self, duration: float) -> int:
         """Return how many samples are missing of a flight of so many seconds in equal steps."""
-        if len(self.time) < 2:
-            return 2 - len(self.time)
-        step = float(np.diff(self.time).min())
+        step = float(np.diff(self.time).min(initial=np.inf))
         return int(duration / step + 1e-6) + 1 - len(self.time)
 
     def position_error(self, waypoint: Waypoint) -> float:

@@ -241,7 +241,7 @@ def main() -> None:
             return
         stamp = speeds_stamp(command)
         if stamp is not None:
-            # Without one it is the allocator's timeout action, it must not hold off the fail-safe.
+            # Without one it is the timeout action, which must not hold off the fail-safe.
             last = time.monotonic()
         motors.publish(
             ActuatorMotors(

@@ -126,3 +126,5 @@ def test_an_answer_stays_when_the_caller_uses_its_array_again(method):
     u[:] = 0.0
     for answer in (one, batch):
         np.testing.assert_array_equal(np.ravel(answer.demand), [9.81, 0.2, 0.0, 0.01])
+    with pytest.raises(AttributeError):
+        one.thrusts = u

@@ -28,7 +28,7 @@ class Status(IntEnum):
     """It is not attainable and nothing is to be commanded; the thrusts are the lower bounds."""
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Allocation:
     """The thrusts that answer a demanded wrench; for a batch of N, each field has a leading N.
 
@@ -54,6 +54,24 @@ class Allocation:
     status: Status | IntArray
     level: float | Array = 1.0
     violation: float | Array = 0.0
+
+    def __init__(
+        self,
+        problem: AllocationProblem,
+        demand: Array,
+        thrusts: Array,
+        status: Status | IntArray,
+        level: float | Array = 1.0,
+        violation: float | Array = 0.0,
+    ) -> None:
+        # A frozen dataclass takes three times as long to set them.
+        fields = self.__dict__
+        fields['problem'] = problem
+        fields['demand'] = demand
+        fields['thrusts'] = thrusts
+        fields['status'] = status
+        fields['level'] = level
+        fields['violation'] = violation
 
     @property
     def speeds(self) -> Array:
