@@ -9,7 +9,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.parameters import ParameterError, config_directory
+from ca_ros.parameter_files import config_directory
+from ca_ros.parameters import ParameterError
 from ca_ros.vehicle import Vehicle
 
 DOCS = {

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ca_ros.affine_laws import AffineLaw
+from ca_ros.affine_law import AffineLaw
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.least_norm import LeastNorm
 

@@ -1,8 +1,7 @@
-"""The parameters of a vehicle: one table, one file format, one check.
+"""The parameters of a vehicle: one table, one check.
 
-The files are ROS parameter files (``/**: ros__parameters:``).  The nodes get their values from
-ROS, offline code reads the same file with `load`; both pass through `check`, so that a fault is
-reported in the same words.
+Whether ROS gives the values or a file (`parameter_files`), they pass through `complete`, so that a
+fault is reported in the same words.
 """
 
 from __future__ import annotations
@@ -11,10 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import inf, isfinite, nan
-from pathlib import Path
 from typing import Any
-
-import yaml
 
 from ca_ros.methods import METHODS
 
@@ -291,82 +287,3 @@ def complete(
             raise ParameterError(f'{name}: missing; it is the {parameter.description}')
         values[name] = check(name, value, table)
     return values
-
-
-def config_directory() -> Path:
-    """Return the folder of the shipped parameter files.
-
-    It is ``share/ca_ros/config`` of the prefix the package is installed in, or ``config`` of the
-    source tree.
-    """
-    package = Path(__file__).resolve().parent
-    for parent in package.parents:
-        if (parent / 'package.xml').is_file() and (parent / 'config').is_dir():
-            return parent / 'config'
-        if (parent / 'share' / 'ca_ros' / 'config').is_dir():
-            return parent / 'share' / 'ca_ros' / 'config'
-    raise ParameterError(
-        f'the shipped parameter files of ca_ros are not beside {package}: reinstall the package'
-    )
-
-
-def find(vehicle: str | Path) -> Path:
-    """Return the parameter file of a vehicle: a shipped one's name, or a path to a YAML file."""
-    path = Path(vehicle).expanduser()
-    if path.is_file():
-        return path
-    shipped = {file.stem: file for file in sorted(config_directory().glob('*.yaml'))}
-    if str(vehicle) in shipped:
-        return shipped[str(vehicle)]
-    raise ParameterError(f'{vehicle}: neither a file nor a shipped vehicle ({", ".join(shipped)})')
-
-
-def load(vehicle: str | Path) -> dict[str, Value]:
-    """Read the parameter file of a vehicle.
-
-    Parameters
-    ----------
-    vehicle : str or path
-        A shipped vehicle's name, or a path to a YAML file.
-
-    Returns
-    -------
-    dict
-        A value for each name in `PARAMETERS`.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such file, or it is wrong; the message names the file, the key and the
-        fault.
-    """
-    path = find(vehicle)
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-        return complete(_flatten(_ros_parameters(content)))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(
-            f'{path}: not a readable YAML file: {" ".join(str(error).split())}'
-        ) from None
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
-
-
-def _ros_parameters(content: Any) -> Mapping[str, Any]:
-    if isinstance(content, Mapping) and isinstance(content.get('/**'), Mapping):
-        parameters = content['/**'].get('ros__parameters')
-        if isinstance(parameters, Mapping):
-            return parameters
-    raise ParameterError(
-        "expected a ROS parameter file that begins with '/**:' and 'ros__parameters:'"
-    )
-
-
-def _flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat.update(_flatten(value, f'{prefix}{key}.'))
-        else:
-            flat[f'{prefix}{key}'] = value
-    return flat

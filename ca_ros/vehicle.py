@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.control_allocation_matrix import control_allocation_matrix
-from ca_ros.parameters import AXES, ParameterError, complete, load
+from ca_ros.parameter_files import load
+from ca_ros.parameters import AXES, ParameterError, complete
 
 
 @dataclass(frozen=True, eq=False)

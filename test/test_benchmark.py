@@ -26,8 +26,8 @@ from ca_ros.benchmark.peers import PEERS, Peer
 from ca_ros.benchmark.plan import QUICK
 from ca_ros.benchmark.promises import Promise, promises
 from ca_ros.controller import Controller, Gains
-from ca_ros.parameters import config_directory
-from ca_ros.parameters import load as parameters_of
+from ca_ros.parameter_files import config_directory
+from ca_ros.parameter_files import load as parameters_of
 from ca_ros.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION
 from ca_ros.studies.sampling import gauge
 from strategies import FLEET, HEXAROTOR

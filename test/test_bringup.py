@@ -14,7 +14,7 @@ from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
 from ca_ros.vehicle_audit import audit
 from ros import Graph

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from ca_ros import ALLOCATORS, make_allocator
 from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
 from strategies import HEXAROTOR
 

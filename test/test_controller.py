@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet, ParameterError
 from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from strategies import FLEET, HEXAROTOR
 
 PARAMETERS = load('hexarotor')

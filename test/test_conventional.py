@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from ca_ros import AdmissibleSet, control_allocation_matrix, make_allocator
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from strategies import FLEET, HEXAROTOR, demands, random_vehicle, vehicles
 
 

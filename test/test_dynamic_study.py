@@ -13,7 +13,7 @@ from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.flight import Flight
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
 from ca_ros.studies import dynamic_study
 from ca_ros.studies.cases import Case

@@ -7,8 +7,8 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
 
-from ca_ros.nodes.vehicle_node import split
-from ca_ros.parameters import find
+from ca_ros.nodes.executable import split
+from ca_ros.parameter_files import find
 from ros import DEADLINE
 
 NODES = ('allocator', 'simulator', 'controller')

@@ -17,7 +17,7 @@ from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.faults import FAULTS, LINKS, Faults, corrupted
 from ca_ros.nodes.fault_proxy import PREFIX, remaps
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.rigid_body import NULL_STATE, POSITION, RigidBody
 from ros import DEADLINE
 

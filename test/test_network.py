@@ -10,7 +10,7 @@ import pytest
 from ca_ros import Vehicle, make_allocator
 from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
 from ros import DEADLINE
 

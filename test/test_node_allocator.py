@@ -11,7 +11,8 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.methods import METHODS
-from ca_ros.parameters import AXES, PARAMETERS, load
+from ca_ros.parameter_files import load
+from ca_ros.parameters import AXES, PARAMETERS
 from ca_ros.vehicle_audit import audit
 from ros import BEST_EFFORT, RELIABLE, Graph
 

@@ -9,7 +9,7 @@ from rcl_interfaces.msg import Log
 
 from ca_ros import Vehicle
 from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.vehicle_audit import audit
 from ros import Graph
 

@@ -12,7 +12,8 @@ import yaml
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.parameters import PARAMETERS, REQUIRED, load
+from ca_ros.parameter_files import load
+from ca_ros.parameters import PARAMETERS, REQUIRED
 from ros import Graph
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 
@@ -60,7 +61,7 @@ WRONG = [(name, value, word) for name in PARAMETERS for value, word in wrong_val
 STARTS = """
 import contextlib, io, json, sys
 from importlib import import_module
-from ca_ros.nodes.vehicle_node import run
+from ca_ros.nodes.executable import run
 
 node, answers = sys.argv[1], []
 module = import_module(f'ca_ros.nodes.{node}')

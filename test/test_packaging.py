@@ -13,7 +13,7 @@ import pytest
 
 from ca_ros import ALLOCATORS
 from ca_ros.__main__ import installed, summary
-from ca_ros.parameters import config_directory
+from ca_ros.parameter_files import config_directory
 
 ROOT = Path(__file__).resolve().parent.parent
 VEHICLES = sorted(file.stem for file in config_directory().glob('*.yaml'))

@@ -4,7 +4,8 @@ import pytest
 import yaml
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.parameters import PARAMETERS, check, load
+from ca_ros.parameter_files import load
+from ca_ros.parameters import PARAMETERS, check
 
 NAN, INFINITY, MISSING = float('nan'), float('inf'), object()
 

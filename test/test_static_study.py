@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ca_ros import ALLOCATORS, AdmissibleSet, Status, Vehicle
-from ca_ros.parameters import config_directory
+from ca_ros.parameter_files import config_directory
 from ca_ros.studies import static_run
 from ca_ros.studies.cases import Case, split_ros
 from ca_ros.studies.evaluation import evaluate

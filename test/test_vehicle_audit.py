@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, ParameterError, Vehicle, audit
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.vehicle_audit import INDEPENDENCE_MIN
 
 

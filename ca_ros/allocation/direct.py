@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from ca_ros.affine_laws import AffineLaw, AffineLaws
+from ca_ros.affine_law import AffineLaw
+from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.admissible_set import AdmissibleSet
-from ca_ros.affine_laws import AffineLaw, AffineLaws
+from ca_ros.affine_law import AffineLaw
+from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status

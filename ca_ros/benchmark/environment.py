@@ -43,13 +43,13 @@ def load_average() -> list[float]:
     return [round(load, 2) for load in os.getloadavg()]
 
 
-def stolen() -> float | None:
-    """Return how long others have had this virtual machine's processors [s]; None if unknown."""
+def stolen(since: float = 0.0) -> float | None:
+    """Return how long others had this machine's processors, less `since` [s]; None if unknown."""
     try:
         ticks = Path('/proc/stat').read_text(encoding='ascii').split(maxsplit=9)[8]
     except OSError:
         return None
-    return int(ticks) / os.sysconf('SC_CLK_TCK')
+    return int(ticks) / os.sysconf('SC_CLK_TCK') - since
 
 
 def _blas() -> str:

@@ -17,7 +17,7 @@ from ca_ros.benchmark.contenders import BASELINE, baseline, method, peer
 from ca_ros.benchmark.plan import Plan
 from ca_ros.benchmark.timing import Track, measure
 from ca_ros.controller import Gains
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 from ca_ros.vehicle import Vehicle
 
 PAPER = 6

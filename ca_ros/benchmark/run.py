@@ -46,7 +46,7 @@ def run(
     nodes : bool
         Whether the nodes are measured too.
     """
-    start, stolen_before, surroundings = time.perf_counter(), stolen(), environment()
+    start, stolen_before, surroundings = time.perf_counter(), stolen() or 0.0, environment()
     admissible = AdmissibleSet(case.vehicle)
     problem = admissible.problem
     gains = Gains.from_parameters(case.parameters)
@@ -92,7 +92,7 @@ def run(
         'environment': {
             **surroundings,
             'load_average_after': load_average(),
-            'stolen': None if stolen_before is None else (stolen() or 0.0) - stolen_before,
+            'stolen': stolen(since=stolen_before),
         },
         'loads': {
             load: {

@@ -21,6 +21,7 @@ from ca_ros.allocation_problem import ABSURD
 from ca_ros.arrays import Array
 from ca_ros.control_allocation_matrix import rotor_wrenches
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Latencies
+from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     fill_speeds,
     nanoseconds,
@@ -29,7 +30,7 @@ from ca_ros.nodes.messages import (
     wrench_numbers,
 )
 from ca_ros.nodes.qos import offered
-from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
 from ca_ros.parameters import AXES
 from ca_ros.vehicle_audit import Audit

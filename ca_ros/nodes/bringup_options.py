@@ -12,9 +12,9 @@ from pathlib import Path
 from ca_ros.faults import FAULTS
 from ca_ros.figures import add_option
 from ca_ros.methods import METHODS
+from ca_ros.nodes.executable import split
 from ca_ros.nodes.fault_proxy import remaps
-from ca_ros.nodes.vehicle_node import split
-from ca_ros.parameters import find
+from ca_ros.parameter_files import find
 
 NODES = ('controller', 'allocator', 'simulator')
 """In the order in which they end: no command may come from a loop that is half stopped."""

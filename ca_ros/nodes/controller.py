@@ -12,9 +12,10 @@ from std_msgs.msg import Header
 from ca_ros.controller import Controller as Law
 from ca_ros.controller import Gains, Waypoint
 from ca_ros.nodes.diagnostics import OK, STALE
+from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import pose_arrays, twist_arrays, wrench_message
 from ca_ros.nodes.qos import COMMAND, offered
-from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.parameters import AXES
 from ca_ros.vehicle_audit import Audit
 

@@ -8,9 +8,10 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
 from ca_ros.nodes.qos import offered, requested
-from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.parameters import AXES
 from ca_ros.vehicle import Vehicle
 

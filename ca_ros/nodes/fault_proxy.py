@@ -19,8 +19,8 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.faults import FAULTS, Faults, Link, corrupted, links
+from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.qos import COMMAND, offered
-from ca_ros.nodes.vehicle_node import run, split
 
 TYPES = {
     'command/wrench': WrenchStamped,

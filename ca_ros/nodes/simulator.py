@@ -11,9 +11,10 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
+from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import speeds_message, speeds_stamp, stamp, state_messages
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH, offered
-from ca_ros.nodes.vehicle_node import VehicleNode, run
+from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.rigid_body import (
     ANGULAR_VELOCITY,

@@ -1,55 +1,27 @@
-"""What the three nodes have in common: parameters, start and end."""
+"""What the three nodes have in common: the parameters of a vehicle, and being observed."""
 
 from __future__ import annotations
 
-import argparse
-import faulthandler
-import gc
-import re
-import signal
-import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable
 from math import inf
 from time import monotonic
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.utilities import remove_ros_args
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.qos import requested
 from ca_ros.nodes.watchdog import TICK
-from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete, find
+from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete
 from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import Audit, audit
 
-try:
-    # Answers in half the time of the other; not every Jazzy has it.  What was wrong with it up to
-    # rclpy 7.1.7 (ros2/rclpy#1563) concerns waits without end, of which there are none here.
-    from rclpy.experimental import EventsExecutor as Executor
-except ImportError:
-    from rclpy.executors import SingleThreadedExecutor as Executor
-
-DEFAULT_VEHICLE = 'hexarotor'
-
 MISMATCH = 'type or quality of service'
-
-ENDING_MAX = 20.0
-"""How long a node may take to end [s]."""
-
-WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
-RCLError = rclpy_implementation.RCLError
-RCLInvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
 
 
 class VehicleNode(Node):
@@ -204,98 +176,3 @@ class VehicleNode(Node):
             self.parameters, built = self._candidate
             self._candidate = None
             self.adopt(built)
-
-
-def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return our own arguments and those for ROS, from each --ros-args up to the next --."""
-    # Raises here, in one line, what starting ROS would raise in two.
-    remove_ros_args(args=['', *argv])
-    own: list[str] = []
-    ros: list[str] = []
-    inside = False
-    for argument in argv:
-        inside = inside or argument == '--ros-args'
-        (ros if inside else own).append(argument)
-        inside = inside and argument != '--'
-    return own, ros
-
-
-def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
-    """Read a node's own arguments; return those for ROS, with the vehicle's parameter file."""
-    parser = argparse.ArgumentParser(
-        prog=prog,
-        description=description,
-        epilog='ROS arguments follow --ros-args, for instance: '
-        '--ros-args --params-file FILE -r __ns:=/uav1',
-    )
-    parser.add_argument(
-        '--vehicle',
-        metavar='NAME|FILE',
-        help=f'a shipped vehicle or a parameter file (default: {DEFAULT_VEHICLE}, unless '
-        '--params-file gives one)',
-    )
-    own, ros = split(argv)
-    vehicle = parser.parse_args(own).vehicle
-    if vehicle is None and '--params-file' not in ros:
-        vehicle = DEFAULT_VEHICLE
-        print(
-            f"{prog}: no --vehicle and no --params-file: this is the paper's {vehicle}",
-            file=sys.stderr,
-        )
-    if vehicle is None:
-        return ros
-    Vehicle.load(vehicle)
-    # Before the user's own files, which may then override single values of it.
-    return ['--ros-args', '--params-file', str(find(vehicle)), '--', *ros]
-
-
-def run(
-    node_class: type[Node],
-    description: str,
-    argv: Sequence[str] | None = None,
-    parse: Callable[[str, str, Sequence[str]], list[str]] = parse,
-) -> int:
-    """Run a node until SIGINT or SIGTERM; return its exit code.
-
-    The signals set a flag rather than end the context, so that the node can publish its last word.
-    """
-    prog = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', node_class.__name__).lower()
-    stop: list[int] = []
-
-    def end(received: int, _: object) -> None:
-        stop.append(received)
-        # Should the middleware not let go, the process ends all the same, and shows where it was.
-        faulthandler.dump_traceback_later(ENDING_MAX, exit=True)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
-    with ExitStack() as ending:
-        ending.callback(rclpy.try_shutdown)
-        try:
-            rclpy.init(
-                args=parse(prog, description, sys.argv[1:] if argv is None else argv),
-                signal_handler_options=SignalHandlerOptions.NO,
-            )
-            node = node_class(prog)
-        except (ValueError, *WRONG_PARAMETER) as error:
-            print(f'{prog}: {error}', file=sys.stderr)
-            return 1
-        except (RCLError, RCLInvalidROSArgsError) as error:
-            # The message goes on with the places in ROS's own sources.
-            print(f'{prog}: {str(error).split(", at ")[0].strip()}', file=sys.stderr)
-            return 1
-        executor = Executor()
-        executor.add_node(node)
-        ending.callback(node.destroy_node)
-        # Left to the interpreter's end, it may find its context gone.
-        ending.callback(executor.shutdown)
-        # However the node ends, be it by an exception: its last word goes out before all else.
-        ending.callback(node.close)
-        # What has been made so far stays: the garbage collector need not look at it again.
-        gc.collect()
-        gc.freeze()
-        while not stop:
-            executor.spin_once(timeout_sec=0.1)
-            if isinstance(node, VehicleNode):
-                node.hurry()
-    return 0

@@ -16,7 +16,8 @@ import yaml
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.figures import add_option
-from ca_ros.parameters import PARAMETERS, ParameterError, complete, load
+from ca_ros.parameter_files import load
+from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import audit

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ca_ros.parameters import load
+from ca_ros.parameter_files import load
 
 SAMPLES = 1000
 """How many the paper drew."""

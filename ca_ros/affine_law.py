@@ -1,0 +1,123 @@
+"""The affine solution of one region of wrenches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ca_ros.arrays import Array, BoolArray
+
+SLACK = 1e-12
+"""How far, in units of the greatest thrust, z may be outside of a region and be served."""
+
+
+@dataclass(frozen=True, eq=False)
+class AffineLaw:
+    """The thrusts of one region of wrenches: ``f = clip(z)`` with ``z = slope u + offset``.
+
+    The region is where z proves f to be the solution: ``least <= z <= greatest``, that is between
+    the bounds for the rotors that are free, and beyond its bound for each of the others.
+
+    Attributes
+    ----------
+    slope, offset : (n, m) and (n,) arrays
+    least, greatest : (n,) arrays
+        [N]
+    bound : array of int
+        The rotors that are at a bound.
+    ends : array
+        Their thrusts [N].
+    limits : pair of lists
+        `least` and `greatest`, but without any slack for the free rotors: where z keeps them, the
+        thrusts are z with `ends` in it, and nothing need be clipped.
+    linear : bool
+        Whether the offset is nought.
+    proven : bool
+        Whether the thrusts are known to be right wherever z keeps the limits, so that the single
+        answer need not be judged.
+    """
+
+    slope: Array
+    offset: Array
+    least: Array
+    greatest: Array
+    bound: NDArray[np.intp]
+    ends: Array
+    limits: tuple[list[float], list[float]]
+    linear: bool
+    proven: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        slope: Array,
+        offset: Array,
+        free: BoolArray,
+        ends: Array,
+        lower: Array,
+        upper: Array,
+    ) -> AffineLaw:
+        """Return the law for rotors that are free, or at that of their bounds which is in `ends`.
+
+        Parameters
+        ----------
+        slope, offset : (n, m) and (n,) arrays
+        free : (n,) array of bool
+        ends : (n,) array
+            Thrusts; those of the free rotors do not matter [N].
+        lower, upper : (n,) arrays
+            Bounds [N].
+        """
+        slack = SLACK * max(1.0, float(upper.max(initial=0.0)))
+        movable = upper > lower
+        at_lower, at_upper = movable & (ends <= lower), movable & (ends >= upper)
+        least = np.where(free, lower, np.where(at_upper, upper, -np.inf))
+        greatest = np.where(free, upper, np.where(at_lower, lower, np.inf))
+        limits = (
+            np.where(free, least, least - slack).tolist(),
+            np.where(free, greatest, greatest + slack).tolist(),
+        )
+        bound = np.flatnonzero(~free)
+        return cls(
+            slope,
+            offset,
+            least - slack,
+            greatest + slack,
+            bound,
+            ends[bound],
+            limits,
+            linear=not offset.any(),
+        )
+
+    def thrusts(self, u: Array) -> Array | None:
+        """Return the thrusts (n,) for a wrench (m,); None if it is outside of `limits`."""
+        # For so few numbers dot is faster than @, and Python than NumPy.
+        z = self.slope.dot(u)
+        if not self.linear:
+            z += self.offset
+        lower, upper = self.limits
+        # To be strict would take as long as all comparisons.
+        for least, value, greatest in zip(lower, z.tolist(), upper):  # noqa: B905
+            if not least <= value <= greatest:
+                return None
+        if len(self.bound):
+            z[self.bound] = self.ends
+        return z
+
+    def served(self, wrenches: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return which of the wrenches (m, N) are in the region, K indices, and their z (n, K)."""
+        # Few pass the conditions of the rotors at a bound, so these are looked at first.
+        held = self.bound
+        candidates = np.flatnonzero(self._keeps(held, self._z(held, wrenches)))
+        z = self._z(slice(None), wrenches[:, candidates])
+        inside = self._keeps(slice(None), z)
+        return candidates[inside], z[:, inside]
+
+    def _z(self, rotors: NDArray[np.intp] | slice, wrenches: Array) -> Array:
+        return self.slope[rotors] @ wrenches + self.offset[rotors, None]
+
+    def _keeps(self, rotors: NDArray[np.intp] | slice, z: Array) -> BoolArray:
+        least, greatest = self.least[rotors, None], self.greatest[rotors, None]
+        return np.logical_and.reduce((z >= least) & (z <= greatest))
