@@ -95,7 +95,9 @@ class Graph:
 
     def start_silent(self, name, *arguments):
         """Start an executable whose output `communicate` will return."""
-        return self.start(name, *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        # So much fits in before somebody must read it.
+        return self.start(
+            name, *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, pipesize=1 << 20)
 
     def end(self, process, number):
         """Send a signal to a process of `start_silent`; return what it had to say."""

@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ca_ros.nodes.console import never_wait
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.parameter_files import find
 from ca_ros.vehicle import Vehicle
@@ -102,6 +103,7 @@ def run(
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
+    never_wait()
     with ExitStack() as ending:
         ending.callback(rclpy.try_shutdown)
         try:

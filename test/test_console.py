@@ -1,0 +1,49 @@
+"""A console that nobody reads does not hold up a node."""
+
+import os
+import pty
+import tty
+from contextlib import suppress
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Float64MultiArray
+
+
+def pipe():
+    """Return both ends of a pipe."""
+    return os.pipe()
+
+
+def terminal():
+    """Return both ends of a terminal."""
+    screen, console = pty.openpty()
+    tty.setraw(console)
+    return screen, console
+
+
+@pytest.mark.parametrize('make', [pipe, terminal])
+def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
+    reader, console = make()
+    os.set_blocking(console, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(console, b'a line that nobody reads\n')
+    os.set_blocking(console, True)
+    graph.start('allocator', '--vehicle', 'hexarotor', stdout=console, stderr=console)
+    command = graph.publisher(WrenchStamped, 'command/wrench')
+    speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
+    graph.connect('/allocator')
+    wrong, good = WrenchStamped(), WrenchStamped()
+    # Each kind of complaint is one more line that has nowhere to go.
+    wrong.wrench.force.z, good.wrench.force.z = float('nan'), 9.81
+
+    def send():
+        command.publish(wrong)
+        command.publish(good)
+
+    graph.spin_until(lambda: len(speeds) > 10, 'answers', repeat=send)
+    # What others write to the same console waits for its reader as before.
+    assert os.get_blocking(console)
+    os.close(reader)
+    os.close(console)
