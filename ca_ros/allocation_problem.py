@@ -8,7 +8,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, constant
 from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.least_norm import LeastNorm
 from ca_ros.vehicle import Vehicle
@@ -47,11 +47,11 @@ class AllocationProblem:
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.axes = vehicle.axes
-        self.gamma = control_allocation_matrix(vehicle)
+        self.gamma = constant(control_allocation_matrix(vehicle))
         self.lower = vehicle.thrust_min
         self.upper = vehicle.thrust_max
         self._shape = (len(self.axes),)
-        self.hover = np.array([vehicle.weight if axis == 'thrust' else 0.0 for axis in self.axes])
+        self.hover = constant([vehicle.weight * (axis == 'thrust') for axis in self.axes])
 
     @cached_property
     def image(self) -> Zonotope:

@@ -1,8 +1,15 @@
-"""The array types of the package's signatures."""
+"""The array types of the package's signatures, and arrays that stay as they are."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int8]
+
+
+def constant(values: ArrayLike) -> Array:
+    """Return a copy of an array that cannot be written to."""
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array

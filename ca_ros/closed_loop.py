@@ -7,7 +7,7 @@ import numpy as np
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
 from ca_ros.controller import Controller, Waypoint
-from ca_ros.flight import Flight
+from ca_ros.flight import Flight, steps
 from ca_ros.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -35,29 +35,43 @@ def fly(
     allocator : Allocator
     body : RigidBody
     waypoint : Waypoint
-    duration, time_step : float
+    duration : float
         [s]
+    time_step : float
+        Whole nanoseconds are used, as in the stamps of ROS [s].
     state : (13,) array
         Initial state, see `ca_ros.rigid_body`.
 
     Returns
     -------
     Flight
-        One sample at each step, the one at `duration` included.
+        One sample at each step up to `duration`.
+
+    Raises
+    ------
+    FloatingPointError
+        If it diverges, because of gains or steps that are too great.
     """
-    states, velocities, commands = [], [], []
-    for _ in range(round(duration / time_step) + 1):
+    states: list[Array] = []
+    velocities, commands = [], []
+    step_ns = round(time_step * 1e9)
+    time_step = step_ns / 1e9
+    for _ in range(steps(duration, time_step) + 1):
         velocity = velocity_in_body(state)
-        wrench = controller.wrench(
-            state[POSITION], state[ATTITUDE], velocity, state[ANGULAR_VELOCITY], waypoint
-        )
+        try:
+            wrench = controller.wrench(
+                state[POSITION], state[ATTITUDE], velocity, state[ANGULAR_VELOCITY], waypoint
+            )
+        except ValueError as error:
+            time = len(states) * time_step
+            raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
         speeds = allocator.allocate(wrench).speeds
         states.append(state)
         velocities.append(velocity)
         commands.append(speeds)
         state = body.step(state, speeds, time_step)
     flown = np.array(states)
-    nanoseconds = np.arange(len(flown)) * round(time_step * 1e9)
+    nanoseconds = np.arange(len(flown)) * step_ns
     return Flight(
         nanoseconds / 1e9,
         flown[:, POSITION],

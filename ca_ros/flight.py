@@ -13,6 +13,11 @@ from ca_ros.arrays import Array
 from ca_ros.controller import Waypoint
 
 
+def steps(duration: float, time_step: float) -> int:
+    """Return how many equal steps end within a duration [s]."""
+    return int(duration / time_step + 1e-6)
+
+
 @dataclass(frozen=True, eq=False)
 class Flight:
     """K samples of a vehicle's state, and the rotor speeds that followed each.
@@ -46,7 +51,7 @@ class Flight:
     def missing(self, duration: float) -> int:
         """Return how many samples are missing of a flight of so many seconds in equal steps."""
         step = float(np.diff(self.time).min(initial=np.inf))
-        return int(duration / step + 1e-6) + 1 - len(self.time)
+        return steps(duration, step) + 1 - len(self.time)
 
     def position_error(self, waypoint: Waypoint) -> float:
         """Return the final distance to a waypoint [m]."""
@@ -76,6 +81,6 @@ class Flight:
         """Write one row a sample, every number to its last bit; SI units, angles in rad."""
         columns = self.columns()
         with path.open('w', newline='', encoding='utf-8') as file:
-            writer = csv.writer(file)
+            writer = csv.writer(file, lineterminator='\n')
             writer.writerow(columns)
             writer.writerows(np.column_stack(list(columns.values())).tolist())

@@ -199,7 +199,7 @@ PARAMETERS: dict[str, Parameter] = {
         mutable=True,
     ),
     'simulator.time_step': Parameter(
-        'step of the Euler integration [s]', default=0.01, positive=True
+        'step of the Euler integration [s]', default=0.01, minimum=1e-5
     ),
     'controller.position_stiffness': Parameter(
         'position error to acceleration, x, y, z [1/s^2]', array=True, default=1.5, positive=True

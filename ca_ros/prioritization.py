@@ -40,6 +40,11 @@ class Prioritization:
             Zonotope(gamma[rows] @ self._middle, gamma[rows] * self._reach)
             for rows in self._prefixes
         ]
+        self._least = {
+            k: self._least_norm(k - 1)
+            for k, group in enumerate(self._groups)
+            if k > 0 and len(group) > 1
+        }
         self._first = self._begin(0, self._reference)
 
     def __call__(self, u: Array) -> tuple[Array, Array]:
@@ -83,6 +88,12 @@ class Prioritization:
         direction[..., -count:] = way
         return np.minimum(self._shadows[k].reach(start, direction), 1.0)[..., None]
 
+    def _least_norm(self, k: int) -> LeastNorm:
+        """Return that of the axes of groups 0 to k, for thrusts counted from their middle."""
+        shadow = self._shadows[k]
+        image = Zonotope(0.0 * shadow.center, shadow.generators)
+        return LeastNorm(self._gamma[self._prefixes[k]], -self._reach, self._reach, image)
+
     def _inner(self, k: int, served: Array) -> Array:
         """Return values (..., of group k) well inside of what the earlier groups leave.
 
@@ -94,9 +105,7 @@ class Prioritization:
         if k == 0:
             return group @ self._middle
         middle = np.broadcast_to(group @ self._middle, (*served.shape[:-1], len(group)))
-        rows, shadow = self._prefixes[k - 1], self._shadows[k - 1]
-        image = Zonotope(0.0 * shadow.center, shadow.generators)
-        least = LeastNorm(self._gamma[rows], -self._reach, self._reach, image)
+        rows, shadow, least = self._prefixes[k - 1], self._shadows[k - 1], self._least[k]
         ways = served[..., rows] - shadow.center
         reaches = shadow.reach(shadow.center, ways)
         inner = middle.copy()

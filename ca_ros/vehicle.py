@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, constant
 from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.parameter_files import load
 from ca_ros.parameters import AXES, ParameterError, complete
+
+ROUNDING = 1e-9
+"""How far thrusts may be out of bounds, relative to the upper one or 1 N."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,11 @@ class Vehicle:
     speed_max: Array
     health: Array
     axes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, constant(value))
 
     @classmethod
     def load(cls, vehicle: str | Path) -> Vehicle:
@@ -134,8 +142,9 @@ class Vehicle:
         rank = int(np.linalg.matrix_rank(gamma / np.where(extent > 0.0, extent, 1.0), tol=1e-9))
         if rank < len(vehicle.axes) and p['allocation.lost_axes'] == 'refuse':
             raise ParameterError(
-                f'rotors.positions: their control allocation matrix has rank {rank}, '
-                f'but {len(vehicle.axes)} axes are to be commanded ({", ".join(vehicle.axes)})'
+                'rotors.positions: with the axes, spins and coefficients of the rotors their '
+                f'control allocation matrix has rank {rank}, but {len(vehicle.axes)} axes are to '
+                f'be commanded ({", ".join(vehicle.axes)})'
             )
         return vehicle
 
@@ -161,17 +170,17 @@ class Vehicle:
     @cached_property
     def thrust_per_squared_speed(self) -> Array:
         """k_f of the rotors as they are, health included, (n,) [kg m]."""
-        return self.health * self.thrust_coefficient
+        return constant(self.health * self.thrust_coefficient)
 
     @cached_property
     def thrust_min(self) -> Array:
         """f_min of Eq. (10), (n,) [N]; zero for a lost rotor."""
-        return self.thrust_per_squared_speed * self.speed_min**2
+        return constant(self.thrust_per_squared_speed * self.speed_min**2)
 
     @cached_property
     def thrust_max(self) -> Array:
         """f_max of Eq. (10), (n,) [N]; zero for a lost rotor."""
-        return self.thrust_per_squared_speed * self.speed_max**2
+        return constant(self.thrust_per_squared_speed * self.speed_max**2)
 
     def thrusts(self, speeds: ArrayLike) -> Array:
         """Return the thrusts (..., n) [N] at the given speeds (..., n) [rad/s], Eq. (1)."""
@@ -180,36 +189,56 @@ class Vehicle:
     def speeds(self, thrusts: ArrayLike) -> Array:
         """Return the speeds (..., n) [rad/s] for thrusts (..., n) [N] in bounds, Eq. (11).
 
-        A lost rotor stands still.
+        They are within `speed_limits` to the last bit: what rounding takes beyond is put back.
+
+        Raises
+        ------
+        ValueError
+            If there is not one thrust a rotor, or one is out of bounds by more than rounding.
         """
-        # At a bound the root may come out a rounding error beyond it.
         thrusts = np.asarray(thrusts, float)
-        if thrusts.ndim == 1:
+        if thrusts.ndim == 1 and len(thrusts) == self.n:
             # Where caches are cold, as between two commands, this takes half as long as NumPy.
-            return np.array(
-                [
-                    low if (speed := sqrt(f / k)) < low else high if speed > high else speed
-                    for f, (k, low, high) in zip(thrusts.tolist(), self._rotors, strict=True)
-                ]
+            speeds = []
+            for f, (k, least, greatest, low, high) in zip(
+                thrusts.tolist(), self._rotors, strict=True
+            ):
+                if not least <= f <= greatest:
+                    break
+                speed = sqrt(f / k) if f > 0.0 else low
+                speeds.append(low if speed < low else high if speed > high else speed)
+            else:
+                return np.array(speeds)
+        k, least, greatest, low, high = np.array(self._rotors).T
+        if thrusts.shape[-1:] != (self.n,):
+            raise ValueError(f'thrusts: expected shape (..., {self.n}), got {thrusts.shape}')
+        sound = (thrusts >= least) & (thrusts <= greatest)
+        if not sound.all():
+            *_, i = place = tuple(np.argwhere(~sound)[0])
+            raise ValueError(
+                f'thrusts: {thrusts[place]:g} N of rotor {i + 1}, expected '
+                f'{self.thrust_min[i]:g} to {self.thrust_max[i]:g} N'
             )
-        low, high = self.speed_limits
-        return np.minimum(np.maximum(np.sqrt(thrusts / self._divisor), low), high)
+        return np.minimum(np.maximum(np.sqrt(np.maximum(thrusts, 0.0) / k), low), high)
 
     @cached_property
     def speed_limits(self) -> tuple[Array, Array]:
         """Least and greatest speeds of the rotors as they are, (n,) each; zero for a lost one."""
-        lost = self.thrust_per_squared_speed == 0.0
-        return np.where(lost, 0.0, self.speed_min), np.where(lost, 0.0, self.speed_max)
+        turning = self.thrust_per_squared_speed > 0.0
+        return constant(self.speed_min * turning), constant(self.speed_max * turning)
 
     @cached_property
-    def _divisor(self) -> Array:
+    def _rotors(self) -> list[tuple[float, ...]]:
+        """Of each rotor: k_f, least and greatest thrust with some rounding, and speed."""
         k_f = self.thrust_per_squared_speed
-        return np.where(k_f == 0.0, 1.0, k_f)
-
-    @cached_property
-    def _rotors(self) -> list[tuple[float, float, float]]:
-        low, high = self.speed_limits
-        return list(zip(self._divisor.tolist(), low.tolist(), high.tolist(), strict=True))
+        rounding = ROUNDING * np.maximum(1.0, self.thrust_max)
+        columns = (
+            np.where(k_f > 0.0, k_f, 1.0),
+            self.thrust_min - rounding,
+            self.thrust_max + rounding,
+            *self.speed_limits,
+        )
+        return [tuple(row) for row in np.column_stack(columns).tolist()]
 
 
 def _per_rotor(parameters: Mapping[str, Any], name: str, n: int) -> Array:

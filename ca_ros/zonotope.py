@@ -8,7 +8,7 @@ from math import comb
 
 import numpy as np
 
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array, BoolArray, constant
 
 PARALLEL = 1e-10
 """Share of a segment's length below which its component along a normal is rounding."""
@@ -52,7 +52,7 @@ class Zonotope:
     """
 
     def __init__(self, center: Array, generators: Array) -> None:
-        self.center, self.generators = center, generators
+        self.center, self.generators = constant(center), constant(generators)
         # Rows in units of their extent: torques are often smaller than forces by orders of
         # magnitude.
         self._extent = extent = np.abs(generators).sum(axis=1)
@@ -66,6 +66,8 @@ class Zonotope:
         self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
         self.widths = np.abs(self.sides).sum(axis=1)
         self._spans = np.abs(self.normals) @ extent
+        for array in (self.center, self.generators, self.normals, self.sides, self.widths):
+            array.flags.writeable = False
 
     @property
     def facets(self) -> tuple[Array, Array]:

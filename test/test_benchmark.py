@@ -531,7 +531,8 @@ class Threads:
     assert (run.returncode, run.stdout, run.stderr) == (1, '', 'benchmark: 1 1 1\n')
 
 
-def test_an_interrupt_ends_it_in_one_line(own):
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_one_line(own, number):
     (own / 'ready.py').write_text("""
 import sys
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
@@ -545,9 +546,9 @@ class Ready(PseudoInverse):
              'ready:Ready', '--out', 'out'],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == 'ready\n'
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, err = process.communicate(timeout=60.0)
-    assert process.returncode == 130
+    assert process.returncode == 128 + number
     assert err == 'benchmark: interrupted; nothing is written\n'
     assert list((own / 'out').iterdir()) == []
 

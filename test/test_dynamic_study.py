@@ -176,6 +176,16 @@ def test_parameters_can_be_changed(tmp_path, plain):
     assert list(figures_of(tmp_path)['observations'].values()) == [False, True]
     assert main([*command, '-p', 'simulator.time_step:=0.02', '--duration', '1']) == 0
     assert len((tmp_path / 'dynamic.csv').read_text().splitlines()) == 52
+    # 1 / 0.015 = 66.7: the last of 67 samples is at 0.99 s.
+    assert main([*command, '-p', 'simulator.time_step:=0.015', '--duration', '1']) == 0
+    assert len((tmp_path / 'dynamic.csv').read_text().splitlines()) == 68
+
+
+def test_a_flight_that_diverges_ends_it_in_one_line(tmp_path, capsys):
+    assert main([
+        '--methods', 'exact', '-p', 'simulator.time_step:=1e4', '--duration', '1e9',
+        '--out', str(tmp_path)]) == 1
+    assert capsys.readouterr().err.splitlines()[-1].startswith('dynamic_study: ')
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
@@ -243,6 +253,8 @@ def test_over_ros_the_flights_are_the_same_to_the_last_bit(
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     # A parameter other than in the file has to reach the nodes too.
     command = ['--duration', '1', '-p', 'controller.position_stiffness:=1.4']
+    # Neither whole milliseconds nor a whole number of steps in a second.
+    command += ['-p', 'simulator.time_step:=0.0133333333333']
     command += ['--methods', 'exact,conventional']
     assert main([*command, '--out', str(tmp_path / 'offline')]) == 0
     assert main([*command, '--ros', '--out', str(tmp_path / 'ros')]) == 0

@@ -2,6 +2,7 @@
 
 import math
 import signal
+from importlib.metadata import entry_points
 
 import pytest
 import yaml
@@ -108,6 +109,8 @@ WRONG_OPTIONS = [
     ('bringup', '--namespace', '1 bad'), ('bringup', '--namespace', '/uav1/'),
     ('bringup', '--duration', '-1'), ('bringup', '--duration', 'nan'),
     ('bringup', '--waypoint', '1', '2', 'inf'), ('bringup', '--method', 'magic'),
+    ('bringup', '--vehicle', 'x8', '--params-file', 'my.yaml'),
+    ('bringup', '--ros-args', '-r', 'foo'), ('fault_proxy', '--ros-args', '-r', 'foo'),
     ('allocator', '--ros-args', '--params-file', 'nope'),
 ]
 
@@ -122,6 +125,17 @@ def test_a_wrong_option_is_refused_by_name(graph):
         last = err.splitlines()[-1]
         assert last.startswith(f'{name}: '), last
         assert any(word.strip('-') in last for word in options), last
+
+
+def test_every_installed_executable_has_a_help(graph):
+    scripts = entry_points(group='console_scripts')
+    names = [script.name for script in scripts if script.module.startswith('ca_ros.')]
+    assert {*OPTIONS, 'benchmark', 'fault_proxy', 'report'} <= set(names)
+    processes = {name: graph.start_silent(name, '--help') for name in names}
+    for name, process in processes.items():
+        out, err = process.communicate(timeout=DEADLINE)
+        assert (process.returncode, err) == (0, '')
+        assert out.startswith(f'usage: {name} '), out
 
 
 def refused(graph, ways, words):

@@ -19,7 +19,7 @@ from ca_ros.faults import FAULTS, LINKS, Faults, corrupted
 from ca_ros.nodes.fault_proxy import PREFIX, remaps
 from ca_ros.parameter_files import load
 from ca_ros.rigid_body import NULL_STATE, POSITION, RigidBody
-from ros import DEADLINE
+from ros import BEST_EFFORT, DEADLINE
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)
 
@@ -156,6 +156,17 @@ def test_a_link_is_cut_and_mended_and_wrong_values_change_nothing(graph):
     proxy.send(wrenches(20))
     graph.spin_until(lambda: len(proxy.received) == 20, 'all messages')
     assert proxy.counts()['passed'] == 20
+
+
+def test_a_publisher_that_does_not_match_is_said(graph):
+    proxy = Proxy(graph, WrenchStamped, 'command/wrench')
+    graph.spin_until(lambda: proxy.status(), 'a diagnosis')
+    assert (proxy.status().level, proxy.status().message) == (DiagnosticStatus.OK, 'no faults')
+    wrong = graph.node.create_publisher(WrenchStamped, 'command/wrench', BEST_EFFORT)
+    graph.spin_until(lambda: 'quality of service' in proxy.status().message, 'word of it')
+    assert proxy.status().level == DiagnosticStatus.WARN
+    graph.node.destroy_publisher(wrong)
+    graph.spin_until(lambda: proxy.status().message == 'no faults', 'the end of it')
 
 
 @pytest.mark.parametrize('parameter', [

@@ -6,6 +6,7 @@ CA_ROS_KILLS says how often each node is killed (default 1).
 import math
 import os
 import signal
+import time
 from pathlib import Path
 
 import psutil
@@ -160,6 +161,32 @@ def test_in_lockstep_no_step_is_lost(graph, tmp_path):
     assert (tmp_path / 'flight.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
     assert graph.alive() == []
     assert shared_memory(graph) <= before
+
+
+def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypatch):
+    # As a user would start it: all that keeps Fast DDS from using it is bringup itself.
+    monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS')
+    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE')
+    flight = graph.start_silent(
+        'bringup', '--respawn', '--mode', 'lockstep', '--out', str(tmp_path))
+    victims = []
+
+    def there():
+        victims[:] = [
+            process for process in graph.alive()
+            if 'ca_ros.nodes.allocator' in process.cmdline() and process.num_threads() > 5]
+        return victims
+
+    while not there():
+        # The threads are those of the middleware.
+        assert flight.poll() is None
+        time.sleep(0.01)
+    mapped = {part.path for part in victims[0].memory_maps()}
+    victims[0].kill()
+    out, err = flight.communicate(timeout=3 * DEADLINE)
+    assert flight.returncode == 0, out + err
+    assert 'allocator 1' in out
+    assert [path for path in mapped if path.startswith('/dev/shm/fastrtps')] == []
 
 
 def test_a_node_that_cannot_start_ends_it(graph, tmp_path):

@@ -214,6 +214,18 @@ def test_a_rejected_wrench_moves_no_rotor(graph):
     assert len(client.speeds) == 2
 
 
+def test_nothing_but_rejected_wrenches_is_as_bad_as_none_but_called_by_its_name(graph):
+    client = start(graph, '-p', 'allocation.exact.policy:=reject', '-p', 'mode:=realtime')
+    client.ask(HOVER)
+    beyond = graph.node.create_timer(0.01, lambda: client.send(1e3 * np.array(HOVER)))
+    graph.spin_until(
+        lambda: client.speeds[-1].data.tolist() == [40.0] * 6, 'the timeout action')
+    graph.spin_until(
+        lambda: client.diagnostics[-1].status[0].message == 'none but rejected commands: idle',
+        'the reason')
+    beyond.cancel()
+
+
 def test_health_can_be_set_on_the_running_node(graph):
     client = start(graph)
     for health in ([1.0, 1.0, 1.0, 0.0, 1.0, 1.0], [1.0, 0.6, 1.0, 1.0, 1.0, 1.0], 1.0):

@@ -155,6 +155,38 @@ def test_a_waypoint_that_is_no_pose_is_refused_and_the_old_one_stays(client, pla
     assert client.ask(*REST).tobytes() == expected(REST).tobytes()
 
 
+@pytest.mark.parametrize('frame', ['base_link', 'odom'])
+def test_a_waypoint_in_another_frame_is_refused_and_the_old_one_stays(client, frame):
+    message = pose_message((5.0, 5.0, 5.0), (0.0, 0.0, 0.0, 1.0), 0)
+    message.header.frame_id = frame
+    # Not more than one a second is said of.
+    client.graph.spin_until(
+        lambda: any(frame in entry.msg and 'expected map' in entry.msg for entry in client.log),
+        'word of it', repeat=lambda: client.waypoint.publish(message))
+    assert client.ask(*REST).tobytes() == expected(REST).tobytes()
+
+
+def test_a_state_in_another_frame_is_not_answered(client):
+    before = len(client.wrenches)
+    for pose_frame, velocity_frame in (('odom', 'base_link'), ('map', 'map')):
+        stamp = client.new_stamp()
+        pose, velocity = pose_message(*REST[:2], stamp), velocity_message(*REST[2:], stamp)
+        pose.header.frame_id, velocity.header.frame_id = pose_frame, velocity_frame
+        client.pose.publish(pose)
+        client.velocity.publish(velocity)
+    client.ask(*REST)
+    assert client.stamps()[before:] == [client.last]
+
+
+def test_a_new_waypoint_waits_for_the_next_state(client):
+    client.ask(*REST)
+    before = len(client.wrenches)
+    client.send_waypoint(*WAYPOINT)
+    client.settle()
+    client.ask(*REST)
+    assert client.stamps()[before:] == [client.last]
+
+
 def test_a_waypoint_without_attitude_is_refused_and_the_old_one_stays(client):
     client.refuse_waypoint((5.0, 5.0, 5.0), (0.0, 0.0, 0.0, 0.0))
     client.graph.spin_until(

@@ -56,7 +56,7 @@ class Page(HTMLParser):
 def folders(tmp_path_factory):
     """Return the folders of small studies, and of a benchmark's files."""
     folder = tmp_path_factory.mktemp('results')
-    static = ['--samples', '30', '--seed', '7', '--figures', 'svg']
+    static = ['--samples', '30', '--seed', '7', '--figures', 'svg', '-p', 'vehicle.mass:=1.1']
     assert static_study.main([*static, '--out', str(folder / 'static')]) == 0
     assert dynamic_study.main(['--duration', '6', '--out', str(folder / 'dynamic')]) == 0
     least = ['--quick', '--no-nodes', '--samples', '3', '--methods', 'exact', '--figures', 'svg']
@@ -94,7 +94,8 @@ def test_it_has_the_numbers_of_the_studies(text, folders):
     for promise in speed['promises']:
         assert promise['what'].replace('`', '') in page.cells
     assert f'{speed["calls"]["flight"]["exact"]["ratio"]["median"]:.3g}x' in page.words
-    assert re.search(r'static_study .*--samples 30 --seed 7 --sampling volume', said)
+    assert re.search(
+        r'static_study .*-p vehicle\.mass:=1\.1 --samples 30 --seed 7 --sampling volume', said)
     for key, value in static['versions'].items():
         assert page.cells[page.cells.index(f'versions: {key}') + 1] == value
     assert page.cells[page.cells.index('rotors.speed_max') + 1] == '400.0'

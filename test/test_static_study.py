@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from ca_ros import ALLOCATORS, AdmissibleSet, Status, Vehicle
+from ca_ros.arguments import split
 from ca_ros.parameter_files import config_directory
 from ca_ros.studies import static_run
-from ca_ros.studies.cases import Case, split_ros
+from ca_ros.studies.cases import Case
 from ca_ros.studies.evaluation import evaluate
 from ca_ros.studies.sampling import SAMPLINGS, gauge, samples
 from ca_ros.studies.sections import sections
@@ -402,6 +403,6 @@ def test_nothing_but_the_table_is_said_where_no_terminal_is(tmp_path, capsys, pl
 
 def test_arguments_of_ros_are_left_to_ros():
     words = ['--seed', '1', '--ros-args', '-p', 'a:=1', '--', '--samples', '5']
-    assert split_ros(words) == (['--seed', '1', '--samples', '5'], ['--ros-args', '-p', 'a:=1',
+    assert split(words) == (['--seed', '1', '--samples', '5'], ['--ros-args', '-p', 'a:=1',
                                                                      '--'])
-    assert os.sep not in ''.join(split_ros(words)[0])
+    assert os.sep not in ''.join(split(words)[0])

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import ParameterError, Vehicle
+from ca_ros.allocation_problem import AllocationProblem
 from strategies import FLEET, HEXAROTOR, build, ring, vehicles
 
 
@@ -84,6 +85,33 @@ def test_health_is_a_share_per_rotor(health):
 def test_a_vehicle_does_not_change():
     with pytest.raises(FrozenInstanceError):
         HEXAROTOR.mass = 2.0
+    problem = AllocationProblem(HEXAROTOR)
+    for array in (
+            HEXAROTOR.health, HEXAROTOR.arms, HEXAROTOR.thrust_max, *HEXAROTOR.speed_limits,
+            problem.gamma, problem.lower, problem.hover, problem.image.center):
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] = 0.0
+
+
+@pytest.mark.parametrize('thrusts', [
+    [1.0, 1.0, 1.0, 4.1, 1.0, 1.0], [1.0, 1.0, 1.0, -1e-3, 1.0, 1.0],
+    [[1.0] * 6, [1.0, 1.0, 1.0, np.nan, 1.0, 1.0]]])
+def test_speeds_for_thrusts_out_of_bounds_are_refused(thrusts):
+    with pytest.raises(ValueError, match=r'of rotor 4, expected 0\.04 to 4 N'):
+        HEXAROTOR.speeds(thrusts)
+
+
+@pytest.mark.parametrize('thrusts', [1.0, [1.0] * 5, [[1.0] * 7] * 6])
+def test_speeds_for_another_number_of_rotors_are_refused(thrusts):
+    with pytest.raises(ValueError, match='shape'):
+        HEXAROTOR.speeds(thrusts)
+
+
+def test_speeds_for_thrusts_a_rounding_error_beyond_the_bounds_are_the_bounds():
+    beyond = [4.0 + 1e-10, 0.04 - 1e-10] * 3
+    for thrusts in (beyond, [beyond] * 2):
+        np.testing.assert_array_equal(
+            HEXAROTOR.speeds(thrusts), np.broadcast_to([400.0, 40.0] * 3, np.shape(thrusts)))
 
 
 @given(vehicles(rank=False), st.data())

@@ -18,7 +18,7 @@ from geometry_msgs.msg import WrenchStamped
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.nodes.watchdog import TICK
+from ca_ros.nodes.watchdog import TICK, Watchdog
 from ros import Diagnostics, counts
 
 TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '15'))
@@ -277,6 +277,17 @@ def test_a_rotor_that_is_lost_while_others_hold_stands_still(graph):
         graph.spin_until(lambda: len(node.heard) >= 5, 'the timeout action')
         np.testing.assert_allclose([message.data for message in node.heard[2:]], [lost] * 3)
     node.fly()
+
+
+def test_a_time_in_which_nobody_could_feed_it_does_not_count():
+    watchdog = Watchdog(timeout=0.0)
+    watchdog.excuse(1.0)
+    assert not watchdog.awake
+    watchdog.feed()
+    while not watchdog.over:
+        pass
+    watchdog.excuse(1e3)
+    assert not watchdog.over
 
 
 def test_in_lockstep_time_may_stand_still(graph):

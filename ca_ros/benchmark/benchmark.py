@@ -13,29 +13,37 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ca_ros.arguments import split
 from ca_ros.benchmark.environment import is_one_thread, one_thread
 from ca_ros.benchmark.figure import draw
 from ca_ros.benchmark.plan import FULL, QUICK
 from ca_ros.benchmark.report import report, summary
 from ca_ros.benchmark.run import run
 from ca_ros.figures import save
-from ca_ros.studies.cases import Case, parser, positive, split_ros
+from ca_ros.studies.cases import Case, parser, positive
 from ca_ros.studies.evaluation import AnswerError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the benchmark; return its exit code, 130 after Ctrl-C."""
+    """Run the benchmark; return its exit code, 128 and more after a signal."""
     options = _parse(sys.argv[1:] if argv is None else argv)
     if argv is None and not is_one_thread():
         # NumPy's libraries look at this when they are loaded, which is before any line of ours.
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], one_thread())
+    received: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
+
     # Also where whoever started it has left interrupts out, as shells do in the background.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
     try:
         return _measure(options)
     except KeyboardInterrupt:
         print('benchmark: interrupted; nothing is written', file=sys.stderr)
-        return 130
+        return 128 + received[0]
 
 
 def _measure(options: argparse.Namespace) -> int:
@@ -87,7 +95,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     made.add_argument('--seed', type=_seed, default=0, help='of wrenches and order')
     made.add_argument('--quick', action='store_true', help='everything, less of it, in a minute')
     made.add_argument('--no-nodes', action='store_true', help='leave the ROS nodes out')
-    return made.parse_args(split_ros(argv)[0])
+    return made.parse_args(split(argv)[0])
 
 
 def _seed(text: str) -> int:

@@ -86,7 +86,8 @@ def _daqp_data(problem: AllocationProblem) -> tuple[Array, Array, Array, Array, 
 
 
 def _daqp(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
-    n, gamma = problem.gamma.shape[1], problem.gamma
+    # Which it asks to be writable.
+    n, gamma = problem.gamma.shape[1], problem.gamma.copy()
     hessian, cost, low, high, sense = _daqp_data(problem)
 
     def call(u: Array) -> Any:
@@ -101,7 +102,7 @@ def _daqp_reused(daqp: Any, problem: AllocationProblem, settings: Settings) -> C
     n = problem.gamma.shape[1]
     hessian, cost, low, high, sense = _daqp_data(problem)
     model = daqp.Model()
-    model.setup(hessian, cost, problem.gamma, high.copy(), low.copy(), sense)
+    model.setup(hessian, cost, problem.gamma.copy(), high.copy(), low.copy(), sense)
     model.settings = dict(settings)
 
     def call(u: Array) -> Any:

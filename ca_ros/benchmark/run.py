@@ -82,6 +82,7 @@ def run(
     figures: dict[str, Any] = {
         'settings': {
             'vehicle': case.name,
+            'changes': case.changes,
             'parameters': case.parameters,
             'methods': methods,
             'seed': seed,

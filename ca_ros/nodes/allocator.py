@@ -85,12 +85,11 @@ class Allocator(VehicleNode):
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
-        low, high = vehicle.speed_limits
         # What is held: all but the speeds of lost rotors.
-        self._last = np.where(high > 0.0, self._last, 0.0)
-        self._limits = list(zip(low.tolist(), high.tolist(), strict=True))
+        self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
         self._message = speeds_message(self._last, None)
         self._watchdog.timeout = self.parameters['command_timeout']
+        self._watchdog.excuse(self.building)
         self._frame = self.parameters['command_frame']
         self._age_max = self.parameters['command_age_max'] * 1e9
         self._newer_only = self.parameters['command_order'] == 'newer'
@@ -99,7 +98,7 @@ class Allocator(VehicleNode):
         """Return what is to be said of the node, with its levels."""
         levels = super().levels()
         if self._watchdog.expired:
-            return [*levels, (ERROR, f'no command: {self.parameters["timeout_action"]}')]
+            return [*levels, (ERROR, f'{self._missing}: {self.parameters["timeout_action"]}')]
         if self._answer is None:
             return [*levels, (STALE, 'no command yet')]
         status = Status(self._answer.status)
@@ -128,8 +127,14 @@ class Allocator(VehicleNode):
         action = str(self.parameters['timeout_action'])
         if not expired:
             self.counts['timeouts'] += 1
-            self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
+            self.get_logger().error(f'{self._missing} for {self._watchdog.timeout:g} s: {action}')
         self._fall_back(action)
+
+    @property
+    def _missing(self) -> str:
+        """What there is none of when the time is over."""
+        rejected = self._answer is not None and self._answer.status is Status.REJECTED
+        return 'none but rejected commands' if rejected else 'no command'
 
     def close(self) -> None:
         """Leave the rotors idle, or still if that is the timeout action."""
@@ -152,12 +157,12 @@ class Allocator(VehicleNode):
         answer = self.method.allocate([wrench[row] for row in self._rows])
         self._answer = answer
         if answer.status is not Status.REJECTED:
-            speeds = answer.speeds
-            # Whatever a method may do, nothing else goes out to the motors.
-            for speed, (least, greatest) in zip(speeds.tolist(), self._limits, strict=True):
-                if not least <= speed <= greatest:
-                    self.drop('answer', f'{speeds} rad/s are out of bounds: a fault of the method')
-                    return
+            try:
+                speeds = answer.speeds
+            except ValueError as error:
+                # Whatever a method may do, nothing out of bounds goes out to the motors.
+                self.drop('answer', f'{error}: a fault of the method')
+                return
             self._speeds.publish(fill_speeds(self._message, speeds, time))
             self._watchdog.feed()
             self._newest = time

@@ -25,6 +25,7 @@ from ca_ros.figures import draw_flight, save
 from ca_ros.flight import Flight
 from ca_ros.nodes.bag import Bag, BagError
 from ca_ros.nodes.bringup_options import commands, parse
+from ca_ros.nodes.executable import RCLError, in_one_line
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.recorder import Recorder
 from ca_ros.parameters import ParameterError
@@ -57,9 +58,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not os.access(options.out, os.W_OK | os.X_OK):
             raise PermissionError(f'--out: {options.out} cannot be written to')
         validate_namespace(options.namespace)
+        rclpy.init(
+            args=['--ros-args', '--enclave', f'{options.namespace.rstrip("/")}/recorder'],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         bag = Bag(options.bag) if options.bag else None
     except InvalidNamespaceException:
         print(f'bringup: --namespace: {options.namespace} is not a namespace', file=sys.stderr)
+        return 1
+    except RCLError as error:
+        print(f'bringup: {in_one_line(error)}', file=sys.stderr)
         return 1
     except (ParameterError, BagError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
@@ -93,10 +101,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _fly(
     options: argparse.Namespace, waypoint: Waypoint, interrupts: list[int], bag: Bag | None
 ) -> tuple[Flight, float, Counter[str]]:
-    enclave = f'{options.namespace.rstrip("/")}/recorder'
-    rclpy.init(
-        args=['--ros-args', '--enclave', enclave], signal_handler_options=SignalHandlerOptions.NO
-    )
     links = [*LINKS]
     if options.faults is not None:
         links += [f'{PREFIX}{topic}' for topic in LINKS]

@@ -75,16 +75,20 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
         default=argparse.SUPPRESS,
     )
-    parser.add_argument(
+    vehicle = parser.add_mutually_exclusive_group()
+    vehicle.add_argument(
         '--vehicle', default='hexarotor', help='a shipped vehicle or a parameter file'
     )
-    parser.add_argument(
+    vehicle.add_argument(
         '--params-file', metavar='FILE', help='the same, by path alone', default=argparse.SUPPRESS
     )
     parser.add_argument(
         '--namespace', default='/', help='namespace of the nodes, for instance /uav1'
     )
-    own, ros = split(argv)
+    try:
+        own, ros = split(argv)
+    except ValueError as error:
+        parser.error(str(error))
     options = parser.parse_args(own)
     options.ros = ros
     options.method = getattr(options, 'method', None)

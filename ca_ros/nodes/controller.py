@@ -11,11 +11,19 @@ from std_msgs.msg import Header
 
 from ca_ros.controller import Controller as Law
 from ca_ros.controller import Gains, Waypoint
-from ca_ros.nodes.diagnostics import OK, STALE
+from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import pose_arrays, twist_arrays, wrench_message
+from ca_ros.nodes.messages import (
+    BODY,
+    WORLD,
+    pose_arrays,
+    twist_arrays,
+    wrench_message,
+    wrong_frame,
+)
 from ca_ros.nodes.qos import COMMAND, offered
 from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.nodes.watchdog import Watchdog
 from ca_ros.parameters import AXES
 from ca_ros.vehicle_audit import Audit
 
@@ -30,6 +38,7 @@ class Controller(VehicleNode):
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
         self._open = False
+        self._watchdog = Watchdog()
         super().__init__(name)
         self._wrench = self.create_publisher(WrenchStamped, 'command/wrench', offered(self.mode))
         self.listen(PoseStamped, 'local_position/pose', self._receive_pose)
@@ -47,26 +56,34 @@ class Controller(VehicleNode):
         report, self.law = built
         self.note(report)
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
+        self._watchdog.timeout = self.parameters['command_timeout']
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return what is to be said of the node, with its levels."""
+        levels = super().levels()
+        if self._watchdog.expired:
+            return [*levels, (ERROR, 'no state')]
         waiting = 'no waypoint yet' if self._waypoint is None else 'no state yet'
-        going = self.counts['served'] > 0
-        return [*super().levels(), (OK, 'under way') if going else (STALE, waiting)]
+        return [*levels, (OK, 'under way') if self._watchdog.awake else (STALE, waiting)]
+
+    def watch(self) -> None:
+        """Notice that no states come; in lockstep time may stand still."""
+        before = self._watchdog.expired
+        if self.mode == 'realtime' and self._watchdog.look() and not before:
+            self.get_logger().error(f'no state for {self._watchdog.timeout:g} s')
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
         length = hypot(*attitude.tolist())
+        fault = wrong_frame(message, WORLD)
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
+            fault = f'that is not a pose: {position} m, quaternion {attitude}'
+        if fault:
             self.counts['refused waypoints'] += 1
-            self.get_logger().warning(
-                f'refused a waypoint that is not a pose: {position} m, quaternion {attitude}',
-                throttle_duration_sec=1.0,
-            )
+            self.get_logger().warning(f'refused a waypoint {fault}', throttle_duration_sec=1.0)
             return
         self._waypoint = Waypoint(position, attitude)
         self.get_logger().info(f'waypoint {position} m, heading {self._waypoint.heading:.4f} rad')
-        self._answer()
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self.counts['received'] += 1
@@ -87,6 +104,11 @@ class Controller(VehicleNode):
         ):
             return
         first, self._open = self._open, False
+        for message, frame in ((self._pose, WORLD), (self._velocity, BODY)):
+            if fault := wrong_frame(message, frame):
+                if first:
+                    self.drop('frame', f'state {fault}')
+                return
         wrench = np.zeros(len(AXES))
         try:
             wrench[self._rows] = self.law.wrench(
@@ -96,9 +118,10 @@ class Controller(VehicleNode):
             if first:
                 self.drop('state', f'state: {error}')
             return
+        self._watchdog.feed()
         self.counts['served' if first else 'served anew'] += 1
         self._wrench.publish(
-            wrench_message(wrench, Header(stamp=self._pose.header.stamp, frame_id='base_link'))
+            wrench_message(wrench, Header(stamp=self._pose.header.stamp, frame_id=BODY))
         )
 
 

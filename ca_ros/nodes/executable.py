@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ca_ros import arguments
 from ca_ros.nodes.console import never_wait
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.parameter_files import find
@@ -40,18 +41,24 @@ RCLError = rclpy_implementation.RCLError
 RCLInvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
 
 
+def in_one_line(error: Exception) -> str:
+    """Return an error of ROS without the places in its sources."""
+    return str(error).split(', at ')[0].strip()
+
+
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return our own arguments and those for ROS, from each --ros-args up to the next --."""
-    # Raises here, in one line, what starting ROS would raise in two.
-    remove_ros_args(args=['', *argv])
-    own: list[str] = []
-    ros: list[str] = []
-    inside = False
-    for argument in argv:
-        inside = inside or argument == '--ros-args'
-        (ros if inside else own).append(argument)
-        inside = inside and argument != '--'
-    return own, ros
+    """Return our own arguments and those for ROS, as ROS would take them.
+
+    Raises
+    ------
+    ValueError
+        If ROS would not take them.
+    """
+    try:
+        remove_ros_args(args=['', *argv])
+    except (RCLError, RCLInvalidROSArgsError) as error:
+        raise ValueError(in_one_line(error)) from None
+    return arguments.split(argv)
 
 
 def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
@@ -115,9 +122,8 @@ def run(
         except (ValueError, *WRONG_PARAMETER) as error:
             print(f'{prog}: {error}', file=sys.stderr)
             return 1
-        except (RCLError, RCLInvalidROSArgsError) as error:
-            # The message goes on with the places in ROS's own sources.
-            print(f'{prog}: {str(error).split(", at ")[0].strip()}', file=sys.stderr)
+        except RCLError as error:
+            print(f'{prog}: {in_one_line(error)}', file=sys.stderr)
             return 1
         executor = Executor()
         executor.add_node(node)

@@ -16,11 +16,13 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.faults import FAULTS, Faults, Link, corrupted, links
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.qos import COMMAND, offered
+from ca_ros.nodes.vehicle_node import MISMATCH
 
 TYPES = {
     'command/wrench': WrenchStamped,
@@ -74,6 +76,7 @@ class FaultProxy(Node):
         self._links: dict[str, Link[Any]] = {}
         self._counts: dict[str, Counter[str]] = {}
         self._faults: dict[str, Faults] = {}
+        self._in: dict[str, Subscription] = {}
         self._declare()
         # It may add no faults of its own: every message in, and every message out.
         quality = offered('lockstep')
@@ -83,7 +86,9 @@ class FaultProxy(Node):
         }
         for topic in self._faults:
             self._links[topic], self._counts[topic] = Link(), Counter()
-            self.create_subscription(TYPES[topic], topic, partial(self._take, topic), quality)
+            self._in[topic] = self.create_subscription(
+                TYPES[topic], topic, partial(self._take, topic), quality
+            )
         self._alarm = self.create_timer(1.0, self._pass_on, clock=self._steady)
         self._alarm.cancel()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', COMMAND)
@@ -159,12 +164,15 @@ class FaultProxy(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         for topic, faults in self._faults.items():
             values = {**self._counts[topic], 'on their way': len(self._links[topic])}
+            said = [f'{name} {value:g}' for name, value in faults.active.items()]
+            if self.count_publishers(topic) > self._in[topic].get_publisher_count():
+                said.append(f'a publisher offers another {MISMATCH}: nothing of it is passed on')
+                self.get_logger().warning(f'{topic}: {said[-1]}', throttle_duration_sec=10.0)
             message.status.append(
                 DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if faults.active else DiagnosticStatus.OK,
+                    level=DiagnosticStatus.WARN if said else DiagnosticStatus.OK,
                     name=f'{self.get_fully_qualified_name()}: {topic}',
-                    message=', '.join(f'{k} {v:g}' for k, v in faults.active.items())
-                    or 'no faults',
+                    message=', '.join(said) or 'no faults',
                     hardware_id='link',
                     values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
                 )

@@ -12,6 +12,9 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ca_ros.arrays import Array
 
+WORLD, BODY = 'map', 'base_link'
+"""The frames, by the names of REP 105; a message without one is taken to be in the right one."""
+
 DIGITS = re.compile('[0-9]{1,19}')
 
 
@@ -60,15 +63,21 @@ def state_messages(
     position: Array, attitude: Array, velocity: Array, angular_velocity: Array, time: Time
 ) -> tuple[PoseStamped, TwistStamped]:
     """Return a pose in the world and a velocity in the body frame."""
-    pose = PoseStamped(header=Header(stamp=time, frame_id='map'))
+    pose = PoseStamped(header=Header(stamp=time, frame_id=WORLD))
     p, q = pose.pose.position, pose.pose.orientation
     p.x, p.y, p.z = position.tolist()
     q.x, q.y, q.z, q.w = attitude.tolist()
-    twist = TwistStamped(header=Header(stamp=time, frame_id='base_link'))
+    twist = TwistStamped(header=Header(stamp=time, frame_id=BODY))
     v, w = twist.twist.linear, twist.twist.angular
     v.x, v.y, v.z = velocity.tolist()
     w.x, w.y, w.z = angular_velocity.tolist()
     return pose, twist
+
+
+def wrong_frame(message: PoseStamped | TwistStamped, expected: str) -> str | None:
+    """Return what is wrong with a message's frame, if anything."""
+    frame = message.header.frame_id
+    return None if frame in ('', expected) else f'in {frame!r:.99}: expected {expected}'
 
 
 def pose_arrays(message: PoseStamped) -> tuple[Array, Array]:

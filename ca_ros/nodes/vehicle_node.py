@@ -23,11 +23,16 @@ from ca_ros.vehicle_audit import Audit, audit
 
 MISMATCH = 'type or quality of service'
 
+BUILT_FROM = ('vehicle.', 'rotors.', 'allocation.', 'controller.')
+"""The parameters that `VehicleNode.build` looks at."""
+
 
 class VehicleNode(Node):
     """A node with the vehicle's parameters, rebuilt when they change, all or nothing."""
 
     audit: Audit | None = None
+    building: float = 0.0
+    """How long the last change of parameters has kept the node from everything else [s]."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -54,7 +59,8 @@ class VehicleNode(Node):
             self.get_logger().warning(f'no parameters of this node: {", ".join(strangers)}')
         self._candidate: tuple[dict[str, Any], Any] | None = None
         self.mode = str(self.parameters['mode'])
-        self.adopt(self.build(self.parameters))
+        self._built = self.build(self.parameters)
+        self.adopt(self._built)
         self.add_on_set_parameters_callback(self._consider)
         self.add_post_set_parameters_callback(self._accept)
 
@@ -83,7 +89,13 @@ class VehicleNode(Node):
         self.audit = report
 
     def build(self, parameters: dict[str, Any]) -> Any:
-        """Make what `adopt` will take over; raise a ValueError if the parameters are wrong."""
+        """Make what `adopt` will take over, of the parameters in `BUILT_FROM`.
+
+        Raises
+        ------
+        ValueError
+            If they are wrong.
+        """
         raise NotImplementedError
 
     def adopt(self, built: Any) -> None:
@@ -165,14 +177,18 @@ class VehicleNode(Node):
         if not ours:
             return SetParametersResult(successful=True)
         try:
+            began = monotonic()
             parameters = complete({**self.parameters, **ours})
-            self._candidate = parameters, self.build(parameters)
+            # Learned laws are not to be forgotten, and the motors not kept waiting, for nothing.
+            anew = any(name.startswith(BUILT_FROM) for name in ours)
+            self._candidate = parameters, self.build(parameters) if anew else self._built
+            self.building = monotonic() - began
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _accept(self, _: list[Parameter]) -> None:
         if self._candidate is not None:
-            self.parameters, built = self._candidate
+            self.parameters, self._built = self._candidate
             self._candidate = None
-            self.adopt(built)
+            self.adopt(self._built)

@@ -45,6 +45,11 @@ class Watchdog:
         """Take note of a command."""
         self._last = monotonic()
 
+    def excuse(self, seconds: float) -> None:
+        """Leave out a time in which nobody could have fed it."""
+        if self._last is not None:
+            self._last += seconds
+
     def look(self) -> bool:
         """Tell whether the time is over, and remember it."""
         self.expired = self.over

@@ -223,14 +223,16 @@ def _benchmark_tiles(figures: Figures) -> list[tuple[str, str]]:
 
 def _benchmark_options(figures: Figures) -> list[str]:
     settings, node = figures['settings'], figures['node']
-    options = ['--vehicle', str(settings['vehicle']), '--methods', ','.join(settings['methods'])]
-    options += ['--seed', str(settings['seed'])]
+    options = [*_common(settings), '--seed', str(settings['seed'])]
+    if (samples := settings['plan']['wrenches']) == settings['plan']['flight']:
+        options += ['--samples', str(samples)]
     options += ['--quick'] if settings['quick'] else []
     return options + (['--no-nodes'] if 'absent' in node else [])
 
 
 def _common(figures: Figures) -> list[str]:
-    return ['--vehicle', str(figures['vehicle']), '--methods', ','.join(figures['methods'])]
+    options = ['--vehicle', str(figures['vehicle']), '--methods', ','.join(figures['methods'])]
+    return options + [word for change in figures['changes'] for word in ('-p', change)]
 
 
 KINDS = {

@@ -59,18 +59,6 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     return made
 
 
-def split_ros(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Separate our arguments from those of ROS, from ``--ros-args`` up to ``--`` or the end."""
-    ours: list[str] = []
-    ros: list[str] = []
-    in_ros = False
-    for word in argv:
-        in_ros = in_ros or word == '--ros-args'
-        (ros if in_ros else ours).append(word)
-        in_ros = in_ros and word != '--'
-    return ours, ros
-
-
 def positive(kind: type[int] | type[float], text: str) -> Any:
     """Return the number in a command line's word; raise what argparse turns into a message."""
     try:
@@ -94,11 +82,14 @@ class Case:
         All its parameters by name, checked.
     vehicle : Vehicle
         With the axes that its rotors can command.
+    changes : tuple of str
+        What is other than in the vehicle's file, ``NAME:=VALUE``.
     """
 
     name: str
     parameters: dict[str, Any]
     vehicle: Vehicle
+    changes: tuple[str, ...] = ()
 
     @classmethod
     def load(cls, name: str, changes: Sequence[str] = (), to_fly: bool = False) -> Case:
@@ -133,7 +124,7 @@ class Case:
                 f'{name}: allocation.lost_axes: this vehicle is refused: {report} '
                 f'(drop would {"fly" if to_fly else "study"} it)'
             )
-        return cls(name, parameters, report.vehicle)
+        return cls(name, parameters, report.vehicle, tuple(changes))
 
     def allocator(self, method: str) -> Allocator:
         """Return a method for the vehicle, with its options from the parameters.

@@ -17,11 +17,12 @@ from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
 from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.arguments import split
 from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.flight import Flight
 from ca_ros.rigid_body import RigidBody
-from ca_ros.studies.cases import Case, parser, positive, split_ros
+from ca_ros.studies.cases import Case, parser, positive
 from ca_ros.studies.dynamic_report import observation_lines, report, table
 from ca_ros.studies.flight_figures import draw
 from ca_ros.studies.flight_metrics import metrics
@@ -51,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             flights = _fly(case, allocators, options, stop)
             figures = _write(case, flights, options) if flights else {}
-        except (RosFlightError, OSError) as error:
+        except (RosFlightError, FloatingPointError, OSError) as error:
             print(f'dynamic_study: {error}', file=sys.stderr)
             return 1
     if flights:
@@ -81,7 +82,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         action='store_true',
         help='fly over the ROS nodes, in lockstep: the same flights, to the last bit',
     )
-    own, ros = split_ros(argv)
+    own, ros = split(argv)
     options = made.parse_args(own)
     options.ros = ros
     return options
@@ -135,6 +136,7 @@ def _write(
         },
         'observations': {each.sentence: each.holds for each in observations},
         'numbers': {each.sentence: each.numbers for each in observations},
+        'changes': case.changes,
         'parameters': case.parameters,
         'versions': versions(),
         'machine': machine(),

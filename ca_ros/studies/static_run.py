@@ -80,6 +80,7 @@ class Study:
             'sampling': self.sampling,
             'timing': f'batches of {BATCH}' if self.batch else 'single calls',
             'vehicle': self.case.name,
+            'changes': self.case.changes,
             'parameters': self.case.parameters,
         }
 

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from ca_ros.studies.cases import Case, parser, positive, split_ros
+from ca_ros.arguments import split
+from ca_ros.studies.cases import Case, parser, positive
 from ca_ros.studies.evaluation import AnswerError
 from ca_ros.studies.interrupts import interrupts
 from ca_ros.studies.sampling import SAMPLINGS
@@ -79,7 +80,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     made.add_argument(
         '--resume', action='store_true', help='go on where a study in DIR was interrupted'
     )
-    return made.parse_args(split_ros(argv)[0])
+    return made.parse_args(split(argv)[0])
 
 
 def _seed(text: str) -> int:
