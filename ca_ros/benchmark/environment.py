@@ -14,6 +14,9 @@ from ca_ros.studies.record import machine, versions
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 """How linear algebra libraries are told how many threads to use; read when they are loaded."""
 
+STALL = 5e-4
+"""Half of the time that the answer to a command may take at 1 kHz [s]."""
+
 
 def one_thread() -> dict[str, str]:
     """Return an environment in which those libraries use one thread."""
@@ -30,6 +33,7 @@ def environment() -> dict[str, Any]:
     return {
         'machine': machine(),
         'load_average': load_average(),
+        'stalls': stalls(),
         'versions': versions(),
         'blas': _blas(),
         'threads': {name: os.environ.get(name, 'not set') for name in THREADS},
@@ -41,6 +45,16 @@ def environment() -> dict[str, Any]:
 def load_average() -> list[float]:
     """Return the mean numbers of processes that wanted to run in the last 1, 5 and 15 minutes."""
     return [round(load, 2) for load in os.getloadavg()]
+
+
+def stalls(seconds: float = 1.0) -> float:
+    """Return how often this process stands still for `STALL` or longer while it is busy [1/s]."""
+    count, last = 0, time.perf_counter()
+    end = last + seconds
+    while (now := time.perf_counter()) < end:
+        count += now - last >= STALL
+        last = now
+    return count / seconds
 
 
 def stolen(since: float = 0.0) -> float | None:

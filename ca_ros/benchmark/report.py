@@ -7,6 +7,7 @@ from typing import Any
 
 from ca_ros.benchmark.accuracy import WRONG
 from ca_ros.benchmark.closed_loop_time import UNIT
+from ca_ros.benchmark.environment import STALL
 from ca_ros.benchmark.plan import WORDS
 from ca_ros.benchmark.tables import microseconds, number, table
 from ca_ros.benchmark.timing import TURN
@@ -253,7 +254,9 @@ def _made_with(figures: Figures) -> str:
     lines = [
         f'{machine["processor"]}, {machine["cores"]} cores, {machine["system"]}; load '
         f'{around["load_average"][0]:g} before and {around["load_average_after"][0]:g} after'
-        + ('' if stolen is None else f'; {stolen:.1f} s of its time went to other machines'),
+        + ('' if stolen is None else f'; {stolen:.1f} s of its time went to other machines')
+        + f'; a busy process stood still for {1e3 * STALL:g} ms and more '
+        f'{around["stalls"]:.1f} times a second',
         f'{", ".join(versions)}; BLAS of NumPy: {around["blas"]}',
         ', '.join(f'{name}={value}' for name, value in around['threads'].items()),
         f'clock {around["clock"]}; garbage collector {around["garbage_collector"]}',
