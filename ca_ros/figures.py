@@ -31,6 +31,8 @@ STYLE: dict[Any, Any] = {
 DASHED: dict[str, Any] = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
 """Waypoints and bounds."""
 
+DASHES: Any = ('-', (0, (5, 1)), (0, (1, 1)))
+
 FORMATS: dict[str, dict[str, None]] = {
     'png': {},
     'svg': {'Date': None},
@@ -71,6 +73,11 @@ def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
     return files
 
 
+def line(i: int) -> dict[str, Any]:
+    """Return how line i is drawn; where there are more than colours, dashes tell them apart."""
+    return {'color': COLORS[i % len(COLORS)], 'linestyle': DASHES[i // len(COLORS) % len(DASHES)]}
+
+
 def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
     """Draw position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
     with matplotlib.rc_context(STYLE):
@@ -104,13 +111,11 @@ def _lines(
     label: str,
 ) -> None:
     for i, name in enumerate(names):
-        # More rotors than colours: the others are told apart by their dashes.
         axes.plot(
             time,
             values[:, i],
             label=name,
-            color=COLORS[i % len(COLORS)],
-            linestyle=('-', (0, (5, 1)), (0, (1, 1)))[i // len(COLORS) % 3],
+            **line(i),
         )
     axes.set_ylabel(label)
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))

@@ -14,7 +14,7 @@ from typing import Any
 
 from ca_ros.methods import METHODS
 
-Value = float | bool | str | list[float] | list[str]
+Value = float | str | list[float] | list[str]
 
 REQUIRED = object()
 
@@ -32,7 +32,7 @@ class Parameter:
     description : str
         What it is, with its unit in brackets.
     kind : type
-        `float`, `str` or `bool`.
+        `float` or `str`.
     array : bool
         Whether an array is allowed (a scalar always is).
     default : value or REQUIRED
@@ -61,7 +61,7 @@ class Parameter:
         if self.positive:
             return 'positive' if self.maximum == inf else f'in (0, {self.maximum:g}]'
         if self.minimum == -inf and self.maximum == inf:
-            return {float: 'a finite number', str: 'a word', bool: 'true or false'}[self.kind]
+            return 'a finite number' if self.kind is float else 'a word'
         if self.maximum == inf:
             return f'at least {self.minimum:g}'
         return f'in [{self.minimum:g}, {self.maximum:g}]'

@@ -20,7 +20,7 @@ from ca_ros.benchmark.plan import FULL, QUICK
 from ca_ros.benchmark.report import report, summary
 from ca_ros.benchmark.run import run
 from ca_ros.figures import save
-from ca_ros.studies.cases import Case, parser, positive
+from ca_ros.studies.cases import Case, natural, parser, positive
 from ca_ros.studies.evaluation import AnswerError
 
 
@@ -92,16 +92,10 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         help=f'wrenches of each load; by default {FULL.wrenches}, with --quick {QUICK.wrenches} '
         f'and {QUICK.flight} of the flight',
     )
-    made.add_argument('--seed', type=_seed, default=0, help='of wrenches and order')
+    made.add_argument('--seed', type=natural, default=0, help='of wrenches and order')
     made.add_argument('--quick', action='store_true', help='everything, less of it, in a minute')
     made.add_argument('--no-nodes', action='store_true', help='leave the ROS nodes out')
     return made.parse_args(split(argv)[0])
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
-    return int(text)
 
 
 if __name__ == '__main__':

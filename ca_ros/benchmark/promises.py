@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ca_ros.benchmark.calls import compare
-from ca_ros.benchmark.tables import number
 from ca_ros.benchmark.timing import ratios, spread
+from ca_ros.tables import number
 
 OSQP = ('osqp', 'osqp_polished')
 QUICK_TIME = 60.0

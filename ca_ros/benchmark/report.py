@@ -8,13 +8,13 @@ from typing import Any
 from ca_ros.benchmark.accuracy import WRONG
 from ca_ros.benchmark.closed_loop_time import UNIT
 from ca_ros.benchmark.environment import STALL
+from ca_ros.benchmark.loads import LOADS
 from ca_ros.benchmark.plan import WORDS
-from ca_ros.benchmark.tables import microseconds, number, table
 from ca_ros.benchmark.timing import TURN
+from ca_ros.tables import microseconds, number, table
 
 Figures = Mapping[str, Any]
 
-LOADS = ('uniform', 'boundary', 'flight')
 MARK = ' ✗'
 """Beside a time for which wrong answers were given."""
 

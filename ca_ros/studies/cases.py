@@ -70,6 +70,13 @@ def positive(kind: type[int] | type[float], text: str) -> Any:
     return number
 
 
+def natural(text: str) -> int:
+    """Return the whole number in a command line's word, 0 or more."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
+    return int(text)
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A vehicle under study.

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from math import degrees
 from typing import Any
 
+from ca_ros.tables import table as markdown_table
+
 TITLES = (
     'method',
     'steady-state error x, y, z [mm]',
@@ -20,7 +22,7 @@ TITLES = (
 
 def table(figures: Mapping[str, Any]) -> str:
     """Return the flights of a study, as in dynamic.json, as a Markdown table."""
-    rows = [TITLES, ('---',) + ('---:',) * (len(TITLES) - 1)]
+    rows = []
     for name, found in figures['methods'].items():
         error = found['steady_state_error']
         rows.append(
@@ -38,7 +40,7 @@ def table(figures: Mapping[str, Any]) -> str:
                 f'{found["worst_force_residual"]:.1e}, {found["worst_torque_residual"]:.1e}',
             )
         )
-    return '\n'.join('| ' + ' | '.join(row) + ' |' for row in rows)
+    return markdown_table(TITLES, rows)
 
 
 def observation_lines(figures: Mapping[str, Any]) -> list[str]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ca_ros.arrays import Array
 from ca_ros.controller import Waypoint
-from ca_ros.figures import COLORS, DASHED, STYLE, save
+from ca_ros.figures import DASHED, STYLE, line, save
 from ca_ros.flight import Flight
 from ca_ros.studies.figure_style import coinciding, legend, sheet, title
 from ca_ros.studies.flight_metrics import steady
@@ -84,9 +84,7 @@ def draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
                 flight.time,
                 flight.speeds[:, i],
                 label=f'rotor {i + 1}',
-                # More rotors than colours: the others are told apart by their dashes.
-                color=COLORS[i % len(COLORS)],
-                linestyle=('-', (0, (5, 1)), (0, (1, 1)))[i // len(COLORS) % 3],
+                **line(i),
                 # By their symmetry rotors coincide: those below are wider.
                 linewidth=3.0 - 2.1 * i / vehicle.n,
             )

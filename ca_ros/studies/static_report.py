@@ -9,6 +9,7 @@ from typing import Any
 from ca_ros.studies import paper_table
 from ca_ros.studies.paper_table import ROWS
 from ca_ros.studies.summary import standard_error
+from ca_ros.tables import table as markdown_table
 
 TITLES = (
     'method',
@@ -28,7 +29,7 @@ SAMPLING = {
 def table(figures: Mapping[str, Any]) -> str:
     """Return the table of a study as in static.json: Markdown, the paper's rows below ours."""
     side_by_side = paper_table.applies(figures)
-    rows = [TITLES, ('---',) + ('---:',) * (len(TITLES) - 1)]
+    rows = []
     for name, ours in figures['methods'].items():
         rows.append(
             (
@@ -48,7 +49,7 @@ def table(figures: Mapping[str, Any]) -> str:
                     _pair(*paper.time),
                 )
             )
-    return '\n'.join('| ' + ' | '.join(row) + ' |' for row in rows)
+    return markdown_table(TITLES, rows)
 
 
 def report(figures: Mapping[str, Any]) -> str:
@@ -99,7 +100,7 @@ def _more(figures: Mapping[str, Any]) -> str:
         'greatest violation [N]',
         'status',
     )
-    rows: list[tuple[str, ...]] = [titles, ('---', '---:', '---:', '---:', '---')]
+    rows = []
     for name, ours in figures['methods'].items():
         worst = ours['violation_max']
         status = ', '.join(f'{word} {count}' for word, count in ours['status'].items())
@@ -113,7 +114,7 @@ def _more(figures: Mapping[str, Any]) -> str:
                 status,
             )
         )
-    return '\n'.join('| ' + ' | '.join(row) + ' |' for row in rows)
+    return markdown_table(titles, rows)
 
 
 def _differences(figures: Mapping[str, Any]) -> str:

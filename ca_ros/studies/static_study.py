@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from ca_ros.arguments import split
-from ca_ros.studies.cases import Case, parser, positive
+from ca_ros.studies.cases import Case, natural, parser, positive
 from ca_ros.studies.evaluation import AnswerError
 from ca_ros.studies.interrupts import interrupts
 from ca_ros.studies.sampling import SAMPLINGS
@@ -69,7 +69,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar='N',
         help=f'number of wrenches; of more than {SINGLE_MAX}, batches are timed, not calls',
     )
-    made.add_argument('--seed', type=_seed, default=0, help='same seed, same wrenches')
+    made.add_argument('--seed', type=natural, default=0, help='same seed, same wrenches')
     made.add_argument(
         '--sampling',
         choices=SAMPLINGS,
@@ -81,12 +81,6 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         '--resume', action='store_true', help='go on where a study in DIR was interrupted'
     )
     return made.parse_args(split(argv)[0])
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
-    return int(text)
 
 
 if __name__ == '__main__':
