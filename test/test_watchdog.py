@@ -290,6 +290,17 @@ def test_a_time_in_which_nobody_could_feed_it_does_not_count():
     assert not watchdog.over
 
 
+def test_a_command_that_nobody_looked_at_ends_one_pause_and_begins_another():
+    watchdog = Watchdog(timeout=0.0)
+    pauses = []
+    for _ in range(3):
+        watchdog.feed()
+        while not watchdog.over:
+            pass
+        pauses += [(watchdog.look(), watchdog.begun) for _ in range(2)]
+    assert pauses == [(True, True), (True, False)] * 3
+
+
 def test_in_lockstep_time_may_stand_still(graph):
     node = Watched(graph, 'allocator', '-p', 'mode:=lockstep')
     node.fly()

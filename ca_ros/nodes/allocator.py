@@ -125,7 +125,7 @@ class Allocator(VehicleNode):
                 self.get_logger().info('commands have returned')
             return
         action = str(self.parameters['timeout_action'])
-        if not expired:
+        if self._watchdog.begun:
             self.counts['timeouts'] += 1
             self.get_logger().error(f'{self._missing} for {self._watchdog.timeout:g} s: {action}')
         self._fall_back(action)

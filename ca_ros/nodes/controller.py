@@ -68,8 +68,7 @@ class Controller(VehicleNode):
 
     def watch(self) -> None:
         """Notice that no states come; in lockstep time may stand still."""
-        before = self._watchdog.expired
-        if self.mode == 'realtime' and self._watchdog.look() and not before:
+        if self.mode == 'realtime' and self._watchdog.look() and self._watchdog.begun:
             self.get_logger().error(f'no state for {self._watchdog.timeout:g} s')
 
     def _receive_waypoint(self, message: PoseStamped) -> None:

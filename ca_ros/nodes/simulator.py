@@ -94,11 +94,10 @@ class Simulator(VehicleNode):
         """Give the rotors the timeout action while no commands come."""
         if self.mode == 'lockstep':
             return
-        expired = self._watchdog.expired
         if self._watchdog.look():
             action = str(self.parameters['timeout_action'])
             self._command = fallback(action, self.body.vehicle, self._command)
-            if not expired:
+            if self._watchdog.begun:
                 self.counts['timeouts'] += 1
                 self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
         if not self._resting:

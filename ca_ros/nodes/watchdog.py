@@ -24,12 +24,15 @@ class Watchdog:
         Time without a command after which it is over [s].
     expired : bool
         Whether it was over when last looked at.
+    begun : bool
+        Whether that was so for the first time since the last command.
     """
 
     def __init__(self, timeout: float = 0.0) -> None:
         self.timeout = timeout
-        self.expired = False
+        self.expired = self.begun = False
         self._last: float | None = None
+        self._missed: float | None = None
 
     @property
     def awake(self) -> bool:
@@ -47,12 +50,15 @@ class Watchdog:
 
     def excuse(self, seconds: float) -> None:
         """Leave out a time in which nobody could have fed it."""
-        if self._last is not None:
+        if self._last is not None and not self.expired:
             self._last += seconds
 
     def look(self) -> bool:
         """Tell whether the time is over, and remember it."""
         self.expired = self.over
+        # A command may have come and gone since the last look.
+        self.begun = self.expired and self._missed != self._last
+        self._missed = self._last if self.expired else None
         return self.expired
 
 
