@@ -12,6 +12,14 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 
+def note_signals() -> list[int]:
+    """Return a list in which SIGINT and SIGTERM are noted from now on: the children end first."""
+    received: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda signalled, _: received.append(signalled))
+    return received
+
+
 class Processes:
     """Named child processes, each in a group of its own: Ctrl-C reaches the parent alone.
 

@@ -403,6 +403,6 @@ def test_nothing_but_the_table_is_said_where_no_terminal_is(tmp_path, capsys, pl
 
 def test_arguments_of_ros_are_left_to_ros():
     words = ['--seed', '1', '--ros-args', '-p', 'a:=1', '--', '--samples', '5']
-    assert split(words) == (['--seed', '1', '--samples', '5'], ['--ros-args', '-p', 'a:=1',
-                                                                     '--'])
+    assert split(words) == (
+        ['--seed', '1', '--samples', '5'], ['--ros-args', '-p', 'a:=1', '--'])
     assert os.sep not in ''.join(split(words)[0])

@@ -77,18 +77,19 @@ def _osqp(osqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     return call
 
 
-def _daqp_data(problem: AllocationProblem) -> tuple[Array, Array, Array, Array, Any]:
+def _daqp_data(problem: AllocationProblem) -> tuple[Array, Array, Array, Array, Array, Any]:
     m, n = problem.gamma.shape
     # The first n rows are bounds; 5 marks an equality.
     low = np.concatenate([problem.lower, problem.image.center])
     high = np.concatenate([problem.upper, problem.image.center])
-    return np.eye(n), np.zeros(n), low, high, np.array([0] * n + [5] * m, dtype=np.intc)
+    senses = np.array([0] * n + [5] * m, dtype=np.intc)
+    # It asks for arrays that can be written to.
+    return np.eye(n), np.zeros(n), problem.gamma.copy(), low, high, senses
 
 
 def _daqp(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
-    # Which it asks to be writable.
-    n, gamma = problem.gamma.shape[1], problem.gamma.copy()
-    hessian, cost, low, high, sense = _daqp_data(problem)
+    n = problem.gamma.shape[1]
+    hessian, cost, gamma, low, high, sense = _daqp_data(problem)
 
     def call(u: Array) -> Any:
         low[n:] = high[n:] = u
@@ -100,9 +101,9 @@ def _daqp(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
 
 def _daqp_reused(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     n = problem.gamma.shape[1]
-    hessian, cost, low, high, sense = _daqp_data(problem)
+    hessian, cost, gamma, low, high, sense = _daqp_data(problem)
     model = daqp.Model()
-    model.setup(hessian, cost, problem.gamma.copy(), high.copy(), low.copy(), sense)
+    model.setup(hessian, cost, gamma, high.copy(), low.copy(), sense)
     model.settings = dict(settings)
 
     def call(u: Array) -> Any:

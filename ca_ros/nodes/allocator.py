@@ -28,6 +28,7 @@ from ca_ros.nodes.messages import (
     speeds_message,
     wrench_message,
     wrench_numbers,
+    wrong_frame,
 )
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
@@ -178,9 +179,8 @@ class Allocator(VehicleNode):
         # Also what is not commanded must be sound: it is part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
-        if frame != self._frame and frame and self._frame:
-            frames = f'{frame!r:.99}: expected {self._frame}'
-            return 'frame', f'wrench in {frames} (parameter command_frame)'
+        if wrong := wrong_frame(frame, self._frame):
+            return 'frame', f'wrench {wrong} (parameter command_frame)'
         if self._age_max and (age := self.get_clock().now().nanoseconds - time) > self._age_max:
             return 'age', f'wrench that is {age / 1e9:.3f} s old (parameter command_age_max)'
         if time < self._newest:

@@ -29,7 +29,7 @@ from ca_ros.nodes.executable import RCLError, in_one_line
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.recorder import Recorder
 from ca_ros.parameters import ParameterError
-from ca_ros.processes import Processes
+from ca_ros.processes import Processes, note_signals
 from ca_ros.vehicle import Vehicle
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
@@ -48,9 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small, and the threads of BLAS would only wait for work.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     options = parse(sys.argv[1:] if argv is None else argv)
-    interrupts: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: interrupts.append(received))
+    interrupts = note_signals()
     try:
         vehicle = Vehicle.load(options.params_file or options.vehicle)
         options.out.mkdir(parents=True, exist_ok=True)

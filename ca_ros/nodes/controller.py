@@ -74,7 +74,7 @@ class Controller(VehicleNode):
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
         length = hypot(*attitude.tolist())
-        fault = wrong_frame(message, WORLD)
+        fault = wrong_frame(message.header.frame_id, WORLD)
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
             fault = f'that is not a pose: {position} m, quaternion {attitude}'
         if fault:
@@ -104,7 +104,7 @@ class Controller(VehicleNode):
             return
         first, self._open = self._open, False
         for message, frame in ((self._pose, WORLD), (self._velocity, BODY)):
-            if fault := wrong_frame(message, frame):
+            if fault := wrong_frame(message.header.frame_id, frame):
                 if first:
                     self.drop('frame', f'state {fault}')
                 return

@@ -74,10 +74,11 @@ def state_messages(
     return pose, twist
 
 
-def wrong_frame(message: PoseStamped | TwistStamped, expected: str) -> str | None:
-    """Return what is wrong with a message's frame, if anything."""
-    frame = message.header.frame_id
-    return None if frame in ('', expected) else f'in {frame!r:.99}: expected {expected}'
+def wrong_frame(frame: str, expected: str) -> str | None:
+    """Return what is wrong with the frame, if anything: any is right where none is expected."""
+    if frame == expected or not frame or not expected:
+        return None
+    return f'in {frame!r:.99}: expected {expected}'
 
 
 def pose_arrays(message: PoseStamped) -> tuple[Array, Array]:

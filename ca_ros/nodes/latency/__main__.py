@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -37,10 +36,10 @@ from ca_ros.nodes.latency.figures import (
     sustained,
 )
 from ca_ros.nodes.latency.side import NAMESPACE, START_TIMEOUT, LatencyError, Side
-from ca_ros.nodes.messages import wrench_message
+from ca_ros.nodes.messages import BODY, wrench_message
 from ca_ros.parameter_files import find, load
 from ca_ros.parameters import AXES
-from ca_ros.processes import Processes
+from ca_ros.processes import Processes, note_signals
 from ca_ros.vehicle import Vehicle
 
 COMMANDS = 1000
@@ -53,7 +52,7 @@ def flown(name: str) -> list[bytes]:
     wrenches[:, [AXES.index(axis) for axis in vehicle.axes]] = loads.flight(
         vehicle, Gains.from_parameters(load(name)), COMMANDS
     )
-    header = Header(frame_id='base_link')
+    header = Header(frame_id=BODY)
     return [bytes(serialize_message(wrench_message(wrench, header))) for wrench in wrenches]
 
 
@@ -61,9 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure; return the exit code."""
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     options = _parse(sys.argv[1:] if argv is None else argv)
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: stop.append(received))
+    stop = note_signals()
     try:
         # Not found out after minutes.
         if not options.out.absolute().parent.is_dir():
