@@ -12,6 +12,9 @@ from ca_ros.arrays import Array, BoolArray
 SLACK = 1e-12
 """How far, in units of the greatest thrust, z may be outside of a region and be served."""
 
+ROUNDING = 8 * float(np.finfo(float).eps)
+"""The same in units of the offset, for a law of great numbers that nearly cancel."""
+
 
 @dataclass(frozen=True, eq=False)
 class AffineLaw:
@@ -70,7 +73,7 @@ class AffineLaw:
         lower, upper : (n,) arrays
             Bounds [N].
         """
-        slack = SLACK * max(1.0, float(upper.max(initial=0.0)))
+        slack = SLACK * max(1.0, float(upper.max(initial=0.0))) + ROUNDING * np.abs(offset)
         movable = upper > lower
         at_lower, at_upper = movable & (ends <= lower), movable & (ends >= upper)
         least = np.where(free, lower, np.where(at_upper, upper, -np.inf))

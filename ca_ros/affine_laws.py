@@ -30,7 +30,8 @@ class AffineLaws:
     lower, upper : (n,) arrays
         Bounds of the thrusts [N].
     learn : callable
-        Returns the law of the region around a wrench (m,), or None if there is none.
+        Returns the thrusts (n,) for a wrench (m,), and the law of the region around it, or None
+        where there is none.
 
     Attributes
     ----------
@@ -41,7 +42,7 @@ class AffineLaws:
     """
 
     def __init__(
-        self, lower: Array, upper: Array, learn: Callable[[Array], AffineLaw | None]
+        self, lower: Array, upper: Array, learn: Callable[[Array], tuple[Array, AffineLaw | None]]
     ) -> None:
         self._lower, self._upper, self._learn = lower, upper, learn
         self.last: AffineLaw | None = None
@@ -76,15 +77,20 @@ class AffineLaws:
         self.proven = law.proven
         return thrusts
 
-    def find_or_learn(self, u: Array) -> Array | None:
-        """Return the thrusts (n,) for a wrench (m,); None if there is no law for it."""
+    def find_or_learn(self, u: Array) -> Array:
+        """Return the thrusts (n,) for a wrench (m,)."""
         thrusts = self.find(u)
-        if thrusts is None:
-            law = self._learn(u)
-            if law is None:
-                return None
-            self._keep(law)
-            thrusts = self.find(u)
+        return self._learn_at(u) if thrusts is None else thrusts
+
+    def _learn_at(self, u: Array) -> Array:
+        thrusts, law = self._learn(u)
+        self.proven = False
+        if law is not None:
+            found, z = law.served(u[:, None])
+            # A law of great numbers may not even serve the wrench at which it was learned.
+            if len(found):
+                self._keep(law)
+                return np.minimum(np.maximum(z[:, 0], self._lower), self._upper)
         return thrusts
 
     def find_batch(self, wrenches: Array) -> Array:
@@ -94,14 +100,14 @@ class AffineLaws:
         return thrusts
 
     def find_or_learn_batch(self, wrenches: Array) -> Array:
-        """Return the thrusts (N, n) for wrenches (N, m); NaN where there is no law."""
+        """Return the thrusts (N, n) for wrenches (N, m)."""
         thrusts = self.find_batch(wrenches)
         left = np.flatnonzero(np.isnan(thrusts[:, 0]))
         while len(left):
             first, left = left[0], left[1:]
-            one = self.find_or_learn(wrenches[first])
-            if one is not None and self.last is not None:
-                thrusts[first] = one
+            before = self.last
+            thrusts[first] = self._learn_at(wrenches[first])
+            if self.last is not None and self.last is not before:
                 left = self._fill([self.last], wrenches, thrusts, left)
         return thrusts
 

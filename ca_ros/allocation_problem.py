@@ -74,7 +74,7 @@ class AllocationProblem:
     @cached_property
     def least_norm(self) -> LeastNorm:
         """The quadratic program of Eqs. (20)-(22)."""
-        return LeastNorm(self.gamma, self.lower, self.upper, self.image)
+        return LeastNorm(self.gamma, self.lower, self.upper)
 
     def multipliers(self, u: Array) -> Array:
         """Return the multipliers (m,) of that program for a wrench (m,) in the admissible set."""

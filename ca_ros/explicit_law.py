@@ -8,10 +8,7 @@ import numpy as np
 
 from ca_ros.affine_law import AffineLaw
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.least_norm import LeastNorm
-
-BORDER = 1e-9
-"""A rotor so near to a bound, relative to its thrust, is as good as free."""
+from ca_ros.least_norm import FLAT, LeastNorm
 
 
 def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) -> AffineLaw | None:
@@ -38,17 +35,37 @@ def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) ->
     matrix, low, high = least_norm.matrix, least_norm.lower, least_norm.upper
     unbounded = multipliers @ matrix
     thrusts = least_norm.clip(unbounded)
-    free = (unbounded > low) & (unbounded < high)
-    distance = np.minimum(np.abs(unbounded - low), np.abs(unbounded - high))
-    border = (distance <= BORDER * (1.0 + np.abs(unbounded))) & (high > low)
-    for guess in (free, free | border):
-        inverse = _inverse(matrix[:, guess])
-        if inverse is not None:
-            slope = matrix.T @ inverse
-            offset = -slope @ (matrix[:, ~guess] @ thrusts[~guess])
-            law = AffineLaw.of(slope, offset, guess, thrusts, low, high)
-            return replace(law, proven=_error(law, matrix, guess, thrusts) <= tolerance)
-    return None
+    free = _free(least_norm, unbounded)
+    if free is None:
+        return None
+    slopes = _slopes(least_norm.basis, free)
+    offset = -slopes @ (least_norm.basis[~free].T @ thrusts[~free])
+    law = AffineLaw.of(slopes @ least_norm.coordinates, offset, free, thrusts, low, high)
+    return replace(law, proven=_error(law, matrix, free, thrusts) <= tolerance)
+
+
+def _free(least_norm: LeastNorm, z: Array) -> BoolArray | None:
+    """Return rotors that serve all axes: those that are free at z, and more where these do not.
+
+    On the boundary of the admissible set the free rotors leave axes unserved, and along such an
+    axis the multipliers may be anywhere beyond a certain point: where the next rotor comes free.
+    """
+    basis, low, high = least_norm.basis, least_norm.lower, least_norm.upper
+    free = (z > low) & (z < high)
+    bounds = np.where(z >= high, high, low)
+    while True:
+        _, singular, axes = np.linalg.svd(basis[free], full_matrices=True)
+        if np.count_nonzero(singular >= FLAT) == len(axes):
+            return free
+        rates = basis @ axes[-1]
+        ways = np.full(len(z), np.inf)
+        movable = ~free & (high > low) & (np.abs(rates) >= FLAT)
+        ways[movable] = (bounds - z)[movable] / rates[movable]
+        nearest = int(np.argmin(np.abs(ways)))
+        if not movable[nearest]:
+            return None
+        z = z + ways[nearest] * rates
+        free[nearest] = True
 
 
 def _error(law: AffineLaw, matrix: Array, free: BoolArray, ends: Array) -> float:
@@ -65,10 +82,13 @@ def _error(law: AffineLaw, matrix: Array, free: BoolArray, ends: Array) -> float
     return float(np.sqrt(2.0) * (np.linalg.norm(left) + rounding * np.linalg.norm(terms)))
 
 
-def _inverse(free: Array) -> Array | None:
-    """Return the inverse of ``free @ free.T``, or None if it is nearly singular."""
-    curvature: Array = free @ free.T
-    scale = np.sqrt(np.diag(curvature))
-    if not np.all(scale > 0.0) or np.linalg.cond(curvature / np.outer(scale, scale)) > 1e12:
-        return None
-    return np.asarray(np.linalg.inv(curvature), dtype=np.float64)
+def _slopes(basis: Array, free: BoolArray) -> Array:
+    """Return dz/dc for ``basis^T f = c``: ``basis (basis_F^T basis_F)^-1``.
+
+    By the singular values of basis_F, so that for the free rotors its condition is not squared.
+    """
+    directions, singular, axes = np.linalg.svd(basis[free], full_matrices=False)
+    slopes = np.empty_like(basis)
+    slopes[free] = directions / singular @ axes
+    slopes[~free] = basis[~free] @ axes.T / singular**2 @ axes
+    return slopes

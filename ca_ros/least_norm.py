@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.zonotope import Zonotope
 
 STEPS = 50
 """Limit of Newton's iteration; the tests have not seen more than 20 steps."""
 
-
 FLAT = 1e-8
-"""Singular value of the free rotors' columns, of unit rows, below which an axis is not served."""
+"""Singular value of the free rotors' part of `basis` below which an axis is not served."""
+
+ROUNDING = 16 * float(np.finfo(float).eps)
+"""Share of |y| up to which thrusts that y determines are uncertain."""
 
 
 class LeastNorm:
@@ -30,16 +31,20 @@ class LeastNorm:
         A, of rank m.
     lower, upper : (n,) arrays
         Bounds.
-    image : Zonotope
-        The set of all u that can be attained.
+
+    Attributes
+    ----------
+    basis : (n, m) array
+        Orthonormal columns that span A's rows.
+    coordinates : (m, m) array
+        With them the equation is ``basis^T f = coordinates u``.
     """
 
-    def __init__(self, matrix: Array, lower: Array, upper: Array, image: Zonotope) -> None:
-        self.matrix, self.lower, self.upper, self.image = matrix, lower, upper, image
-        # In an orthonormal basis of A's rows the equation is basis^T f = coordinates u.
+    def __init__(self, matrix: Array, lower: Array, upper: Array) -> None:
+        self.matrix, self.lower, self.upper = matrix, lower, upper
         left, singular, right = np.linalg.svd(matrix, full_matrices=False)
-        self._basis = right.T
-        self._coordinates = (left / singular).T
+        self.basis = right.T
+        self.coordinates = (left / singular).T
         self._back = left * singular
 
     def solve(self, u: Array, tolerance: float, start: Array | None = None) -> tuple[Array, Array]:
@@ -48,7 +53,7 @@ class LeastNorm:
         Parameters
         ----------
         u : (m,) array
-            In the image, up to rounding.
+            Attainable, up to rounding.
         tolerance : float
             Goal for |A f - u|.
         start : (m,) array, optional
@@ -61,28 +66,35 @@ class LeastNorm:
         multipliers : (m,) array
             y with ``thrusts = clip(A^T y)``.
         """
-        u, tolerance = self.image.pull(u), 0.5 * tolerance
-        basis, lower, upper = self._basis, self.lower, self.upper
-        target = self._coordinates @ u
+        tolerance = 0.5 * tolerance
+        basis, lower, upper = self.basis, self.lower, self.upper
+        target = self.coordinates @ u
         y = target if start is None else self._back.T @ start
         best, least = (lower, y), np.inf
         for _ in range(STEPS):
-            thrusts, after, left, step = self._step(u, y, tolerance)
+            thrusts, after, left, steps = self._steps(u, y, tolerance)
             residual = float(np.linalg.norm(left))
             if residual < least:
                 best, least = (thrusts, after), residual
             if residual <= tolerance:
                 break
-            rate = basis @ step
-            advance = _search(basis @ y, rate, lower, upper, float(target @ step))
-            if advance == 0.0:
+            for step in steps:
+                advance = _search(basis @ y, basis @ step, lower, upper, float(target @ step))
+                if advance > 0.0:
+                    y = y + advance * step
+                    break
+            else:
                 break
-            y = y + advance * step
-        return best[0], self._coordinates.T @ best[1]
+        thrusts, y = best
+        if least > tolerance:
+            thrusts = self.settle(thrusts, u, tolerance)
+        return thrusts, self.coordinates.T @ y
 
-    def _step(self, u: Array, y: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
-        """Return thrusts, the y they belong to, what they leave of u, and Newton's step."""
-        basis = self._basis
+    def _steps(
+        self, u: Array, y: Array, tolerance: float
+    ) -> tuple[Array, Array, Array, list[Array]]:
+        """Return thrusts, the y they belong to, what they leave of u, and steps to be tried."""
+        basis = self.basis
         unbounded = basis @ y
         free = (unbounded > self.lower) & (unbounded < self.upper)
         thrusts = self.clip(unbounded)
@@ -92,24 +104,56 @@ class LeastNorm:
         directions, singular, axes = np.linalg.svd(basis[free], full_matrices=True)
         sizes = np.zeros(len(y))
         sizes[: len(singular)] = singular
-        slopes = axes @ (self._coordinates @ left)
-        # Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
-        # or a reason to go that way alone: the search ends where the next rotor comes free.
+        slopes = axes @ (self.coordinates @ left)
         flat = sizes < FLAT
-        unserved = self._back @ (slopes[flat] @ axes[flat])
-        if float(np.linalg.norm(unserved)) > 0.8 * tolerance:
-            return thrusts, y, left, slopes[flat] @ axes[flat]
         shares = slopes[~flat] / sizes[~flat]
         step = (shares / sizes[~flat]) @ axes[~flat]
+        # Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
+        # or a reason to go that way alone: the search ends where the next rotor comes free.
+        away = slopes[flat] @ axes[flat]
+        if float(np.linalg.norm(self._back @ away)) > 0.8 * tolerance:
+            return thrusts, y, left, [away, step]
         change = np.zeros(len(thrusts))
         change[free] = directions[:, : len(shares)] @ shares
         # If the step leaves the active set as it is, this is the answer.  The thrusts themselves
         # lose fewer digits in it than y, which may be large.
         stepped = self.clip(thrusts + change)
         aimed = self.clip(unbounded + basis @ step)
-        if np.abs(aimed - stepped).max() <= 1e-10 * (1.0 + np.abs(stepped).max()):
-            return stepped, y + step, u - self.matrix @ stepped, step
-        return thrusts, y, left, step
+        lost = 1e-10 * (1.0 + np.abs(stepped).max()) + ROUNDING * np.linalg.norm(y + step)
+        if np.abs(aimed - stepped).max() <= lost:
+            return stepped, y + step, u - self.matrix @ stepped, [step]
+        return thrusts, y, left, [step]
+
+    def settle(self, thrusts: Array, u: Array, tolerance: float) -> Array:
+        """Let the rotors between their bounds make up for what rounding has left of u.
+
+        Parameters
+        ----------
+        thrusts : (n,) array
+            Within their bounds.
+        u : (m,) array
+        tolerance : float
+            Goal for |A f - u|.
+
+        Returns
+        -------
+        (n,) array
+            Those with the least |A f - u| that were met.
+        """
+        best, least = thrusts, np.inf
+        for _ in range(len(thrusts)):
+            left = u - self.matrix @ thrusts
+            residual = float(np.linalg.norm(left))
+            if residual < least:
+                best, least = thrusts, residual
+            free = (thrusts > self.lower) & (thrusts < self.upper)
+            if residual <= tolerance or not free.any():
+                break
+            change = np.zeros(len(thrusts))
+            goal = self.coordinates @ left
+            change[free] = np.linalg.lstsq(self.basis[free].T, goal, rcond=FLAT)[0]
+            thrusts = self.clip(thrusts + change)
+        return best
 
     def clip(self, thrusts: Array) -> Array:
         """Return thrusts (..., n) within their bounds."""
@@ -132,6 +176,6 @@ def _search(start: Array, rate: Array, lower: Array, upper: Array, goal: float) 
         return 0.0
     if after == len(corners):
         # Not attainable, if only by a rounding error: all that can move is moved, and clearly so.
-        return float(2.0 * corners[-1]) or 1.0
+        return float(2.0 * corners[-1])
     share = min(values[after - 1] / (values[after - 1] - values[after]), 1.0)
     return float(corners[after - 1] + share * (corners[after] - corners[after - 1]))

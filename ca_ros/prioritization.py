@@ -40,8 +40,9 @@ class Prioritization:
             Zonotope(gamma[rows] @ self._middle, gamma[rows] * self._reach)
             for rows in self._prefixes
         ]
+        # For thrusts counted from their middle.
         self._least = {
-            k: self._least_norm(k - 1)
+            k: LeastNorm(gamma[self._prefixes[k - 1]], -self._reach, self._reach)
             for k, group in enumerate(self._groups)
             if k > 0 and len(group) > 1
         }
@@ -54,6 +55,8 @@ class Prioritization:
             serve = self._serve_one if len(group) == 1 else self._serve_several
             served[..., group], share = serve(k, served, u[..., group])
             levels[..., group] = share[..., None]
+        # A facet that is steep in an axis makes the rounding errors of the others great in it.
+        served[..., self._prefixes[-1]] = self._shadows[-1].pull(served[..., self._prefixes[-1]])
         return served, levels
 
     def _serve_one(self, k: int, served: Array, demand: Array) -> tuple[Array, Array]:
@@ -87,12 +90,6 @@ class Prioritization:
         start[..., -count:] = begin
         direction[..., -count:] = way
         return np.minimum(self._shadows[k].reach(start, direction), 1.0)[..., None]
-
-    def _least_norm(self, k: int) -> LeastNorm:
-        """Return that of the axes of groups 0 to k, for thrusts counted from their middle."""
-        shadow = self._shadows[k]
-        image = Zonotope(0.0 * shadow.center, shadow.generators)
-        return LeastNorm(self._gamma[self._prefixes[k]], -self._reach, self._reach, image)
 
     def _inner(self, k: int, served: Array) -> Array:
         """Return values (..., of group k) well inside of what the earlier groups leave.

@@ -63,8 +63,10 @@ class Zonotope:
         self.normals = _facet_normals(generators / extent[:, None]) / extent
         self.normals /= np.linalg.norm(self.normals, axis=1)[:, None]
         self.sides = self.normals @ generators
-        self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
+        # Whole, rounding included: no point of the set may be outside of its facets.
         self.widths = np.abs(self.sides).sum(axis=1)
+        self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
+        self._shifts = self.sides @ generators.T / np.square(self.sides).sum(axis=1)[:, None]
         self._spans = np.abs(self.normals) @ extent
         for array in (self.center, self.generators, self.normals, self.sides, self.widths):
             array.flags.writeable = False
@@ -81,14 +83,20 @@ class Zonotope:
         return (self.widths - np.abs(heights)).min(axis=-1)
 
     def pull(self, u: Array) -> Array:
-        """Return a point (m,) of the set near one that is outside by rounding errors only."""
+        """Return points (..., m) of the set near those that are outside by rounding errors.
+
+        One facet after the other is moved to, each time with the least change of s: where some
+        generators are much longer than others, the least change of u would get nowhere.
+        """
         for _ in range(PULLS):
-            heights = self.normals @ (u - self.center)
+            heights = (u - self.center) @ self.normals.T
             excess = np.abs(heights) - self.widths
-            worst = int(np.argmax(excess))
-            if excess[worst] <= 1e-15 * self.widths[worst]:
+            worst = excess.argmax(axis=-1)[..., None]
+            most = np.take_along_axis(excess, worst, axis=-1)
+            if (most <= 1e-15 * self.widths[worst]).all():
                 break
-            u = u - np.sign(heights[worst]) * excess[worst] * self.normals[worst]
+            side = np.sign(np.take_along_axis(heights, worst, axis=-1))
+            u = u - side * np.maximum(most, 0.0) * self._shifts[worst[..., 0]]
         return u
 
     def slanted(self, rates: Array, directions: Array) -> BoolArray:
@@ -176,5 +184,5 @@ def _facet_normals(generators: Array) -> Array:
     normals = left[np.all(singular > FLAT, axis=1), :, -1]
     leading = np.argmax(np.abs(normals) > FLAT, axis=1)
     normals *= np.sign(normals[np.arange(len(normals)), leading])[:, None]
-    _, first = np.unique(np.round(normals, 9), axis=0, return_index=True)
+    _, first = np.unique(np.round(normals, 11), axis=0, return_index=True)
     return normals[np.sort(first)]

@@ -80,6 +80,22 @@ def test_laws_that_are_forgotten_change_no_answer(method, most, monkeypatch):
     assert len(forgetful._laws) == most
 
 
+@pytest.mark.parametrize('name', FLEET)
+def test_what_has_been_served_once_is_looked_up_from_then_on(name, monkeypatch):
+    # Also on the boundary of the set, where a vehicle that saturates spends its time.
+    vehicle = FLEET[name]
+    allocator = make_allocator('exact', vehicle)
+    wrenches = samples(vehicle, 100)
+    for u in wrenches:
+        first = allocator.allocate(u)
+        monkeypatch.setattr(allocator._least_norm, 'solve', None)
+        again = allocator.allocate(u)
+        monkeypatch.undo()
+        np.testing.assert_allclose(again.thrusts, first.thrusts, rtol=0.0, atol=1e-9)
+        assert again.status is first.status
+    assert len(allocator._laws) < 2 * len(wrenches)
+
+
 @pytest.mark.slow
 def test_memory_is_bounded_where_there_are_more_regions_than_laws():
     vehicle = build(ring(12), 'PN' * 6)

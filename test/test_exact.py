@@ -9,7 +9,7 @@ import pytest
 import quadprog
 
 from ca_ros import AdmissibleSet, Status, control_allocation_matrix, make_allocator
-from strategies import FLEET, middle, random_vehicle
+from strategies import FLEET, build, middle, random_vehicle, ring
 
 VEHICLES = int(os.environ.get('CA_ROS_VEHICLES', '150'))
 HARD = (238, 247, 420, 833, 874, 919, 929, 944, 983)
@@ -131,6 +131,41 @@ def test_exact_in_and_around_the_boundary_of_any_random_vehicle(seed):
     for kind, wrenches in commands(vehicle, rng, 4):
         for u in wrenches:
             check(vehicle, allocator, kind, u)
+
+
+def almost(positions, error):
+    """Return a vehicle of rotors that turn in turn, their places off by about an error [m]."""
+    errors = error * np.random.default_rng(1).normal(size=positions.shape)
+    return build(positions + errors, 'PN' * (len(positions) // 2))
+
+
+# As built, and as written down with a few digits: planes of columns fall apart into many that are
+# almost parallel.
+ALMOST_SYMMETRIC = {
+    **{f'{n} rotors, {error:g} m': almost(ring(n), error)
+       for n in (4, 6, 8) for error in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)},
+    **{f'{digits} digits': almost(np.round(ring(8, first=np.radians(10.0)), digits), 0.0)
+       for digits in (2, 3, 4, 5, 6)},
+}
+
+
+@pytest.mark.parametrize('name', ALMOST_SYMMETRIC)
+def test_almost_symmetric_vehicles_are_served_exactly_to_the_last_of_their_facets(name):
+    vehicle, rng = ALMOST_SYMMETRIC[name], np.random.default_rng(6)
+    allocators = [make_allocator('exact', vehicle, policy=policy)
+                  for policy in ('prioritize', 'scale')]
+    gamma, center = control_allocation_matrix(vehicle), middle(vehicle)
+    edge = boundary_thrusts(vehicle, rng, 30) @ gamma.T
+    anywhere = allocators[0].problem.hover + rng.normal(size=(30, 4)) * [8.0, 4.0, 4.0, 0.3]
+    for u in edge:
+        check(vehicle, allocators[0], 'boundary', u)
+    for allocator, policy in zip(
+            allocators, (allocators[0].admissible.prioritize, allocators[1].admissible.scale),
+            strict=True):
+        for u in np.vstack([center + 1.5 * (edge - center), anywhere]):
+            a, served = allocator.allocate(u), policy(u)
+            assert a.status in (Status.EXACT, Status.PRIORITIZED, Status.SCALED)
+            assert np.linalg.norm(a.wrench - served) <= 1e-12 * max(1.0, np.linalg.norm(served))
 
 
 @pytest.mark.parametrize('name', ['quadrotor', 'tilted_hexarotor'])

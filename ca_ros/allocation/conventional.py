@@ -12,6 +12,9 @@ from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
+STEPS_PER_ROTOR = 10
+"""Limit of the active-set method, should rounding errors send it round in circles."""
+
 
 class Conventional(Allocator):
     """A compromise between the wrench and reference thrusts, Eqs. (18)-(19).
@@ -49,18 +52,13 @@ class Conventional(Allocator):
 
     def _allocate(self, u: Array) -> Allocation:
         thrusts = self._laws.find_or_learn(u)
-        if thrusts is None:
-            thrusts = self._solve(u)
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _allocate_batch(self, demands: Array) -> Allocation:
-        thrusts = self._laws.find_or_learn_batch(demands)
-        for i in np.flatnonzero(np.isnan(thrusts).any(axis=1)):
-            thrusts[i] = self._solve(demands[i])
-        return self._batch(demands, thrusts)
+        return self._batch(demands, self._laws.find_or_learn_batch(demands))
 
-    def _learn(self, u: Array) -> AffineLaw | None:
-        """Return the law of the active set at u.
+    def _learn(self, u: Array) -> tuple[Array, AffineLaw]:
+        """Return the thrusts of least cost, and the law of their active set.
 
         The free thrusts are where the cost has no slope; the others have a slope that presses them
         to their bounds, which in units of thrust is z.
@@ -80,7 +78,7 @@ class Conventional(Allocator):
         offset_left = (hessian @ offset - self._pull)[~free]
         slope[~free] = -slope_left / steepness[:, None]
         offset[~free] -= offset_left / steepness
-        return AffineLaw.of(slope, offset, free, thrusts, low, high)
+        return thrusts, AffineLaw.of(slope, offset, free, thrusts, low, high)
 
     def _solve(self, u: Array) -> Array:
         """Minimise the cost by the primal active-set method, which ends after finitely many steps.
@@ -92,7 +90,7 @@ class Conventional(Allocator):
         linear = self._pull + self.problem.gamma.T @ u
         thrusts = self.problem.clip(np.asarray(np.linalg.solve(hessian, linear), dtype=np.float64))
         free = (thrusts > low) & (thrusts < high)
-        while True:
+        for _ in range(STEPS_PER_ROTOR * len(low)):
             goal = thrusts.copy()
             rest = linear - hessian[:, ~free] @ thrusts[~free]
             goal[free] = np.linalg.solve(hessian[np.ix_(free, free)], rest[free])
@@ -112,8 +110,9 @@ class Conventional(Allocator):
             wish[free | (high == low)] = 0.0
             keenest = int(wish.argmax())
             if wish[keenest] <= 1e-13 * (1.0 + np.abs(linear).max()):
-                return thrusts
+                break
             free[keenest] = True
+        return thrusts
 
 
 def _weight(weight: ArrayLike, n: int) -> Array:

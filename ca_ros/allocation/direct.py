@@ -59,15 +59,14 @@ class Direct(Allocator):
         level = float(self.levels(u))
         if np.isnan(level):
             return Allocation(self.problem, u, self.problem.lower.copy(), Status.REJECTED, 0.0)
-        thrusts = self._laws.find_or_learn(level * u)
-        if thrusts is None:
-            thrusts = self._vertex(level * u)
+        served = level * u
+        thrusts = self._laws.find_or_learn(served)
+        if not self._judge(served, thrusts):
+            thrusts = self._settled(served, thrusts)
         if self._judge(u, thrusts):
             return Allocation(self.problem, u, thrusts, Status.EXACT)
-        served = self._judge(level * u, thrusts)
-        return Allocation(
-            self.problem, u, thrusts, Status.SCALED if served else Status.INEXACT, level
-        )
+        status = Status.SCALED if self._judge(served, thrusts) else Status.INEXACT
+        return Allocation(self.problem, u, thrusts, status, level)
 
     def _allocate_batch(self, demands: Array) -> Allocation:
         levels = self.levels(demands)
@@ -75,8 +74,8 @@ class Direct(Allocator):
         served = np.where(given, levels, 0.0)[:, None] * demands
         thrusts = np.tile(self.problem.lower, (len(demands), 1))
         thrusts[given] = self._laws.find_or_learn_batch(served[given])
-        for i in np.flatnonzero(np.isnan(thrusts).any(axis=1)):
-            thrusts[i] = self._vertex(served[i])
+        for i in np.flatnonzero(~self._judge(served, thrusts) & given):
+            thrusts[i] = self._settled(served[i], thrusts[i])
         status = np.full(len(demands), Status.INEXACT, dtype=np.int8)
         status[self._judge(served, thrusts)] = Status.SCALED
         exact = self._judge(demands, thrusts) & given
@@ -84,8 +83,8 @@ class Direct(Allocator):
         status[~given], levels[~given] = Status.REJECTED, 0.0
         return self._batch(demands, thrusts, status, levels)
 
-    def _learn(self, u: Array) -> AffineLaw | None:
-        """Return the law of the basis of the cheapest thrusts that give u."""
+    def _learn(self, u: Array) -> tuple[Array, AffineLaw | None]:
+        """Return the cheapest thrusts that give u, and the law of their basis."""
         gamma, low, high = self.problem.gamma, self.problem.lower, self.problem.upper
         for inwards in (0.0, 1e-6, 1e-8):
             # A wrench on the border of a basis's region does not determine it; one beside it does.
@@ -100,16 +99,16 @@ class Direct(Allocator):
             law = AffineLaw.of(slope, ends - slope @ (gamma @ ends), free, ends, low, high)
             z = slope @ u + law.offset
             if np.all((law.least <= z) & (z <= law.greatest)):
-                return law
-        return None
+                return self.problem.clip(z), law
+        return self._vertex(u), None
 
     def _vertex(self, u: Array) -> Array:
         """Return the cheapest thrusts that give u, without the solver's tolerance."""
-        thrusts = self._cheapest(u)
-        free = (thrusts > self.problem.lower) & (thrusts < self.problem.upper)
-        left = u - self.problem.gamma @ thrusts
-        thrusts[free] += np.linalg.lstsq(self.problem.gamma[:, free], left, rcond=None)[0]
-        return self.problem.clip(thrusts)
+        return self._settled(u, self._cheapest(u))
+
+    def _settled(self, u: Array, thrusts: Array) -> Array:
+        tolerance = 0.5 * float(self.problem.tolerance(u))
+        return self.problem.least_norm.settle(thrusts, u, tolerance)
 
     def _cheapest(self, u: Array) -> Array:
         gamma = self.problem.gamma
@@ -126,4 +125,7 @@ class Direct(Allocator):
                 'dual_feasibility_tolerance': tolerance,
             },
         )
-        return self.problem.lower.copy() if solution.x is None else self.problem.clip(solution.x)
+        if solution.x is None:
+            # Lost between facets that are almost parallel: then any thrusts that give u.
+            return self.problem.least_norm.solve(u, float(self.problem.tolerance(u)))[0]
+        return self.problem.clip(solution.x)

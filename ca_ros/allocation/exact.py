@@ -97,17 +97,19 @@ class Exact(Allocator):
 
     def _solve(self, u: Array) -> Array:
         """Return the least thrusts for a wrench in the set."""
-        tolerance = float(self.problem.tolerance(u))
         if self._osqp is not None:
-            return self._least_norm.solve(u, tolerance, self._osqp.multipliers(u))[0]
+            return self._least_norm.solve(u, self._tolerance(u), self._osqp.multipliers(u))[0]
         thrusts = self._laws.find_or_learn(u)
-        if thrusts is not None and (self._laws.proven or self._judge(u, thrusts, LAW_SHARE)):
+        if self._laws.proven or self._judge(u, thrusts, LAW_SHARE):
             return thrusts
-        return self._least_norm.solve(u, tolerance)[0]
+        return self._least_norm.solve(u, self._tolerance(u))[0]
 
-    def _learn(self, u: Array) -> AffineLaw | None:
-        multipliers = self.problem.multipliers(u)
-        return explicit_law(self._least_norm, multipliers, LAW_SHARE * EXACT_TOLERANCE)
+    def _learn(self, u: Array) -> tuple[Array, AffineLaw | None]:
+        thrusts, multipliers = self._least_norm.solve(u, self._tolerance(u))
+        return thrusts, explicit_law(self._least_norm, multipliers, LAW_SHARE * EXACT_TOLERANCE)
+
+    def _tolerance(self, u: Array) -> float:
+        return float(self.problem.tolerance(u))
 
     def _within(self, u: Array) -> tuple[Array, float, Status]:
         """Return what is served, its share of u, and the status."""
