@@ -77,7 +77,7 @@ PARAMETERS: dict[str, Parameter] = {
         choices=('realtime', 'lockstep'),
     ),
     'vehicle.mass': Parameter('mass [kg]', positive=True),
-    'vehicle.gravity': Parameter('local gravity [m/s^2]', minimum=0.0, default=9.81),
+    'vehicle.gravity': Parameter('local gravity [m/s^2]', positive=True, default=9.81),
     'vehicle.inertia': Parameter(
         'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz or the matrix row by row',
         array=True,
@@ -186,7 +186,7 @@ PARAMETERS: dict[str, Parameter] = {
         mutable=True,
     ),
     'command_age_max': Parameter(
-        'age by ROS time beyond which a wrench is dropped; 0: none is too old [s]',
+        'age by ROS time, or time ahead of it, beyond which a wrench is dropped; 0: none is [s]',
         default=0.0,
         minimum=0.0,
         mutable=True,
@@ -199,7 +199,7 @@ PARAMETERS: dict[str, Parameter] = {
         mutable=True,
     ),
     'simulator.time_step': Parameter(
-        'step of the Euler integration [s]', default=0.01, minimum=1e-5
+        'step of the Euler integration [s]', default=0.01, minimum=1e-5, maximum=1.0
     ),
     'controller.position_stiffness': Parameter(
         'position error to acceleration, x, y, z [1/s^2]', array=True, default=1.5, positive=True

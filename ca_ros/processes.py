@@ -10,12 +10,19 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from math import inf
+
+
+def ending_signals() -> list[int]:
+    """Return the signals that ask a process to end; SIGHUP not if it is ignored, as by nohup."""
+    hang_up = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
+    return [signal.SIGINT, signal.SIGTERM, *hang_up]
 
 
 def note_signals() -> list[int]:
-    """Return a list in which SIGINT and SIGTERM are noted from now on: the children end first."""
+    """Return a list in which signals to end are noted from now on: the children end first."""
     received: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ending_signals():
         signal.signal(number, lambda signalled, _: received.append(signalled))
     return received
 
@@ -35,7 +42,7 @@ class Processes:
     PAUSE = 0.5
     """Time after which one that has ended is started again [s]."""
 
-    STARTING = 10.0
+    STARTING = 30.0
     """Time within which an end, other than on demand, is held to be a failed start [s]."""
 
     ATTEMPTS = 3
@@ -78,7 +85,11 @@ class Processes:
         """Start again those that ended a while ago; return their exit codes, by name."""
         self._note()
         before = time.monotonic() - self.PAUSE
-        codes = {name: code for name, code in self.ended().items() if self._ended[name] <= before}
+        # What ends only now is not noted yet.
+        noted = self._ended
+        codes = {
+            name: code for name, code in self.ended().items() if noted.get(name, inf) <= before
+        }
         for name in codes:
             self._kill(name)
             self._start(name)

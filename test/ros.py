@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-DEADLINE = 30.0
+DEADLINE = 90.0
 """When something that has not happened is held to be never going to [s]."""
 
 MARK = 'CA_ROS_TEST_GRAPH'
@@ -106,7 +106,14 @@ class Graph:
 
     def outlive(self, process, patience=DEADLINE):
         """Wait until a process of `start_silent` ends; return what it had to say."""
-        output = process.communicate(timeout=patience)
+        try:
+            output = process.communicate(timeout=patience)
+        except subprocess.TimeoutExpired:
+            # Our executables then show where they are.
+            process.send_signal(signal.SIGUSR1)
+            with suppress(subprocess.TimeoutExpired):
+                pytest.fail(f'it goes on: {process.communicate(timeout=5.0)}')
+            raise
         # From here on it is not missed.
         self._processes = {k: p for k, p in self._processes.items() if p is not process}
         return output
@@ -181,9 +188,13 @@ def _claim_domain():
     """Lock one of the domains that DDS has ports for; 0 is everyone's, and left alone."""
     for domain in random.sample(range(1, 102), 101):
         path = Path(tempfile.gettempdir(), f'ca_ros_domain_{domain}')
-        if not path.exists():
-            path.touch()
-        lock = path.open()
+        try:
+            if not path.exists():
+                path.touch()
+            lock = path.open()
+        except PermissionError:
+            # Another user's.
+            continue
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

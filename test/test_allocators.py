@@ -132,6 +132,7 @@ def test_an_empty_batch_has_empty_fields(method):
     batch = make_allocator(method, HEXAROTOR).allocate_batch(np.empty((0, 4)))
     assert batch.thrusts.shape == batch.speeds.shape == batch.saturation.shape == (0, 6)
     assert batch.wrench.shape == batch.residual.shape == (0, 4)
+    assert batch.certificate.multipliers.shape == (0, 4)
     assert batch.status.shape == (0,)
 
 

@@ -94,15 +94,15 @@ def test_lockstep_equals_the_offline_loop_to_the_last_bit(tmp_path, methods):
                 np.testing.assert_allclose(last, HOVER_SPEED, atol=0.5)
 
 
-# A machine that stands still for a moment is no end of commands.
-PATIENT = ('--ros-args', '-p', 'command_timeout:=1.0')
+# A machine that stands still for a while is no end of commands.
+PATIENT = ('--ros-args', '-p', 'command_timeout:=1000.0')
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(2 * FLIGHT_TIMEOUT)
 def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
     flight = graph.start_silent(
-        'bringup', '--method', 'exact', '--out', str(tmp_path), '--duration', '8',
+        'bringup', '--method', 'exact', '--out', str(tmp_path), '--duration', '12',
         *PATIENT)
     check_report(flight, tmp_path)
     table = read(tmp_path)
@@ -112,7 +112,7 @@ def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
     steps = np.diff(table['t']) / 0.01
     np.testing.assert_allclose(steps, steps.round(), atol=1e-6)
     assert table['t'][0] == 0.0
-    assert table['t'][-1] == pytest.approx(8.0)
+    assert table['t'][-1] == pytest.approx(12.0)
 
 
 def test_a_missed_waypoint_is_a_failure(tmp_path, graph):
@@ -154,7 +154,8 @@ def test_an_interrupt_ends_all_in_the_namespace_in_which_it_flies(graph, tmp_pat
     assert graph.alive() == []
 
 
-@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
     flight = graph.start_silent('bringup', '--out', str(tmp_path))
     graph.spin_until(lambda: len(graph.alive()) == 4, 'four processes')

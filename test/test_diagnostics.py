@@ -218,6 +218,17 @@ def test_a_second_publisher_is_said_until_it_goes(graph, name):
     node.wait(STALE, '')
 
 
+@pytest.mark.parametrize('name', SUBJECTS)
+def test_a_second_node_that_sends_the_same_is_said_until_it_goes(graph, name):
+    node = Node(graph, name)
+    kind, topic = OUTPUTS[name]
+    node.wait(STALE, '')
+    second = graph.node.create_publisher(kind, topic, RELIABLE)
+    node.wait(WARN, f'2 publishers on /{topic}')
+    graph.node.destroy_publisher(second)
+    node.wait(STALE, '')
+
+
 @pytest.mark.parametrize(('name', 'what'), [*(
     (name, 'quality') for name in SUBJECTS), ('allocator', 'type')])
 def test_a_publisher_that_does_not_match_is_said(graph, name, what):

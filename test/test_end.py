@@ -13,7 +13,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
-from ros import BEST_EFFORT, RELIABLE, Graph
+from ros import BEST_EFFORT, RELIABLE, Graph, executable
 
 ENDS = int(os.environ.get('CA_ROS_ENDS', '5'))
 AT_ONCE = 5
@@ -22,7 +22,7 @@ AT_ONCE = 5
 OPTIONS = ['--vehicle', 'hexarotor', '--ros-args', '-p', 'command_timeout:=1000.0']
 """No watchdog has a say in what goes out at the end."""
 
-SIGNALS = signal.SIGINT, signal.SIGTERM
+SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 IDLE, STILL = [40.0] * 6, [0.0] * 6
 
 
@@ -119,6 +119,19 @@ def test_an_allocator_that_never_served_a_command_says_nothing(graph, thrust):
     check_clean(motors.process, *graph.end(motors.process, signal.SIGINT))
     after.fly()
     assert motors.heard == [[], []]
+
+
+def test_a_terminal_that_closes_is_no_reason_to_end_where_nohup_says_so(graph):
+    motors = Motors(graph, program=('/usr/bin/nohup', str(executable('allocator'))))
+    motors.fly()
+    motors.process.send_signal(signal.SIGHUP)
+    for heard in motors.heard:
+        heard.clear()
+    motors.fly()
+    motors.process.send_signal(signal.SIGTERM)
+    graph.outlive(motors.process)
+    assert motors.process.returncode == 0
+    motors.check_last_word(IDLE)
 
 
 def test_many_signals_are_as_good_as_one(graph):

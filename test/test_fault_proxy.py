@@ -269,7 +269,7 @@ def position(message):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(900)
 @pytest.mark.filterwarnings('ignore:record_property')
 def test_flights_through_faults_reach_their_waypoint(graph, record_property):
     """Each property: error at the end, greatest distance from the ideal flight, when there."""
@@ -297,7 +297,8 @@ def test_flights_through_faults_reach_their_waypoint(graph, record_property):
 def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
     flight = graph.start_silent(
         'bringup', '--faults', 'drop:=0.1 delay:=0.005 seed:=3', '--namespace', 'uav1',
-        '--out', str(tmp_path), '--ros-args', '-p', 'command_timeout:=1.0')
+        '--duration', '20', '--out', str(tmp_path),
+        '--ros-args', '-p', 'command_timeout:=1000.0')
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
     graph.spin_until(
         lambda: any(status.name.startswith('/uav1/fault_proxy') and 'drop 0.1' in status.message

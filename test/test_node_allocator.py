@@ -224,6 +224,16 @@ def test_nothing_but_rejected_wrenches_is_as_bad_as_none_but_called_by_its_name(
         lambda: client.diagnostics[-1].status[0].message == 'none but rejected commands: idle',
         'the reason')
     beyond.cancel()
+    graph.spin_until(
+        lambda: client.diagnostics[-1].status[0].message == 'no command: idle', 'another reason')
+
+
+def test_a_flight_that_begins_with_rejected_wrenches_is_not_left_to_itself(graph):
+    client = start(graph, '-p', 'allocation.exact.policy:=reject', '-p', 'mode:=realtime')
+    beyond = graph.node.create_timer(0.01, lambda: client.send(1e3 * np.array(HOVER)))
+    graph.spin_until(lambda: client.speeds, 'the timeout action')
+    beyond.cancel()
+    assert client.speeds[0].data.tolist() == [40.0] * 6
 
 
 def test_health_can_be_set_on_the_running_node(graph):
@@ -284,7 +294,8 @@ def test_what_is_built_in_is_read_only(client):
 def test_allocators_in_two_namespaces_do_not_meet_and_best_effort_is_enough(graph):
     for namespace in ('/uav1', '/uav2'):
         graph.start(
-            'allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}')
+            'allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}',
+            '-p', 'command_timeout:=1000.0')
     one, two = (Client(graph, namespace, BEST_EFFORT) for namespace in ('/uav1', '/uav2'))
     for wrench in some_wrenches(3):
         assert one.ask(wrench).tobytes() == one.expected.speeds.tobytes()

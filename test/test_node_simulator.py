@@ -147,3 +147,23 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
     labels = [message.layout.dim[1].label for message in client.speeds]
     assert not any((int(label.removeprefix('stamp ')) - grid) % STEP for label in labels)
     assert {tuple(message.data) for message in client.speeds} == {(0.0,) * 6, (300.0,) * 6}
+
+
+def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
+    # As an allocator sends it that has outlived the simulator before this one.
+    client = Client(graph, 'realtime')
+    idle = Float64MultiArray(data=[40.0] * 6)
+    idle.layout.dim = [MultiArrayDimension(label='no stamp')]
+    for _ in range(5):
+        client.command.publish(idle)
+    client.poses.clear()
+    graph.spin_until(lambda: len(client.poses) >= 20, 'poses')
+    assert {pose.pose.position.z for pose in client.poses} == {0.0}
+    graph.spin_until(
+        lambda: client.poses[-1].pose.position.z > 0.0, 'a flight',
+        repeat=lambda: client.send([300.0] * 6))
+    # In flight it is followed.
+    client.speeds.clear()
+    graph.spin_until(
+        lambda: client.speeds and client.speeds[-1].data.tolist() == [40.0] * 6, 'idle',
+        repeat=lambda: client.command.publish(idle))

@@ -35,7 +35,7 @@ FAULTS = [
     ('vehicle.mass', [1.0, 2.0], 'one value'),
     ('vehicle.mass', -1.0, 'positive'),
     ('vehicle.mass', 0.0, 'positive'),
-    ('vehicle.gravity', -9.81, 'at least 0'),
+    ('vehicle.gravity', -9.81, 'positive'),
     ('rotors.thrust_coefficient', [2.5e-5] * 5 + [0.0], 'positive'),
     ('rotors.torque_coefficient', -5e-7, 'at least 0'),
     ('rotors.speed_min', -1.0, 'at least 0'),

@@ -62,7 +62,8 @@ def certify(problem: AllocationProblem, demand: Array, thrusts: Array) -> Certif
     """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m]."""
     wrench = thrusts @ problem.gamma.T
     outside = np.abs(thrusts - problem.clip(thrusts)).max(axis=-1)
-    multipliers = np.apply_along_axis(problem.multipliers, -1, wrench)
+    rows = wrench.reshape(-1, wrench.shape[-1])
+    multipliers = np.array([problem.multipliers(row) for row in rows]).reshape(wrench.shape)
     least = problem.clip(multipliers @ problem.gamma)
     image = problem.image
     heights = (demand - image.center) @ image.normals.T

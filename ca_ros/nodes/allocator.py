@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from importlib.util import find_spec
-from time import perf_counter_ns, sleep
+from math import inf
+from time import monotonic, perf_counter_ns, sleep
 from typing import Any
 
 import numpy as np
@@ -56,13 +57,12 @@ class Allocator(VehicleNode):
         self._answers: Counter[Status] = Counter()
         self._heard: set[Publisher] = set()
         self._newest = 0
+        self._rejected = -inf
         self._last: Array = np.zeros(1)
         self._watchdog = Watchdog()
         self._latencies = Latencies()
         super().__init__(name)
-        self._speeds = self.create_publisher(
-            Float64MultiArray, 'command/motor_speed', offered(self.mode)
-        )
+        self._speeds = self.offer(Float64MultiArray, 'command/motor_speed')
         self._allocated = self._create_aside(WrenchStamped, '~/allocated_wrench')
         self._residual = self._create_aside(WrenchStamped, '~/residual')
         self._saturation = self._create_aside(Int8MultiArray, '~/saturation')
@@ -90,7 +90,6 @@ class Allocator(VehicleNode):
         self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
         self._message = speeds_message(self._last, None)
         self._watchdog.timeout = self.parameters['command_timeout']
-        self._watchdog.excuse(self.building)
         self._frame = self.parameters['command_frame']
         self._age_max = self.parameters['command_age_max'] * 1e9
         self._newer_only = self.parameters['command_order'] == 'newer'
@@ -134,8 +133,12 @@ class Allocator(VehicleNode):
     @property
     def _missing(self) -> str:
         """What there is none of when the time is over."""
-        rejected = self._answer is not None and self._answer.status is Status.REJECTED
+        rejected = monotonic() - self._rejected <= self._watchdog.timeout
         return 'none but rejected commands' if rejected else 'no command'
+
+    def excuse(self, seconds: float) -> None:
+        """Leave out of the watchdog's time what a change of parameters has taken."""
+        self._watchdog.excuse(seconds)
 
     def close(self) -> None:
         """Leave the rotors idle, or still if that is the timeout action."""
@@ -157,7 +160,10 @@ class Allocator(VehicleNode):
             return
         answer = self.method.allocate([wrench[row] for row in self._rows])
         self._answer = answer
-        if answer.status is not Status.REJECTED:
+        if answer.status is Status.REJECTED:
+            self._rejected = monotonic()
+            self._watchdog.wake()
+        else:
             try:
                 speeds = answer.speeds
             except ValueError as error:
@@ -181,12 +187,15 @@ class Allocator(VehicleNode):
             return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
         if wrong := wrong_frame(frame, self._frame):
             return 'frame', f'wrench {wrong} (parameter command_frame)'
-        if self._age_max and (age := self.get_clock().now().nanoseconds - time) > self._age_max:
-            return 'age', f'wrench that is {age / 1e9:.3f} s old (parameter command_age_max)'
+        # One from the future would be young for long.
+        if self._age_max and abs(age := self.get_clock().now().nanoseconds - time) > self._age_max:
+            off = f'{abs(age) / 1e9:.3f} s {"old" if age > 0 else "ahead"}'
+            return 'age', f'wrench that is {off} (parameter command_age_max)'
         if time < self._newest:
             self.counts['out of order'] += 1
             # After a pause whoever sends may have begun anew, with an earlier clock.
-            if self._newer_only and not self._watchdog.over:
+            paused = self._watchdog.expired or self._watchdog.over
+            if self._newer_only and not paused:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
 

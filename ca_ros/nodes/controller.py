@@ -21,7 +21,7 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
-from ca_ros.nodes.qos import COMMAND, offered
+from ca_ros.nodes.qos import COMMAND
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog
 from ca_ros.parameters import AXES
@@ -40,7 +40,7 @@ class Controller(VehicleNode):
         self._open = False
         self._watchdog = Watchdog()
         super().__init__(name)
-        self._wrench = self.create_publisher(WrenchStamped, 'command/wrench', offered(self.mode))
+        self._wrench = self.offer(WrenchStamped, 'command/wrench')
         self.listen(PoseStamped, 'local_position/pose', self._receive_pose)
         self.listen(TwistStamped, 'local_position/velocity_body', self._receive_velocity)
         self.create_subscription(PoseStamped, 'command/pose', self._receive_waypoint, COMMAND)
@@ -79,7 +79,7 @@ class Controller(VehicleNode):
             fault = f'that is not a pose: {position} m, quaternion {attitude}'
         if fault:
             self.counts['refused waypoints'] += 1
-            self.get_logger().warning(f'refused a waypoint {fault}', throttle_duration_sec=1.0)
+            self.complain('waypoint', f'refused a waypoint {fault}')
             return
         self._waypoint = Waypoint(position, attitude)
         self.get_logger().info(f'waypoint {position} m, heading {self._waypoint.heading:.4f} rad')

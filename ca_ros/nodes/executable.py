@@ -22,6 +22,7 @@ from ca_ros import arguments
 from ca_ros.nodes.console import never_wait
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.parameter_files import find
+from ca_ros.processes import ending_signals
 from ca_ros.vehicle import Vehicle
 
 try:
@@ -96,7 +97,7 @@ def run(
     argv: Sequence[str] | None = None,
     parse: Callable[[str, str, Sequence[str]], list[str]] = parse,
 ) -> int:
-    """Run a node until SIGINT or SIGTERM; return its exit code.
+    """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 
     The signals set a flag rather than end the context, so that the node can publish its last word.
     """
@@ -108,8 +109,9 @@ def run(
         # Should the middleware not let go, the process ends all the same, and shows where it was.
         faulthandler.dump_traceback_later(ENDING_MAX, exit=True)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ending_signals():
         signal.signal(number, end)
+    faulthandler.register(signal.SIGUSR1)
     never_wait()
     with ExitStack() as ending:
         ending.callback(rclpy.try_shutdown)

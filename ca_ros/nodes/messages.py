@@ -15,6 +15,9 @@ from ca_ros.arrays import Array
 WORLD, BODY = 'map', 'base_link'
 """The frames, by the names of REP 105; a message without one is taken to be in the right one."""
 
+NO_STAMP = 'no stamp'
+"""Label of rotor speeds that answer no command."""
+
 DIGITS = re.compile('[0-9]{1,19}')
 
 
@@ -46,7 +49,7 @@ def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
 def fill_speeds(message: Float64MultiArray, speeds: Array, time: int | None) -> Float64MultiArray:
     """Fill a `speeds_message` once more, which takes a quarter of the time of a new one."""
     message.data = array('d', speeds.tobytes())
-    message.layout.dim[1].label = 'no stamp' if time is None else f'stamp {time}'
+    message.layout.dim[1].label = NO_STAMP if time is None else f'stamp {time}'
     return message
 
 
@@ -57,6 +60,11 @@ def speeds_stamp(message: Float64MultiArray) -> int | None:
         if word == 'stamp' and DIGITS.fullmatch(number):
             return int(number)
     return None
+
+
+def answers_nothing(message: Float64MultiArray) -> bool:
+    """Tell whether a `speeds_message` is a timeout action."""
+    return any(dimension.label == NO_STAMP for dimension in message.layout.dim)
 
 
 def state_messages(

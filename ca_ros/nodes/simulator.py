@@ -12,8 +12,14 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.arrays import Array
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import speeds_message, speeds_stamp, stamp, state_messages
-from ca_ros.nodes.qos import LOCKSTEP_DEPTH, offered
+from ca_ros.nodes.messages import (
+    answers_nothing,
+    speeds_message,
+    speeds_stamp,
+    stamp,
+    state_messages,
+)
+from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.rigid_body import (
@@ -58,11 +64,9 @@ class Simulator(VehicleNode):
         self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
         self._time = 0 if self.mode == 'lockstep' else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
-        self._pose = self.create_publisher(PoseStamped, 'local_position/pose', offered(self.mode))
-        self._velocity = self.create_publisher(
-            TwistStamped, 'local_position/velocity_body', offered(self.mode)
-        )
-        self._speeds = self.create_publisher(Float64MultiArray, 'motor_speed', offered(self.mode))
+        self._pose = self.offer(PoseStamped, 'local_position/pose')
+        self._velocity = self.offer(TwistStamped, 'local_position/velocity_body')
+        self._speeds = self.offer(Float64MultiArray, 'motor_speed')
         self.listen(Float64MultiArray, 'command/motor_speed', self._receive)
         lockstep = self.mode == 'lockstep'
         self._timer = self.create_timer(
@@ -117,6 +121,9 @@ class Simulator(VehicleNode):
             self.drop('bounds', f'rotor speeds {speeds}: expected up to {self._greatest} rad/s')
         elif self.mode == 'realtime':
             if self._resting:
+                if answers_nothing(command):
+                    self.drop('rest', 'a timeout action: the vehicle rests until a command comes')
+                    return
                 self._due = self.steady.now().nanoseconds
             self._follow(speeds)
         elif speeds_stamp(command) == self._time:
@@ -166,7 +173,7 @@ class Simulator(VehicleNode):
         try:
             self._state = self.body.step(self._state, self._command, self._step_ns / 1e9)
         except FloatingPointError as error:
-            self.get_logger().error(f'{error}: it is held where it is', throttle_duration_sec=1.0)
+            self.complain('state', f'{error}: it is held where it is')
         self._time += self._step_ns
         self._publish()
 

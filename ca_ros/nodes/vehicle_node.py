@@ -12,10 +12,11 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
-from ca_ros.nodes.qos import requested
+from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete
 from ca_ros.vehicle import Vehicle
@@ -31,14 +32,14 @@ class VehicleNode(Node):
     """A node with the vehicle's parameters, rebuilt when they change, all or nothing."""
 
     audit: Audit | None = None
-    building: float = 0.0
-    """How long the last change of parameters has kept the node from everything else [s]."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.counts: Counter[str] = Counter()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._streams: list[Subscription] = []
+        self._offers: list[Publisher] = []
+        self._said: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
         self._dropped_before = 0
         self._ticked = inf
@@ -106,10 +107,23 @@ class VehicleNode(Node):
         """Subscribe to a stream that one publisher should send."""
         self._streams.append(self.create_subscription(kind, topic, receive, requested(self.mode)))
 
+    def offer(self, kind: type, topic: str) -> Publisher:
+        """Create the publisher of a stream that nobody else should send."""
+        publisher = self.create_publisher(kind, topic, offered(self.mode))
+        self._offers.append(publisher)
+        return publisher
+
     def drop(self, reason: str, what: str) -> None:
         """Count a message that is not served, and say why now and then."""
         self.counts[f'dropped: {reason}'] += 1
-        self.get_logger().warning(f'dropped: {what}', throttle_duration_sec=1.0)
+        self.complain(reason, f'dropped: {what}')
+
+    def complain(self, reason: str, what: str) -> None:
+        """Log a warning, for each reason once a second at most; the system's clock may jump."""
+        now = monotonic()
+        if now >= self._said.get(reason, -inf) + 1.0:
+            self._said[reason] = now
+            self.get_logger().warning(what)
 
     def observe(self, subject: str) -> None:
         """Begin to give account of the node on /diagnostics: once a second, and on change."""
@@ -125,6 +139,9 @@ class VehicleNode(Node):
     def values(self) -> dict[str, object]:
         """Return details of the node by name."""
         return dict(self.counts)
+
+    def excuse(self, seconds: float) -> None:
+        """Hold it against nobody that a change of parameters has kept the node for so long."""
 
     def watch(self) -> None:
         """Look at what does not come by itself; called every `TICK` seconds."""
@@ -160,6 +177,8 @@ class VehicleNode(Node):
                 notes.append((WARN, f'a publisher on {topic} offers another {MISMATCH}'))
         for publisher in self.publishers:
             topic = publisher.topic_name
+            if publisher in self._offers and (others := self.count_publishers(topic)) > 1:
+                notes.append((WARN, f'{others} publishers on {topic}'))
             if self.count_subscribers(topic) > publisher.get_subscription_count():
                 notes.append((WARN, f'a subscriber to {topic} asks for another {MISMATCH}'))
         for _, note in notes:
@@ -176,15 +195,16 @@ class VehicleNode(Node):
         ours = {change.name: change.value for change in changes if change.name in PARAMETERS}
         if not ours:
             return SetParametersResult(successful=True)
+        began = monotonic()
         try:
-            began = monotonic()
             parameters = complete({**self.parameters, **ours})
             # Learned laws are not to be forgotten, and the motors not kept waiting, for nothing.
             anew = any(name.startswith(BUILT_FROM) for name in ours)
             self._candidate = parameters, self.build(parameters) if anew else self._built
-            self.building = monotonic() - began
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        finally:
+            self.excuse(monotonic() - began)
         return SetParametersResult(successful=True)
 
     def _accept(self, _: list[Parameter]) -> None:

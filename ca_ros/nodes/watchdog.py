@@ -23,7 +23,7 @@ class Watchdog:
     timeout : float
         Time without a command after which it is over [s].
     expired : bool
-        Whether it was over when last looked at.
+        Whether it was over when last looked at; only a command ends that.
     begun : bool
         Whether that was so for the first time since the last command.
     """
@@ -44,6 +44,11 @@ class Watchdog:
         """Whether the time is over."""
         return self._last is not None and monotonic() - self._last > self.timeout
 
+    def wake(self) -> None:
+        """Take note that somebody commands, though it is nothing that can be served."""
+        if not self.awake:
+            self.feed()
+
     def feed(self) -> None:
         """Take note of a command."""
         self._last = monotonic()
@@ -55,9 +60,10 @@ class Watchdog:
 
     def look(self) -> bool:
         """Tell whether the time is over, and remember it."""
-        self.expired = self.over
         # A command may have come and gone since the last look.
-        self.begun = self.expired and self._missed != self._last
+        anew = self._missed != self._last
+        self.expired = self.over or (self.expired and not anew)
+        self.begun = self.expired and anew
         self._missed = self._last if self.expired else None
         return self.expired
 
