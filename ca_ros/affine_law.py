@@ -110,13 +110,18 @@ class AffineLaw:
         return z
 
     def served(self, wrenches: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return which of the wrenches (m, N) are in the region, K indices, and their z (n, K)."""
+        """Return which of the wrenches (m, N) are in the region, K indices, and their z (n, K).
+
+        In z the rotors at a bound are at it, as in `thrusts`.
+        """
         # Few pass the conditions of the rotors at a bound, so these are looked at first.
         held = self.bound
         candidates = np.flatnonzero(self._keeps(held, self._z(held, wrenches)))
         z = self._z(slice(None), wrenches[:, candidates])
         inside = self._keeps(slice(None), z)
-        return candidates[inside], z[:, inside]
+        z = z[:, inside]
+        z[held] = self.ends[:, None]
+        return candidates[inside], z
 
     def _z(self, rotors: NDArray[np.intp] | slice, wrenches: Array) -> Array:
         return self.slope[rotors] @ wrenches + self.offset[rotors, None]

@@ -73,6 +73,7 @@ class AffineLaws:
         if thrusts is None:
             self.proven = False
             z = law.slope.dot(u) + law.offset
+            z[law.bound] = law.ends
             return np.minimum(np.maximum(z, self._lower), self._upper)
         self.proven = law.proven
         return thrusts

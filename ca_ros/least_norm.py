@@ -64,7 +64,7 @@ class LeastNorm:
         thrusts : (n,) array
             Those with the least |A f - u| that were met.
         multipliers : (m,) array
-            y with ``thrusts = clip(A^T y)``.
+            y with ``thrusts = clip(A^T y)``, up to rounding.
         """
         tolerance = 0.5 * tolerance
         basis, lower, upper = self.basis, self.lower, self.upper

@@ -42,7 +42,7 @@ class Processes:
     PAUSE = 0.5
     """Time after which one that has ended is started again [s]."""
 
-    STARTING = 30.0
+    STARTING = 10.0
     """Time within which an end, other than on demand, is held to be a failed start [s]."""
 
     ATTEMPTS = 3
@@ -86,9 +86,10 @@ class Processes:
         self._note()
         before = time.monotonic() - self.PAUSE
         # What ends only now is not noted yet.
-        noted = self._ended
         codes = {
-            name: code for name, code in self.ended().items() if noted.get(name, inf) <= before
+            name: code
+            for name, code in self.ended().items()
+            if self._ended.get(name, inf) <= before
         }
         for name in codes:
             self._kill(name)

@@ -63,10 +63,10 @@ class Zonotope:
         self.normals = _facet_normals(generators / extent[:, None]) / extent
         self.normals /= np.linalg.norm(self.normals, axis=1)[:, None]
         self.sides = self.normals @ generators
-        # Whole, rounding included: no point of the set may be outside of its facets.
+        # With what is rounded off below: no point of the set may be outside of its facets.
         self.widths = np.abs(self.sides).sum(axis=1)
-        self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
         self._shifts = self.sides @ generators.T / np.square(self.sides).sum(axis=1)[:, None]
+        self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
         self._spans = np.abs(self.normals) @ extent
         for array in (self.center, self.generators, self.normals, self.sides, self.widths):
             array.flags.writeable = False

@@ -111,9 +111,11 @@ class Graph:
         except subprocess.TimeoutExpired:
             # Our executables then show where they are.
             process.send_signal(signal.SIGUSR1)
-            with suppress(subprocess.TimeoutExpired):
-                pytest.fail(f'it goes on: {process.communicate(timeout=5.0)}')
-            raise
+            try:
+                _, err = process.communicate(timeout=5.0)
+            except subprocess.TimeoutExpired as late:
+                err = (late.stderr or b'').decode()
+            pytest.fail(f'not ended within {patience:g} s: {err}')
         # From here on it is not missed.
         self._processes = {k: p for k, p in self._processes.items() if p is not process}
         return output

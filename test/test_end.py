@@ -110,7 +110,7 @@ def test_the_last_word_is_repeated_for_those_that_cannot_say_that_they_missed_it
 
 
 @pytest.mark.parametrize('thrust', [None, float('nan')])
-def test_an_allocator_that_never_served_a_command_says_nothing(graph, thrust):
+def test_an_allocator_that_never_had_a_sound_command_says_nothing(graph, thrust):
     motors = Motors(graph)
     after = Motors(graph, namespace='after')
     if thrust is not None:

@@ -157,6 +157,8 @@ def test_almost_symmetric_vehicles_are_served_exactly_to_the_last_of_their_facet
     gamma, center = control_allocation_matrix(vehicle), middle(vehicle)
     edge = boundary_thrusts(vehicle, rng, 30) @ gamma.T
     anywhere = allocators[0].problem.hover + rng.normal(size=(30, 4)) * [8.0, 4.0, 4.0, 0.3]
+    for u in rng.uniform(vehicle.thrust_min, vehicle.thrust_max, (30, vehicle.n)) @ gamma.T:
+        check(vehicle, allocators[0], 'interior', u)
     for u in edge:
         check(vehicle, allocators[0], 'boundary', u)
     for allocator, policy in zip(

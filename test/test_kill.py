@@ -6,6 +6,7 @@ CA_ROS_KILLS says how often each node is killed (default 1).
 import math
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -190,8 +191,13 @@ def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypa
 
 
 def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
+    # Each start may take its time here.
+    patient = (
+        'from ca_ros.nodes import bringup; bringup.Processes.STARTING = 1e6; '
+        'raise SystemExit(bringup.main())')
     flight = graph.start_silent(
-        'bringup', '--respawn', '--out', str(tmp_path),
+        sys.executable, '-c', patient,
+        '--respawn', '--out', str(tmp_path),
         '--ros-args', '-p', 'allocator:command_timeout:=-1.0')
     out, err = flight.communicate(timeout=2 * DEADLINE)
     assert flight.returncode == 1, out + err

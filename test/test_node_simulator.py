@@ -15,6 +15,7 @@ from ca_ros.rigid_body import (
     RigidBody,
     velocity_in_body,
 )
+from ros import Diagnostics, counts
 
 STEP = 10_000_000
 """[ns]"""
@@ -151,11 +152,14 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
 
 def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
     # As an allocator sends it that has outlived the simulator before this one.
+    diagnostics = Diagnostics(graph)
     client = Client(graph, 'realtime')
     idle = Float64MultiArray(data=[40.0] * 6)
     idle.layout.dim = [MultiArrayDimension(label='no stamp')]
     for _ in range(5):
         client.command.publish(idle)
+    diagnostics.wait(
+        '/simulator', lambda *now: counts(now[2])['dropped: rest'] > 0, 'what it has heard')
     client.poses.clear()
     graph.spin_until(lambda: len(client.poses) >= 20, 'poses')
     assert {pose.pose.position.z for pose in client.poses} == {0.0}

@@ -294,6 +294,13 @@ def test_a_time_in_which_nobody_could_feed_it_does_not_count():
         pass
     watchdog.excuse(1e3)
     assert not watchdog.over
+    watchdog.timeout = -1e6
+    assert watchdog.look()
+    watchdog.feed()
+    # As soon as there is a command again.
+    watchdog.timeout = 0.0
+    watchdog.excuse(1e3)
+    assert not watchdog.look()
 
 
 def test_a_command_that_nobody_looked_at_ends_one_pause_and_begins_another():
@@ -316,6 +323,8 @@ def test_it_is_over_until_a_command_comes_and_not_until_there_is_more_patience()
     assert watchdog.look()
     assert not watchdog.begun
     watchdog.feed()
+    # Before anybody looks again.
+    assert not watchdog.over
     assert not watchdog.look()
 
 

@@ -89,6 +89,8 @@ class Direct(Allocator):
         for inwards in (0.0, 1e-6, 1e-8):
             # A wrench on the border of a basis's region does not determine it; one beside it does.
             thrusts = self._cheapest(u + inwards * (self._image.center - u))
+            if thrusts is None:
+                continue
             room = np.minimum(thrusts - low, high - thrusts)
             free = room > 1e-9 * (1.0 + high)
             if free.sum() != len(gamma) or np.linalg.cond(gamma[:, free]) > 1e12:
@@ -104,13 +106,18 @@ class Direct(Allocator):
 
     def _vertex(self, u: Array) -> Array:
         """Return the cheapest thrusts that give u, without the solver's tolerance."""
-        return self._settled(u, self._cheapest(u))
+        thrusts = self._cheapest(u)
+        if thrusts is None:
+            # Lost between facets that are almost parallel: then any thrusts that give u.
+            return self.problem.least_norm.solve(u, float(self.problem.tolerance(u)))[0]
+        return self._settled(u, thrusts)
 
     def _settled(self, u: Array, thrusts: Array) -> Array:
         tolerance = 0.5 * float(self.problem.tolerance(u))
         return self.problem.least_norm.settle(thrusts, u, tolerance)
 
-    def _cheapest(self, u: Array) -> Array:
+    def _cheapest(self, u: Array) -> Array | None:
+        """Return what the solver finds, if anything."""
         gamma = self.problem.gamma
         size = np.linalg.norm(gamma, axis=1)
         tolerance = 1e-10
@@ -125,7 +132,4 @@ class Direct(Allocator):
                 'dual_feasibility_tolerance': tolerance,
             },
         )
-        if solution.x is None:
-            # Lost between facets that are almost parallel: then any thrusts that give u.
-            return self.problem.least_norm.solve(u, float(self.problem.tolerance(u)))[0]
-        return self.problem.clip(solution.x)
+        return None if solution.x is None else self.problem.clip(solution.x)

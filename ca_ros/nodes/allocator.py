@@ -86,7 +86,9 @@ class Allocator(VehicleNode):
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
-        # What is held: all but the speeds of lost rotors.
+        # What is held: all but the speeds of lost rotors; and if nothing has been said yet, idle.
+        if not self.counts['served']:
+            self._last = fallback('idle', vehicle, self._last)
         self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
         self._message = speeds_message(self._last, None)
         self._watchdog.timeout = self.parameters['command_timeout']
@@ -194,8 +196,7 @@ class Allocator(VehicleNode):
         if time < self._newest:
             self.counts['out of order'] += 1
             # After a pause whoever sends may have begun anew, with an earlier clock.
-            paused = self._watchdog.expired or self._watchdog.over
-            if self._newer_only and not paused:
+            if self._newer_only and not self._watchdog.over:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
 

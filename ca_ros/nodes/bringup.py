@@ -33,7 +33,7 @@ from ca_ros.processes import Processes, note_signals
 from ca_ros.vehicle import Vehicle
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
-START_TIMEOUT = 90.0
+START_TIMEOUT = 60.0
 
 
 class Stopped(Exception):

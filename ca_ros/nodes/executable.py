@@ -107,11 +107,14 @@ def run(
     def end(received: int, _: object) -> None:
         stop.append(received)
         # Should the middleware not let go, the process ends all the same, and shows where it was.
-        faulthandler.dump_traceback_later(ENDING_MAX, exit=True)
+        if sys.stderr is not None:
+            faulthandler.dump_traceback_later(ENDING_MAX, exit=True)
 
     for number in ending_signals():
         signal.signal(number, end)
-    faulthandler.register(signal.SIGUSR1)
+    if sys.stderr is not None:
+        # Whoever wonders what a node is doing may ask.
+        faulthandler.register(signal.SIGUSR1)
     never_wait()
     with ExitStack() as ending:
         ending.callback(rclpy.try_shutdown)

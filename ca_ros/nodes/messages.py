@@ -63,7 +63,7 @@ def speeds_stamp(message: Float64MultiArray) -> int | None:
 
 
 def answers_nothing(message: Float64MultiArray) -> bool:
-    """Tell whether a `speeds_message` is a timeout action."""
+    """Tell whether a `speeds_message` is a timeout action or a last word."""
     return any(dimension.label == NO_STAMP for dimension in message.layout.dim)
 
 

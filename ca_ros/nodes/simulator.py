@@ -173,7 +173,11 @@ class Simulator(VehicleNode):
         try:
             self._state = self.body.step(self._state, self._command, self._step_ns / 1e9)
         except FloatingPointError as error:
-            self.complain('state', f'{error}: it is held where it is')
+            self.get_logger().error(
+                f'{error}: it is held where it is',
+                throttle_duration_sec=1.0,
+                throttle_time_source_type=self.steady,
+            )
         self._time += self._step_ns
         self._publish()
 

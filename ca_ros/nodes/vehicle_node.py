@@ -177,8 +177,8 @@ class VehicleNode(Node):
                 notes.append((WARN, f'a publisher on {topic} offers another {MISMATCH}'))
         for publisher in self.publishers:
             topic = publisher.topic_name
-            if publisher in self._offers and (others := self.count_publishers(topic)) > 1:
-                notes.append((WARN, f'{others} publishers on {topic}'))
+            if publisher in self._offers and (count := self.count_publishers(topic)) > 1:
+                notes.append((WARN, f'{count} publishers on {topic}'))
             if self.count_subscribers(topic) > publisher.get_subscription_count():
                 notes.append((WARN, f'a subscriber to {topic} asks for another {MISMATCH}'))
         for _, note in notes:

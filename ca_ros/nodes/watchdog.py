@@ -23,7 +23,7 @@ class Watchdog:
     timeout : float
         Time without a command after which it is over [s].
     expired : bool
-        Whether it was over when last looked at; only a command ends that.
+        Whether it was over when last looked at.
     begun : bool
         Whether that was so for the first time since the last command.
     """
@@ -41,8 +41,10 @@ class Watchdog:
 
     @property
     def over(self) -> bool:
-        """Whether the time is over."""
-        return self._last is not None and monotonic() - self._last > self.timeout
+        """Whether the time is over; once it has been, only a command ends that."""
+        if self._last is None:
+            return False
+        return self._missed == self._last or monotonic() - self._last > self.timeout
 
     def wake(self) -> None:
         """Take note that somebody commands, though it is nothing that can be served."""
@@ -55,14 +57,14 @@ class Watchdog:
 
     def excuse(self, seconds: float) -> None:
         """Leave out a time in which nobody could have fed it."""
-        if self._last is not None and not self.expired:
+        if self._last is not None and self._missed != self._last:
             self._last += seconds
 
     def look(self) -> bool:
         """Tell whether the time is over, and remember it."""
         # A command may have come and gone since the last look.
         anew = self._missed != self._last
-        self.expired = self.over or (self.expired and not anew)
+        self.expired = self.over
         self.begun = self.expired and anew
         self._missed = self._last if self.expired else None
         return self.expired
