@@ -11,8 +11,8 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message
 
 from ca_ros.nodes.latency.__main__ import flown
-from ca_ros.nodes.latency.figures import summary
-from ca_ros.nodes.latency.side import LatencyError
+from ca_ros.nodes.latency.figures import measure, summary
+from ca_ros.nodes.latency.side import Block, LatencyError
 
 
 def start(graph, *arguments):
@@ -103,6 +103,25 @@ def test_a_summary_by_hand():
     assert figures['late'] == 3
     with pytest.raises(LatencyError):
         summary(np.full(3, math.nan), np.zeros(3), 1.0)
+
+
+class Written:
+    """A side whose blocks are written down: all latencies of a block are the same [ms]."""
+
+    def __init__(self, kind, latencies):
+        self.kind, self.latencies = kind, iter(latencies)
+
+    def ask(self, rate, count):
+        return Block(np.full(count, 1e-3 * next(self.latencies)), np.zeros(count), rate)
+
+
+def test_a_ratio_is_that_of_neighbours_in_time():
+    # A machine that slows down threefold, and stalls once, does not show in the ratios 2, 9 and 2.
+    sides = [Written('allocator', [2.0, 9.0, 6.0]), Written('echo', [1.0, 1.0, 3.0])]
+    figures = measure(sides, [100.0], 3, 0.1, lambda: None)['100']
+    assert figures['ratio_p50'] == figures['ratio_p99'] == pytest.approx(2.0)
+    assert figures['allocator']['p50'] == pytest.approx(6e-3)
+    assert figures['echo']['p50'] == pytest.approx(1e-3)
 
 
 def test_the_commands_are_those_of_a_flight():
