@@ -1,6 +1,7 @@
 """What every test gets: ROS to itself, on this machine alone."""
 
 import os
+import signal
 
 import pytest
 
@@ -13,6 +14,9 @@ os.environ |= {
     'ROS_PYTHON_CHECK_FIELDS': '1',
 }
 
+
+# Where nohup ignores it, the processes of the tests would too.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 pytest.register_assert_rewrite('ros')
 

@@ -107,14 +107,14 @@ def run(
     def end(received: int, _: object) -> None:
         stop.append(received)
         # Should the middleware not let go, the process ends all the same, and shows where it was.
-        if sys.stderr is not None:
-            faulthandler.dump_traceback_later(ENDING_MAX, exit=True)
+        if sys.__stderr__ is not None:
+            faulthandler.dump_traceback_later(ENDING_MAX, exit=True, file=sys.__stderr__)
 
     for number in ending_signals():
         signal.signal(number, end)
-    if sys.stderr is not None:
+    if sys.__stderr__ is not None:
         # Whoever wonders what a node is doing may ask.
-        faulthandler.register(signal.SIGUSR1)
+        faulthandler.register(signal.SIGUSR1, file=sys.__stderr__)
     never_wait()
     with ExitStack() as ending:
         ending.callback(rclpy.try_shutdown)
