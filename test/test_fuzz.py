@@ -82,6 +82,21 @@ class Allocator:
         graph.connect('allocator')
         self.good = itertools.cycle(some_wrenches(20))
         self.last = 10**9
+        # The node may learn only after the first command that somebody listens to all of this.
+        self.graph.spin_until(
+            lambda: all((self.speeds, *self.accounts, self.saturation)), 'all accounts',
+            repeat=self.begin)
+        self.clear()
+
+    def begin(self):
+        """Send a good command, as if it were the first."""
+        self.clear()
+        self.send(WrenchStamped(), HOVER)
+
+    def clear(self):
+        """Forget what has been heard."""
+        for messages in (self.expected, self.speeds, *self.accounts, self.saturation):
+            messages.clear()
 
     def fuzz(self, rng):
         """Send a message with any faults; note the answer, if there should be one."""
@@ -136,8 +151,7 @@ class Allocator:
             assert np.isfinite(six(message)).all()
         for message in self.saturation:
             assert {-1, 0, 1} >= set(message.data)
-        for messages in (self.expected, self.speeds, *self.accounts, self.saturation):
-            messages.clear()
+        self.clear()
 
     def inputs(self):
         """Return type and topic of each input, and a sound message for it."""

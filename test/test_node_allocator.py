@@ -62,12 +62,13 @@ class Client:
 
     def account(self, wrench):
         """Send a wrench; return what was allocated and the residual."""
-        header = self.send(wrench)
+        headers = []
+        # The node may learn only after the first command that somebody listens to these.
         self.graph.spin_until(
-            lambda: all(
-                reports and reports[-1].header == header
+            lambda: headers and all(
+                reports and reports[-1].header == headers[-1]
                 for reports in (self.allocated, self.residual)),
-            f'an account of {wrench}')
+            f'an account of {wrench}', repeat=lambda: headers.append(self.send(wrench)))
         return six(self.allocated[-1]), six(self.residual[-1])
 
     def diagnose(self):
