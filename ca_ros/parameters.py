@@ -201,6 +201,12 @@ PARAMETERS: dict[str, Parameter] = {
     'simulator.time_step': Parameter(
         'step of the Euler integration [s]', default=0.01, minimum=1e-5, maximum=1.0
     ),
+    'simulator.real_time_factor': Parameter(
+        'simulated time that passes in a second, in mode realtime [s/s]',
+        default=1.0,
+        minimum=0.01,
+        maximum=10.0,
+    ),
     'controller.position_stiffness': Parameter(
         'position error to acceleration, x, y, z [1/s^2]', array=True, default=1.5, positive=True
     ),

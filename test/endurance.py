@@ -132,7 +132,7 @@ def check_account(account):
     return dropped
 
 
-@pytest.mark.timeout(SECONDS + 300)
+@pytest.mark.timeout(SECONDS + 1200)
 def test_endurance(graph, record_property):
     load = Load(graph)
     figures = {'alone': load.run(SECONDS / 2)}

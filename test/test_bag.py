@@ -16,7 +16,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 
 from ca_ros.nodes.bag import LOOP, TOPICS, Bag
-from ros import DEADLINE, Graph
+from ros import Graph
 
 pytest.importorskip('rosbags', reason="needs the extra 'bag'")
 make_reader = pytest.importorskip('mcap.reader', reason="needs the extra 'test'").make_reader
@@ -63,7 +63,7 @@ def flight(tmp_path_factory):
         process = graph.start_silent(
             'bringup', '--mode', 'lockstep', '--duration', str(DURATION),
             '--out', str(folder), '--bag', str(folder / 'bag'))
-        out, err = process.communicate(timeout=100)
+        out, err = graph.outlive(process)
     assert (folder / 'flight.csv').is_file(), out + err
     table = np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)
     return Recording(folder / 'bag'), table, out
@@ -180,7 +180,7 @@ def test_an_interrupted_flight_leaves_a_bag_that_can_be_read(graph, tmp_path):
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
     graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.1, 'a flight')
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=DEADLINE)
+    out, err = graph.outlive(process)
     assert process.returncode == 130, out + err
     assert 'Traceback' not in err
     recording = Recording(tmp_path / 'bag')
@@ -193,7 +193,7 @@ def test_a_folder_that_is_there_is_left_alone(graph, tmp_path):
     (tmp_path / 'bag').mkdir()
     process = graph.start_silent(
         'bringup', '--out', str(tmp_path), '--bag', str(tmp_path / 'bag'))
-    out, err = process.communicate(timeout=DEADLINE)
+    out, err = graph.outlive(process)
     assert (process.returncode, out) == (1, '')
     [line] = err.splitlines()
     assert line.startswith('bringup: --bag')

@@ -547,7 +547,7 @@ class Ready(PseudoInverse):
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == 'ready\n'
         process.send_signal(number)
-        _, err = process.communicate(timeout=60.0)
+        _, err = process.communicate(timeout=300.0)
     assert process.returncode == 128 + number
     assert err == 'benchmark: interrupted; nothing is written\n'
     assert list((own / 'out').iterdir()) == []

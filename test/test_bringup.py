@@ -17,13 +17,10 @@ from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
 from ca_ros.vehicle_audit import audit
-from ros import Graph
+from ros import Graph, fly_in_real_time
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
-
-FLIGHT_TIMEOUT = 200.0
-"""When a flight is held to be never going to end [s]."""
 
 
 def fly_offline(method, duration):
@@ -47,9 +44,9 @@ def speeds_of(table):
     return np.column_stack([table[f'speed_{i}'] for i in range(1, 7)])
 
 
-def check_report(process, folder):
+def check_report(graph, process, folder):
     """The waypoint is reached; it says so in words, in numbers and in a picture."""
-    out, err = process.communicate(timeout=FLIGHT_TIMEOUT)
+    out, err = graph.outlive(process)
     assert process.returncode == 0, out + err
     assert 'reached' in out
     assert 'Traceback' not in err
@@ -70,7 +67,6 @@ def lockstep(graph, folder, method, duration):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(2 * FLIGHT_TIMEOUT)
 @pytest.mark.parametrize(
     'methods', [('exact', 'exact'), ('direct', 'pseudo_inverse', 'conventional')])
 def test_lockstep_equals_the_offline_loop_to_the_last_bit(tmp_path, methods):
@@ -82,7 +78,7 @@ def test_lockstep_equals_the_offline_loop_to_the_last_bit(tmp_path, methods):
             lockstep(*flight, duration)
             for flight in zip(graphs, folders, methods, strict=True)]
         for graph, flight, folder, method in zip(graphs, flights, folders, methods, strict=True):
-            check_report(flight, folder)
+            check_report(graph, flight, folder)
             offline = tmp_path / f'{method}.csv'
             fly_offline(method, duration).write_csv(offline)
             assert (folder / 'flight.csv').read_bytes() == offline.read_bytes()
@@ -99,12 +95,13 @@ PATIENT = ('--ros-args', '-p', 'command_timeout:=1000.0')
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(2 * FLIGHT_TIMEOUT)
 def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
-    flight = graph.start_silent(
-        'bringup', '--method', 'exact', '--out', str(tmp_path), '--duration', '12',
-        *PATIENT)
-    check_report(flight, tmp_path)
+    def flight(factor):
+        check_report(graph, graph.start_silent(
+            'bringup', '--method', 'exact', '--out', str(tmp_path), '--duration', '12',
+            *PATIENT, '-p', f'simulator.real_time_factor:={factor}'), tmp_path)
+
+    fly_in_real_time(flight)
     table = read(tmp_path)
     speeds = speeds_of(table)
     assert np.all((speeds >= 40.0) & (speeds <= 400.0))
@@ -117,7 +114,7 @@ def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
 
 def test_a_missed_waypoint_is_a_failure(tmp_path, graph):
     flight = lockstep(graph, tmp_path, 'exact', 0.1)
-    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    out, err = graph.outlive(flight)
     assert flight.returncode == 1, out + err
     assert 'MISSED' in out
     assert len(read(tmp_path)) == 11
@@ -147,7 +144,7 @@ def test_an_interrupt_ends_all_in_the_namespace_in_which_it_flies(graph, tmp_pat
     assert {name for name in topics() - common if not name.startswith('/uav1/')} == set()
     assert len(graph.alive()) == 4
     flight.send_signal(signal.SIGINT)
-    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    out, err = graph.outlive(flight)
     assert flight.returncode == 130, out + err
     assert 'Traceback' not in err
     assert 'SIGINT' in err
@@ -160,7 +157,7 @@ def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
     flight = graph.start_silent('bringup', '--out', str(tmp_path))
     graph.spin_until(lambda: len(graph.alive()) == 4, 'four processes')
     flight.send_signal(number)
-    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    out, err = graph.outlive(flight)
     assert flight.returncode == code, out + err
     assert 'Traceback' not in err
     assert graph.alive() == []
@@ -172,7 +169,7 @@ def test_it_says_which_node_died_and_ends_the_others(graph, tmp_path):
         child for child in psutil.Process(flight.pid).children(recursive=True)
         if 'allocator' in ' '.join(child.cmdline()).replace('allocation', '')]
     victim.kill()
-    out, err = flight.communicate(timeout=FLIGHT_TIMEOUT)
+    out, err = graph.outlive(flight)
     assert flight.returncode == 1, out + err
     [line] = [line for line in err.splitlines() if line.startswith('bringup')]
     assert 'allocator' in line

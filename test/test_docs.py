@@ -94,7 +94,6 @@ def write(place, block):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize('page', PAGES)
 def test_the_commands_of_a_page_run_one_after_the_other(page, clone, graph):
     for block in blocks(page):
@@ -140,7 +139,6 @@ def test_links_within_the_repository_lead_somewhere():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
     [source, line] = [
         block for block in blocks('CONTRIBUTING.md') if block.mark.startswith(('file', 'insert'))]

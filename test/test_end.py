@@ -70,7 +70,7 @@ def answers(message):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(60 + 10 * ENDS)
+@pytest.mark.timeout(1200 + 10 * ENDS)
 @pytest.mark.parametrize('number', SIGNALS)
 def test_a_signal_leaves_the_rotors_idle(number, record_property):
     for first in range(0, ENDS, AT_ONCE):

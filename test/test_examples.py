@@ -1,7 +1,7 @@
 """The adapters in examples/: what they send, without the packages that they send it to."""
 
 import importlib.util
-import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -146,27 +146,21 @@ def test_joints_turn_clockwise_by_a_minus():
 def test_joint_velocities_arrive(graph):
     from std_msgs.msg import Float64MultiArray
 
-    from ros import DEADLINE
-
-    process = subprocess.Popen(
-        [sys.executable, str(FOLDER / 'ros2_control_velocities.py'), '--vehicle', 'quadrotor',
-         '--ros-args', '-r', '~/commands:=/rotor_controller/commands'],
-        env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)}, stderr=subprocess.PIPE, text=True)
-    try:
-        sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
-        received = graph.listen(Float64MultiArray, '/rotor_controller/commands')
-        graph.spin_until(
-            lambda: received, 'velocities', lambda: (
-                sender.publish(Float64MultiArray(data=[1.0])),
-                sender.publish(Float64MultiArray(data=[100.0, 200.0, 300.0, 400.0]))))
-        expected = joints.joint_velocities(
-            [100.0, 200.0, 300.0, 400.0], Vehicle.load('quadrotor').spins)
-        assert list(received[0].data) == expected
-        process.terminate()
-        assert 'Traceback' not in process.communicate(timeout=DEADLINE)[1]
-        assert process.returncode == 0
-    finally:
-        process.kill()
+    process = graph.start_silent(
+        sys.executable, str(FOLDER / 'ros2_control_velocities.py'), '--vehicle', 'quadrotor',
+        '--ros-args', '-r', '~/commands:=/rotor_controller/commands')
+    sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
+    received = graph.listen(Float64MultiArray, '/rotor_controller/commands')
+    graph.spin_until(
+        lambda: received, 'velocities', lambda: (
+            sender.publish(Float64MultiArray(data=[1.0])),
+            sender.publish(Float64MultiArray(data=[100.0, 200.0, 300.0, 400.0]))))
+    expected = joints.joint_velocities(
+        [100.0, 200.0, 300.0, 400.0], Vehicle.load('quadrotor').spins)
+    assert list(received[0].data) == expected
+    _, err = graph.end(process, signal.SIGTERM)
+    assert 'Traceback' not in err
+    assert process.returncode == 0
 
 
 # All of them

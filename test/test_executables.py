@@ -10,7 +10,6 @@ from geometry_msgs.msg import PoseStamped
 
 from ca_ros.nodes.executable import split
 from ca_ros.parameter_files import find
-from ros import DEADLINE
 
 NODES = ('allocator', 'simulator', 'controller')
 OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (
@@ -23,7 +22,7 @@ def test_the_help_of_every_executable_names_its_options(graph):
     assert {*OPTIONS, 'benchmark', 'fault_proxy', 'report'} <= set(names)
     processes = {name: graph.start_silent(name, '--help') for name in names}
     for name, process in processes.items():
-        out, err = process.communicate(timeout=DEADLINE)
+        out, err = graph.outlive(process)
         assert (process.returncode, err) == (0, '')
         assert out.startswith(f'usage: {name} '), out
         options = ('--help', *OPTIONS.get(name, ()))
@@ -42,7 +41,7 @@ def test_signals_end_the_nodes_cleanly_in_full_flight(graph, number):
     for node in nodes:
         node.send_signal(number)
     for node in nodes:
-        out, err = node.communicate(timeout=DEADLINE)
+        out, err = graph.outlive(node)
         assert (node.returncode, out) == (0, '')
         assert 'Traceback' not in err
 
@@ -123,7 +122,7 @@ WRONG_OPTIONS = [
 def test_a_wrong_option_is_refused_by_name(graph):
     processes = [graph.start_silent(*way) for way in WRONG_OPTIONS]
     for (name, *options), process in zip(WRONG_OPTIONS, processes, strict=True):
-        out, err = process.communicate(timeout=DEADLINE)
+        out, err = graph.outlive(process)
         assert process.returncode != 0, options
         assert out == '', out
         assert 'Traceback' not in err, err
@@ -136,7 +135,7 @@ def refused(graph, ways, words):
     """Each way ends with an exit code other than zero and one line with these words."""
     processes = [graph.start_silent(*way) for way in ways]
     for way, process in zip(ways, processes, strict=True):
-        out, err = process.communicate(timeout=DEADLINE)
+        out, err = graph.outlive(process)
         assert process.returncode != 0, way
         assert out == '', out
         assert len(err.splitlines()) == 1, err

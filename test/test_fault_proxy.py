@@ -19,7 +19,7 @@ from ca_ros.faults import FAULTS, LINKS, Faults, corrupted
 from ca_ros.nodes.fault_proxy import PREFIX, remaps
 from ca_ros.parameter_files import load
 from ca_ros.rigid_body import NULL_STATE, POSITION, RigidBody
-from ros import BEST_EFFORT, DEADLINE, Graph
+from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)
 
@@ -174,7 +174,7 @@ def test_a_publisher_that_does_not_match_is_said(graph):
     'corruptions:=[rust]'])
 def test_a_wrong_parameter_is_refused_in_one_line(graph, parameter):
     proxy = graph.start_silent('fault_proxy', '--ros-args', '-p', parameter)
-    out, err = proxy.communicate(timeout=DEADLINE)
+    out, err = graph.outlive(proxy)
     assert proxy.returncode == 1
     assert out == ''
     [line] = err.splitlines()
@@ -182,7 +182,7 @@ def test_a_wrong_parameter_is_refused_in_one_line(graph, parameter):
 
 
 def test_its_help_names_every_parameter_and_the_remaps(graph):
-    out, err = graph.start_silent('fault_proxy', '--help').communicate(timeout=DEADLINE)
+    out, err = graph.outlive(graph.start_silent('fault_proxy', '--help'))
     assert err == ''
     assert [name for name in FAULTS if f'  {name} ' not in out] == []
     assert [topic for topic in LINKS if f'-r {topic}:={PREFIX}{topic}' not in out] == []
@@ -198,9 +198,6 @@ STAY = 100
 
 FALLEN = -20.0
 """Height from which it takes too long to come back [m]."""
-
-FLIGHTS = 3
-"""How often a leg is begun: a vehicle whose loop is starved of processors falls, in real time."""
 
 LEGS = {
     'no faults': {},
@@ -218,17 +215,16 @@ if 'CA_ROS_LEGS' not in os.environ:
     LEGS = {name: LEGS[name] for name in ('drop 10 %', 'delay 20 ms in the loop', 'corrupt 1 %')}
 
 
-class Fallen(Exception):
-    """The vehicle is far below."""
-
-
 class Pilot:
-    """Flies between two points through a proxy, in real time."""
+    """Flies between two points through a proxy; all that takes time does so by the simulator's."""
 
-    def __init__(self, graph):
+    def __init__(self, graph, real_time_factor):
         self.graph = graph
+        self.pace = real_time_factor
         for node in ('simulator', 'allocator', 'controller'):
-            graph.start(node, '--vehicle', 'hexarotor', '--ros-args', *remaps(node))
+            graph.start(
+                node, '--vehicle', 'hexarotor', '--ros-args', *remaps(node),
+                '-p', f'simulator.real_time_factor:={real_time_factor}')
         graph.start('fault_proxy')
         self.waypoint = graph.publisher(PoseStamped, 'command/pose')
         self.poses = graph.listen(PoseStamped, 'local_position/pose')
@@ -239,10 +235,13 @@ class Pilot:
     def set_timeout(self, timeout):
         """Set the time without a command after which the rotors are idle [s]."""
         for watchdog in self.watchdogs:
-            assert watchdog.set_atomically({'command_timeout': timeout}).successful
+            result = watchdog.set_atomically({'command_timeout': timeout / self.pace})
+            assert result.successful, result.reason
 
     def set_faults(self, faults):
         """Make the links faulty in these ways and no others."""
+        if 'delay' in faults:
+            faults = {**faults, 'delay': [delay / self.pace for delay in faults['delay']]}
         assert self.proxy.set_atomically({**ZERO, **faults}).successful
 
     def fly(self, goal):
@@ -254,12 +253,12 @@ class Pilot:
         self.waypoint.publish(message)
 
         def ended():
-            if self.poses and position(self.poses[-1])[2] < FALLEN:
-                raise Fallen
+            if self.poses:
+                assert position(self.poses[-1])[2] > FALLEN
             return len(self.poses) > STAY and all(
                 math.dist(position(pose), goal) <= TOLERANCE for pose in self.poses[-STAY:])
 
-        self.graph.spin_until(ended, f'at {goal}')
+        self.graph.spin_until(ended, f'at {goal}', deadline=DEADLINE / self.pace)
         poses = list(self.poses)
         times = np.array([p.header.stamp.sec + p.header.stamp.nanosec / 1e9 for p in poses])
         return times - times[0], np.array([position(pose) for pose in poses])
@@ -267,18 +266,16 @@ class Pilot:
 
 def through(faults):
     """Fly from START to GOAL through faults; return times [s] and positions (K, 3)."""
-    for last in (False,) * (FLIGHTS - 1) + (True,):
+    def flight(factor):
         with Graph() as graph:
-            pilot = Pilot(graph)
+            pilot = Pilot(graph, factor)
             # What is lost in a row, and a machine that stands still, are no end of commands.
             pilot.set_timeout(0.5)
-            try:
-                pilot.fly(START)
-                pilot.set_faults(faults)
-                return pilot.fly(GOAL)
-            except Fallen:
-                if last:
-                    raise
+            pilot.fly(START)
+            pilot.set_faults(faults)
+            return pilot.fly(GOAL)
+
+    return fly_in_real_time(flight)
 
 
 def offline(start, goal):
@@ -299,7 +296,7 @@ def position(message):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(3600)
 @pytest.mark.filterwarnings('ignore:record_property')
 def test_flights_through_faults_reach_their_waypoint(record_property):
     """Each property: error at the end, greatest distance from the ideal flight, when there."""
@@ -316,24 +313,31 @@ def test_flights_through_faults_reach_their_waypoint(record_property):
 
 @pytest.mark.slow
 def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
-    flight = graph.start_silent(
-        'bringup', '--faults', 'drop:=0.1 delay:=0.005 seed:=3', '--namespace', 'uav1',
-        '--duration', '20', '--out', str(tmp_path),
-        '--ros-args', '-p', 'command_timeout:=1000.0')
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
-    graph.spin_until(
-        lambda: any(status.name.startswith('/uav1/fault_proxy') and 'drop 0.1' in status.message
-                    for array in diagnostics for status in array.status), 'its diagnostics')
-    out, err = flight.communicate(timeout=4 * DEADLINE)
-    assert flight.returncode == 0, out + err
-    assert 'reached' in out
-    assert 'Traceback' not in err
-    assert graph.alive() == []
+
+    def flight(factor):
+        diagnostics.clear()
+        process = graph.start_silent(
+            'bringup', '--faults', f'drop:=0.1 delay:={0.005 / factor} seed:=3',
+            '--namespace', 'uav1', '--duration', '20', '--out', str(tmp_path),
+            '--ros-args', '-p', 'command_timeout:=1000.0',
+            '-p', f'simulator.real_time_factor:={factor}')
+        graph.spin_until(
+            lambda: any(
+                status.name.startswith('/uav1/fault_proxy') and 'drop 0.1' in status.message
+                for array in diagnostics for status in array.status), 'its diagnostics')
+        out, err = graph.outlive(process)
+        assert process.returncode == 0, out + err
+        assert 'reached' in out
+        assert 'Traceback' not in err
+        assert graph.alive() == []
+
+    fly_in_real_time(flight)
 
 
 @pytest.mark.parametrize('faults', ['drop', 'drop=0.1', 'dorp:=0.1', 'topics:=command/wrench'])
 def test_bringup_refuses_what_is_no_fault_in_one_line(graph, faults):
     flight = graph.start_silent('bringup', '--faults', faults)
-    out, err = flight.communicate(timeout=DEADLINE)
+    out, err = graph.outlive(flight)
     assert (flight.returncode, out) == (2, '')
     assert err.splitlines()[-1].startswith('bringup: error: argument --faults: ')

@@ -363,7 +363,7 @@ NODES = Allocator, Simulator, Controller
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(60 + FUZZ // 20)
+@pytest.mark.timeout(1200 + FUZZ // 20)
 @pytest.mark.parametrize('kind', NODES)
 def test_after_anything_the_next_good_message_is_answered_as_if_nothing_had_been(
         graph, kind, record_property):

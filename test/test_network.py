@@ -12,11 +12,10 @@ from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
-from ros import DEADLINE
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(3600)
 def test_three_hosts_fly_though_a_link_is_cut():
     run = subprocess.run(
         [sys.executable, '-m', 'pytest', '-q', '-rs', '-p', 'no:cacheprovider', 'three_hosts.py'],
@@ -44,7 +43,6 @@ def offline(waypoint):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_five_vehicles_in_one_graph_fly_as_if_each_were_alone(graph, tmp_path):
     names = [f'uav{i}' for i in range(1, 6)]
     flights = {
@@ -54,7 +52,7 @@ def test_five_vehicles_in_one_graph_fly_as_if_each_were_alone(graph, tmp_path):
         for name, waypoint in zip(names, WAYPOINTS, strict=True)}
 
     for (name, flight), waypoint in zip(flights.items(), WAYPOINTS, strict=True):
-        out, err = flight.communicate(timeout=4 * DEADLINE)
+        out, err = graph.outlive(flight)
         assert out.count('reached') == 1, f'{name}: {out}{err}'
         offline(waypoint).write_csv(tmp_path / 'offline.csv')
         flown = (tmp_path / name / 'flight.csv').read_bytes()

@@ -84,7 +84,7 @@ def start_with(graph, folder, node, changes):
             encoding='utf-8')
         files.append(str(file))
     process = graph.start_silent(sys.executable, '-c', STARTS, node, *files)
-    out, err = process.communicate(timeout=100)
+    out, err = graph.outlive(process)
     assert process.returncode == 0, err
     return json.loads(out)
 

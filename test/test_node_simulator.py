@@ -1,6 +1,7 @@
 """The simulator node, a process of its own, over DDS."""
 
 import math
+import time
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -26,11 +27,11 @@ BODY = RigidBody(Vehicle.load('hexarotor'))
 class Client:
     """Commands rotor speeds and gathers what the vehicle does."""
 
-    def __init__(self, graph, mode):
+    def __init__(self, graph, mode, *arguments):
         self.graph = graph
         graph.start(
             'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
-            '-p', 'timeout_action:=hold')
+            '-p', 'timeout_action:=hold', *arguments)
         self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
         self.poses = graph.listen(PoseStamped, 'local_position/pose')
         self.velocities = graph.listen(TwistStamped, 'local_position/velocity_body')
@@ -148,6 +149,22 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
     labels = [message.layout.dim[1].label for message in client.speeds]
     assert not any((int(label.removeprefix('stamp ')) - grid) % STEP for label in labels)
     assert {tuple(message.data) for message in client.speeds} == {(0.0,) * 6, (300.0,) * 6}
+
+
+def test_simulated_time_passes_at_the_real_time_factor(graph):
+    factor = 0.05
+    client = Client(graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}')
+
+    def risen():
+        """Return the times of the states in the air [ns]."""
+        return [nanoseconds(pose) for pose in client.poses if pose.pose.position.z > 0.0]
+
+    start = time.monotonic()
+    client.send([300.0] * 6)
+    graph.spin_until(lambda: len(risen()) >= 10, 'a climb')
+    # Never faster, however late the states are heard of; slower where the machine stands still.
+    assert time.monotonic() - start >= 9 * STEP * 1e-9 / factor
+    assert set(np.diff(risen())) == {STEP}
 
 
 def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):

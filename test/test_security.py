@@ -100,5 +100,5 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         assert seen == permissions
         raise
     bringup.terminate()
-    out, err = bringup.communicate(timeout=30.0)
+    out, err = graph.outlive(bringup)
     assert bringup.returncode == 143, out + err

@@ -16,6 +16,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
+from ros import DEADLINE, Graph, fly_in_real_time
+
 HOSTS = ('ground', 'controller', 'allocator', 'simulator')
 NODES = HOSTS[1:]
 IDLE = 40.0
@@ -117,11 +119,23 @@ def distance(pose, goal):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('cut', ['allocator', 'controller'])
-def test_three_hosts_fly_to_the_waypoint_though_a_link_is_cut_in_flight(network, graph, cut):
+def test_three_hosts_fly_to_the_waypoint_though_a_link_is_cut_in_flight(network, cut):
+    def flight(factor):
+        with Graph() as graph:
+            fly_though_a_link_is_cut(network, cut, graph, factor)
+
+    fly_in_real_time(flight)
+
+
+def fly_though_a_link_is_cut(network, cut, graph, factor):
+    """Fly with nodes on three hosts, of which one is cut off for a while."""
+    patience = DEADLINE / 2 / factor
     for node in NODES:
         with network.on(node):
-            graph.start(node, '--vehicle', 'hexarotor', '--ros-args', '-p',
-                        'simulator.time_step:=0.02')
+            graph.start(
+                node, '--vehicle', 'hexarotor', '--ros-args', '-p', 'simulator.time_step:=0.02',
+                '-p', f'simulator.real_time_factor:={factor}',
+                '-p', f'command_timeout:={0.1 / factor}')
     with network.on('ground'):
         waypoint = graph.publisher(PoseStamped, 'command/pose')
         poses = graph.listen(PoseStamped, 'local_position/pose')
@@ -133,20 +147,20 @@ def test_three_hosts_fly_to_the_waypoint_though_a_link_is_cut_in_flight(network,
     p = goal.pose.position
     p.x = p.y = p.z = 1.0
     waypoint.publish(goal)
-    graph.spin_until(lambda: poses and height(poses[-1]) > 0.3, 'a flight')
+    graph.spin_until(lambda: poses and height(poses[-1]) > 0.3, 'a flight', deadline=patience)
 
     speeds.clear()
     network.set_link(cut, 'down')
     graph.spin_until(
         lambda: speeds and set(speeds[-1].data) == {IDLE}, 'the motors told that no command comes')
     top = max(height(pose) for pose in poses)
-    graph.spin_until(lambda: height(poses[-1]) < top - 1.0, 'a fall')
+    graph.spin_until(lambda: height(poses[-1]) < top - 1.0, 'a fall', deadline=patience)
     network.set_link(cut, 'up')
 
     # At the waypoint and at rest: a second within 2 cm of it.
     graph.spin_until(
         lambda: all(distance(pose, (1.0, 1.0, 1.0)) < 0.02 for pose in poses[-50:]),
-        'at the waypoint in the end')
+        'at the waypoint in the end', deadline=patience)
     told = {
         status.message for array in diagnostics for status in array.status
         if status.name == ('/simulator: simulation' if cut == 'allocator' else

@@ -48,9 +48,9 @@ BEHIND_MAX = 0.5
 class Simulator(VehicleNode):
     """Integrates the vehicle with explicit Euler steps.
 
-    It rests until the first command comes.  In real time it then keeps up with the steady clock,
-    using the last command; in lockstep it takes one step for each command that answers its present
-    state.
+    It rests until the first command comes.  In real time it then keeps up with the steady clock
+    times a factor, using the last command; in lockstep it takes one step for each command that
+    answers its present state.
     """
 
     body: RigidBody
@@ -62,6 +62,7 @@ class Simulator(VehicleNode):
         self._resting = True
         self._command = np.zeros(self.body.vehicle.n)
         self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
+        self._period_ns = round(self._step_ns / self.parameters['simulator.real_time_factor'])
         self._time = 0 if self.mode == 'lockstep' else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
         self._pose = self.offer(PoseStamped, 'local_position/pose')
@@ -70,7 +71,7 @@ class Simulator(VehicleNode):
         self.listen(Float64MultiArray, 'command/motor_speed', self._receive)
         lockstep = self.mode == 'lockstep'
         self._timer = self.create_timer(
-            REPEAT if lockstep else self._step_ns / 1e9,
+            REPEAT if lockstep else self._period_ns / 1e9,
             self._repeat if lockstep else self._catch_up,
             clock=self.steady,
         )
@@ -165,7 +166,7 @@ class Simulator(VehicleNode):
             self._time += self._step_ns
             self._repeat()
         while not self._resting and self._due <= now:
-            self._due += self._step_ns
+            self._due += self._period_ns
             self._step()
 
     def _step(self) -> None:
