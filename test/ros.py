@@ -25,6 +25,8 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from ca_ros.patience import Patience
+
 DEADLINE = 240.0
 """When something that has not happened is held to be never going to [s]."""
 
@@ -188,24 +190,6 @@ class Graph:
                 repeat()
                 again = time.monotonic() + 2.0
             self._executor.spin_once(timeout_sec=0.1)
-
-
-class Patience:
-    """A time limit [s] that is looked at all the time, and stands still while nobody looks.
-
-    A machine that has stood still has not kept anybody waiting.
-    """
-
-    def __init__(self, limit):
-        self._left = limit
-        self._seen = time.monotonic()
-
-    def over(self):
-        """Look whether the time is over."""
-        now = time.monotonic()
-        self._left -= min(now - self._seen, 0.5)
-        self._seen = now
-        return self._left < 0.0
 
 
 def fly_in_real_time(flight):

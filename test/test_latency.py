@@ -24,8 +24,7 @@ def start(graph, *arguments):
 @pytest.mark.slow
 def test_the_figures_are_complete_and_consistent(graph, tmp_path):
     out = tmp_path / 'latency.json'
-    _, err = graph.outlive(
-        start(graph, '--rates', '50', '--out', str(out)), patience=250.0)
+    _, err = graph.outlive(start(graph, '--rates', '50', '--out', str(out)))
     assert out.is_file(), err
     figures = json.loads(out.read_text())
     assert list(figures['rates']) == ['50']

@@ -29,6 +29,7 @@ from ca_ros.nodes.executable import RCLError, in_one_line
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.recorder import Recorder
 from ca_ros.parameters import ParameterError
+from ca_ros.patience import Patience
 from ca_ros.processes import Processes, note_signals
 from ca_ros.vehicle import Vehicle
 
@@ -140,10 +141,10 @@ def _fly(
                     )
 
             def wait(missing: Callable[[], list[str]]) -> None:
-                deadline = time.monotonic() + START_TIMEOUT
+                patience = Patience(START_TIMEOUT)
                 while topics := missing():
                     spin()
-                    if time.monotonic() > deadline:
+                    if patience.over():
                         raise Stopped(
                             f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
                         )
@@ -158,15 +159,15 @@ def _fly(
                 disable=not sys.stderr.isatty(),
                 bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s',
             ) as bar:
-                progress, last = 0.0, time.monotonic()
+                progress, patience = 0.0, Patience(START_TIMEOUT)
                 while progress < options.duration:
                     spin()
                     if recorder.waiting and not recorder.missing():
                         recorder.send(waypoint)
                     if recorder.elapsed != progress:
                         bar.update(min(recorder.elapsed, options.duration) - bar.n)
-                        progress, last = recorder.elapsed, time.monotonic()
-                    elif time.monotonic() - last > START_TIMEOUT:
+                        progress, patience = recorder.elapsed, Patience(START_TIMEOUT)
+                    elif patience.over():
                         raise Stopped(
                             f'the flight has stood still at {progress:.2f} s '
                             f'for {START_TIMEOUT:g} s'

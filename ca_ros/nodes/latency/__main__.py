@@ -39,6 +39,7 @@ from ca_ros.nodes.latency.side import NAMESPACE, START_TIMEOUT, LatencyError, Si
 from ca_ros.nodes.messages import BODY, wrench_message
 from ca_ros.parameter_files import find, load
 from ca_ros.parameters import AXES
+from ca_ros.patience import Patience
 from ca_ros.processes import Processes, note_signals
 from ca_ros.vehicle import Vehicle
 
@@ -137,13 +138,13 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
                     raise LatencyError(f'the {name} ended with exit code {code}')
 
             sides = [Side(node, kind, commands) for kind in KINDS]
-            deadline = time.monotonic() + START_TIMEOUT
+            patience = Patience(START_TIMEOUT)
             for side in sides:
                 # Who has found a node is not yet found by it: its first answers may go to nobody.
                 while not (side.there and side.ask(50.0, 10).answered):
                     watch()
                     time.sleep(0.05)
-                    if time.monotonic() > deadline:
+                    if patience.over():
                         raise LatencyError(f'after {START_TIMEOUT:g} s no answer of {side.kind}')
             for side in sides:
                 # Laws are learned, caches are filled.
