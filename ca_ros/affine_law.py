@@ -15,6 +15,10 @@ SLACK = 1e-12
 ROUNDING = 8 * float(np.finfo(float).eps)
 """The same in units of the offset, for a law of great numbers that nearly cancel."""
 
+EDGE = 16 * float(np.finfo(float).eps)
+"""How far, in units of the greatest thrust, z may be beyond a bound: the answer, put at it, need
+not be judged: a saturated wrench is at the edge of a region, to rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class AffineLaw:
@@ -35,11 +39,13 @@ class AffineLaw:
     limits : pair of lists
         `least` and `greatest`, but without any slack for the free rotors: where z keeps them, the
         thrusts are z with `ends` in it, and nothing need be clipped.
+    edge : float
+        How far z may be outside of the limits, and the thrusts be clipped to them [N].
     linear : bool
         Whether the offset is nought.
     proven : bool
-        Whether the thrusts are known to be right wherever z keeps the limits, so that the single
-        answer need not be judged.
+        Whether the thrusts are known to be right wherever z keeps the limits, but for `edge`, so
+        that the single answer need not be judged.
     """
 
     slope: Array
@@ -49,6 +55,7 @@ class AffineLaw:
     bound: NDArray[np.intp]
     ends: Array
     limits: tuple[list[float], list[float]]
+    edge: float
     linear: bool
     proven: bool = False
 
@@ -73,7 +80,8 @@ class AffineLaw:
         lower, upper : (n,) arrays
             Bounds [N].
         """
-        slack = SLACK * max(1.0, float(upper.max(initial=0.0))) + ROUNDING * np.abs(offset)
+        greatest_thrust = max(1.0, float(upper.max(initial=0.0)))
+        slack = SLACK * greatest_thrust + ROUNDING * np.abs(offset)
         movable = upper > lower
         at_lower, at_upper = movable & (ends <= lower), movable & (ends >= upper)
         least = np.where(free, lower, np.where(at_upper, upper, -np.inf))
@@ -91,11 +99,12 @@ class AffineLaw:
             bound,
             ends[bound],
             limits,
+            EDGE * greatest_thrust,
             linear=not offset.any(),
         )
 
     def thrusts(self, u: Array) -> Array | None:
-        """Return the thrusts (n,) for a wrench (m,); None if it is outside of `limits`."""
+        """Return the thrusts (n,) for a wrench (m,); None if z is beyond `limits` and `edge`."""
         # For so few numbers dot is faster than @, and Python than NumPy.
         z = self.slope.dot(u)
         if not self.linear:
@@ -104,10 +113,18 @@ class AffineLaw:
         # To be strict would take as long as all comparisons.
         for least, value, greatest in zip(lower, z.tolist(), upper):  # noqa: B905
             if not least <= value <= greatest:
-                return None
+                return self._at_the_edge(z)
         if len(self.bound):
             z[self.bound] = self.ends
         return z
+
+    def _at_the_edge(self, z: Array) -> Array | None:
+        lower, upper = self.limits
+        for least, value, greatest in zip(lower, z.tolist(), upper):  # noqa: B905
+            if not least - self.edge <= value <= greatest + self.edge:
+                return None
+        z[self.bound] = self.ends
+        return np.minimum(np.maximum(z, lower), upper)
 
     def served(self, wrenches: Array) -> tuple[NDArray[np.intp], Array]:
         """Return which of the wrenches (m, N) are in the region, K indices, and their z (n, K).

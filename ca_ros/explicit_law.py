@@ -72,14 +72,15 @@ def _error(law: AffineLaw, matrix: Array, free: BoolArray, ends: Array) -> float
     """Return a bound of |A f - u| / max(1, |u|) for all u in the law's region.
 
     ``A f - u`` is ``(A_free slope_free - 1) u + A_free offset_free + A_bound ends``, and what the
-    rounding of z makes of it.
+    rounding of z makes of it, and clipping at the edge.
     """
     part, rest = matrix[:, free], matrix[:, ~free] @ ends[~free]
     slope, offset = law.slope[free], law.offset[free]
     left = np.column_stack([part @ slope - np.eye(len(matrix)), part @ offset + rest])
     terms = np.abs(part) @ np.abs(np.column_stack([slope, offset]))
     rounding = (len(matrix) + 1) * np.finfo(float).eps
-    return float(np.sqrt(2.0) * (np.linalg.norm(left) + rounding * np.linalg.norm(terms)))
+    error = np.sqrt(2.0) * (np.linalg.norm(left) + rounding * np.linalg.norm(terms))
+    return float(error + np.linalg.norm(part) * np.sqrt(part.shape[1]) * law.edge)
 
 
 def _slopes(basis: Array, free: BoolArray) -> Array:
