@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,22 +128,39 @@ class AffineLaw:
         return np.minimum(np.maximum(z, lower), upper)
 
     def served(self, wrenches: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return which of the wrenches (m, N) are in the region, K indices, and their z (n, K).
-
-        In z the rotors at a bound are at it, as in `thrusts`.
-        """
+        """Return which of the wrenches (m, N) are in the region, K indices, and thrusts (n, K)."""
         # Few pass the conditions of the rotors at a bound, so these are looked at first.
-        held = self.bound
-        candidates = np.flatnonzero(self._keeps(held, self._z(held, wrenches)))
-        z = self._z(slice(None), wrenches[:, candidates])
-        inside = self._keeps(slice(None), z)
-        z = z[:, inside]
-        z[held] = self.ends[:, None]
-        return candidates[inside], z
+        rows, sides = self._held
+        offset, least, greatest, lower, upper = self._columns
+        if len(rows):
+            found = np.logical_and.reduce(rows @ wrenches <= sides).nonzero()[0]
+            wrenches = wrenches[:, found]
+        else:
+            found = np.arange(wrenches.shape[1])
+        z = self.slope @ wrenches
+        z += offset
+        inside = np.logical_and.reduce((z >= least) & (z <= greatest))
+        if not inside.all():
+            found, z = found[inside], z[:, inside]
+        z[self.bound] = self.ends[:, None]
+        # In place: so many numbers take longer to make room for than to compare.
+        np.maximum(z, lower, out=z)
+        np.minimum(z, upper, out=z)
+        return found, z
 
-    def _z(self, rotors: NDArray[np.intp] | slice, wrenches: Array) -> Array:
-        return self.slope[rotors] @ wrenches + self.offset[rotors, None]
+    @cached_property
+    def _columns(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Offset, least and greatest z and the limits, as columns (n, 1)."""
+        lower, upper = np.array(self.limits)[..., None]
+        return self.offset[:, None], self.least[:, None], self.greatest[:, None], lower, upper
 
-    def _keeps(self, rotors: NDArray[np.intp] | slice, z: Array) -> BoolArray:
-        least, greatest = self.least[rotors, None], self.greatest[rotors, None]
-        return np.logical_and.reduce((z >= least) & (z <= greatest))
+    @cached_property
+    def _held(self) -> tuple[Array, Array]:
+        """Rows (k, m) and sides (k, 1) of ``rows u <= sides``, the conditions at the bounds."""
+        above, below = (
+            self.bound[np.isfinite(side[self.bound])] for side in (self.least, self.greatest)
+        )
+        sides = np.concatenate(
+            [self.offset[above] - self.least[above], self.greatest[below] - self.offset[below]]
+        )
+        return np.vstack([-self.slope[above], self.slope[below]]), sides[:, None]

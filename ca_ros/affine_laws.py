@@ -87,11 +87,11 @@ class AffineLaws:
         thrusts, law = self._learn(u)
         self.proven = False
         if law is not None:
-            found, z = law.served(u[:, None])
+            found, served = law.served(u[:, None])
             # A law of great numbers may not even serve the wrench at which it was learned.
             if len(found):
                 self._keep(law)
-                return np.minimum(np.maximum(z[:, 0], self._lower), self._upper)
+                return served[:, 0]
         return thrusts
 
     def find_batch(self, wrenches: Array) -> Array:
@@ -119,17 +119,16 @@ class AffineLaws:
 
         Return those that are left then.
         """
-        low, high = self._lower[:, None], self._upper[:, None]
         # One column a wrench: sums over the rows of an array are faster than over its columns.
-        rest = wrenches[left].T
+        rest = np.ascontiguousarray(wrenches[left].T)
         unserved = np.ones(len(left), dtype=bool)
         # Those that served most come first, so that little is left for the others.
         for law in sorted(laws, key=self._served.__getitem__, reverse=True):
-            found, z = law.served(rest)
+            found, served = law.served(rest)
             if not len(found):
                 continue
             self._served[law] += len(found)
-            thrusts[left[found]] = np.minimum(np.maximum(z, low), high).T
+            thrusts[left[found]] = served.T
             unserved[found] = False
             # To close the gaps costs more than to look at some wrenches once more.
             if np.count_nonzero(unserved) < 0.8 * len(left):

@@ -109,9 +109,9 @@ class Graph:
         process.send_signal(number)
         return self.outlive(process)
 
-    def outlive(self, process):
+    def outlive(self, process, deadline=DEADLINE):
         """Wait until a process of `start_silent` ends; return what it had to say."""
-        patience, output = Patience(DEADLINE), None
+        patience, output = Patience(deadline), None
         while output is None and not patience.over():
             with suppress(subprocess.TimeoutExpired):
                 output = process.communicate(timeout=0.1)
@@ -122,7 +122,8 @@ class Graph:
                 _, err = process.communicate(timeout=5.0)
             except subprocess.TimeoutExpired as late:
                 err = (late.stderr or b'').decode()
-            pytest.fail(f'not ended within {DEADLINE:g} s: {err}')
+            process.kill()
+            raise AssertionError(f'not ended within {deadline:g} s: {err}')
         # From here on it is not missed.
         self._processes = {k: p for k, p in self._processes.items() if p is not process}
         return output

@@ -175,8 +175,8 @@ def _number(recording, topic, path):
 
 def test_an_interrupted_flight_leaves_a_bag_that_can_be_read(graph, tmp_path):
     process = graph.start_silent(
-        'bringup', '--duration', '1e6', '--namespace', 'uav1', '--out', str(tmp_path),
-        '--bag', str(tmp_path / 'bag'))
+        'bringup', '--mode', 'lockstep', '--duration', '1e6', '--namespace', 'uav1',
+        '--out', str(tmp_path), '--bag', str(tmp_path / 'bag'))
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
     graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.1, 'a flight')
     process.send_signal(signal.SIGINT)

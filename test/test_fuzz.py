@@ -89,7 +89,9 @@ class Allocator:
         self.clear()
 
     def begin(self):
-        """Send a good command, as if it were the first."""
+        """Send a good command, as if it were the first, when that before it is answered."""
+        if self.sent and not self.speeds:
+            return
         self.clear()
         self.send(WrenchStamped(), HOVER)
 

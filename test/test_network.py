@@ -12,6 +12,7 @@ from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
+from ros import DEADLINE
 
 
 @pytest.mark.slow
@@ -43,6 +44,7 @@ def offline(waypoint):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_five_vehicles_in_one_graph_fly_as_if_each_were_alone(graph, tmp_path):
     names = [f'uav{i}' for i in range(1, 6)]
     flights = {
@@ -52,7 +54,7 @@ def test_five_vehicles_in_one_graph_fly_as_if_each_were_alone(graph, tmp_path):
         for name, waypoint in zip(names, WAYPOINTS, strict=True)}
 
     for (name, flight), waypoint in zip(flights.items(), WAYPOINTS, strict=True):
-        out, err = graph.outlive(flight)
+        out, err = graph.outlive(flight, 4 * DEADLINE)
         assert out.count('reached') == 1, f'{name}: {out}{err}'
         offline(waypoint).write_csv(tmp_path / 'offline.csv')
         flown = (tmp_path / name / 'flight.csv').read_bytes()

@@ -6,6 +6,7 @@ import time
 
 import psutil
 
+from ca_ros.patience import Patience
 from ca_ros.processes import Processes
 from ros import DEADLINE
 
@@ -17,9 +18,9 @@ CHILD = [sys.executable, '-c',
 
 def until(condition):
     """Wait until a condition holds, and return what it is."""
-    start = time.monotonic()
+    patience = Patience(DEADLINE)
     while not (value := condition()):
-        assert time.monotonic() < start + DEADLINE
+        assert not patience.over()
         time.sleep(0.01)
     return value
 

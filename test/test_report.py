@@ -208,7 +208,7 @@ def browse(folder, page, *options):
     process = subprocess.run(
         [CHROMIUM, '--headless', '--disable-gpu', '--hide-scrollbars', '--enable-logging=stderr',
          f'--user-data-dir={folder / "profile"}', *sandbox, *options, page.as_uri()],
-        capture_output=True, text=True, timeout=100)
+        capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
     return process.stdout, [line for line in process.stderr.splitlines() if 'CONSOLE' in line]
 

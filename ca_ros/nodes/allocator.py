@@ -37,7 +37,7 @@ from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
 from ca_ros.parameters import AXES
 from ca_ros.vehicle_audit import Audit
 
-LAST_WORD = 0.5
+LAST_WORD = 2.0
 """How long the node waits at its end for the motors to have its last word [s]."""
 
 LAST_WORDS = 5

@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from math import inf
 
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
@@ -141,10 +142,12 @@ def _fly(
                     )
 
             def wait(missing: Callable[[], list[str]]) -> None:
-                patience = Patience(START_TIMEOUT)
+                fewest, patience = inf, Patience(START_TIMEOUT)
                 while topics := missing():
                     spin()
-                    if patience.over():
+                    if len(topics) < fewest:
+                        fewest, patience = len(topics), Patience(START_TIMEOUT)
+                    elif patience.over():
                         raise Stopped(
                             f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
                         )

@@ -34,7 +34,7 @@ except ImportError:
 
 DEFAULT_VEHICLE = 'hexarotor'
 
-ENDING_MAX = 20.0
+ENDING_MAX = 60.0
 """How long a node may take to end [s]."""
 
 WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)

@@ -170,10 +170,12 @@ class VehicleNode(Node):
         """Note who is at the other ends of the topics, and whether something was dropped."""
         notes = []
         for stream in self._streams:
-            topic, matched = stream.topic_name, stream.get_publisher_count()
+            topic = stream.topic_name
+            # In this order: who comes between the two is no mismatch.
+            there, matched = self.count_publishers(topic), stream.get_publisher_count()
             if matched > 1:
                 notes.append((WARN, f'{matched} publishers on {topic}'))
-            if self.count_publishers(topic) > matched:
+            if there > matched:
                 notes.append((WARN, f'a publisher on {topic} offers another {MISMATCH}'))
         for publisher in self.publishers:
             topic = publisher.topic_name

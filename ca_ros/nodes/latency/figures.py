@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.nodes.latency.side import Block, LatencyError, Side
+from ca_ros.nodes.latency.side import START_TIMEOUT, Block, LatencyError, Side
+from ca_ros.patience import Patience
 
 KINDS = ('allocator', 'echo')
 
@@ -64,8 +65,7 @@ def measure(
         for block in range(blocks):
             # Now the one and now the other comes first.
             for side in sides if block % 2 else sides[::-1]:
-                made[side.kind].append(side.ask(rate, max(int(rate * seconds), 10)))
-                watch()
+                made[side.kind].append(_ask(side, rate, seconds, watch))
         figures: dict[str, Any] = {
             kind: summary(
                 np.concatenate([block.latencies for block in parts]),
@@ -90,6 +90,16 @@ def measure(
             )
         found[f'{rate:g}'] = figures
     return found
+
+
+def _ask(side: Side, rate: float, seconds: float, watch: Callable[[], None]) -> Block:
+    """Return a block with an answer in it: where the machine stood still throughout, the next."""
+    patience = Patience(START_TIMEOUT)
+    while True:
+        block = side.ask(rate, max(int(rate * seconds), 10))
+        watch()
+        if block.answered or patience.over():
+            return block
 
 
 def compare(found: dict[str, list[float]]) -> dict[str, float]:
