@@ -57,22 +57,17 @@ class Allocator(ABC):
             raise ValueError(
                 f'wrenches: expected shape (N, {len(self.problem.axes)}), got {demands.shape}'
             )
-        chunks = [
-            self._allocate_batch(demands[first : first + CHUNK])
-            for first in range(0, len(demands), CHUNK)
-        ]
-        if len(chunks) == 1:
-            return chunks[0]
-        if not chunks:
-            return self._batch(demands, np.empty((0, self.problem.vehicle.n)))
-        return Allocation(
-            self.problem,
-            demands,
-            np.concatenate([chunk.thrusts for chunk in chunks]),
-            np.concatenate([chunk.status for chunk in chunks]),
-            np.concatenate([chunk.level for chunk in chunks]),
-            np.concatenate([chunk.violation for chunk in chunks]),
-        )
+        if 0 < len(demands) <= CHUNK:
+            return self._allocate_batch(demands)
+        thrusts = np.empty((len(demands), self.problem.vehicle.n))
+        status = np.empty(len(demands), dtype=np.int8)
+        levels, violations = np.empty((2, len(demands)))
+        for first in range(0, len(demands), CHUNK):
+            part = slice(first, first + CHUNK)
+            chunk = self._allocate_batch(demands[part])
+            thrusts[part], status[part] = chunk.thrusts, chunk.status
+            levels[part], violations[part] = chunk.level, chunk.violation
+        return Allocation(self.problem, demands, thrusts, status, levels, violations)
 
     @abstractmethod
     def _allocate(self, u: Array) -> Allocation:
