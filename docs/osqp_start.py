@@ -16,7 +16,7 @@ LOW, HIGH = VEHICLE.thrust_min, VEHICLE.thrust_max
 
 
 def plain_osqp(**settings):
-    """Return OSQP on Eqs. (20)-(22), set up once, as a function from a wrench to thrusts."""
+    """Return OSQP on Eqs. (20)-(22), set up once: a function from a wrench to thrusts, or None."""
     n = VEHICLE.n
     rows = scipy.sparse.csc_matrix(np.vstack([GAMMA, np.eye(n)]))
     solver = osqp.OSQP()
@@ -27,7 +27,8 @@ def plain_osqp(**settings):
 
     def solve(u):
         solver.update(l=np.concatenate([u, LOW]), u=np.concatenate([u, HIGH]))
-        return solver.solve().x
+        answer = solver.solve()
+        return answer.x if answer.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None
 
     return solve
 
@@ -49,18 +50,21 @@ rng = np.random.default_rng(0)
 inside = ADMISSIBLE.sample(rng, 1000)
 boundary = np.array([ADMISSIBLE.scale(10.0 * u - 9.0 * ADMISSIBLE.center) for u in inside])
 
-print('| method | wrenches | worst error of the wrench | worst excess over a bound [N] '
-      '| median [us] | p99 [us] |')
-print('|---|---|---|---|---|---|')
+print('| method | wrenches | without an answer | worst error of the wrench '
+      '| worst excess over a bound [N] | median [us] | p99 [us] |')
+print('|---|---|---|---|---|---|---|')
 for load, wrenches in (('inside', inside), ('on the boundary', boundary)):
     for name, solve in METHODS.items():
-        error = excess = 0.0
+        error, excess, unanswered = 0.0, 0.0, 0
         times = []
         for u in wrenches:
             start = time.perf_counter()
             thrusts = solve(u)
             times.append(1e6 * (time.perf_counter() - start))
+            if thrusts is None:
+                unanswered += 1
+                continue
             error = max(error, float(np.linalg.norm(GAMMA @ thrusts - u)))
             excess = max(excess, float((thrusts - HIGH).max()), float((LOW - thrusts).max()))
-        print(f'| {name} | {load} | {error:.1e} | {max(excess, 0.0):.1e} | '
+        print(f'| {name} | {load} | {unanswered} | {error:.1e} | {max(excess, 0.0):.1e} | '
               f'{np.median(times):.0f} | {np.quantile(times, 0.99):.0f} |')
