@@ -212,7 +212,8 @@ LEGS = {
 one: 20 ms on each would be 60 ms in the loop, with which the controller's gains are not stable."""
 
 if 'CA_ROS_LEGS' not in os.environ:
-    LEGS = {name: LEGS[name] for name in ('drop 10 %', 'delay 20 ms in the loop', 'corrupt 1 %')}
+    # What drops is flown through by bringup, below.
+    LEGS = {name: LEGS[name] for name in ('delay 20 ms in the loop', 'corrupt 1 %')}
 
 
 class Pilot:
