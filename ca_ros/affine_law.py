@@ -124,7 +124,15 @@ class AffineLaw:
         for least, value, greatest in zip(lower, z.tolist(), upper):  # noqa: B905
             if not least - self.edge <= value <= greatest + self.edge:
                 return None
+        return self._clip(z)
+
+    def clipped(self, u: Array) -> Array:
+        """Return the thrusts (n,) for a wrench (m,) of which z may be outside of `limits`."""
+        return self._clip(self.slope.dot(u) + self.offset)
+
+    def _clip(self, z: Array) -> Array:
         z[self.bound] = self.ends
+        lower, upper = self.limits
         return np.minimum(np.maximum(z, lower), upper)
 
     def served(self, wrenches: Array) -> tuple[NDArray[np.intp], Array]:

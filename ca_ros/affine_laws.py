@@ -27,8 +27,8 @@ class AffineLaws:
 
     Parameters
     ----------
-    lower, upper : (n,) arrays
-        Bounds of the thrusts [N].
+    n : int
+        Number of thrusts.
     learn : callable
         Returns the thrusts (n,) for a wrench (m,), and the law of the region around it, or None
         where there is none.
@@ -41,10 +41,8 @@ class AffineLaws:
         Whether that answer needs no judgement any more.
     """
 
-    def __init__(
-        self, lower: Array, upper: Array, learn: Callable[[Array], tuple[Array, AffineLaw | None]]
-    ) -> None:
-        self._lower, self._upper, self._learn = lower, upper, learn
+    def __init__(self, n: int, learn: Callable[[Array], tuple[Array, AffineLaw | None]]) -> None:
+        self._n, self._learn = n, learn
         self.last: AffineLaw | None = None
         self.proven = False
         self._laws: list[AffineLaw] = []
@@ -72,9 +70,7 @@ class AffineLaws:
             thrusts = law.thrusts(u)
         if thrusts is None:
             self.proven = False
-            z = law.slope.dot(u) + law.offset
-            z[law.bound] = law.ends
-            return np.minimum(np.maximum(z, self._lower), self._upper)
+            return law.clipped(u)
         self.proven = law.proven
         return thrusts
 
@@ -96,7 +92,7 @@ class AffineLaws:
 
     def find_batch(self, wrenches: Array) -> Array:
         """Return the thrusts (N, n) for wrenches (N, m); NaN where no law is known."""
-        thrusts = np.full((len(wrenches), len(self._lower)), np.nan)
+        thrusts = np.full((len(wrenches), self._n), np.nan)
         self._fill(self._laws, wrenches, thrusts, np.arange(len(wrenches)))
         return thrusts
 

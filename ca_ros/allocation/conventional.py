@@ -48,7 +48,7 @@ class Conventional(Allocator):
         if curvatures[0] < 1e-9 * curvatures[-1]:
             self.hessian += 1e-9 * curvatures[-1] / n * np.eye(n)
         self._pull = self.weight @ self.reference
-        self._laws = AffineLaws(self.problem.lower, self.problem.upper, self._learn)
+        self._laws = AffineLaws(vehicle.n, self._learn)
 
     def _allocate(self, u: Array) -> Allocation:
         thrusts = self._laws.find_or_learn(u)

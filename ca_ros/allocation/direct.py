@@ -39,7 +39,7 @@ class Direct(Allocator):
         # Multiples of the golden ratio, less whole numbers: as far from each other as can be.
         self.cost = 1.0 + np.arange(1, vehicle.n + 1) * GOLDEN % 1.0
         self._image = self.problem.image
-        self._laws = AffineLaws(self.problem.lower, self.problem.upper, self._learn)
+        self._laws = AffineLaws(vehicle.n, self._learn)
 
     def levels(self, demands: Array) -> Array:
         """Return alpha (...) for wrenches (..., m); NaN if there is none."""

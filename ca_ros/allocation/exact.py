@@ -74,7 +74,7 @@ class Exact(Allocator):
         self.policy, self.order, self.about = policy, order, about
         self.admissible = AdmissibleSet(self.problem)
         self._least_norm = self.problem.least_norm
-        self._laws = AffineLaws(self.problem.lower, self.problem.upper, self._learn)
+        self._laws = AffineLaws(vehicle.n, self._learn)
         self._osqp = OsqpStart(self.problem) if solver == 'osqp' else None
         # A wrong option is an error now, not at the first wrench that needs it.
         self.admissible.check_reference(about)
