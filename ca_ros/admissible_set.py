@@ -9,8 +9,12 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.prioritization import Prioritization
+from ca_ros.prioritization import REVERSALS, Prioritization
 from ca_ros.vehicle import Vehicle
+from ca_ros.zonotope import Zonotope
+
+REACHED = 1e-9
+"""Share of the way to a reference that may be missing for it to be in the set."""
 
 
 class AdmissibleSet:
@@ -22,8 +26,6 @@ class AdmissibleSet:
 
     Attributes
     ----------
-    zonotope : Zonotope
-        Its facets.
     reference : (m,) array
         Hover if that is inside the set, otherwise the centre of the set [N, N m].
 
@@ -34,14 +36,18 @@ class AdmissibleSet:
     """
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        self.problem = (
+        self.problem = problem = (
             vehicle if isinstance(vehicle, AllocationProblem) else AllocationProblem(vehicle)
         )
-        self.zonotope = self.problem.image
-        hover = self.problem.hover
-        self.reference = hover if self.zonotope.margin(hover) > 0.0 else self.zonotope.center
-        self._default_order = default_order(self.problem.axes)
-        self._prioritizations: dict[tuple[tuple[str, ...], ...], Prioritization] = {}
+        inside = problem.reach(problem.center, problem.hover - problem.center, 2.0) > 1.0
+        self.reference = problem.hover if inside else problem.center
+        self._default_order = default_order(problem.axes)
+        self._prioritizations: dict[object, Prioritization] = {}
+
+    @property
+    def zonotope(self) -> Zonotope:
+        """The facets of the set; they are worked out when they are first needed."""
+        return self.problem.image
 
     @property
     def facets(self) -> tuple[Array, Array]:
@@ -51,7 +57,7 @@ class AdmissibleSet:
     @property
     def center(self) -> Array:
         """Centre of symmetry (m,) [N, N m]."""
-        return self.zonotope.center
+        return self.problem.center
 
     @property
     def volume(self) -> float:
@@ -103,14 +109,23 @@ class AdmissibleSet:
 
     def scale_levels(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, Array]:
         """Like `scale`; return also the share (...) of the way to `u`, 1 where that is inside."""
-        start = self.check_reference(about)
         u = self.problem.check(u, batch=True)
-        inside = self.zonotope.margin(u) >= 0.0
-        levels = np.where(inside, 1.0, np.minimum(self.zonotope.reach(start, u - start), 1.0))
-        return np.where(levels == 1.0, u.T, (start + levels[..., None] * (u - start)).T).T, levels
+        served, levels = self._serve(self.check_reference(about), u)
+        return served, levels.min(axis=-1)
 
-    def prioritize(self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None) -> Array:
+    def prioritize(
+        self,
+        u: ArrayLike,
+        order: Sequence[Sequence[str]] | None = None,
+        reversal: str = 'avoid',
+    ) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
+
+        With the default order, roll and pitch get as much of their demand as is possible, in its
+        direction.  Then yaw keeps its sense: it is not reversed, exceeded or moved without demand
+        as long as thrust can pay for that with a value between its demand and hover.  Then thrust
+        comes as near to its demand as that leaves, and then yaw.  See `Prioritization` for other
+        orders.
 
         Parameters
         ----------
@@ -119,49 +134,69 @@ class AdmissibleSet:
         order : sequence of groups of axes, optional
             By default roll and pitch together, before thrust, before yaw; lateral forces come
             last.
+        reversal : 'avoid', 'prevent' or 'allow'
+            What the second group pays so that no lesser axis is reversed: 'avoid': what lies
+            between its demand and hover; 'prevent': all it takes; 'allow': nothing.
 
         Returns
         -------
         (..., m) array
-            `u` itself where it is in the set, otherwise the wrench in which each group gets as
-            much of its demand as is possible without taking from the groups before it.
+            `u` itself where it is in the set, otherwise what is served.
 
         Raises
         ------
         ValueError
-            If `order` is not a partition of the vehicle's axes.
+            If `order` is not a partition of the vehicle's axes, or there is no such `reversal`.
         """
-        return self.prioritize_levels(u, order)[0]
+        return self.prioritize_levels(u, order, reversal)[0]
 
     def prioritize_levels(
-        self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None
+        self,
+        u: ArrayLike,
+        order: Sequence[Sequence[str]] | None = None,
+        reversal: str = 'avoid',
     ) -> tuple[Array, Array]:
-        """Like `prioritize`; return also the share (..., m) of its demand that each axis got."""
-        prioritization = self.check_order(order)
-        served = self.problem.check(u, batch=True)
-        levels = np.ones(served.shape)
+        """Like `prioritize`; return also the share (..., m) of its demand that each axis got.
+
+        It is counted from hover: 0 for an axis that is reversed or does not move, 1 for one that
+        gets all of its demand or more.
+        """
+        return self._serve(self.check_order(order, reversal), self.problem.check(u, batch=True))
+
+    def _serve(self, serve: Prioritization, u: Array) -> tuple[Array, Array]:
+        """Return what is served of wrenches (..., m), which are served as they are in the set."""
+        served, levels = u.copy(), np.ones(u.shape)
+        if u.ndim == 1:
+            # A single wrench is not worth all facets.
+            thrusts = self.problem.least_norm.unbounded(u)
+            if (thrusts == self.problem.clip(thrusts)).all():
+                return served, levels
+            answer, levels = serve(u)
+            return (served if (levels == 1.0).all() else answer), levels
         outside = self.zonotope.margin(served) < 0.0
         if outside.any():
-            served[outside], levels[outside] = prioritization(served[outside])
+            served[outside], levels[outside] = serve(served[outside])
         return served, levels
 
-    def check_reference(self, about: ArrayLike | None) -> Array:
-        """Return the reference of `scale`; raise a ValueError if it is outside the set."""
-        if about is None:
-            return self.reference
-        start = self.problem.check(about)
-        outside = -self.zonotope.margin(start)
-        if outside > self.problem.tolerance(start):
-            raise ValueError(
-                f'about: expected a wrench in the admissible set, got {start}, which is '
-                f'{outside:.3g} outside'
-            )
-        return start
+    def check_reference(self, about: ArrayLike | None) -> Prioritization:
+        """Return what scales about a reference; raise a ValueError if that is outside the set."""
+        start = self.reference if about is None else self.problem.check(about)
+        way = start - self.problem.center
+        if self.problem.reach(self.problem.center, way, 1.0) < 1.0 - REACHED:
+            raise ValueError(f'about: expected a wrench in the admissible set, got {start}')
+        everything = [list(range(len(self.problem.axes)))]
+        return Prioritization(self.problem, everything, start, begin=start)
 
-    def check_order(self, order: Sequence[Sequence[str]] | None) -> Prioritization:
-        """Return what serves an order; raise a ValueError if that is no partition of the axes."""
+    def check_order(
+        self, order: Sequence[Sequence[str]] | None, reversal: str = 'avoid'
+    ) -> Prioritization:
+        """Return what serves an order; raise a ValueError if it or `reversal` is wrong."""
         groups = self._default_order if order is None else tuple(tuple(group) for group in order)
-        if groups not in self._prioritizations:
+        if (groups, reversal) not in self._prioritizations:
+            if reversal not in REVERSALS:
+                raise ValueError(
+                    f'reversal: expected one of {", ".join(REVERSALS)}, got {reversal!r}'
+                )
             if (
                 sorted(axis for group in groups for axis in group) != sorted(self.problem.axes)
                 or () in groups
@@ -171,8 +206,10 @@ class AdmissibleSet:
                     f'stands once, got {order}'
                 )
             rows = [[self.problem.axes.index(axis) for axis in group] for group in groups]
-            self._prioritizations[groups] = Prioritization(self.problem, rows)
-        return self._prioritizations[groups]
+            self._prioritizations[groups, reversal] = Prioritization(
+                self.problem, rows, reversal=reversal
+            )
+        return self._prioritizations[groups, reversal]
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Draw wrenches (size, m) [N, N m] uniformly by volume."""

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, constant
 from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.least_norm import LeastNorm
+from ca_ros.simplex import Simplex
 from ca_ros.vehicle import Vehicle
-from ca_ros.zonotope import Zonotope
+from ca_ros.zonotope import Zonotope, spans
 
 EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
@@ -42,6 +43,12 @@ class AllocationProblem:
         Bounds of the thrusts [N].
     hover : (m,) array
         The wrench that carries the vehicle's weight, without torque [N, N m].
+    middle, half_range : (n,) arrays
+        Middles and half lengths of the ranges of thrust [N].
+    center : (m,) array
+        The wrench of the middles: the centre of the admissible set [N, N m].
+    extent : (m,) array
+        Half of the range of each component [N, N m].
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -52,6 +59,47 @@ class AllocationProblem:
         self.upper = vehicle.thrust_max
         self._shape = (len(self.axes),)
         self.hover = constant([vehicle.weight * (axis == 'thrust') for axis in self.axes])
+        self.middle = constant((self.lower + self.upper) / 2.0)
+        self.half_range = constant((self.upper - self.lower) / 2.0)
+        self.center = constant(self.gamma @ self.middle)
+        self.extent = constant(np.abs(self.gamma * self.half_range).sum(axis=1))
+
+    @cached_property
+    def simplex(self) -> Simplex:
+        """Thrusts and wrench, counted from their middles in units of `half_range` and `extent`.
+
+        Raises
+        ------
+        ValueError
+            If the admissible set has no volume.
+        """
+        if not self.spans:
+            raise self._no_volume()
+        return Simplex(self.gamma * self.half_range / self.extent[:, None])
+
+    def scaled(self, u: Array) -> Array:
+        """Return wrenches (..., m) as the rows of `simplex`."""
+        return (u - self.center) / self.extent
+
+    def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
+        """Return the greatest t <= limit for which ``start + t direction`` is attainable.
+
+        Parameters
+        ----------
+        start, direction : (m,) arrays
+            `start` is in the admissible set [N, N m].
+        limit : float
+        """
+        line = self.simplex.copy()
+        rows = range(len(self.lower), len(self.lower) + len(self.axes))
+        for v, goal in zip(rows, self.scaled(start).tolist(), strict=True):
+            line.push(v, goal)
+            line.release(v)
+        way = direction / self.extent
+        size = float(np.abs(way).max()) or 1.0
+        length = line.add_ray(rows, (way / size).tolist())
+        line.push(length, limit * size)
+        return line.value[length] / size
 
     @cached_property
     def image(self) -> Zonotope:
@@ -62,14 +110,20 @@ class AllocationProblem:
         ValueError
             If it has no volume: the rotors cannot command the axes independently.
         """
-        low, high = self.lower, self.upper
-        try:
-            return Zonotope(self.gamma @ (low + high) / 2.0, self.gamma * (high - low) / 2.0)
-        except ValueError:
-            raise ValueError(
-                'the admissible set has no volume: the rotors cannot command '
-                f'{", ".join(self.axes)} independently (ca_ros.audit tells which they can)'
-            ) from None
+        if not self.spans:
+            raise self._no_volume()
+        return Zonotope(self.center, self.gamma * self.half_range)
+
+    @cached_property
+    def spans(self) -> bool:
+        """Whether the admissible set has a volume."""
+        return spans(self.gamma * self.half_range)
+
+    def _no_volume(self) -> ValueError:
+        return ValueError(
+            'the admissible set has no volume: the rotors cannot command '
+            f'{", ".join(self.axes)} independently (ca_ros.audit tells which they can)'
+        )
 
     @cached_property
     def least_norm(self) -> LeastNorm:

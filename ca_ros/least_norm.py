@@ -124,6 +124,11 @@ class LeastNorm:
             return stepped, y + step, u - self.matrix @ stepped, [step]
         return thrusts, y, left, [step]
 
+    def unbounded(self, u: Array) -> Array:
+        """Return the least thrusts (n,) for u (m,) without regard to the bounds, Eq. (12)."""
+        thrusts: Array = self.basis.dot(self.coordinates.dot(u))
+        return thrusts
+
     def settle(self, thrusts: Array, u: Array, tolerance: float) -> Array:
         """Let the rotors between their bounds make up for what rounding has left of u.
 

@@ -144,6 +144,14 @@ PARAMETERS: dict[str, Parameter] = {
         default=['roll pitch', 'thrust', 'yaw', 'force_x force_y'],
         mutable=True,
     ),
+    'allocation.exact.reversal': Parameter(
+        'what the second group of the order gives up so that no lesser axis is reversed. avoid: '
+        'what lies between its demand and hover; prevent: all it takes; allow: nothing',
+        str,
+        default='avoid',
+        choices=('avoid', 'prevent', 'allow'),
+        mutable=True,
+    ),
     'allocation.exact.solver': Parameter(
         'where the solution begins: at the pseudo-inverse, or at the answer of OSQP',
         str,

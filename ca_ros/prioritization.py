@@ -1,4 +1,4 @@
-"""Lexicographic priorities: what to give up first when a wrench is not attainable."""
+"""Priorities: what to give up first when a wrench is not attainable."""
 
 from __future__ import annotations
 
@@ -6,107 +6,162 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.allocation_problem import AllocationProblem, lengths
 from ca_ros.arrays import Array
-from ca_ros.least_norm import LeastNorm
-from ca_ros.zonotope import Zonotope
+from ca_ros.simplex import Simplex
+
+INSIDE = 0.99
+"""Greatest share of the way from the middle of the set to its boundary where a line may begin."""
+
+REVERSALS = ('avoid', 'prevent', 'allow')
+
+LAG = 1e-3
+"""Least weight of an axis in its group, relative to the greatest."""
+
+ROUNDING = 1e-12
+"""Distance to the demand, as a share of an axis's range, that counts as none."""
 
 
 class Prioritization:
-    """Serve groups of axes in their order, each as far as those before it allow.
+    """Serve groups of axes in their order, and reverse no axis that a lesser one can pay for.
 
-    The projection of the admissible set on the axes of the first k groups is a zonotope too, made
-    by the same rows of Gamma.  With the earlier axes served, a group of one axis gets the
-    attainable value that is nearest to its demand.  A group of several moves on a straight line
-    from hover to its demand, as far as it gets: its direction is kept.  Where the earlier axes do
-    not leave hover to it, the line begins at a point inside of what they leave, which depends
-    continuously on the demand.
+    These quantities are served one after the other, each as far as those before it allow:
+
+    1. the first group: on the straight line from the reference to its demand, as far as possible;
+    2. the sense of each other axis, in the order of the groups: between its reference and its
+       demand, or as near to that as possible (`reversal`);
+    3. the amount of each other group: as near to its demand as possible.
+
+    Every step is a linear program over the thrusts, and only the right sides of its constraints
+    depend on the demand, so what is served is continuous in the demand.  In step 3 the axes of a
+    group first get the same share of their demands, as great as possible, and then, in their
+    order, what else is possible.
 
     Parameters
     ----------
     problem : AllocationProblem
     groups : sequence of sequences of int
         Rows of Gamma, the most important group first.
+    reference : (m,) array, optional
+        By default hover [N, N m].
+    reversal : 'avoid', 'prevent' or 'allow'
+        The axes of step 2.  'avoid': all but those of the first group, so that the second group
+        pays for the sense of lesser axes, but only between its demand and its reference.
+        'prevent': neither those of the second group, which then pays without limit.  'allow':
+        none.
+    begin : (m,) array, optional
+        Attainable wrench where the line of step 1 begins.  By default it is the reference, moved
+        towards the middle of the set if that is outside the set or near its boundary.
     """
 
-    def __init__(self, problem: AllocationProblem, groups: Sequence[Sequence[int]]) -> None:
-        lower, upper, gamma = problem.lower, problem.upper, problem.gamma
-        self._reference = problem.hover
-        self._middle, self._reach = (lower + upper) / 2.0, (upper - lower) / 2.0
-        self._gamma = gamma
-        self._groups = [np.array(group) for group in groups]
-        self._prefixes = [np.concatenate(self._groups[: k + 1]) for k in range(len(groups))]
-        self._shadows = [
-            Zonotope(gamma[rows] @ self._middle, gamma[rows] * self._reach)
-            for rows in self._prefixes
-        ]
-        # For thrusts counted from their middle.
-        self._least = {
-            k: LeastNorm(gamma[self._prefixes[k - 1]], -self._reach, self._reach)
-            for k, group in enumerate(self._groups)
-            if k > 0 and len(group) > 1
-        }
-        self._first = self._begin(0, self._reference)
+    def __init__(
+        self,
+        problem: AllocationProblem,
+        groups: Sequence[Sequence[int]],
+        reference: Array | None = None,
+        reversal: str = 'avoid',
+        begin: Array | None = None,
+    ) -> None:
+        self._problem = problem
+        self._first, *self._later = (list(group) for group in groups)
+        self._wrench = problem.hover if reference is None else reference
+        self._reference = problem.scaled(self._wrench).tolist()
+        sensed = {'avoid': self._later, 'prevent': self._later[1:], 'allow': []}[reversal]
+        self._senses = [row for group in sensed for row in group]
+        # In the simplex the thrusts come before the rows of Gamma.
+        self._offset = len(problem.lower)
+        self._start, self._begin = problem.simplex.copy(), [0.0]
+        if len(self._first) > 1:
+            self._begin = (
+                self._inside() if begin is None else problem.scaled(begin)[self._first].tolist()
+            )
+            for row, value in zip(self._first, self._begin, strict=True):
+                self._start.push(self._offset + row, value)
+                self._start.release(self._offset + row)
+
+    def _inside(self) -> list[float]:
+        """Return where the line of the first group begins, inside of what is attainable of it."""
+        line, way = self._problem.simplex.copy(), [self._reference[row] for row in self._first]
+        for row in self._first:
+            line.release(self._offset + row)
+        size = max(map(abs, way)) or 1.0
+        length = line.add_ray(
+            [self._offset + row for row in self._first], [component / size for component in way]
+        )
+        line.push(length, size / INSIDE)
+        return [min(1.0, INSIDE * line.value[length] / size) * component for component in way]
 
     def __call__(self, u: Array) -> tuple[Array, Array]:
-        """Return the served wrenches (..., m) [N, N m] and the shares (..., m) of each demand."""
-        served, levels = np.broadcast_to(self._reference, u.shape).copy(), np.ones(u.shape)
-        for k, group in enumerate(self._groups):
-            serve = self._serve_one if len(group) == 1 else self._serve_several
-            served[..., group], share = serve(k, served, u[..., group])
-            levels[..., group] = share[..., None]
-        # A facet that is steep in an axis makes the rounding errors of the others great in it.
-        served[..., self._prefixes[-1]] = self._shadows[-1].pull(served[..., self._prefixes[-1]])
-        return served, levels
+        """Return what is served of demands.
 
-    def _serve_one(self, k: int, served: Array, demand: Array) -> tuple[Array, Array]:
-        low, high = self._shadows[k].section(served[..., self._prefixes[k]])
-        start = np.minimum(np.maximum(self._reference[self._groups[k][0]], low), high)
-        wanted = demand[..., 0]
-        end = np.minimum(np.maximum(wanted, low), high)
-        with np.errstate(invalid='ignore'):
-            share = np.where(end == wanted, 1.0, (end - start) / (wanted - start))
-        return end[..., None], share
+        Parameters
+        ----------
+        u : (..., m) array
+            Demands [N, N m].
 
-    def _serve_several(self, k: int, served: Array, demand: Array) -> tuple[Array, Array]:
-        # The first group has no earlier ones, so that its way always begins at the same place.
-        begin = self._begin(k, served) if k else self._first
-        share = self._share(k, served, begin, demand - begin)
-        return begin + share * (demand - begin), share[..., 0]
-
-    def _begin(self, k: int, served: Array) -> Array:
-        """Return where the way (..., of group k) to the demand begins."""
-        inner = self._inner(k, served)
-        to_hover = self._reference[self._groups[k]] - inner
-        # On the border the way might go off it or along it, so a start out of reach is moved in.
-        return inner + self._share(k, served, inner, to_hover) ** 2 * to_hover
-
-    def _share(self, k: int, served: Array, begin: Array, way: Array) -> Array:
-        """Return the share (..., 1) of a way of group k that can be gone."""
-        shape = (*np.broadcast_shapes(served.shape[:-1], way.shape[:-1]), len(self._prefixes[k]))
-        start, direction = np.empty(shape), np.zeros(shape)
-        count = len(self._groups[k])
-        start[...] = served[..., self._prefixes[k]]
-        start[..., -count:] = begin
-        direction[..., -count:] = way
-        return np.minimum(self._shadows[k].reach(start, direction), 1.0)[..., None]
-
-    def _inner(self, k: int, served: Array) -> Array:
-        """Return values (..., of group k) well inside of what the earlier groups leave.
-
-        The earlier axes are as far from the middle of their set as a share of the way to its
-        boundary; the thrusts that belong to it are that share of the way from the middle of their
-        range to those on the boundary.
+        Returns
+        -------
+        served : (..., m) array
+            Attainable wrenches [N, N m].
+        levels : (..., m) array
+            Share of the way from the reference to the demand that each axis went: 0 if it is
+            reversed, 1 at the demand and beyond it.
         """
-        group = self._gamma[self._groups[k]]
-        if k == 0:
-            return group @ self._middle
-        middle = np.broadcast_to(group @ self._middle, (*served.shape[:-1], len(group)))
-        rows, shadow, least = self._prefixes[k - 1], self._shadows[k - 1], self._least[k]
-        ways = served[..., rows] - shadow.center
-        reaches = shadow.reach(shadow.center, ways)
-        inner = middle.copy()
-        for i in np.ndindex(reaches.shape):
-            if reaches[i] < np.inf:
-                inner[i] += group @ (least.solve(reaches[i] * ways[i], 1e-12)[0] / reaches[i])
-        return inner
+        problem, n = self._problem, self._offset
+        demands = u.reshape(-1, u.shape[-1])
+        values = [self._serve(goals) for goals in problem.scaled(demands).tolist()]
+        reaches = np.array(values).reshape(len(demands), n + demands.shape[1])
+        thrusts = problem.clip(problem.middle + problem.half_range * reaches[:, :n])
+        served = thrusts @ problem.gamma.T
+        # Pivots of almost symmetric vehicles are small and cost digits.
+        goals = problem.center + problem.extent * reaches[:, n:]
+        tolerances = problem.tolerance(goals)
+        for i in np.flatnonzero(lengths(goals - served) > 0.5 * tolerances):
+            settled = problem.least_norm.settle(thrusts[i], goals[i], 0.5 * tolerances[i])
+            served[i] = problem.gamma @ settled
+        ways = demands - self._wrench
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+            levels = np.clip(np.where(ways != 0.0, (served - self._wrench) / ways, 0.0), 0.0, 1.0)
+        levels[np.abs(served - demands) <= ROUNDING * problem.extent] = 1.0
+        return served.reshape(u.shape), levels.reshape(u.shape)
+
+    def _serve(self, goals: list[float]) -> list[float]:
+        """Return thrusts and wrench (n + m,) for a demand (m,), in the units of the simplex."""
+        simplex, offset = self._start.copy(), self._offset
+        if len(self._first) == 1:
+            self._approach(simplex, self._first, goals)
+        else:
+            ways = [goals[row] - at for row, at in zip(self._first, self._begin, strict=True)]
+            size = max(map(abs, ways)) or 1.0
+            length = simplex.add_ray(
+                [offset + row for row in self._first], [way / size for way in ways]
+            )
+            simplex.push(length, size)
+            simplex.hold(length)
+            share = simplex.value[length] / size
+            for row, at, way in zip(self._first, self._begin, ways, strict=True):
+                simplex.value[offset + row] = goals[row] if share == 1.0 else at + share * way
+        for row in self._senses:
+            v, value = offset + row, simplex.value[offset + row]
+            low, high = sorted((goals[row], self._reference[row]))
+            if low <= value <= high or simplex.push(v, low if value < low else high):
+                simplex.lower[v], simplex.upper[v] = low, high
+            else:
+                simplex.hold(v)
+        for group in self._later:
+            if len(group) > 1:
+                ways = [abs(goals[row] - self._reference[row]) for row in group]
+                size = max(ways) or 1.0
+                weights = [max(way / size, LAG) for way in ways]
+                lag = simplex.add_lag(
+                    [offset + row for row in group], [goals[row] for row in group], weights
+                )
+                simplex.push(lag, 0.0)
+                simplex.hold(lag)
+            self._approach(simplex, group, goals)
+        return simplex.value[: offset + len(goals)]
+
+    def _approach(self, simplex: Simplex, group: list[int], goals: list[float]) -> None:
+        for row in group:
+            simplex.push(self._offset + row, goals[row])
+            simplex.hold(self._offset + row)

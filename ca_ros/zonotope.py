@@ -56,9 +56,7 @@ class Zonotope:
         # Rows in units of their extent: torques are often smaller than forces by orders of
         # magnitude.
         self._extent = extent = np.abs(generators).sum(axis=1)
-        if not np.all(extent > 0.0) or np.linalg.matrix_rank(
-            generators / extent[:, None], tol=FLAT
-        ) < len(center):
+        if not spans(generators):
             raise ValueError('a zonotope needs generators that span its space')
         self.normals = _facet_normals(generators / extent[:, None]) / extent
         self.normals /= np.linalg.norm(self.normals, axis=1)[:, None]
@@ -168,6 +166,15 @@ class Zonotope:
         chosen = rng.choice(len(volumes), size=size, p=volumes / volumes.sum())
         shares = rng.uniform(-1.0, 1.0, (size, tiles.shape[1]))
         return centers[chosen] + np.einsum('sij,sj->si', tiles[chosen], shares)
+
+
+def spans(generators: Array) -> bool:
+    """Tell whether generators (m, n) span their space, by more than rounding."""
+    extent = np.abs(generators).sum(axis=1)
+    if not np.all(extent > 0.0):
+        return False
+    rank = np.linalg.matrix_rank(generators / extent[:, None], tol=FLAT)
+    return bool(rank == len(generators))
 
 
 def _facet_normals(generators: Array) -> Array:

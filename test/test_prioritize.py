@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from ca_ros import AdmissibleSet, Status, control_allocation_matrix, make_allocator
+from ca_ros.prioritization import REVERSALS
 from strategies import (
     FLEET,
     HEXAROTOR,
@@ -23,44 +25,82 @@ ORDERS = {
 }
 
 
+SLACK = 1e-8
+"""Share of an axis's range that the judge's limits leave beyond what its solver has found."""
+
+
 def groups_of(vehicle, order):
     return [[vehicle.axes.index(axis) for axis in group] for group in order]
 
 
-def lexicographic(vehicle, u, groups):
-    """Serve one group after the other by linear programs.
+class Judge:
+    """The rule as a sequence of linear programs over the thrusts, solved by HiGHS.
 
-    A group of one axis gets the value nearest to its demand.  A group of several goes from hover
-    towards its demand as far as it can.  Returns the wrench up to the first group whose hover is
-    out of reach by then: what that one gets instead is for the product to say.
+    `limits` are bounds of the components of the wrench: what has been served so far.
     """
-    hover = np.array([vehicle.weight if axis == 'thrust' else 0.0 for axis in vehicle.axes])
-    gamma = control_allocation_matrix(vehicle)
-    low, high = vehicle.thrust_min, vehicle.thrust_max
-    served, done = np.full(len(u), np.nan), []
-    for group in groups:
-        rows = done + group
-        right = np.where(np.isnan(served), hover, served)
-        if len(group) == 1:
-            # The least of the excess e and the lack l in Gamma f - e + l = u.
-            right[group] = u[group]
-            slack = np.zeros((len(u), 2))
-            slack[group] = [-1.0, 1.0]
-            answer = extreme(
-                np.append(np.zeros(vehicle.n), [1.0, 1.0]), np.hstack([gamma, slack])[rows],
-                right[rows], np.append(low, [0.0, 0.0]), np.append(high, [np.inf, np.inf]))
-            served[group] = u[group] + answer[-2] - answer[-1]
+
+    def __init__(self, vehicle):
+        self.gamma = control_allocation_matrix(vehicle)
+        self.low, self.high = vehicle.thrust_min, vehicle.thrust_max
+        self.hover = np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes])
+        self.half = np.abs(self.gamma * (self.high - self.low)).sum(axis=1) / 2.0
+        self.limits = np.full((len(self.gamma), 2), [-np.inf, np.inf])
+
+    def approach(self, rows, low, high, weights):
+        """Bring rows between two values each, or as near as possible in units of their weights."""
+        sides = np.concatenate([-self.limits[:, 0], self.limits[:, 1], -low, high])
+        matrix = np.vstack([-self.gamma, self.gamma, -self.gamma[rows], self.gamma[rows]])
+        column = np.concatenate([np.zeros(2 * len(self.gamma)), -weights, -weights])[:, None]
+        scale = np.concatenate([self.half, self.half, self.half[rows], self.half[rows]])
+        kept = np.isfinite(sides)
+        answer = linprog(
+            np.append(np.zeros(self.gamma.shape[1]), 1.0),
+            A_ub=(np.hstack([matrix, column]) / scale[:, None])[kept],
+            b_ub=(sides / scale)[kept],
+            bounds=np.column_stack([np.append(self.low, 0.0), np.append(self.high, np.inf)]),
+            method='highs-ds', options={'primal_feasibility_tolerance': 1e-9})
+        assert answer.status == 0, answer.message
+        reach = answer.x[-1] * weights + SLACK * self.half[rows]
+        self.limits[rows] = np.column_stack([
+            np.maximum(self.limits[rows, 0], low - reach),
+            np.minimum(self.limits[rows, 1], high + reach)])
+
+    def along(self, rows, start, way):
+        """Return the greatest t <= 2 for which some rows can be ``start + t way``."""
+        answer = extreme(
+            np.append(np.zeros(len(self.low)), -1.0),
+            np.column_stack([self.gamma[rows], -way]), start,
+            np.append(self.low, 0.0), np.append(self.high, 2.0))
+        return answer[-1]
+
+    def serve(self, u, groups, reversal):
+        """Return the limits (m, 2) of what is served.
+
+        They are on both sides of each demand, as near to it as possible.
+        """
+        first, *later = groups
+        if len(first) == 1:
+            self.approach(first, u[first], u[first], np.ones(1))
         else:
-            way = np.zeros(len(u))
-            way[group] = u[group] - hover[group]
-            least, most = (extreme(
-                np.append(np.zeros(vehicle.n), sign), np.column_stack([gamma, -way])[rows],
-                right[rows], np.append(low, 0.0), np.append(high, 1.0)) for sign in (1.0, -1.0))
-            if least is None or least[-1] > 0.0:
-                break
-            served[group] = hover[group] + most[-1] * way[group]
-        done += group
-    return served
+            center = self.gamma[first] @ (self.low + self.high) / 2.0
+            begin = center + min(1.0, 0.99 * self.along(
+                first, center, self.hover[first] - center)) * (self.hover[first] - center)
+            way = u[first] - begin
+            end = begin + min(1.0, self.along(first, begin, way)) * way
+            rounding = SLACK * self.half[first]
+            self.limits[first] = np.column_stack([end - rounding, end + rounding])
+        senses = {'avoid': later, 'prevent': later[1:], 'allow': []}[reversal]
+        for row in [row for group in senses for row in group]:
+            ends = np.sort([[u[row], self.hover[row]]])
+            self.approach([row], ends[:, 0], ends[:, 1], np.ones(1))
+        for group in later:
+            if len(group) > 1:
+                ways = np.abs(u[group] - self.hover[group]) / self.half[group]
+                weights = np.maximum(ways / ways.max(), 1e-3) * self.half[group]
+                self.approach(group, u[group], u[group], weights)
+            for row in group:
+                self.approach([row], u[[row]], u[[row]], np.ones(1))
+        return self.limits
 
 
 def infeasible(vehicle, admissible, rng, size):
@@ -76,17 +116,19 @@ def compare(vehicle, order, rng, size):
     admissible = AdmissibleSet(vehicle)
     groups = groups_of(vehicle, order)
     scale = 1.0 + np.linalg.norm(admissible.center)
-    for u in infeasible(vehicle, admissible, rng, size):
-        expected = lexicographic(vehicle, u, groups)
-        served = admissible.prioritize(u, order)
+    for i, u in enumerate(infeasible(vehicle, admissible, rng, size)):
+        reversal = REVERSALS[i % 3]
+        judge = Judge(vehicle)
+        limits = judge.serve(u, groups, reversal)
+        served = admissible.prioritize(u, order, reversal)
         assert admissible.contains(served, tolerance=1e-12 * scale)
-        known = ~np.isnan(expected)
-        np.testing.assert_allclose(served[known], expected[known], rtol=0.0, atol=1e-6 * scale)
+        beyond = np.abs(served - np.clip(served, *limits.T))
+        assert np.all(beyond <= 1e-4 * judge.half), (u, served, limits)
 
 
 @pytest.mark.parametrize('order', ORDERS)
 def test_the_hexarotor_serves_as_the_linear_programs_do(order):
-    compare(HEXAROTOR, ORDERS[order], np.random.default_rng(0), 200)
+    compare(HEXAROTOR, ORDERS[order], np.random.default_rng(0), 150)
 
 
 @pytest.mark.parametrize('order', ORDERS)
@@ -94,8 +136,8 @@ def test_the_hexarotor_serves_as_the_linear_programs_do(order):
 def test_random_vehicles_serve_as_the_linear_programs_do(seed, order):
     rng = np.random.default_rng(seed)
     vehicle = random_vehicle(rng, 4 + seed % 5)
-    lateral = [[axis] for axis in vehicle.axes if axis.startswith('force')]
-    compare(vehicle, ORDERS[order] + lateral, rng, 14)
+    lateral = [[axis for axis in vehicle.axes if axis.startswith('force')]]
+    compare(vehicle, ORDERS[order] + lateral * bool(lateral[0]), rng, 12)
 
 
 def test_priorities_worked_out_by_hand():
@@ -145,12 +187,13 @@ def test_what_is_served_is_in_the_set_and_what_is_in_the_set_is_served(data):
 
 
 @given(st.data())
-def test_a_group_is_not_touched_by_the_demands_after_it(data):
+def test_the_first_group_is_not_touched_by_the_demands_after_it(data):
     vehicle = data.draw(vehicles())
     u = data.draw(demands(vehicle))
     admissible = AdmissibleSet(vehicle)
-    changed = np.append(u[:3], data.draw(st.floats(-10.0, 10.0)))
-    served = [admissible.prioritize(demand)[:3] for demand in (u, changed)]
+    changed = u.copy()
+    changed[[0, 3]] = data.draw(st.floats(-100.0, 100.0)), data.draw(st.floats(-10.0, 10.0))
+    served = [admissible.prioritize(demand)[1:3] for demand in (u, changed)]
     np.testing.assert_allclose(*served, rtol=0.0, atol=1e-9 * (1.0 + np.linalg.norm(served[0])))
 
 

@@ -14,7 +14,7 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import EXACT_TOLERANCE
-from ca_ros.arrays import Array, IntArray
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.explicit_law import explicit_law
 from ca_ros.vehicle import Vehicle
 
@@ -28,6 +28,12 @@ POLICIES = {
 SOLVERS = ('newton', 'osqp')
 
 EXACT = Status.EXACT
+
+NEAR = 1e-6
+"""Share of an axis's range by which a wrench may be missed and still turn out to be attainable."""
+
+BATCH_MIN = 16
+"""From so many wrenches on a batch is faster than one wrench after the other."""
 
 LAW_SHARE = 0.5
 """Of the tolerance, that a law may use up; the rest is for those who sum up in another order."""
@@ -46,6 +52,8 @@ class Exact(Allocator):
         What to serve for a wrench outside the admissible set: `AdmissibleSet.prioritize`,
         `AdmissibleSet.scale` or nothing.
     order : sequence of groups of axes, optional
+        Of 'prioritize'.
+    reversal : 'avoid', 'prevent' or 'allow'
         Of 'prioritize'.
     about : (m,) array, optional
         Reference of 'scale' [N, N m].
@@ -66,34 +74,44 @@ class Exact(Allocator):
         order: Sequence[Sequence[str]] | None = None,
         about: ArrayLike | None = None,
         solver: str = 'newton',
+        reversal: str = 'avoid',
     ) -> None:
         super().__init__(vehicle)
         for name, value, choices in (('policy', policy, POLICIES), ('solver', solver, SOLVERS)):
             if value not in choices:
                 raise ValueError(f'{name}: expected one of {", ".join(choices)}, got {value!r}')
-        self.policy, self.order, self.about = policy, order, about
+        self.policy, self.order, self.reversal, self.about = policy, order, reversal, about
         self.admissible = AdmissibleSet(self.problem)
         self._least_norm = self.problem.least_norm
         self._laws = AffineLaws(vehicle.n, self._learn)
         self._osqp = OsqpStart(self.problem) if solver == 'osqp' else None
         # A wrong option is an error now, not at the first wrench that needs it.
-        self.admissible.check_reference(about)
-        self.admissible.check_order(order)
+        scaling = self.admissible.check_reference(about)
+        priorities = self.admissible.check_order(order, reversal)
+        self._attainable = priorities if policy == 'prioritize' else scaling
 
     def _allocate(self, u: Array) -> Allocation:
         laws = self._laws
         thrusts = laws.find(u)
         if thrusts is not None and (laws.proven or self._judge(u, thrusts, LAW_SHARE)):
             return Allocation(self.problem, u, thrusts, EXACT)
-        served, level, status = self._within(u)
+        served, levels = self._attainable(u)
+        if self._near(served, u):
+            thrusts = self._solve(u)
+            if self._judge(u, thrusts):
+                return Allocation(self.problem, u, thrusts, EXACT)
+        status = POLICIES[self.policy]
+        if status is Status.REJECTED:
+            return Allocation(self.problem, u, self.problem.lower.copy(), status, 0.0)
         thrusts = self._solve(served)
-        if status == Status.REJECTED:
-            thrusts = self.problem.lower.copy()
-        elif self._judge(u, thrusts):
-            return Allocation(self.problem, u, thrusts, Status.EXACT)
-        elif not self._judge(served, thrusts):
+        if not self._judge(served, thrusts):
             status = Status.INEXACT
-        return Allocation(self.problem, u, thrusts, status, level)
+        return Allocation(self.problem, u, thrusts, status, float(levels.min()))
+
+    def _near(self, served: Array, u: Array) -> BoolArray:
+        """Tell which of the wrenches (..., m) may be attainable, by what is served of them."""
+        distances = np.abs(served - u) / self.problem.extent
+        return np.asarray(distances.max(axis=-1) <= NEAR)
 
     def _solve(self, u: Array) -> Array:
         """Return the least thrusts for a wrench in the set."""
@@ -111,47 +129,27 @@ class Exact(Allocator):
     def _tolerance(self, u: Array) -> float:
         return float(self.problem.tolerance(u))
 
-    def _within(self, u: Array) -> tuple[Array, float, Status]:
-        """Return what is served, its share of u, and the status."""
-        if self.problem.image.margin(u) >= -0.5 * self.problem.tolerance(u):
-            return u, 1.0, Status.EXACT
-        served, levels = self._by_policy(u)
-        return served, float(levels), POLICIES[self.policy]
-
-    def _by_policy(self, u: Array) -> tuple[Array, Array]:
-        """Return the wrenches (..., m) served for those (..., m) outside, and their shares."""
-        if self.policy == 'scale':
-            return self.admissible.scale_levels(u, self.about)
-        if self.policy == 'prioritize':
-            served, levels = self.admissible.check_order(self.order)(u)
-            return served, levels.min(axis=-1)
-        nothing = self.problem.gamma @ self.problem.lower
-        return np.broadcast_to(nothing, u.shape), np.zeros(u.shape[:-1])
-
     def _allocate_batch(self, demands: Array) -> Allocation:
-        if self._osqp is not None:
+        if self._osqp is not None or len(demands) < BATCH_MIN:
             return super()._allocate_batch(demands)
+        problem = self.problem
         status, levels = np.zeros(len(demands), dtype=np.int8), np.ones(len(demands))
         thrusts = self._laws.find_batch(demands)
         left = np.flatnonzero(~self._judge(demands, thrusts, LAW_SHARE))
-        if len(left):
-            thrusts[left], status[left], levels[left] = self._allocate_left(demands[left])
+        beyond = problem.image.margin(demands[left]) < 0.0
+        inside, outside = left[~beyond], left[beyond]
+        thrusts[inside] = self._laws.find_or_learn_batch(demands[inside])
+        if self.policy != 'reject':
+            served, shares = self._attainable(demands[outside])
+            levels[outside], status[outside] = shares.min(axis=-1), POLICIES[self.policy]
+            thrusts[outside] = self._laws.find_or_learn_batch(served)
+            outside = outside[
+                ~self._judge(served, thrusts[outside], LAW_SHARE)
+                | self._near(served, demands[outside])
+            ]
+        inside = inside[~self._judge(demands[inside], thrusts[inside], LAW_SHARE)]
+        # What is not clear, as on the boundary, is looked at one by one.
+        for i in [*inside, *outside]:
+            answer = self._allocate(demands[i])
+            thrusts[i], status[i], levels[i] = answer.thrusts, answer.status, answer.level
         return self._batch(demands, thrusts, status, levels)
-
-    def _allocate_left(self, demands: Array) -> tuple[Array, IntArray, Array]:
-        """Return thrusts, statuses and levels for demands whose laws are not known, if any."""
-        served, levels = demands.copy(), np.ones(len(demands))
-        status = np.full(len(demands), Status.EXACT, dtype=np.int8)
-        margins = self.problem.image.margin(demands)
-        outside = margins < -0.5 * self.problem.tolerance(demands)
-        served[outside], levels[outside] = self._by_policy(demands[outside])
-        status[outside] = POLICIES[self.policy]
-        rejected = status == Status.REJECTED
-        thrusts = np.tile(self.problem.lower, (len(demands), 1))
-        thrusts[~rejected] = self._laws.find_or_learn_batch(served[~rejected])
-        for i in np.flatnonzero(~self._judge(served, thrusts, LAW_SHARE) & ~rejected):
-            thrusts[i] = self._solve(served[i])
-        status[~self._judge(served, thrusts) & ~rejected] = Status.INEXACT
-        exact = self._judge(demands, thrusts) & ~rejected
-        status[exact], levels[exact] = Status.EXACT, 1.0
-        return thrusts, status, levels
