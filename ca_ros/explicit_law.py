@@ -8,7 +8,7 @@ import numpy as np
 
 from ca_ros.affine_law import AffineLaw
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.least_norm import FLAT, LeastNorm
+from ca_ros.least_norm import FLAT, STEEP, LeastNorm
 
 
 def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) -> AffineLaw | None:
@@ -39,6 +39,9 @@ def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) ->
     if free is None:
         return None
     slopes = _slopes(least_norm.basis, free)
+    if np.linalg.norm(slopes[free], 2) * np.sqrt(len(free)) > STEEP:
+        # Somewhere in this region multipliers may be so large that solutions are relaxed.
+        return None
     offset = -slopes @ (least_norm.basis[~free].T @ thrusts[~free])
     law = AffineLaw.of(slopes @ least_norm.coordinates, offset, free, thrusts, low, high)
     return replace(law, proven=_error(law, matrix, free, thrusts) <= tolerance)

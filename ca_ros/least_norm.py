@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
+from typing import NamedTuple
+
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
@@ -12,8 +15,35 @@ STEPS = 50
 FLAT = 1e-8
 """Singular value of the free rotors' part of `basis` below which an axis is not served."""
 
+STEEP = 2e4
+"""Multipliers beyond this, in units of the greatest thrust, belong to facets almost parallel."""
+
+SOFT = 0.3
+"""Multiple of `STEEP` at which a relaxed solution misses the wrench by all that it may."""
+
 ROUNDING = 16 * float(np.finfo(float).eps)
 """Share of |y| up to which thrusts that y determines are uncertain."""
+
+
+class Solution(NamedTuple):
+    """What `LeastNorm.solve` has found.
+
+    Attributes
+    ----------
+    thrusts : (n,) array
+        Within their bounds; those with the least |A f - u| that were met [N].
+    multipliers : (m,) array
+        y with ``thrusts = clip(A^T y)``, up to rounding.
+    attained : bool
+        Whether there are thrusts with |A f - u| within the tolerance.
+    relaxed : bool
+        Whether the thrusts make use of `slack`.
+    """
+
+    thrusts: Array
+    multipliers: Array
+    attained: bool
+    relaxed: bool
 
 
 class LeastNorm:
@@ -47,8 +77,16 @@ class LeastNorm:
         self.coordinates = (left / singular).T
         self._back = left * singular
 
-    def solve(self, u: Array, tolerance: float, start: Array | None = None) -> tuple[Array, Array]:
+    def solve(
+        self, u: Array, tolerance: float, start: Array | None = None, slack: float = 0.0
+    ) -> Solution:
         """Find the least thrusts that give u.
+
+        A facet of the attainable set that has more than m - 1 columns of A in it falls apart, if
+        the columns are not quite in one plane, into facets that are almost parallel.  Near these
+        the least thrusts change by newtons while u changes by next to nothing, and the
+        multipliers are large.  With `slack`, u is then missed by up to so much in favour of
+        smaller thrusts, which depend on u as if the columns were in one plane.
 
         Parameters
         ----------
@@ -58,18 +96,39 @@ class LeastNorm:
             Goal for |A f - u|.
         start : (m,) array, optional
             Multipliers to start at.
+        slack : float
+            Greatest |A f - u| where multipliers are large.
 
         Returns
         -------
-        thrusts : (n,) array
-            Those with the least |A f - u| that were met.
-        multipliers : (m,) array
-            y with ``thrusts = clip(A^T y)``, up to rounding.
+        Solution
         """
+        first = None if start is None else self._back.T @ start
+        thrusts, y, residual = self._solve(u, tolerance, first)
+        steep = STEEP * float(self.upper.max(initial=1.0))
+        relaxed = residual <= tolerance < slack and float(np.linalg.norm(y)) > steep
+        if relaxed:
+            n, m = self.basis.shape
+            room = slack / (np.sqrt(m) * np.linalg.norm(self._back, 2))
+            rate = np.sqrt(room / (SOFT * steep))
+            # What may be missed of u is a further actuator for each axis.
+            wider = copy(self)
+            wider.basis = np.vstack([self.basis, rate * np.eye(m)])
+            wider.matrix = np.hstack([self.matrix, rate * self._back])
+            wider.lower = np.append(self.lower, np.full(m, -room / rate))
+            wider.upper = np.append(self.upper, np.full(m, room / rate))
+            thrusts, y, _ = wider._solve(u, tolerance, None)
+            thrusts = thrusts[:n]
+        return Solution(thrusts, self.coordinates.T @ y, residual <= tolerance, relaxed)
+
+    def _solve(
+        self, u: Array, tolerance: float, start: Array | None
+    ) -> tuple[Array, Array, float]:
+        """Return thrusts, multipliers of `basis` and the residual."""
         tolerance = 0.5 * tolerance
         basis, lower, upper = self.basis, self.lower, self.upper
         target = self.coordinates @ u
-        y = target if start is None else self._back.T @ start
+        y = target if start is None else start
         best, least = (lower, y), np.inf
         for _ in range(STEPS):
             thrusts, after, left, steps = self._steps(u, y, tolerance)
@@ -88,7 +147,8 @@ class LeastNorm:
         thrusts, y = best
         if least > tolerance:
             thrusts = self.settle(thrusts, u, tolerance)
-        return thrusts, self.coordinates.T @ y
+            least = float(np.linalg.norm(u - self.matrix @ thrusts))
+        return thrusts, y, least
 
     def _steps(
         self, u: Array, y: Array, tolerance: float

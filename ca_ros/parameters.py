@@ -152,6 +152,14 @@ PARAMETERS: dict[str, Parameter] = {
         choices=('avoid', 'prevent', 'allow'),
         mutable=True,
     ),
+    'allocation.exact.slack': Parameter(
+        'share of a wrench, or of 1 N or 1 N m, by which it may be missed where the vehicle is '
+        'symmetric but for the digits of its file',
+        default=1e-9,
+        minimum=0.0,
+        maximum=1e-2,
+        mutable=True,
+    ),
     'allocation.exact.solver': Parameter(
         'where the solution begins: at the pseudo-inverse, or at the answer of OSQP',
         str,

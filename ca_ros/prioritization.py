@@ -127,9 +127,9 @@ class Prioritization:
 
     def _serve(self, goals: list[float]) -> list[float]:
         """Return thrusts and wrench (n + m,) for a demand (m,), in the units of the simplex."""
-        simplex, offset = self._start.copy(), self._offset
+        simplex, offset, length = self._start.copy(), self._offset, -1
         if len(self._first) == 1:
-            self._approach(simplex, self._first, goals)
+            simplex.push(offset + self._first[0], goals[self._first[0]])
         else:
             ways = [goals[row] - at for row, at in zip(self._first, self._begin, strict=True)]
             size = max(map(abs, ways)) or 1.0
@@ -137,31 +137,25 @@ class Prioritization:
                 [offset + row for row in self._first], [way / size for way in ways]
             )
             simplex.push(length, size)
-            simplex.hold(length)
-            share = simplex.value[length] / size
-            for row, at, way in zip(self._first, self._begin, ways, strict=True):
-                simplex.value[offset + row] = goals[row] if share == 1.0 else at + share * way
         for row in self._senses:
             v, value = offset + row, simplex.value[offset + row]
             low, high = sorted((goals[row], self._reference[row]))
             if low <= value <= high or simplex.push(v, low if value < low else high):
                 simplex.lower[v], simplex.upper[v] = low, high
-            else:
-                simplex.hold(v)
         for group in self._later:
             if len(group) > 1:
-                ways = [abs(goals[row] - self._reference[row]) for row in group]
-                size = max(ways) or 1.0
-                weights = [max(way / size, LAG) for way in ways]
+                distances = [abs(goals[row] - self._reference[row]) for row in group]
+                longest = max(distances) or 1.0
                 lag = simplex.add_lag(
-                    [offset + row for row in group], [goals[row] for row in group], weights
+                    [offset + row for row in group],
+                    [goals[row] for row in group],
+                    [max(distance / longest, LAG) for distance in distances],
                 )
                 simplex.push(lag, 0.0)
-                simplex.hold(lag)
-            self._approach(simplex, group, goals)
+            for row in group:
+                simplex.push(offset + row, goals[row])
+        if length >= 0:
+            share = simplex.value[length] / size
+            for row, at, way in zip(self._first, self._begin, ways, strict=True):
+                simplex.value[offset + row] = goals[row] if share == 1.0 else at + share * way
         return simplex.value[: offset + len(goals)]
-
-    def _approach(self, simplex: Simplex, group: list[int], goals: list[float]) -> None:
-        for row in group:
-            simplex.push(self._offset + row, goals[row])
-            simplex.hold(self._offset + row)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from ca_ros.arrays import Array
 
-ZERO = 1e-9
+ZERO = 1e-8
 """Rate below which a variable does not depend on another; all are of the order of 1."""
 
 SLACK = 1e-12
 """How far variables may be beyond their bounds because of rounding."""
 
-ROUNDING = 1e-11
+ROUNDING = 1e-9
 """Rate below which a variable does not come to its bound."""
 
 PIVOTS_PER_VARIABLE = 8
@@ -60,24 +60,27 @@ class Simplex:
     def push(self, v: int, goal: float) -> bool:
         """Move variable v as far towards a goal as the bounds of all others allow.
 
+        From then on v is never further from the goal.
+
         Returns
         -------
         bool
-            Whether v is at its goal.  If not, v keeps its value from now on.
+            Whether v is at the goal.
         """
-        if self.value[v] == goal:
-            return True
-        if v not in self._basic and v not in self._nonbasic:
-            return False
+        reached = self.value[v] == goal or self._push(v, goal)
+        self.lower[v], self.upper[v] = sorted((self.value[v], goal))
+        return reached
+
+    def _push(self, v: int, goal: float) -> bool:
+        value, lower, upper = self.value, self.lower, self.upper
         if v in self._nonbasic:
             k = self._nonbasic.index(v)
-            r, reached = self._move(k, goal - self.value[v], goal, -1)
+            blocked, reached = self._move(k, goal - value[v], goal, -1)
             if reached:
-                self.value[v] = goal
+                value[v] = goal
                 return True
-            self._pivot(r, k)
+            self._pivot(blocked, k)
         r = self._basic.index(v)
-        value, lower, upper = self.value, self.lower, self.upper
         for pivot in range(PIVOTS_PER_VARIABLE * len(value)):
             left, best, k = goal - value[v], ZERO, -1
             for j, (rate, x) in enumerate(zip(self._rates[r], self._nonbasic)):  # noqa: B905
@@ -89,23 +92,18 @@ class Simplex:
                         # The first that moves v, not the fastest: so the method cannot cycle.
                         break
             if k < 0:
-                break
+                return False
             blocked, reached = self._move(k, left / self._rates[r][k], goal, v)
             if reached:
                 value[v] = goal
                 return True
             if blocked >= 0:
                 self._pivot(blocked, k)
-        self._drop([abs(rate) <= ZERO for rate in self._rates[r]])
         return False
 
-    def hold(self, v: int) -> None:
-        """Keep variable v at its value from now on."""
-        self.lower[v] = self.upper[v] = self.value[v]
-
     def release(self, v: int) -> None:
-        """Make variable v nonbasic, if any other depends on it, and keep it at its value."""
-        self.hold(v)
+        """Make variable v nonbasic, and keep it at its value."""
+        self.lower[v] = self.upper[v] = self.value[v]
         if v in self._basic:
             r = self._basic.index(v)
             sizes = [

@@ -16,6 +16,7 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import EXACT_TOLERANCE
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.explicit_law import explicit_law
+from ca_ros.least_norm import Solution
 from ca_ros.vehicle import Vehicle
 
 POLICIES = {
@@ -29,11 +30,13 @@ SOLVERS = ('newton', 'osqp')
 
 EXACT = Status.EXACT
 
-NEAR = 1e-6
+NEAR = 1e-4
 """Share of an axis's range by which a wrench may be missed and still turn out to be attainable."""
 
 BATCH_MIN = 16
 """From so many wrenches on a batch is faster than one wrench after the other."""
+
+SLACK_MAX = 1e-2
 
 LAW_SHARE = 0.5
 """Of the tolerance, that a law may use up; the rest is for those who sum up in another order."""
@@ -61,6 +64,11 @@ class Exact(Allocator):
         Where the solution begins: at the pseudo-inverse, or at OSQP's answer.  It ends at the same
         thrusts, to rounding.
 
+    slack : float
+        Where facets of the admissible set are almost parallel, because the vehicle is symmetric
+        but for the digits of its file, an attainable wrench u may be missed by up to
+        ``slack max(1, |u|)``, so that the thrusts do not jump [N, N m].
+
     Raises
     ------
     ValueError
@@ -75,11 +83,15 @@ class Exact(Allocator):
         about: ArrayLike | None = None,
         solver: str = 'newton',
         reversal: str = 'avoid',
+        slack: float = 1e-9,
     ) -> None:
         super().__init__(vehicle)
         for name, value, choices in (('policy', policy, POLICIES), ('solver', solver, SOLVERS)):
             if value not in choices:
                 raise ValueError(f'{name}: expected one of {", ".join(choices)}, got {value!r}')
+        if not (isinstance(slack, (int, float)) and 0.0 <= slack <= SLACK_MAX):
+            raise ValueError(f'slack: expected a number from 0 to {SLACK_MAX:g}, got {slack!r}')
+        self.slack = slack
         self.policy, self.order, self.reversal, self.about = policy, order, reversal, about
         self.admissible = AdmissibleSet(self.problem)
         self._least_norm = self.problem.least_norm
@@ -97,14 +109,14 @@ class Exact(Allocator):
             return Allocation(self.problem, u, thrusts, EXACT)
         served, levels = self._attainable(u)
         if self._near(served, u):
-            thrusts = self._solve(u)
-            if self._judge(u, thrusts):
+            thrusts, attained = self._solve(u)
+            if attained:
                 return Allocation(self.problem, u, thrusts, EXACT)
         status = POLICIES[self.policy]
         if status is Status.REJECTED:
             return Allocation(self.problem, u, self.problem.lower.copy(), status, 0.0)
-        thrusts = self._solve(served)
-        if not self._judge(served, thrusts):
+        thrusts, attained = self._solve(served)
+        if not attained:
             status = Status.INEXACT
         return Allocation(self.problem, u, thrusts, status, float(levels.min()))
 
@@ -113,21 +125,27 @@ class Exact(Allocator):
         distances = np.abs(served - u) / self.problem.extent
         return np.asarray(distances.max(axis=-1) <= NEAR)
 
-    def _solve(self, u: Array) -> Array:
-        """Return the least thrusts for a wrench in the set."""
+    def _solve(self, u: Array) -> tuple[Array, bool]:
+        """Return the least thrusts for a wrench, and whether it is attainable."""
+        start = None
         if self._osqp is not None:
-            return self._least_norm.solve(u, self._tolerance(u), self._osqp.multipliers(u))[0]
-        thrusts = self._laws.find_or_learn(u)
-        if self._laws.proven or self._judge(u, thrusts, LAW_SHARE):
-            return thrusts
-        return self._least_norm.solve(u, self._tolerance(u))[0]
+            start = self._osqp.multipliers(u)
+        else:
+            thrusts = self._laws.find_or_learn(u)
+            if self._laws.proven or self._judge(u, thrusts, LAW_SHARE):
+                return thrusts, True
+        solution = self._least(u, start)
+        return solution.thrusts, solution.attained
 
     def _learn(self, u: Array) -> tuple[Array, AffineLaw | None]:
-        thrusts, multipliers = self._least_norm.solve(u, self._tolerance(u))
-        return thrusts, explicit_law(self._least_norm, multipliers, LAW_SHARE * EXACT_TOLERANCE)
+        solution = self._least(u)
+        law = explicit_law(self._least_norm, solution.multipliers, LAW_SHARE * EXACT_TOLERANCE)
+        return solution.thrusts, None if solution.relaxed else law
 
-    def _tolerance(self, u: Array) -> float:
-        return float(self.problem.tolerance(u))
+    def _least(self, u: Array, start: Array | None = None) -> Solution:
+        tolerance = float(self.problem.tolerance(u))
+        slack = tolerance / EXACT_TOLERANCE * self.slack
+        return self._least_norm.solve(u, tolerance, start, slack)
 
     def _allocate_batch(self, demands: Array) -> Allocation:
         if self._osqp is not None or len(demands) < BATCH_MIN:
