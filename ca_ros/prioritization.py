@@ -8,7 +8,6 @@ import numpy as np
 
 from ca_ros.allocation_problem import AllocationProblem, lengths
 from ca_ros.arrays import Array
-from ca_ros.simplex import Simplex
 
 INSIDE = 0.99
 """Greatest share of the way from the middle of the set to its boundary where a line may begin."""
