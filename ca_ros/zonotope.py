@@ -7,8 +7,11 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ca_ros.arrays import Array, BoolArray, constant
+
+IndexArray = NDArray[np.intp]
 
 PARALLEL = 1e-10
 """Share of a segment's length below which its component along a normal is rounding."""
@@ -23,6 +26,9 @@ PULLS = 50
 """Limit of the projections on facets in `pull`; where few facets are near, few are needed."""
 
 TILES_MAX = 1_000_000
+
+CHOICES_MAX = 1_000_000
+"""Greatest number of choices of m - 1 generators that facets are looked for among."""
 
 
 class Zonotope:
@@ -48,7 +54,7 @@ class Zonotope:
     Raises
     ------
     ValueError
-        If the set has no volume.
+        If the set has no volume, or too many facets.
     """
 
     def __init__(self, center: Array, generators: Array) -> None:
@@ -178,18 +184,51 @@ def spans(generators: Array) -> bool:
 
 
 def _facet_normals(generators: Array) -> Array:
-    """Return the directions (k, m) orthogonal to m - 1 independent generators, each once."""
+    """Return the directions (k, m) orthogonal to m - 1 independent generators, each once.
+
+    The span of each choice of generators is kept as the exterior product of unit vectors, and
+    grows by one generator at a time: the length of the product is then the sine of the angle
+    between the generator and the span, and choices that are not independent end there.
+    """
     m = len(generators)
     if m == 1:
         return np.ones((1, 1))
     lengths = np.linalg.norm(generators, axis=0)
-    directions = (generators[:, lengths > 0.0] / lengths[lengths > 0.0]).T
-    choices = np.array(list(combinations(range(len(directions)), m - 1)), dtype=int).reshape(
-        -1, m - 1
-    )
-    left, singular, _ = np.linalg.svd(np.swapaxes(directions[choices], 1, 2))
-    normals = left[np.all(singular > FLAT, axis=1), :, -1]
+    vectors = (generators[:, lengths > 0.0] / lengths[lengths > 0.0]).T
+    if comb(len(vectors), m - 1) > CHOICES_MAX:
+        raise ValueError(
+            f'the facets for {len(vectors)} rotors and {m} axes are among '
+            f'{comb(len(vectors), m - 1)} choices of rotors, more than {CHOICES_MAX}'
+        )
+    last, spans = np.arange(len(vectors)), vectors
+    for size in range(1, m - 1):
+        room = len(vectors) - 1 - last
+        parents = np.repeat(np.arange(len(last)), room)
+        first = np.cumsum(room) - room
+        last = last[parents] + 1 + np.arange(len(parents)) - first[parents]
+        spans = _exterior_products(spans, parents, vectors, last, size)
+        sines = np.linalg.norm(spans, axis=1)
+        kept = sines > FLAT
+        last, spans = last[kept], spans[kept] / sines[kept, None]
+    # The components of a product belong to choices of m - 1 axes: to the axis that is left out.
+    signs = (-1.0) ** np.arange(m)
+    normals = spans[:, ::-1] * signs
     leading = np.argmax(np.abs(normals) > FLAT, axis=1)
     normals *= np.sign(normals[np.arange(len(normals)), leading])[:, None]
     _, first = np.unique(np.round(normals, 11), axis=0, return_index=True)
     return normals[np.sort(first)]
+
+
+def _exterior_products(
+    spans: Array, parents: IndexArray, vectors: Array, last: IndexArray, size: int
+) -> Array:
+    """Return the products of ``spans[parents]``, of `size` vectors each, and ``vectors[last]``."""
+    m = vectors.shape[1]
+    places = {axes: i for i, axes in enumerate(combinations(range(m), size))}
+    products = np.zeros((len(parents), comb(m, size + 1)))
+    for i, axes in enumerate(combinations(range(m), size + 1)):
+        for k, axis in enumerate(axes):
+            rest = places[axes[:k] + axes[k + 1 :]]
+            sign = (-1.0) ** (size - k)
+            products[:, i] += sign * spans[parents, rest] * vectors[last, axis]
+    return products

@@ -141,3 +141,8 @@ def test_samples_fall_alike_in_bodies_of_the_same_volume():
 def test_the_same_seed_draws_the_same_samples():
     first, second = (HEXAGON.sample(np.random.default_rng(7), 10) for _ in range(2))
     np.testing.assert_array_equal(first, second)
+
+
+def test_so_many_generators_that_facets_would_fill_the_memory_are_refused():
+    with pytest.raises(ValueError, match=r'200 rotors and 4 axes .* 1313400 choices'):
+        some_zonotope(np.random.default_rng(0), 4, 200)
