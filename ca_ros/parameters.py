@@ -18,6 +18,9 @@ Value = float | str | list[float] | list[str]
 
 REQUIRED = object()
 
+LARGEST = 1e9
+"""No number of a vehicle, in SI units, is larger; products of larger ones could overflow."""
+
 
 class ParameterError(ValueError):
     """A parameter file, a parameter's name or a parameter's value is wrong."""
@@ -247,7 +250,7 @@ def check(name: str, value: Any, table: Mapping[str, Parameter] = PARAMETERS) ->
 
 
 def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
-    expected = f'{name}: must be {parameter.range()}, got {value!r}'
+    expected = f'{name}: must be {parameter.range()}, got {_shortened(value)}'
     if parameter.kind is not float:
         if not isinstance(value, parameter.kind) or (
             parameter.choices and value not in parameter.choices
@@ -259,6 +262,8 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
         number = nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         raise ParameterError(expected) from None
+    if isfinite(number) and abs(number) > LARGEST:
+        raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {number:g}')
     if (
         not isfinite(number)
         or not parameter.minimum <= number <= parameter.maximum
@@ -266,6 +271,16 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
     ):
         raise ParameterError(expected)
     return number
+
+
+def _shortened(value: Any) -> str:
+    """Return a value as in Python, but not more than a line of it."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):
+        # Such as an integer of thousands of digits.
+        return f'a value of type {type(value).__name__} without end'
+    return text if len(text) <= 80 else f'{text[:80]}...'
 
 
 def complete(

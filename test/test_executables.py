@@ -102,6 +102,15 @@ def test_a_wrong_vehicle_is_refused_in_one_line(graph, tmp_path, fault):
     ], FAULTS[fault])
 
 
+def test_a_file_that_holds_itself_is_refused_in_one_line_by_all_that_read_it(graph, tmp_path):
+    file = tmp_path / 'wrong.yaml'
+    file.write_text("'/**': &a\n  ros__parameters:\n    vehicle: *a\n", encoding='utf-8')
+    names = 'allocator', 'bringup', 'static_study', 'dynamic_study', 'benchmark'
+    refused(
+        graph, [(name, '--vehicle', str(file)) for name in names],
+        ['wrong.yaml', 'aliases', 'line 3'])
+
+
 def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
     refused(graph, [
         *((name, '--vehicle', 'nope') for name in OPTIONS),

@@ -339,11 +339,40 @@ def test_the_outline_of_a_section_is_on_the_boundary():
 
 # The command line
 
+@pytest.fixture
+def unfinished(tmp_path, monkeypatch):
+    """Classes of a user's own that are no methods yet."""
+    (tmp_path / 'unfinished.py').write_text("""
+from ca_ros import Allocator
+
+class NoAllocate(Allocator):
+    pass
+
+class NoVehicle(Allocator):
+    def __init__(self):
+        pass
+
+    def _allocate(self, u):
+        pass
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    sys.modules.pop('unfinished', None)
+
+
 @pytest.mark.parametrize(('arguments', 'code', 'words'), [
     (['--vehicle', 'nowhere'], 1, 'nowhere: neither a file nor a shipped vehicle'),
     (['--methods', 'exakt'], 1, "no method 'exakt'; there are exact"),
     (['--methods', 'nowhere:Mine'], 1, 'nowhere:Mine: No module named'),
     (['--methods', 'json:Mine'], 1, 'json:Mine: module .* has no attribute'),
+    (['--methods', '../../../etc/passwd:X'], 1, "no method '../../../etc/passwd:X'; there are"),
+    (['--methods', '.json:Mine'], 1, "no method '.json:Mine'"),
+    (['--methods', 'unfinished:NoAllocate'], 1, 'NoAllocate: the class does not define _allocate'),
+    (['--methods', 'unfinished:NoVehicle'], 1, 'NoVehicle: cannot be made from a vehicle'),
+    (['--methods', 'json:loads'], 1, 'json:loads: not a class'),
+    (['-p', 'vehicle.mass:=!!timestamp foo'], 1, 'vehicle.mass: not a value: .*timestamp'),
+    (['-p', 'allocation.conventional.weight:=1.7e308'], 1, 'weight: .*up to 1e.09'),
+    (['-p', 'rotors.thrust_coefficient:=1e300'], 1, 'rotors.thrust_coefficient: .*up to 1e.09'),
     (['-p', 'vehicle.mass:=-1'], 1, 'vehicle.mass: must be positive'),
     (['-p', 'vehicle.mas:=1'], 1, 'vehicle.mas: no such parameter'),
     (['-p', 'vehicle.mass=1'], 1, 'expected NAME:=VALUE'),
@@ -353,7 +382,8 @@ def test_the_outline_of_a_section_is_on_the_boundary():
     (['--seed', '-1'], 2, 'whole number'),
     (['--sampling', 'cube'], 2, 'invalid choice'),
 ])
-def test_what_is_wrong_is_said_in_one_line(arguments, code, words, tmp_path, capsys):
+def test_what_is_wrong_is_said_in_one_line(
+        arguments, code, words, unfinished, tmp_path, capsys):
     try:
         found = main([*arguments, '--out', str(tmp_path)])
     except SystemExit as end:

@@ -8,15 +8,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.figures import add_option
-from ca_ros.parameter_files import load
+from ca_ros.parameter_files import load, read_yaml
 from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
@@ -169,15 +168,15 @@ def _change(text: str) -> tuple[str, Any]:
         fault = 'no such parameter' if given else 'expected NAME:=VALUE'
         raise ParameterError(f'{name}: {fault}')
     try:
-        return name, yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise ParameterError(f'{name}: not a value: {value}') from None
+        return name, read_yaml(value)
+    except ParameterError as error:
+        raise ParameterError(f'{name}: not a value: {error}') from None
 
 
 def _own_class(method: str) -> type[Allocator]:
     module, colon, name = method.partition(':')
     known = ', '.join([*BUILT_IN, *FOR_COMPARISON])
-    if not (module and colon and name):
+    if not (colon and name and all(part.isidentifier() for part in module.split('.'))):
         raise ValueError(f'no method {method!r}; there are {known}, and module:Class for your own')
     if os.getcwd() not in sys.path:
         # An installed script sees its own folder, but users have their method where they stand.
@@ -188,4 +187,10 @@ def _own_class(method: str) -> type[Allocator]:
         raise ValueError(f'{method}: {error}') from None
     if not isinstance(found, type):
         raise ValueError(f'{method}: not a class')
+    if missing := ', '.join(sorted(getattr(found, '__abstractmethods__', ()))):
+        raise ValueError(f'{method}: the class does not define {missing}')
+    try:
+        signature(found).bind(None)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{method}: cannot be made from a vehicle: {error}') from None
     return found
