@@ -31,6 +31,9 @@ def lengths(vectors: Array) -> Array:
 class AllocationProblem:
     """Find f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
 
+    It is judged by its mathematics alone: a vehicle that allocators would refuse, since it cannot
+    command every axis or hover, is a problem all the same.
+
     Attributes
     ----------
     vehicle : Vehicle
@@ -52,6 +55,11 @@ class AllocationProblem:
         self.upper = vehicle.thrust_max
         self._shape = (len(self.axes),)
         self.hover = constant([vehicle.weight * (axis == 'thrust') for axis in self.axes])
+
+    @property
+    def n(self) -> int:
+        """Number of rotors."""
+        return self.vehicle.n
 
     @cached_property
     def image(self) -> Zonotope:

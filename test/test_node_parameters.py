@@ -12,6 +12,7 @@ import yaml
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros import ParameterError, Vehicle, make_allocator
 from ca_ros.parameter_files import load
 from ca_ros.parameters import PARAMETERS, REQUIRED
 from ros import Graph
@@ -114,6 +115,18 @@ def test_the_other_nodes_check_them_too(graph, tmp_path, node):
     answers = start_with(graph, tmp_path, node, [{name: value} for name, value in wrong])
     for (name, _), (code, said) in zip(wrong, answers, strict=True):
         check_line(node, code, said, [name])
+
+
+@pytest.mark.parametrize('node', ['allocator', 'controller'])
+def test_the_audit_refuses_in_the_words_of_python(graph, tmp_path, node):
+    changes = [
+        {'rotors.health': [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}, {'vehicle.mass': 18.0},
+        {'rotors.torque_coefficient': 0.0}]
+    answers = start_with(graph, tmp_path, node, changes)
+    for change, (code, said) in zip(changes, answers, strict=True):
+        with pytest.raises(ParameterError) as refused:
+            make_allocator('exact', Vehicle.from_parameters({**load('hexarotor'), **change}))
+        assert (code, said) == (1, f'{node}: {refused.value}\n')
 
 
 def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_path):

@@ -9,7 +9,7 @@ from ca_ros.affine_law import AffineLaw
 from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
-from ca_ros.allocation_problem import ABSURD
+from ca_ros.allocation_problem import ABSURD, AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -25,7 +25,7 @@ class Conventional(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle
+    vehicle : Vehicle or AllocationProblem
     weight : float, (n,) or (n * n,) or (n, n) array
         Q: q of q I, its diagonal, or the matrix; symmetric, positive semidefinite.
     reference : 'hover', 'zero' or (n,) array
@@ -38,12 +38,15 @@ class Conventional(Allocator):
     """
 
     def __init__(
-        self, vehicle: Vehicle, weight: ArrayLike = 1e-4, reference: str | ArrayLike = 'hover'
+        self,
+        vehicle: Vehicle | AllocationProblem,
+        weight: ArrayLike = 1e-4,
+        reference: str | ArrayLike = 'hover',
     ) -> None:
         super().__init__(vehicle)
         n = vehicle.n
         self.weight = _weight(weight, n)
-        self.reference = _reference(reference, vehicle)
+        self.reference = _reference(reference, self.problem.vehicle)
         self.hessian = self.weight + self.problem.gamma.T @ self.problem.gamma
         curvatures = np.linalg.eigvalsh(self.hessian)
         if curvatures[0] < 1e-9 * curvatures[-1]:

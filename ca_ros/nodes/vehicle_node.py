@@ -18,9 +18,9 @@ from rclpy.subscription import Subscription
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.watchdog import TICK
-from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete
+from ca_ros.parameters import PARAMETERS, REQUIRED, complete
 from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import Audit, audit
+from ca_ros.vehicle_audit import Audit, accept
 
 MISMATCH = 'type or quality of service'
 
@@ -73,12 +73,9 @@ class VehicleNode(Node):
         ParameterError
             If an axis or hover is lost at the start, and `allocation.lost_axes` is refuse.
         """
-        report = audit(Vehicle.from_parameters(parameters))
-        starting = self.audit is None
-        if starting and not report.sound and parameters['allocation.lost_axes'] == 'refuse':
-            hint = ' (drop would fly it)' if report.kept_hover_margin > 0.0 else ''
-            raise ParameterError(f'allocation.lost_axes: this vehicle is refused: {report}{hint}')
-        return report
+        # In flight lost axes are given up; nothing is refused.
+        lost_axes = None if self.audit is None else 'drop'
+        return accept(Vehicle.from_parameters(parameters), lost_axes)
 
     def note(self, report: Audit) -> None:
         """Keep an audit, and say it if it is another than before."""

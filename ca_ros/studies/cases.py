@@ -19,7 +19,7 @@ from ca_ros.parameter_files import load, read_yaml
 from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import audit
+from ca_ros.vehicle_audit import accept
 
 BUILT_IN = tuple(ALLOCATORS)
 """Those of the package, the four of the paper in the order of its Table 1."""
@@ -98,7 +98,7 @@ class Case:
     changes: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, name: str, changes: Sequence[str] = (), to_fly: bool = False) -> Case:
+    def load(cls, name: str, changes: Sequence[str] = ()) -> Case:
         """Read a vehicle's parameter file.
 
         Parameters
@@ -107,8 +107,6 @@ class Case:
             A shipped vehicle or the path of a parameter file.
         changes : sequence of str
             ``NAME:=VALUE``, the value as in a parameter file.
-        to_fly : bool
-            Ask for what the nodes ask for: that it can hover with all axes served.
 
         Raises
         ------
@@ -120,17 +118,10 @@ class Case:
             parameters.update([_change(change)])
         parameters = complete(parameters)
         try:
-            vehicle = Vehicle.from_parameters(parameters)
+            vehicle = accept(Vehicle.from_parameters(parameters)).vehicle
         except ParameterError as error:
             raise ParameterError(f'{name}: {error}') from None
-        report = audit(vehicle)
-        sound = report.sound if to_fly else report.vehicle.axes == vehicle.axes
-        if not sound and parameters['allocation.lost_axes'] == 'refuse':
-            raise ParameterError(
-                f'{name}: allocation.lost_axes: this vehicle is refused: {report} '
-                f'(drop would {"fly" if to_fly else "study"} it)'
-            )
-        return cls(name, parameters, report.vehicle, tuple(changes))
+        return cls(name, parameters, vehicle, tuple(changes))
 
     def allocator(self, method: str) -> Allocator:
         """Return a method for the vehicle, with its options from the parameters.
