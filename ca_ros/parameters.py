@@ -127,8 +127,8 @@ PARAMETERS: dict[str, Parameter] = {
         'allocation method', str, default='exact', choices=tuple(METHODS), mutable=True
     ),
     'allocation.lost_axes': Parameter(
-        'refuse: do not start unless the rotors can command every axis and hover; drop: start, '
-        'and give up the lost axes (as is always done with a loss in flight)',
+        'refuse: do not start unless the rotors can command every axis and hover; drop: start '
+        'all the same, without the lost axes (nodes always drop axes that are lost in flight)',
         str,
         default='refuse',
         choices=('refuse', 'drop'),
