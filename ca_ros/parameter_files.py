@@ -78,6 +78,14 @@ def read_yaml(text: str) -> Any:
         raise ParameterError(f'not readable YAML: {" ".join(said.split())}') from None
 
 
+def read_value(name: str, text: str) -> Any:
+    """Return the value in an argument ``NAME:=VALUE``; raise a `ParameterError` that names it."""
+    try:
+        return read_yaml(text)
+    except ParameterError as error:
+        raise ParameterError(f'{name}: not a value: {error}') from None
+
+
 def config_directory() -> Path:
     """Return the folder of the shipped parameter files.
 

@@ -26,6 +26,10 @@ class ParameterError(ValueError):
     """A parameter file, a parameter's name or a parameter's value is wrong."""
 
 
+class MissingParameterError(ParameterError):
+    """A parameter without a default is not given."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """What a parameter means and which values it may have.
@@ -78,6 +82,9 @@ PARAMETERS: dict[str, Parameter] = {
         str,
         default='realtime',
         choices=('realtime', 'lockstep'),
+    ),
+    'vehicle.name': Parameter(
+        'name of the vehicle, the hardware_id of its diagnostics', str, default='multirotor'
     ),
     'vehicle.mass': Parameter('mass [kg]', positive=True),
     'vehicle.gravity': Parameter('local gravity [m/s^2]', positive=True, default=9.81),
@@ -243,6 +250,11 @@ def check(name: str, value: Any, table: Mapping[str, Parameter] = PARAMETERS) ->
     is_array = not isinstance(value, (str, bool)) and hasattr(value, '__len__')
     if is_array and not parameter.array:
         raise ParameterError(f'{name}: expected one value ({parameter.range()}), got {len(value)}')
+    if parameter.kind is float and isinstance(value, str) and value.lstrip().startswith('['):
+        raise ParameterError(
+            f'{name}: expected numbers, got the string {_shortened(value)}; ROS takes a list for '
+            'numbers only if all have a decimal point or none has: write [0.0, 0.5, 1.0]'
+        )
     if not is_array:
         return _check_entry(name, parameter, value)
     entries: Any = [_check_entry(f'{name}[{i}]', parameter, x) for i, x in enumerate(value)]
@@ -291,7 +303,9 @@ def complete(
     Raises
     ------
     ParameterError
-        If a value is wrong, a required one is missing, or a name is unknown but looks like ours.
+        If a value is wrong, or a name is unknown but looks like ours.
+    MissingParameterError
+        If a required one is missing.
     """
     groups = {name.split('.')[0] for name in table if '.' in name}
     for name in given:
@@ -305,6 +319,6 @@ def complete(
     for name, parameter in table.items():
         value = given.get(name, parameter.default)
         if value is REQUIRED or value is None:
-            raise ParameterError(f'{name}: missing; it is the {parameter.description}')
+            raise MissingParameterError(f'{name}: missing; it is the {parameter.description}')
         values[name] = check(name, value, table)
     return values

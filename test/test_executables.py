@@ -146,6 +146,14 @@ def test_a_wrong_option_is_refused_by_name(graph):
         assert any(word.strip('-') in last for word in options), last
 
 
+def test_a_wrong_value_on_the_command_line_is_refused_in_one_line(graph):
+    # ROS alone would pass over both: the file's value is of another type.
+    values = '!!timestamp foo', 'foo'
+    refused(graph, [
+        ('allocator', '--vehicle', 'x8', '--ros-args', '-p', f'vehicle.mass:={value}')
+        for value in values], ['vehicle.mass: ', 'foo'])
+
+
 def refused(graph, ways, words):
     """Each way ends with an exit code other than zero and one line with these words."""
     processes = [graph.start_silent(*way) for way in ways]

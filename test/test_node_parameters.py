@@ -129,6 +129,21 @@ def test_the_audit_refuses_in_the_words_of_python(graph, tmp_path, node):
         assert (code, said) == (1, f'{node}: {refused.value}\n')
 
 
+def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path):
+    file = tmp_path / 'others.yaml'
+    values = load('hexarotor')
+    file.write_text(yaml.safe_dump({
+        name: {'ros__parameters': values} for name in ('/uav1/simulator', '/uav2/allocator')}))
+    process = graph.start_silent(
+        'allocator', '--ros-args', '-r', '__ns:=/uav1', '--params-file', str(file))
+    _, said = graph.outlive(process)
+    check_line('allocator', process.returncode, said, [
+        'vehicle.mass: missing', '/uav1/allocator', str(file), '/uav1/simulator, /uav2/allocator'])
+    del values['vehicle.mass']
+    [(code, said)] = start_with(graph, tmp_path, 'controller', [{'vehicle.mass': None}])
+    check_line('controller', code, said, ['vehicle.mass: ', 'controller_0.yaml'])
+
+
 def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_path):
     unknown = {
         'comand_timeout': 'command_timeout', 'timeout.action': 'timeout_action',
@@ -143,13 +158,15 @@ def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_p
 def test_a_name_that_may_be_anothers_is_said(graph, node):
     process = graph.start_silent(
         node, '--vehicle', 'hexarotor', '--ros-args', '-p', 'camera.exposure:=3',
-        '-p', 'foo:=1.0', '-p', 'use_sim_time:=true')
+        '-p', 'foo:=1.0', '-p', 'use_sim_time:=true',
+        '-p', 'qos_overrides./clock.subscription.depth:=1')
     graph.connect(node)
     _, err = graph.end(process, signal.SIGINT)
     [line] = [line for line in err.splitlines() if 'camera.exposure' in line]
     assert 'foo' in line
     assert 'WARN' in line
     assert 'use_sim_time' not in err
+    assert 'qos_overrides' not in err
 
 
 # On the running node
@@ -174,6 +191,14 @@ def test_a_wrong_value_on_the_running_node_is_refused_with_the_reason(client, na
         assert len(result.reason.splitlines()) == 1
     assert client.parameters.get(*PARAMETERS) == before
     assert client.ask(HOVER).tobytes() == speeds.tobytes()
+
+
+@pytest.mark.parametrize('value', ['[0.0, 0.5, 1, 1, 1, 1]', '[1, 1.0, 1, 1, 1, 1]'])
+def test_a_list_that_ros_takes_for_a_string_is_refused_with_what_would_be_right(client, value):
+    [result] = client.parameters.set({'rotors.health': value})
+    assert not result.successful
+    for words in ('rotors.health: ', f"the string '{value}'", 'write [0.0, 0.5, 1.0]'):
+        assert words in result.reason
 
 
 @pytest.mark.parametrize('values', [

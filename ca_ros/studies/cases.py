@@ -15,7 +15,7 @@ from typing import Any
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.figures import add_option
-from ca_ros.parameter_files import load, read_yaml
+from ca_ros.parameter_files import load, read_value
 from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
@@ -158,10 +158,7 @@ def _change(text: str) -> tuple[str, Any]:
     if not given or name not in PARAMETERS:
         fault = 'no such parameter' if given else 'expected NAME:=VALUE'
         raise ParameterError(f'{name}: {fault}')
-    try:
-        return name, read_yaml(value)
-    except ParameterError as error:
-        raise ParameterError(f'{name}: not a value: {error}') from None
+    return name, read_value(name, value)
 
 
 def _own_class(method: str) -> type[Allocator]:
