@@ -138,7 +138,8 @@ def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path
         'allocator', '--ros-args', '-r', '__ns:=/uav1', '--params-file', str(file))
     _, said = graph.outlive(process)
     check_line('allocator', process.returncode, said, [
-        'vehicle.mass: missing', '/uav1/allocator', str(file), '/uav1/simulator, /uav2/allocator'])
+        'vehicle.mass: missing', 'looked for by the node /uav1/allocator in ', str(file),
+        'sections: /uav1/simulator, /uav2/allocator'])
 
 
 def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_path):

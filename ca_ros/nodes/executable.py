@@ -101,7 +101,7 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
 
 
 def _parameter_files(ros: Sequence[str]) -> str:
-    """Return the parameter files among the arguments for ROS, with the nodes that they name."""
+    """Return the parameter files among the arguments for ROS, with their sections."""
     files = [file for option, file in pairwise(ros) if option == '--params-file']
     words = []
     for file in files:
@@ -109,9 +109,9 @@ def _parameter_files(ros: Sequence[str]) -> str:
             content = read_yaml(Path(file).read_text(encoding='utf-8'))
         except (ParameterError, OSError, UnicodeDecodeError):
             content = None
-        names = ', '.join(map(str, content)) if isinstance(content, dict) else 'nobody'
-        words.append(f'{file} (which is for {names})')
-    return ' or '.join(words) or 'any --params-file or -p'
+        sections = ', '.join(map(str, content)) if isinstance(content, dict) else 'none readable'
+        words.append(f'{file} (sections: {sections})')
+    return ', '.join(words) or 'no file'
 
 
 def run(
@@ -147,7 +147,7 @@ def run(
             rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
             node = node_class(prog)
         except MissingParameterError as error:
-            print(f'{prog}: {error} by {_parameter_files(ros)}', file=sys.stderr)
+            print(f'{prog}: {error} in {_parameter_files(ros)}', file=sys.stderr)
             return 1
         except (ValueError, *WRONG_PARAMETER) as error:
             print(f'{prog}: {error}', file=sys.stderr)

@@ -58,7 +58,7 @@ class VehicleNode(Node):
             self.parameters = complete(given)
         except MissingParameterError as error:
             name = self.get_fully_qualified_name()
-            raise MissingParameterError(f'{error}; the node {name} is not given it') from None
+            raise MissingParameterError(f'{error}; looked for by the node {name}') from None
         # Files from `ros2 param dump` have those of rclpy's own topics.
         strangers = [
             key
