@@ -1,13 +1,15 @@
-"""What this installation of ca_ros has: ``python -m ca_ros``."""
+"""What this installation of ca_ros has, and audits: ``python -m ca_ros [audit VEHICLE]``."""
 
 from __future__ import annotations
 
 import argparse
 import ast
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 
+from ca_ros import audit_command
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.parameter_files import config_directory
 from ca_ros.parameters import ParameterError
@@ -20,11 +22,22 @@ DOCS = {
 }
 
 
-def main() -> None:
-    """Print it."""
-    argparse.ArgumentParser(
+def main(argv: Sequence[str] | None = None) -> int:
+    """Say what there is, or run a command; return the exit code."""
+    parser = argparse.ArgumentParser(
         prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
-    ).parse_args()
+    )
+    audit_command.add_parser(parser.add_subparsers(title='commands', metavar='COMMAND'))
+    options = parser.parse_args(argv)
+    if 'run' in options:
+        code: int = options.run(options)
+        return code
+    overview()
+    return 0
+
+
+def overview() -> None:
+    """Print what there is."""
     version, programs = installed()
     sections = {
         'executables, each with --help': programs,
@@ -40,6 +53,10 @@ def main() -> None:
         print(f'\n{title}:')
         for name, text in lines.items():
             print(f'  {name:{width}}  {text}')
+    print(
+        "\npython -m ca_ros audit VEHICLE: what a vehicle's rotors can command, and what is left "
+        'after the loss of each'
+    )
 
 
 def installed() -> tuple[str, dict[str, str]]:
@@ -93,4 +110,4 @@ def rclpy() -> str:
 
 
 if __name__ == '__main__':
-    main()
+    raise SystemExit(main())

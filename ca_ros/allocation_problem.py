@@ -32,6 +32,9 @@ def lengths(vectors: Array) -> Array:
 class AllocationProblem:
     """Find f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
 
+    It is judged by its mathematics alone: a vehicle that allocators would refuse, since it cannot
+    command every axis or hover, is a problem all the same.
+
     Attributes
     ----------
     vehicle : Vehicle
@@ -100,6 +103,11 @@ class AllocationProblem:
         length = line.add_ray(rows, (way / size).tolist())
         line.push(length, limit * size)
         return line.value[length] / size
+
+    @property
+    def n(self) -> int:
+        """Number of rotors."""
+        return self.vehicle.n
 
     @cached_property
     def image(self) -> Zonotope:

@@ -14,6 +14,77 @@ import yaml
 
 from ca_ros.parameters import ParameterError, Value, complete
 
+DEPTH_MAX = 20
+"""How deep lists and mappings may be nested in a YAML text."""
+
+
+class PlainLoader(yaml.SafeLoader):
+    """Reads words, numbers, booleans, lists and mappings; every fault is a `yaml.YAMLError`.
+
+    As in ROS, aliases are refused, and dates are words.
+    """
+
+    depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose a node, unless it is an alias or nested too deep."""
+        if self.check_event(yaml.AliasEvent):
+            fault = 'aliases (*name) are not supported'
+        elif self.depth == DEPTH_MAX:
+            fault = f'nested more than {DEPTH_MAX} levels deep'
+        else:
+            self.depth += 1
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            return node
+        raise yaml.MarkedYAMLError(problem=fault, problem_mark=self.peek_event().start_mark)  # type: ignore[no-untyped-call]
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """Construct a node; errors of Python's own conversions get a place in the text."""
+        try:
+            return super().construct_object(node, deep)
+        except (LookupError, ValueError):
+            word = node.value if len(node.value) <= 20 else f'{node.value[:20]}...'
+            raise yaml.MarkedYAMLError(
+                problem=f'{word!r} is not of the type {node.tag.rpartition(":")[2]}',
+                problem_mark=node.start_mark,
+            ) from None
+
+
+PLAIN = ('str', 'int', 'float', 'bool', 'null', 'seq', 'map')
+PlainLoader.yaml_constructors = {
+    tag: constructor
+    for tag, constructor in yaml.SafeLoader.yaml_constructors.items()
+    if tag is None or tag.rpartition(':')[2] in PLAIN
+}
+PlainLoader.yaml_implicit_resolvers = {
+    first: [pair for pair in pairs if pair[0] != 'tag:yaml.org,2002:timestamp']
+    for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+
+def read_yaml(text: str) -> Any:
+    """Return the content of a YAML text that comes from a user.
+
+    Raises
+    ------
+    ParameterError
+        In one line, if it is not YAML, or not plain: see `PlainLoader`.
+    """
+    try:
+        return yaml.load(text, PlainLoader)
+    except yaml.YAMLError as error:
+        said = str(error).replace(' in "<unicode string>"', '')
+        raise ParameterError(f'not readable YAML: {" ".join(said.split())}') from None
+
+
+def read_value(name: str, text: str) -> Any:
+    """Return the value in an argument ``NAME:=VALUE``; raise a `ParameterError` that names it."""
+    try:
+        return read_yaml(text)
+    except ParameterError as error:
+        raise ParameterError(f'{name}: not a value: {error}') from None
+
 
 def config_directory() -> Path:
     """Return the folder of the shipped parameter files.
@@ -64,12 +135,10 @@ def load(vehicle: str | Path) -> dict[str, Value]:
     """
     path = find(vehicle)
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        content = read_yaml(path.read_text(encoding='utf-8'))
         return complete(_flatten(_ros_parameters(content)))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(
-            f'{path}: not a readable YAML file: {" ".join(str(error).split())}'
-        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path}: not readable YAML: {error}') from None
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
 

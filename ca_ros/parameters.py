@@ -18,9 +18,16 @@ Value = float | str | list[float] | list[str]
 
 REQUIRED = object()
 
+LARGEST = 1e9
+"""No number of a vehicle, in SI units, is larger; products of larger ones could overflow."""
+
 
 class ParameterError(ValueError):
     """A parameter file, a parameter's name or a parameter's value is wrong."""
+
+
+class MissingParameterError(ParameterError):
+    """A parameter without a default is not given."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,9 @@ PARAMETERS: dict[str, Parameter] = {
         default='realtime',
         choices=('realtime', 'lockstep'),
     ),
+    'vehicle.name': Parameter(
+        'name of the vehicle, the hardware_id of its diagnostics', str, default='multirotor'
+    ),
     'vehicle.mass': Parameter('mass [kg]', positive=True),
     'vehicle.gravity': Parameter('local gravity [m/s^2]', positive=True, default=9.81),
     'vehicle.inertia': Parameter(
@@ -124,8 +134,8 @@ PARAMETERS: dict[str, Parameter] = {
         'allocation method', str, default='exact', choices=tuple(METHODS), mutable=True
     ),
     'allocation.lost_axes': Parameter(
-        'refuse: do not start unless the rotors can command every axis and hover; drop: start, '
-        'and give up the lost axes (as is always done with a loss in flight)',
+        'refuse: do not start unless the rotors can command every axis and hover; drop: start '
+        'all the same, without the lost axes (nodes always drop axes that are lost in flight)',
         str,
         default='refuse',
         choices=('refuse', 'drop'),
@@ -256,6 +266,11 @@ def check(name: str, value: Any, table: Mapping[str, Parameter] = PARAMETERS) ->
     is_array = not isinstance(value, (str, bool)) and hasattr(value, '__len__')
     if is_array and not parameter.array:
         raise ParameterError(f'{name}: expected one value ({parameter.range()}), got {len(value)}')
+    if parameter.kind is float and isinstance(value, str) and value.lstrip().startswith('['):
+        raise ParameterError(
+            f'{name}: expected numbers, got the string {_shortened(value)}; ROS takes a list for '
+            'numbers only if all have a decimal point or none has: write [0.0, 0.5, 1.0]'
+        )
     if not is_array:
         return _check_entry(name, parameter, value)
     entries: Any = [_check_entry(f'{name}[{i}]', parameter, x) for i, x in enumerate(value)]
@@ -263,7 +278,7 @@ def check(name: str, value: Any, table: Mapping[str, Parameter] = PARAMETERS) ->
 
 
 def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
-    expected = f'{name}: must be {parameter.range()}, got {value!r}'
+    expected = f'{name}: must be {parameter.range()}, got {_shortened(value)}'
     if parameter.kind is not float:
         if not isinstance(value, parameter.kind) or (
             parameter.choices and value not in parameter.choices
@@ -275,6 +290,8 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
         number = nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         raise ParameterError(expected) from None
+    if isfinite(number) and abs(number) > LARGEST:
+        raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {number:g}')
     if (
         not isfinite(number)
         or not parameter.minimum <= number <= parameter.maximum
@@ -282,6 +299,16 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
     ):
         raise ParameterError(expected)
     return number
+
+
+def _shortened(value: Any) -> str:
+    """Return a value as in Python, but not more than a line of it."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):
+        # Such as an integer of thousands of digits.
+        return f'a value of type {type(value).__name__} without end'
+    return text if len(text) <= 80 else f'{text[:80]}...'
 
 
 def complete(
@@ -292,7 +319,9 @@ def complete(
     Raises
     ------
     ParameterError
-        If a value is wrong, a required one is missing, or a name is unknown but looks like ours.
+        If a value is wrong, or a name is unknown but looks like ours.
+    MissingParameterError
+        If a required one is missing.
     """
     groups = {name.split('.')[0] for name in table if '.' in name}
     for name in given:
@@ -306,6 +335,6 @@ def complete(
     for name, parameter in table.items():
         value = given.get(name, parameter.default)
         if value is REQUIRED or value is None:
-            raise ParameterError(f'{name}: missing; it is the {parameter.description}')
+            raise MissingParameterError(f'{name}: missing; it is the {parameter.description}')
         values[name] = check(name, value, table)
     return values

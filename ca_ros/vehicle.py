@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant
-from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.parameter_files import load
 from ca_ros.parameters import AXES, ParameterError, complete
 
@@ -50,6 +49,9 @@ class Vehicle:
         Thrust delivered over thrust expected, in [0, 1].
     axes : tuple of str
         The components of the wrench that are commanded, in the order of `ca_ros.parameters.AXES`.
+    lost_axes : 'refuse' or 'drop'
+        What allocators do if the rotors cannot command every axis and hover: see
+        `ca_ros.vehicle_audit.accept`.
     """
 
     mass: float
@@ -64,6 +66,7 @@ class Vehicle:
     speed_max: Array
     health: Array
     axes: tuple[str, ...]
+    lost_axes: str = 'refuse'
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -123,7 +126,7 @@ class Vehicle:
                 f'rotors.speed_min: {speed_min[i]:g} rad/s of rotor {i + 1} is above its '
                 f'rotors.speed_max, {speed_max[i]:g} rad/s'
             )
-        vehicle = cls(
+        return cls(
             mass=p['vehicle.mass'],
             gravity=p['vehicle.gravity'],
             inertia=_inertia(p['vehicle.inertia']),
@@ -136,17 +139,8 @@ class Vehicle:
             speed_max=speed_max,
             health=_per_rotor(p, 'rotors.health', n),
             axes=_axes(p['allocation.axes']),
+            lost_axes=p['allocation.lost_axes'],
         )
-        gamma = control_allocation_matrix(vehicle)
-        extent = np.abs(gamma).sum(axis=1, keepdims=True)
-        rank = int(np.linalg.matrix_rank(gamma / np.where(extent > 0.0, extent, 1.0), tol=1e-9))
-        if rank < len(vehicle.axes) and p['allocation.lost_axes'] == 'refuse':
-            raise ParameterError(
-                'rotors.positions: with the axes, spins and coefficients of the rotors their '
-                f'control allocation matrix has rank {rank}, but {len(vehicle.axes)} axes are to '
-                f'be commanded ({", ".join(vehicle.axes)})'
-            )
-        return vehicle
 
     def with_health(self, health: ArrayLike) -> Vehicle:
         """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1]."""

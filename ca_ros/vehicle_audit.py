@@ -9,8 +9,11 @@ import numpy as np
 
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
+from ca_ros.parameters import PARAMETERS, ParameterError
 from ca_ros.vehicle import Vehicle
 from ca_ros.zonotope import Zonotope
+
+LOST_AXES = PARAMETERS['allocation.lost_axes'].choices
 
 EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
 """The axes that are given up, in this order, for the sake of the others."""
@@ -28,8 +31,8 @@ class Audit:
 
     Attributes
     ----------
-    vehicle : Vehicle
-        The vehicle with the axes that can be commanded independently; the others are left out.
+    problem : AllocationProblem
+        Of the axes that can be commanded independently; the others are left out.
     lost : tuple of str
         The axes that are lost: those left out, and those that have to yield if the vehicle is to
         hover.  The latter are still commanded, and get what the others leave.
@@ -51,7 +54,7 @@ class Audit:
         [N, N m]; empty if hover is not attainable.
     """
 
-    vehicle: Vehicle
+    problem: AllocationProblem
     lost: tuple[str, ...]
     rank: int
     independence: dict[str, float]
@@ -61,23 +64,54 @@ class Audit:
     authority: dict[str, tuple[float, float]]
 
     @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle with the axes of `problem`; its `lost_axes` is drop if it is not sound."""
+        return self.problem.vehicle
+
+    @property
     def sound(self) -> bool:
         """Whether no axis is lost and the vehicle can hover."""
         return not self.lost and self.hover_margin > 0.0
 
     def __str__(self) -> str:
         """Say it in one line."""
-        kept = ', '.join(
-            f'{axis} {low:+.3g} to {high:+.3g}' for axis, (low, high) in self.authority.items()
+        parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
+        if self.kept_hover_margin > 0.0:
+            parts.append(f'hover margin {self.kept_hover_margin:.3g} [N, N m]')
+            ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
+            parts.append(f'around hover: {", ".join(ranges)}')
+        else:
+            parts.append(self.why_no_hover())
+        return '; '.join(parts)
+
+    def _losses(self) -> list[tuple[list[str], str]]:
+        """Return the lost axes by cause."""
+        asked, least = len(self.independence), min(self.independence.values())
+        dependent = (
+            f'independence {least:.2g}, at least {INDEPENDENCE_MIN:g} is needed'
+            if self.rank == asked
+            else f'the allocation matrix has rank {self.rank} for {asked} axes'
         )
-        lost = f'{", ".join(self.lost)} lost; ' if self.lost else ''
-        hover = (
-            f'hover margin {self.kept_hover_margin:.3g}'
-            if self.kept_hover_margin > 0.0
-            else f'cannot hover with {self.vehicle.thrust_max.sum():.3g} N at most '
-            f'and a weight of {self.vehicle.weight:.3g} N'
-        )
-        return f'{lost}{hover}; around hover: {kept}' if kept else f'{lost}{hover}'
+        kept = self.vehicle.axes
+        return [
+            ([axis for axis in self.lost if axis not in kept], dependent),
+            ([axis for axis in self.lost if axis in kept], 'given up for hover'),
+        ]
+
+    def ends(self, axis: str) -> str:
+        """Return the range of an axis around hover, in words without the unit."""
+        low, high = self.authority[axis]
+        return f'{low:+.3g} to {high:+.3g}'
+
+    def why_no_hover(self) -> str:
+        """Say why the vehicle cannot hover: its mass beside what the rotors lift [kg]."""
+        least, most = lift(self.vehicle)
+        mass = f'{self.vehicle.mass:.4g} kg'
+        if self.vehicle.mass >= most:
+            return f'cannot hover: {mass} on rotors that lift {most:.4g} kg'
+        if self.vehicle.mass <= least:
+            return f'cannot hover: {mass} on rotors that lift at least {least:.4g} kg'
+        return f'cannot hover: rotors that lift {most:.4g} kg cannot hold {mass} level'
 
 
 def audit(vehicle: Vehicle) -> Audit:
@@ -104,10 +138,14 @@ def audit(vehicle: Vehicle) -> Audit:
     if not _hovers(hovering):
         hovering = independent
     image = _image(hovering)
+    lost = tuple(axis for axis in full.axes if axis not in hovering.axes)
+    if lost or not _hovers(full):
+        # Whoever goes on with what is left has seen the audit.
+        independent.vehicle = replace(independent.vehicle, lost_axes='drop')
     hover = -np.inf if image is None else float(image.margin(hovering.hover))
     return Audit(
-        vehicle=independent.vehicle,
-        lost=tuple(axis for axis in full.axes if axis not in hovering.axes),
+        problem=independent,
+        lost=lost,
         rank=int((singular > 1e-9).sum()),
         independence=independence,
         condition=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf,
@@ -115,6 +153,54 @@ def audit(vehicle: Vehicle) -> Audit:
         kept_hover_margin=hover,
         authority={} if image is None or hover < 0.0 else _authority(hovering, image),
     )
+
+
+def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
+    """Audit a vehicle, and refuse it unless it can command every axis and hover.
+
+    Python, nodes and studies all refuse here.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    lost_axes : 'refuse' or 'drop', optional
+        'drop' refuses nothing: lost axes are given up.  By default what the vehicle says, which is
+        the parameter ``allocation.lost_axes`` of its file.
+
+    Returns
+    -------
+    Audit
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle is refused; it says why, and what 'drop' would do.
+    """
+    choice = vehicle.lost_axes if lost_axes is None else lost_axes
+    if choice not in LOST_AXES:
+        raise ParameterError(f'lost_axes: expected one of {", ".join(LOST_AXES)}, got {choice!r}')
+    report = audit(vehicle)
+    if choice == 'refuse' and not report.sound:
+        without = f'without {", ".join(report.lost)}' if report.lost else 'as it is'
+        flies = '' if report.kept_hover_margin > 0.0 else ', although it cannot hover'
+        raise ParameterError(
+            f'allocation.lost_axes: this vehicle is refused: {report} '
+            f"('drop' accepts it {without}{flies})"
+        )
+    return report
+
+
+def lift(vehicle: Vehicle) -> tuple[float, float]:
+    """Return the least and the greatest mass that the rotors lift, torques aside [kg]."""
+    up = vehicle.rotor_axes[:, 2]
+    ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0)
+    least, most = ends.sum(axis=1) / vehicle.gravity
+    return float(least), float(most)
+
+
+def unit(axis: str) -> str:
+    """Return the unit of a component of the wrench."""
+    return 'N m' if axis in ('roll', 'pitch', 'yaw') else 'N'
 
 
 def _unit_rows(problem: AllocationProblem) -> Array:

@@ -237,7 +237,7 @@ class Diagnostics:
         return [
             (status.level, status.message, {pair.key: pair.value for pair in status.values})
             for array in self.arrays for status in array.status
-            if status.name.startswith(f'{node}: ')]
+            if status.name.startswith(f'{node.lstrip("/")}: ')]
 
     def wait(self, node, condition, what):
         """Wait until the newest level, message and values fulfil a condition; return them."""

@@ -51,7 +51,7 @@ class Node:
         """Return what it has said later than a time, by the node's own clock."""
         return [
             status for array in self.diagnostics.arrays for status in array.status
-            if status.name.startswith(f'{self.name}: ')
+            if status.name.startswith(f'{self.name[1:]}: ')
             and (array.header.stamp.sec, array.header.stamp.nanosec) > (begun.sec, begun.nanosec)]
 
     def send(self, thrust):
@@ -72,16 +72,20 @@ def test_each_node_says_once_a_second_what_it_is_about(graph, name):
     graph.spin_until(lambda: len(node.diagnostics.all(node.name)) >= 4, 'four diagnoses')
     for array in node.diagnostics.arrays:
         [status] = array.status
-        assert status.name == f'{node.name}: {SUBJECTS[name]}'
-        assert status.hardware_id == 'rotors'
+        assert status.name == f'{name}: {SUBJECTS[name]}'
+        assert status.hardware_id == 'hexarotor'
         assert array.header.stamp.sec > 0
     assert {level for level, _, _ in node.diagnostics.all(node.name)} == {STALE}
 
 
-def test_the_name_is_that_of_the_node_in_its_namespace(graph):
-    graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', '__ns:=/uav7')
+def test_the_name_is_that_of_the_node_in_its_namespace_and_the_hardware_is_the_vehicle(graph):
+    graph.start(
+        'allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', '__ns:=/uav7',
+        '-p', 'vehicle.name:=Kestrel 3')
     diagnostics = Diagnostics(graph)
     diagnostics.wait('/uav7/allocator', lambda level, *_: level == STALE, 'anything')
+    assert {(status.name, status.hardware_id) for array in diagnostics.arrays
+            for status in array.status} == {('uav7/allocator: allocation', 'Kestrel 3')}
 
 
 def test_each_level_of_the_allocator_is_said_when_it_begins(graph):

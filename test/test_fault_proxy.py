@@ -51,7 +51,7 @@ class Proxy:
         """Return the newest status of the topic."""
         found = [
             status for array in self.diagnostics for status in array.status
-            if status.name == f'/fault_proxy: {self.topic}']
+            if status.name == f'fault_proxy: {self.topic}']
         return found[-1] if found else None
 
     def counts(self):
@@ -326,7 +326,7 @@ def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
             '-p', f'simulator.real_time_factor:={factor}')
         graph.spin_until(
             lambda: any(
-                status.name.startswith('/uav1/fault_proxy') and 'drop 0.1' in status.message
+                status.name.startswith('uav1/fault_proxy') and 'drop 0.1' in status.message
                 for array in diagnostics for status in array.status), 'its diagnostics')
         out, err = graph.outlive(process, DEADLINE / factor)
         assert process.returncode == 0, out + err

@@ -162,7 +162,7 @@ def test_diagnostics_warn_of_a_wrench_that_is_not_attained(client, thrust, level
     client.ask((0.0, 0.0, thrust, 0.0, 0.0, 0.0))
     status, values = client.diagnose()
     assert (status.level, status.message) == (level, word)
-    assert status.name.startswith('/allocator')
+    assert status.name.startswith('allocator')
     assert values['method'] == 'exact'
     assert client.diagnostics[-1].header.stamp.sec > 0
 

@@ -12,6 +12,7 @@ import yaml
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros import ParameterError, Vehicle, make_allocator
 from ca_ros.parameter_files import load
 from ca_ros.parameters import PARAMETERS, REQUIRED
 from ros import Graph
@@ -116,6 +117,31 @@ def test_the_other_nodes_check_them_too(graph, tmp_path, node):
         check_line(node, code, said, [name])
 
 
+@pytest.mark.parametrize('node', ['allocator', 'controller'])
+def test_the_audit_refuses_in_the_words_of_python(graph, tmp_path, node):
+    changes = [
+        {'rotors.health': [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}, {'vehicle.mass': 18.0},
+        {'rotors.torque_coefficient': 0.0}]
+    answers = start_with(graph, tmp_path, node, changes)
+    for change, (code, said) in zip(changes, answers, strict=True):
+        with pytest.raises(ParameterError) as refused:
+            make_allocator('exact', Vehicle.from_parameters({**load('hexarotor'), **change}))
+        assert (code, said) == (1, f'{node}: {refused.value}\n')
+
+
+def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path):
+    file = tmp_path / 'others.yaml'
+    file.write_text(yaml.safe_dump({
+        name: {'ros__parameters': {'vehicle.mass': 1.0}}
+        for name in ('/uav1/simulator', '/uav2/allocator')}))
+    process = graph.start_silent(
+        'allocator', '--ros-args', '-r', '__ns:=/uav1', '--params-file', str(file))
+    _, said = graph.outlive(process)
+    check_line('allocator', process.returncode, said, [
+        'vehicle.mass: missing', 'looked for by the node /uav1/allocator in ', str(file),
+        'sections: /uav1/simulator, /uav2/allocator'])
+
+
 def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_path):
     unknown = {
         'comand_timeout': 'command_timeout', 'timeout.action': 'timeout_action',
@@ -130,13 +156,15 @@ def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_p
 def test_a_name_that_may_be_anothers_is_said(graph, node):
     process = graph.start_silent(
         node, '--vehicle', 'hexarotor', '--ros-args', '-p', 'camera.exposure:=3',
-        '-p', 'foo:=1.0', '-p', 'use_sim_time:=true')
+        '-p', 'foo:=1.0', '-p', 'use_sim_time:=true',
+        '-p', 'qos_overrides./clock.subscription.depth:=1')
     graph.connect(node)
     _, err = graph.end(process, signal.SIGINT)
     [line] = [line for line in err.splitlines() if 'camera.exposure' in line]
     assert 'foo' in line
     assert 'WARN' in line
     assert 'use_sim_time' not in err
+    assert 'qos_overrides' not in err
 
 
 # On the running node
@@ -161,6 +189,14 @@ def test_a_wrong_value_on_the_running_node_is_refused_with_the_reason(client, na
         assert len(result.reason.splitlines()) == 1
     assert client.parameters.get(*PARAMETERS) == before
     assert client.ask(HOVER).tobytes() == speeds.tobytes()
+
+
+@pytest.mark.parametrize('value', ['[0.0, 0.5, 1, 1, 1, 1]', '[1, 1.0, 1, 1, 1, 1]'])
+def test_a_list_that_ros_takes_for_a_string_is_refused_with_what_would_be_right(client, value):
+    [result] = client.parameters.set({'rotors.health': value})
+    assert not result.successful
+    for words in ('rotors.health: ', f"the string '{value}'", 'write [0.0, 0.5, 1.0]'):
+        assert words in result.reason
 
 
 @pytest.mark.parametrize('values', [

@@ -3,9 +3,10 @@
 import pytest
 import yaml
 
-from ca_ros import ParameterError, Vehicle
+from ca_ros import ParameterError, Vehicle, make_allocator
 from ca_ros.parameter_files import load
 from ca_ros.parameters import PARAMETERS, check
+from ca_ros.studies.cases import Case
 
 NAN, INFINITY, MISSING = float('nan'), float('inf'), object()
 
@@ -48,7 +49,7 @@ FAULTS = [
     ('vehicle.mass', 'heavy', 'heavy'),
     ('vehicle.mass', True, 'True'),
     ('rotors.speed_max', {'front': 400.0}, 'rotors.speed_max'),
-    ('rotors.positions', [[0.4, 0.0, 0.0]] * 6, 'rotors.positions'),
+    ('rotors.positions', [[0.4, 0.0, float(i)] for i in range(6)], 'rotors.positions'),
     pytest.param('vehicle.mass', 10**400, 'vehicle.mass', id='a number beyond all floats'),
     ('vehicle.inertia', [0.015, 0.015, -0.03], 'positive'),
     ('vehicle.inertia', [0.01, 0.01, 0.03], 'sum'),
@@ -60,6 +61,11 @@ FAULTS = [
     ('allocation.axes', [], 'axes'),
     ('allocation.axes', ['lift'], 'thrust'),
     ('controller.speed_max', 0.0, 'positive'),
+    ('rotors.thrust_coefficient', 1e300, 'up to 1e+09, got 1e+300'),
+    ('rotors.positions', [1e10] * 18, 'up to 1e+09'),
+    ('vehicle.mass', 1e300, 'up to 1e+09'),
+    ('allocation.conventional.weight', 1.7e308, 'up to 1e+09, got 1.7e+308'),
+    ('allocation.conventional.weight', -1.7e308, 'up to 1e+09'),
 ]
 
 
@@ -102,15 +108,15 @@ def test_a_fault_is_named_with_its_key(tmp_path, key, value, words):
     {'allocation.axes': ['force_x', 'thrust', 'roll', 'pitch', 'yaw']},
 ])
 def test_rotors_that_cannot_command_all_axes_are_refused(tmp_path, change):
-    message = complaint(write(tmp_path / 'wrong.yaml', change))
-    assert 'rotors.positions' in message
-    assert 'rank' in message
+    vehicle = Vehicle.load(write(tmp_path / 'wrong.yaml', change))
+    with pytest.raises(ParameterError, match=r'is refused: .* lost .*rank [0-4] for [45] axes'):
+        make_allocator('exact', vehicle)
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('a: [1, 2', 'not a readable YAML file'),
-    ('\ta: 1', 'not a readable YAML file'),
-    ('\x00', 'not a readable YAML file'),
+    ('a: [1, 2', 'not readable YAML'),
+    ('\ta: 1', 'not readable YAML'),
+    ('\x00', 'not readable YAML'),
     ('', 'ros__parameters'),
     ('just words', 'ros__parameters'),
     ('- 1', 'ros__parameters'),
@@ -124,6 +130,40 @@ def test_what_is_no_parameter_file_is_refused(tmp_path, text, words):
     path = tmp_path / 'wrong.yaml'
     path.write_text(text)
     assert words in complaint(path)
+
+
+@pytest.mark.parametrize(('value', 'words'), [
+    ('&a [*a]', 'aliases'),
+    ('[' * 100_000, 'nested'),
+    ('{a: ' * 3000 + '}' * 3000, 'nested'),
+    ('!!timestamp foo', 'timestamp'),
+    ('!!bool foo', "'foo' is not of the type bool"),
+    ("!!int ''", "'' is not of the type int"),
+    ('!!float foo', 'float'),
+    ('9' * 5000, 'is not of the type int'),
+    ('2001-13-41', 'vehicle.mass: must be positive'),
+    ('!!binary eA==', 'binary'),
+    ('!!python/name:os.system', 'python'),
+    ('{[a]: 1}', 'unhashable key'),
+    ('9' * 400, 'vehicle.mass'),
+    ('"' + 'x' * 10_000 + '"', 'vehicle.mass'),
+], ids=lambda text: text[:12])
+def test_a_value_that_cannot_be_read_is_refused_wherever_it_stands(tmp_path, value, words):
+    path = write(tmp_path / 'wrong.yaml', {'vehicle.mass': 'here'})
+    path.write_text(path.read_text().replace('here', value))
+    message = complaint(path)
+    assert words in message
+    assert len(message) < 400
+    with pytest.raises(ParameterError, match=r'vehicle\.mass') as caught:
+        Case.load('hexarotor', [f'vehicle.mass:={value}'])
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_mapping_that_holds_itself_is_refused(tmp_path):
+    path = tmp_path / 'wrong.yaml'
+    path.write_text("'/**': &a\n  ros__parameters:\n    vehicle: *a\n")
+    assert 'line 3' in complaint(path)
 
 
 def test_a_file_in_another_encoding_is_refused(tmp_path):

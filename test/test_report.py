@@ -183,7 +183,10 @@ def test_a_folder_that_is_no_studys_is_refused_in_one_line(folders, tmp_path, ca
     assert 'static_study' in fault(capsys, '--static', str(tmp_path), *out)
     shutil.copytree(folders / 'static', tmp_path / 'static')
     file = tmp_path / 'static' / 'static.json'
-    for wrong, word in (('{', 'not JSON'), ('[]', 'version'), ('{"methods": {}}', 'version')):
+    for wrong, word in (('{', 'not JSON'), ('[]', 'JSON object'), ('[1, [2]]', 'JSON object'),
+                        ('7', 'JSON object'), ('[' * 100_000, 'not JSON'),
+                        ('{"methods": {}}', 'version'), ('{"methods": []}', 'version'),
+                        ('{"samples": ' + '9' * 5000 + '}', 'version')):
         file.write_text(wrong, encoding='utf-8')
         line = fault(capsys, '--static', str(tmp_path / 'static'), *out)
         assert 'static.json' in line

@@ -109,7 +109,8 @@ def test_yaw_is_not_reversed_worked_out_by_hand():
         np.testing.assert_allclose(allocation.wrench, wrench, atol=1e-12)
     # With 3 of thrust asked for at a weight of 2.4, g may go down to 0.7 only, unless prevented.
     heavier = AdmissibleSet(Vehicle.from_parameters(UNIT | {'vehicle.mass': 2.4 / 9.81}))
-    for reversal, wrench in {'avoid': [2.4, 1.0, 1.0, 0.4], 'prevent': [2.0, 1.0, 1.0, 0.0]}.items():
+    expected = {'avoid': [2.4, 1.0, 1.0, 0.4], 'prevent': [2.0, 1.0, 1.0, 0.0]}
+    for reversal, wrench in expected.items():
         served = heavier.prioritize(demand, reversal=reversal)
         np.testing.assert_allclose(served, wrench, atol=1e-12)
 

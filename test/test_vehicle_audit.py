@@ -1,16 +1,39 @@
 """The audit: what the rotors can command, as they are."""
 
+import re
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
-from ca_ros import AdmissibleSet, ParameterError, Vehicle, audit
+from ca_ros import (
+    ALLOCATORS,
+    AdmissibleSet,
+    ParameterError,
+    Status,
+    Vehicle,
+    audit,
+    make_allocator,
+)
+from ca_ros.__main__ import main
+from ca_ros.allocation import AllocationProblem
 from ca_ros.parameter_files import load
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle_audit import INDEPENDENCE_MIN
 
 
 def without(vehicle, *rotors):
     """Return the vehicle with some rotors lost, counted from 1."""
     return vehicle.with_health([0.0 if i + 1 in rotors else 1.0 for i in range(vehicle.n)])
+
+
+def moved(distance, **changes):
+    """Return the hexarotor with rotor 2 moved a little [m], and rotors 1 and 4 lost."""
+    parameters = {**load('hexarotor'), **changes}
+    positions = list(parameters['rotors.positions'])
+    positions[3] += distance
+    return without(Vehicle.from_parameters({**parameters, 'rotors.positions': positions}), 1, 4)
 
 
 @pytest.fixture(scope='module')
@@ -83,11 +106,7 @@ def test_two_opposite_rotors_lost_leave_no_independent_yaw(pnpnpn):
 def test_nearly_parallel_rows_are_not_commanded_with_great_gains(pnpnpn):
     # The same, but with a rotor moved a little: the rows are about a degree apart, and pitch
     # against yaw would take fifty times the thrusts (PX4 issue 28589).
-    parameters = load('hexarotor')
-    positions = list(parameters['rotors.positions'])
-    positions[3] += 0.012
-    moved = without(Vehicle.from_parameters({**parameters, 'rotors.positions': positions}), 1, 4)
-    report = audit(moved)
+    report = audit(moved(0.012))
     assert 0.0 < report.independence['yaw'] < INDEPENDENCE_MIN
     assert report.lost == ('yaw',)
     gains = np.linalg.pinv(AdmissibleSet(report.vehicle).problem.gamma)
@@ -99,16 +118,171 @@ def test_too_heavy_a_vehicle_keeps_its_axes_and_cannot_hover():
     report = audit(Vehicle.from_parameters({**load('hexarotor'), 'vehicle.mass': 2.5}))
     assert report.lost == ()
     assert not report.sound
-    assert 'cannot hover' in str(report)
 
 
-def test_a_geometry_without_yaw_is_refused_or_flown_without_it():
-    parameters = {**load('hexarotor'), 'rotors.torque_coefficient': 0.0}
-    with pytest.raises(ParameterError, match='rank 3'):
-        Vehicle.from_parameters(parameters)
-    vehicle = Vehicle.from_parameters({**parameters, 'allocation.lost_axes': 'drop'})
-    assert audit(vehicle).lost == ('yaw',)
-    assert audit(vehicle).vehicle.axes == ('thrust', 'roll', 'pitch')
+@pytest.mark.parametrize(('changes', 'words'), [
+    # The six rotors lift from 0.24 N to 24 N.
+    ({'vehicle.mass': 18.0}, 'cannot hover: 18 kg on rotors that lift 2.446 kg'),
+    ({'vehicle.mass': 0.01}, 'cannot hover: 0.01 kg on rotors that lift at least 0.02446 kg'),
+    ({'vehicle.gravity': 3.71, 'vehicle.mass': 8.0},
+     'cannot hover: 8 kg on rotors that lift 6.469 kg'),
+    ({'vehicle.mass': 2.0, 'vehicle.center_of_mass': [0.39, 0.0, 0.0],
+      'allocation.axes': ['thrust', 'pitch', 'roll']}, 'pitch lost (given up for hover)'),
+    ({'vehicle.mass': 2.0, 'vehicle.center_of_mass': [0.39, 0.0, 0.0],
+      'allocation.axes': ['thrust']}, 'hover margin'),
+    ({'rotors.axes': [0.0, 0.0, -1.0]}, 'cannot hover: 1 kg on rotors that lift -0.02446 kg'),
+])
+def test_why_a_vehicle_cannot_hover_is_said_plainly(changes, words):
+    assert words in str(audit(Vehicle.from_parameters({**load('hexarotor'), **changes})))
+
+
+def test_the_lines_have_units(pnpnpn):
+    number = r'[-+]?[0-9.]+'
+    ends = rf'{number} to {number}'
+    assert re.fullmatch(
+        rf'hover margin {number} \[N, N m\]; around hover: thrust {ends} N, roll {ends} N m, '
+        rf'pitch {ends} N m, yaw {ends} N m', str(audit(pnpnpn)))
+
+
+# One refusal
+
+NO_YAW = {'rotors.torque_coefficient': 0.0}
+UNSOUND = {
+    'a geometry without yaw': lambda **changes: Vehicle.from_parameters(
+        {**load('hexarotor'), **NO_YAW, **changes}),
+    'nearly parallel rows': lambda **changes: moved(1e-3, **changes),
+    'hover on the boundary': lambda **changes: without(
+        Vehicle.from_parameters({**load('hexarotor'), **changes}), 1),
+    'too heavy': lambda **changes: Vehicle.from_parameters(
+        {**load('hexarotor'), 'vehicle.mass': 2.5, **changes}),
+}
+
+
+@pytest.mark.parametrize('fault', UNSOUND)
+def test_every_method_refuses_what_the_audit_refuses_in_the_same_words(fault):
+    vehicle = UNSOUND[fault]()
+    lines = set()
+    for name, kind in ALLOCATORS.items():
+        for make in (lambda name=name: make_allocator(name, vehicle),
+                     lambda kind=kind: kind(vehicle)):
+            with pytest.raises(ParameterError) as caught:
+                make()
+            lines.add(str(caught.value))
+    [line] = lines
+    assert line.startswith('allocation.lost_axes: this vehicle is refused: ')
+    assert str(audit(vehicle)) in line
+    assert "'drop' accepts it" in line
+
+
+@pytest.mark.parametrize('method', ALLOCATORS)
+@pytest.mark.parametrize('fault', UNSOUND)
+def test_drop_gives_up_the_lost_axes(fault, method):
+    vehicle = UNSOUND[fault]()
+    report = audit(vehicle)
+    # As an option, as the file says, or as the audit leaves the vehicle.
+    said = UNSOUND[fault](**{'allocation.lost_axes': 'drop'})
+    for allocator in (
+            make_allocator(method, vehicle, lost_axes='drop'), make_allocator(method, said),
+            ALLOCATORS[method](said), make_allocator(method, report.vehicle)):
+        assert allocator.problem.axes == report.vehicle.axes
+        demand = allocator.problem.gamma @ (0.5 * (vehicle.thrust_min + vehicle.thrust_max))
+        assert allocator.allocate(demand).status in (Status.EXACT, Status.INEXACT)
+    with pytest.raises(ParameterError, match='is refused'):
+        make_allocator(method, said, lost_axes='refuse')
+
+
+def test_a_sound_vehicle_stays_as_it_is(pnpnpn):
+    assert audit(pnpnpn).vehicle is pnpnpn
+    # Its lost axes are not dropped tomorrow because it was audited today.
+    with pytest.raises(ParameterError, match='is refused'):
+        make_allocator('exact', without(audit(pnpnpn).vehicle, 1))
+
+
+def test_a_problem_is_judged_by_its_mathematics_alone():
+    vehicle = moved(1e-3)
+    problem = AllocationProblem(vehicle)
+    middle = problem.gamma @ (0.5 * (problem.lower + problem.upper))
+    assert make_allocator('exact', problem).allocate(middle).status is Status.EXACT
+    with pytest.raises(ValueError, match='lost_axes: only vehicles'):
+        make_allocator('exact', AllocationProblem(vehicle), lost_axes='drop')
+
+
+@pytest.mark.parametrize('word', ['Drop', '', 3])
+def test_lost_axes_are_refused_or_dropped(pnpnpn, word):
+    with pytest.raises(ParameterError, match='lost_axes: expected one of refuse, drop'):
+        make_allocator('exact', pnpnpn, lost_axes=word)
+
+
+def test_studies_refuse_in_the_same_words(pnpnpn):
+    with pytest.raises(ParameterError) as python:
+        make_allocator('exact', without(pnpnpn, 1))
+    lost = 'rotors.health:=[0, 1, 1, 1, 1, 1]'
+    with pytest.raises(ParameterError) as study:
+        Case.load('hexarotor', [lost])
+    assert str(study.value) == f'hexarotor: {python.value}'
+    case = Case.load('hexarotor', [lost, 'allocation.lost_axes:=drop'])
+    assert [name for name in ALLOCATORS if case.allocator(name)] == list(ALLOCATORS)
+
+
+# The command
+
+def test_the_command_audits_a_vehicle_and_the_loss_of_each_rotor(capsys):
+    assert main(['audit', 'hexarotor_ppnnpn']) == 0
+    out, err = capsys.readouterr()
+    assert err == ''
+    title, _, head, none, *rows = out.splitlines()
+    assert title == 'hexarotor_ppnnpn: 1 kg on 6 rotors that lift 0.0245 to 2.45 kg'
+    for words in ('lost axes', 'hover margin [N, N m]', 'thrust [N]', 'yaw [N m]'):
+        assert words in head
+    vehicle = Vehicle.load('hexarotor_ppnnpn')
+    for i, row in enumerate([none, *rows]):
+        report = audit(without(vehicle, i))
+        words = row.split('  ')[0], *re.split(r' {2,}', row)[1:]
+        assert words == (
+            f'rotor {i}' if i else 'none', ', '.join(report.lost) or '-',
+            f'{report.kept_hover_margin:.3g}',
+            *(report.ends(axis) if axis in report.authority else '-' for axis in vehicle.axes))
+
+
+def test_the_command_says_what_the_nodes_would(pnpnpn, capsys):
+    for options, health in (
+            (['--fail', '3'], [1, 1, 0, 1, 1, 1]), (['--fail', '1,4'], [0, 1, 1, 0, 1, 1]),
+            (['--health', '0.2'], 0.2), (['--health', '0,1,1,1,1,1'], [0, 1, 1, 1, 1, 1])):
+        assert main(['audit', 'hexarotor', *options]) == 1
+        out, err = capsys.readouterr()
+        with pytest.raises(ParameterError) as refused:
+            make_allocator('exact', pnpnpn.with_health(health))
+        assert err == f'ca_ros audit: {refused.value}\n'
+        # A further loss of each rotor that is left.
+        assert len(re.findall('^rotor', out, re.MULTILINE)) == np.count_nonzero(
+            np.broadcast_to(health, 6))
+
+
+def test_the_command_reads_a_file_and_its_faults_in_one_line(tmp_path, capsys):
+    path = tmp_path / 'my.yaml'
+    for text, words in (('a: [', 'my.yaml: not readable YAML'), ('a: 1', 'my.yaml: expected')):
+        path.write_text(text)
+        assert main(['audit', str(path)]) == 1
+        out, err = capsys.readouterr()
+        assert (out, len(err.splitlines())) == ('', 1)
+        assert words in err
+    for options, words in (
+            (['--fail', '7'], '--fail: expected rotors 1 to 6, got 7'),
+            (['--fail', 'one'], '--fail: expected numbers'),
+            (['--health', '1,2'], 'rotors.health: expected 1 or 6 numbers in'),
+            (['--health', 'nan'], 'rotors.health: ')):
+        assert main(['audit', 'hexarotor', *options]) == 1
+        assert words in capsys.readouterr().err
+
+
+def test_without_a_command_it_says_what_there_is():
+    said = subprocess.run(
+        [sys.executable, '-m', 'ca_ros'], capture_output=True, text=True, check=True).stdout
+    assert 'hexarotor_ppnnpn' in said
+    assert 'python -m ca_ros audit VEHICLE' in said
+
+
+# Beyond all vehicles
 
 
 @pytest.mark.parametrize('health', [0.0, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])

@@ -163,6 +163,6 @@ def fly_though_a_link_is_cut(network, cut, graph, factor):
         'at the waypoint in the end', deadline=patience)
     told = {
         status.message for array in diagnostics for status in array.status
-        if status.name == ('/simulator: simulation' if cut == 'allocator' else
-                           '/allocator: allocation')}
+        if status.name == ('simulator: simulation' if cut == 'allocator' else
+                           'allocator: allocation')}
     assert any('no command' in message for message in told), told

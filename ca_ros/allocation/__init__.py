@@ -10,6 +10,7 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.methods import METHODS
 from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle_audit import accept
 
 
 def _class(place: str) -> type[Allocator]:
@@ -22,26 +23,43 @@ ALLOCATORS = {name: _class(place) for name, place in METHODS.items()}
 """The methods by name."""
 
 
-def make_allocator(method: str, vehicle: Vehicle, **options: Any) -> Allocator:
+def make_allocator(
+    method: str,
+    vehicle: Vehicle | AllocationProblem,
+    lost_axes: str | None = None,
+    **options: Any,
+) -> Allocator:
     """Return an allocator for a vehicle.
+
+    A vehicle is audited first, and refused if its rotors cannot command every axis and hover, as
+    the nodes refuse it.  An `AllocationProblem` is not audited.
 
     Parameters
     ----------
     method : str
         A name in `ALLOCATORS`.
-    vehicle : Vehicle
+    vehicle : Vehicle or AllocationProblem
+    lost_axes : 'refuse' or 'drop', optional
+        'drop' gives up the lost axes instead: wrenches then have the components
+        ``allocator.problem.axes``.  By default what the vehicle's file says.
     **options
         Keyword arguments of the method's class.
 
     Raises
     ------
     ValueError
-        If there is no such method.
+        If there is no such method, or an option is wrong.
+    ParameterError
+        If the vehicle is refused.
     TypeError
         If the method has no such option.
     """
     if method not in ALLOCATORS:
         raise ValueError(f'no allocation method {method!r}; there are {", ".join(ALLOCATORS)}')
+    if isinstance(vehicle, Vehicle):
+        vehicle = accept(vehicle, lost_axes).problem
+    elif lost_axes is not None:
+        raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
     return ALLOCATORS[method](vehicle, **options)
 
 

@@ -11,6 +11,7 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import AllocationProblem, lengths
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle_audit import accept
 
 CHUNK = 16384
 """Wrenches that are worked on at once: they fit into a processor's cache."""
@@ -24,11 +25,19 @@ class Allocator(ABC):
 
     Parameters
     ----------
-    vehicle : Vehicle
+    vehicle : Vehicle or AllocationProblem
+        A vehicle is audited (`ca_ros.vehicle_audit.accept`); a problem is taken as it is.
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle cannot command every axis and hover, and its `lost_axes` is 'refuse'.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.problem = AllocationProblem(vehicle)
+    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
+        self.problem = (
+            vehicle if isinstance(vehicle, AllocationProblem) else accept(vehicle).problem
+        )
 
     def allocate(self, u: ArrayLike) -> Allocation:
         """Allocate one wrench.

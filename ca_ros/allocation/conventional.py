@@ -9,6 +9,7 @@ from ca_ros.affine_law import AffineLaw
 from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
+from ca_ros.allocation_problem import ABSURD, AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -24,7 +25,7 @@ class Conventional(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle
+    vehicle : Vehicle or AllocationProblem
     weight : float, (n,) or (n * n,) or (n, n) array
         Q: q of q I, its diagonal, or the matrix; symmetric, positive semidefinite.
     reference : 'hover', 'zero' or (n,) array
@@ -37,12 +38,15 @@ class Conventional(Allocator):
     """
 
     def __init__(
-        self, vehicle: Vehicle, weight: ArrayLike = 1e-4, reference: str | ArrayLike = 'hover'
+        self,
+        vehicle: Vehicle | AllocationProblem,
+        weight: ArrayLike = 1e-4,
+        reference: str | ArrayLike = 'hover',
     ) -> None:
         super().__init__(vehicle)
         n = vehicle.n
         self.weight = _weight(weight, n)
-        self.reference = _reference(reference, vehicle)
+        self.reference = _reference(reference, self.problem.vehicle)
         self.hessian = self.weight + self.problem.gamma.T @ self.problem.gamma
         curvatures = np.linalg.eigvalsh(self.hessian)
         if curvatures[0] < 1e-9 * curvatures[-1]:
@@ -127,8 +131,8 @@ def _weight(weight: ArrayLike, n: int) -> Array:
         raise ValueError(
             f'weight: expected 1, {n} or {n} x {n} numbers, got shape {np.shape(weight)}'
         )
-    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
-        raise ValueError('weight: expected a symmetric matrix of finite numbers')
+    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+        raise ValueError('weight: expected a symmetric matrix')
     curvatures = np.linalg.eigvalsh(matrix)
     if curvatures[0] < -1e-9 * max(abs(curvatures[-1]), np.finfo(float).tiny):
         raise ValueError(
@@ -146,9 +150,9 @@ def _reference(reference: str | ArrayLike, vehicle: Vehicle) -> Array:
             )
         return np.full(vehicle.n, vehicle.weight / vehicle.n if reference == 'hover' else 0.0)
     thrusts = _numbers('reference', reference)
-    if thrusts.shape != (vehicle.n,) or not np.isfinite(thrusts).all():
+    if thrusts.shape != (vehicle.n,):
         raise ValueError(
-            f"reference: expected 'hover', 'zero' or {vehicle.n} finite thrusts, got {reference!r}"
+            f"reference: expected 'hover', 'zero' or {vehicle.n} thrusts, got {reference!r}"
         )
     return thrusts
 
@@ -156,6 +160,9 @@ def _reference(reference: str | ArrayLike, vehicle: Vehicle) -> Array:
 def _numbers(name: str, value: ArrayLike) -> Array:
     """Return a value as an array of floats; raise a ValueError that names it."""
     try:
-        return np.asarray(value, dtype=float)
+        numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f'{name}: expected numbers, got {value!r}') from None
+    if not np.all(np.abs(numbers) <= ABSURD):
+        raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {value!r}')
+    return numbers

@@ -9,6 +9,7 @@ from ca_ros.affine_law import AffineLaw
 from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -34,7 +35,7 @@ class Direct(Allocator):
         If the vehicle's admissible set has no volume.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         # Multiples of the golden ratio, less whole numbers: as far from each other as can be.
         self.cost = 1.0 + np.arange(1, vehicle.n + 1) * GOLDEN % 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ca_ros.allocation import ALLOCATORS, Allocator
+from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
 from ca_ros.parameters import AXES, ParameterError
 from ca_ros.vehicle import Vehicle
 
@@ -36,7 +36,9 @@ def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) 
     return options
 
 
-def allocator_from_parameters(parameters: Mapping[str, Any], vehicle: Vehicle) -> Allocator:
+def allocator_from_parameters(
+    parameters: Mapping[str, Any], vehicle: Vehicle | AllocationProblem
+) -> Allocator:
     """Return the allocator that the parameters ask for.
 
     Raises

@@ -6,6 +6,7 @@ import numpy as np
 
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
+from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.vehicle import Vehicle
 
@@ -17,7 +18,7 @@ class PseudoInverse(Allocator):
     tells by how much.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         self.inverse = np.linalg.pinv(self.problem.gamma)
 

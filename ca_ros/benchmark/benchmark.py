@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _measure(options: argparse.Namespace) -> int:
     try:
-        case = Case.load(options.vehicle, options.param, to_fly=True)
+        case = Case.load(options.vehicle, options.param)
         methods = list(case.allocators(options.methods))
         options.out.mkdir(parents=True, exist_ok=True)
     except (ValueError, OSError) as error:

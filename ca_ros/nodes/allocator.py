@@ -77,7 +77,7 @@ class Allocator(VehicleNode):
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Method]:
         """Make the allocation method for the axes that the rotors can command."""
         report = self.audited(parameters)
-        return report, allocator_from_parameters(parameters, report.vehicle)
+        return report, allocator_from_parameters(parameters, report.problem)
 
     def adopt(self, built: tuple[Audit, Method]) -> None:
         """Allocate with this method from the next command on."""

@@ -39,6 +39,8 @@ class Diagnostics:
         are published.
     values : callable
         Returns details by name.
+    hardware_id : str
+        Which vehicle it is about.
     """
 
     def __init__(
@@ -47,9 +49,11 @@ class Diagnostics:
         subject: str,
         levels: Callable[[], list[tuple[bytes, str]]],
         values: Callable[[], Mapping[str, object]],
+        hardware_id: str,
     ) -> None:
         self._node, self._levels, self._values = node, levels, values
-        self._name = f'{node.get_fully_qualified_name()}: {subject}'
+        self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {subject}'
+        self._hardware_id = hardware_id
         self._said: tuple[bytes, str] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', COMMAND)
 
@@ -62,7 +66,7 @@ class Diagnostics:
         """Publish level, message and details."""
         self._said = level, message = self._status()
         status = DiagnosticStatus(
-            level=level, name=self._name, message=message, hardware_id='rotors'
+            level=level, name=self._name, message=message, hardware_id=self._hardware_id
         )
         status.values = [
             KeyValue(key=key, value=str(value)) for key, value in self._values().items()

@@ -10,6 +10,8 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from itertools import pairwise
+from pathlib import Path
 
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -21,7 +23,8 @@ from rclpy.utilities import remove_ros_args
 from ca_ros import arguments
 from ca_ros.nodes.console import never_wait
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.parameter_files import find
+from ca_ros.parameter_files import find, read_value, read_yaml
+from ca_ros.parameters import PARAMETERS, MissingParameterError, ParameterError, check
 from ca_ros.processes import ending_signals
 from ca_ros.vehicle import Vehicle
 
@@ -77,6 +80,12 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         '--params-file gives one)',
     )
     own, ros = split(argv)
+    # ROS passes over a -p of another type than the value in a parameter file, without a word.
+    for option, rule in pairwise(ros):
+        name, _, value = rule.partition(':=')
+        name = name.rpartition(':')[2]
+        if option in ('-p', '--param') and name in PARAMETERS:
+            check(name, read_value(name, value))
     vehicle = parser.parse_args(own).vehicle
     if vehicle is None and '--params-file' not in ros:
         vehicle = DEFAULT_VEHICLE
@@ -89,6 +98,20 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     Vehicle.load(vehicle)
     # Before the user's own files, which may then override single values of it.
     return ['--ros-args', '--params-file', str(find(vehicle)), '--', *ros]
+
+
+def _parameter_files(ros: Sequence[str]) -> str:
+    """Return the parameter files among the arguments for ROS, with their sections."""
+    files = [file for option, file in pairwise(ros) if option == '--params-file']
+    words = []
+    for file in files:
+        try:
+            content = read_yaml(Path(file).read_text(encoding='utf-8'))
+        except (ParameterError, OSError, UnicodeDecodeError):
+            content = None
+        sections = ', '.join(map(str, content)) if isinstance(content, dict) else 'none readable'
+        words.append(f'{file} (sections: {sections})')
+    return ', '.join(words) or 'no file'
 
 
 def run(
@@ -118,12 +141,14 @@ def run(
     never_wait()
     with ExitStack() as ending:
         ending.callback(rclpy.try_shutdown)
+        ros: list[str] = []
         try:
-            rclpy.init(
-                args=parse(prog, description, sys.argv[1:] if argv is None else argv),
-                signal_handler_options=SignalHandlerOptions.NO,
-            )
+            ros = parse(prog, description, sys.argv[1:] if argv is None else argv)
+            rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
             node = node_class(prog)
+        except MissingParameterError as error:
+            print(f'{prog}: {error} in {_parameter_files(ros)}', file=sys.stderr)
+            return 1
         except (ValueError, *WRONG_PARAMETER) as error:
             print(f'{prog}: {error}', file=sys.stderr)
             return 1

@@ -171,7 +171,7 @@ class FaultProxy(Node):
             message.status.append(
                 DiagnosticStatus(
                     level=DiagnosticStatus.WARN if said else DiagnosticStatus.OK,
-                    name=f'{self.get_fully_qualified_name()}: {topic}',
+                    name=f'{self.get_fully_qualified_name().lstrip("/")}: {topic}',
                     message=', '.join(said) or 'no faults',
                     hardware_id='link',
                     values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],

@@ -18,9 +18,9 @@ from rclpy.subscription import Subscription
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.watchdog import TICK
-from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete
+from ca_ros.parameters import PARAMETERS, REQUIRED, MissingParameterError, complete
 from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import Audit, audit
+from ca_ros.vehicle_audit import Audit, accept
 
 MISMATCH = 'type or quality of service'
 
@@ -54,8 +54,17 @@ class VehicleNode(Node):
             default = None if parameter.default is REQUIRED else parameter.default
             given[key] = self.declare_parameter(key, default, descriptor).value
         given.update({key: override.value for key, override in self._parameter_overrides.items()})
-        self.parameters = complete(given)
-        strangers = [key for key in self._parameter_overrides if not self.has_parameter(key)]
+        try:
+            self.parameters = complete(given)
+        except MissingParameterError as error:
+            name = self.get_fully_qualified_name()
+            raise MissingParameterError(f'{error}; looked for by the node {name}') from None
+        # Files from `ros2 param dump` have those of rclpy's own topics.
+        strangers = [
+            key
+            for key in self._parameter_overrides
+            if not self.has_parameter(key) and not key.startswith('qos_overrides.')
+        ]
         if strangers:
             self.get_logger().warning(f'no parameters of this node: {", ".join(strangers)}')
         self._candidate: tuple[dict[str, Any], Any] | None = None
@@ -73,12 +82,9 @@ class VehicleNode(Node):
         ParameterError
             If an axis or hover is lost at the start, and `allocation.lost_axes` is refuse.
         """
-        report = audit(Vehicle.from_parameters(parameters))
-        starting = self.audit is None
-        if starting and not report.sound and parameters['allocation.lost_axes'] == 'refuse':
-            hint = ' (drop would fly it)' if report.kept_hover_margin > 0.0 else ''
-            raise ParameterError(f'allocation.lost_axes: this vehicle is refused: {report}{hint}')
-        return report
+        # In flight lost axes are given up; nothing is refused.
+        lost_axes = None if self.audit is None else 'drop'
+        return accept(Vehicle.from_parameters(parameters), lost_axes)
 
     def note(self, report: Audit) -> None:
         """Keep an audit, and say it if it is another than before."""
@@ -128,7 +134,8 @@ class VehicleNode(Node):
     def observe(self, subject: str) -> None:
         """Begin to give account of the node on /diagnostics: once a second, and on change."""
         self._ticked = self._looked = monotonic()
-        self._diagnostics = Diagnostics(self, subject, self.levels, self.values)
+        vehicle = str(self.parameters['vehicle.name'])
+        self._diagnostics = Diagnostics(self, subject, self.levels, self.values, vehicle)
         self.create_timer(TICK, self._tick, clock=self.steady)
 
     def levels(self) -> list[tuple[bytes, str]]:

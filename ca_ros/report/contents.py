@@ -94,6 +94,8 @@ def chapter(name: str, folder: Path | None) -> Chapter:
     try:
         text = file.with_suffix('.md').read_text(encoding='utf-8')
         figures = json.loads(file.read_text(encoding='utf-8'))
+        if not isinstance(figures, dict):
+            raise ContentsError(f'{file}: expected a JSON object, as {kind.program} writes it')
         start, rest, headings = html(text, name)
         return Chapter(
             name,
@@ -112,13 +114,15 @@ def chapter(name: str, folder: Path | None) -> Chapter:
             _flat({key: figures[key] for key in FACTS if key in figures}),
             _flat(kind.parameters(figures)),
         )
+    except ContentsError:
+        raise
     except OSError as error:
         raise ContentsError(
             f'{error.filename}: not there or not to be read; {kind.program} --out DIR makes it'
         ) from None
     except UnicodeDecodeError as error:
         raise ContentsError(f'{folder}: not a file of text: {error}') from None
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ContentsError(f'{file}: not JSON: {error}') from None
     except (KeyError, TypeError, AttributeError, ValueError, StopIteration) as error:
         raise ContentsError(

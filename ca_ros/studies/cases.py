@@ -8,19 +8,18 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.figures import add_option
-from ca_ros.parameter_files import load
+from ca_ros.parameter_files import load, read_value
 from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import audit
+from ca_ros.vehicle_audit import accept
 
 BUILT_IN = tuple(ALLOCATORS)
 """Those of the package, the four of the paper in the order of its Table 1."""
@@ -99,7 +98,7 @@ class Case:
     changes: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, name: str, changes: Sequence[str] = (), to_fly: bool = False) -> Case:
+    def load(cls, name: str, changes: Sequence[str] = ()) -> Case:
         """Read a vehicle's parameter file.
 
         Parameters
@@ -108,8 +107,6 @@ class Case:
             A shipped vehicle or the path of a parameter file.
         changes : sequence of str
             ``NAME:=VALUE``, the value as in a parameter file.
-        to_fly : bool
-            Ask for what the nodes ask for: that it can hover with all axes served.
 
         Raises
         ------
@@ -121,17 +118,10 @@ class Case:
             parameters.update([_change(change)])
         parameters = complete(parameters)
         try:
-            vehicle = Vehicle.from_parameters(parameters)
+            vehicle = accept(Vehicle.from_parameters(parameters)).vehicle
         except ParameterError as error:
             raise ParameterError(f'{name}: {error}') from None
-        report = audit(vehicle)
-        sound = report.sound if to_fly else report.vehicle.axes == vehicle.axes
-        if not sound and parameters['allocation.lost_axes'] == 'refuse':
-            raise ParameterError(
-                f'{name}: allocation.lost_axes: this vehicle is refused: {report} '
-                f'(drop would {"fly" if to_fly else "study"} it)'
-            )
-        return cls(name, parameters, report.vehicle, tuple(changes))
+        return cls(name, parameters, vehicle, tuple(changes))
 
     def allocator(self, method: str) -> Allocator:
         """Return a method for the vehicle, with its options from the parameters.
@@ -168,16 +158,13 @@ def _change(text: str) -> tuple[str, Any]:
     if not given or name not in PARAMETERS:
         fault = 'no such parameter' if given else 'expected NAME:=VALUE'
         raise ParameterError(f'{name}: {fault}')
-    try:
-        return name, yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise ParameterError(f'{name}: not a value: {value}') from None
+    return name, read_value(name, value)
 
 
 def _own_class(method: str) -> type[Allocator]:
     module, colon, name = method.partition(':')
     known = ', '.join([*BUILT_IN, *FOR_COMPARISON])
-    if not (module and colon and name):
+    if not (colon and name and all(part.isidentifier() for part in module.split('.'))):
         raise ValueError(f'no method {method!r}; there are {known}, and module:Class for your own')
     if os.getcwd() not in sys.path:
         # An installed script sees its own folder, but users have their method where they stand.
@@ -188,4 +175,10 @@ def _own_class(method: str) -> type[Allocator]:
         raise ValueError(f'{method}: {error}') from None
     if not isinstance(found, type):
         raise ValueError(f'{method}: not a class')
+    if missing := ', '.join(sorted(getattr(found, '__abstractmethods__', ()))):
+        raise ValueError(f'{method}: the class does not define {missing}')
+    try:
+        signature(found).bind(None)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{method}: cannot be made from a vehicle: {error}') from None
     return found

@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
     options = _parse(sys.argv[1:] if argv is None else argv)
     try:
-        case = Case.load(options.vehicle, options.param, to_fly=True)
+        case = Case.load(options.vehicle, options.param)
         allocators = case.allocators(options.methods)
         if options.over_ros:
             check(list(allocators))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from ca_ros.admissible_set import AdmissibleSet
@@ -103,49 +101,15 @@ class Study:
                 self.kept[name].append(evaluation)
         self.done += len(next(iter(evaluations.values())).demands)
 
-    def resume(self, out: Path) -> None:
-        """Take in what an interrupted study has left in a folder, and cut off what is broken.
-
-        Raises
-        ------
-        ValueError
-            If it was another study.
-        """
-        path, before = out / 'static.csv', json.loads((out / 'static.json').read_text())
-        settings = json.loads(json.dumps(self.settings()))
-        for name, value in settings.items():
-            if before.get(name) != value:
-                raise ValueError(f'{out}: holds a study with another {name}, not to be resumed')
-        if list(before['methods']) != list(self.allocators):
-            raise ValueError(f'{out}: holds a study of other methods, not to be resumed')
-        problem, whole = self.admissible.problem, 0
-        size = BATCH if self.batch else CHUNK
-        for evaluations, end in static_csv.read(
-            path, list(self.allocators), problem.axes, len(problem.lower), size
-        ):
-            self.add(evaluations)
-            whole = end
-        for name, figures in before['methods'].items():
-            self.summaries[name].violation_max = (
-                np.inf if figures['violation_max'] is None else figures['violation_max']
-            )
-        os.truncate(path, whole)
-
     def run(self, out: Path, stop: Sequence[int]) -> None:
-        """Allocate and write the samples that are missing, until `stop` is not empty."""
+        """Allocate and write all samples, or as many as are done when `stop` is not empty."""
         problem = self.admissible.problem
         size = BATCH if self.batch else CHUNK
         with (
-            (out / 'static.csv').open('a' if self.done else 'w', encoding='utf-8') as file,
-            tqdm(
-                total=self.total,
-                initial=self.done,
-                unit=' samples',
-                disable=not sys.stderr.isatty(),
-            ) as bar,
+            (out / 'static.csv').open('w', encoding='utf-8') as file,
+            tqdm(total=self.total, unit=' samples', disable=not sys.stderr.isatty()) as bar,
         ):
-            if not self.done:
-                file.write(','.join(static_csv.header(problem.axes, len(problem.lower))) + '\n')
+            file.write(','.join(static_csv.header(problem.axes, len(problem.lower))) + '\n')
             if not self.batch:
                 # What only the first call of a method does is not part of its time.
                 for allocator in self.allocators.values():

@@ -29,8 +29,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             options.sampling,
         )
         options.out.mkdir(parents=True, exist_ok=True)
-        if options.resume:
-            study.resume(options.out)
     except (ValueError, OSError) as error:
         print(f'static_study: {error}', file=sys.stderr)
         return 1
@@ -46,10 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(table(study.figures()))
         print('written:', ', '.join(map(str, files)))
     if study.done < study.total:
-        done = 'which are written; the same command with --resume goes on'
         print(
             f'static_study: interrupted after {study.done} of {study.total} samples'
-            + (f', {done}' if study.done else ''),
+            + (', which are written' if study.done else ''),
             file=sys.stderr,
         )
         return 128 + stop[0]
@@ -76,9 +73,6 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         default='volume',
         help='volume: uniform in the admissible set; thrusts: uniform in the bounds of the '
         'thrusts; boundary: pushed out to the boundary of the set',
-    )
-    made.add_argument(
-        '--resume', action='store_true', help='go on where a study in DIR was interrupted'
     )
     return made.parse_args(split(argv)[0])
 
