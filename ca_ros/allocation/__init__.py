@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.powerless import Powerless
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.methods import METHODS
@@ -23,7 +24,7 @@ ALLOCATORS = {name: _class(place) for name, place in METHODS.items()}
 
 
 def make_allocator(method: str, vehicle: Vehicle, **options: Any) -> Allocator:
-    """Return an allocator for a vehicle.
+    """Return an allocator for a vehicle; `Powerless`, whatever the method, if all rotors are lost.
 
     Parameters
     ----------
@@ -42,6 +43,8 @@ def make_allocator(method: str, vehicle: Vehicle, **options: Any) -> Allocator:
     """
     if method not in ALLOCATORS:
         raise ValueError(f'no allocation method {method!r}; there are {", ".join(ALLOCATORS)}')
+    if vehicle.powerless:
+        return Powerless(vehicle)
     return ALLOCATORS[method](vehicle, **options)
 
 
@@ -50,6 +53,7 @@ __all__ = [
     'Allocation',
     'AllocationProblem',
     'Allocator',
+    'Powerless',
     'Status',
     'make_allocator',
 ]

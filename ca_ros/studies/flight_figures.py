@@ -64,8 +64,11 @@ def draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     figure, head, body = sheet(7.0, 5.4, len(flights))
     panels = body.subplots(3, 1, sharex=True)
     goals = (None, None, float(np.degrees(waypoint.heading)))
-    for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'yaw'), panels, strict=True)):
-        angles = {name: (f.time, np.degrees(f.euler[:, i])) for name, f in flights.items()}
+    for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'heading'), panels, strict=True)):
+        angles = {
+            method: (f.time, np.degrees(f.heading if name == 'heading' else f.euler[:, i]))
+            for method, f in flights.items()
+        }
         _lines(axes, angles, goals[i])
         axes.set_ylabel(f'{name} [°]')
     panels[-1].set_xlabel('time [s]')
