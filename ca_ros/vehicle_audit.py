@@ -46,6 +46,9 @@ class Audit:
         [N, N m]; -inf if that has no volume.
     kept_hover_margin : float
         The same without the lost axes.
+    spin_torque : float
+        The yaw torque of least size with which the vehicle can hover, if its yaw is lost [N m].
+        Hover without that torque is not possible, so the vehicle spins until drag balances it.
     authority : dict
         For each axis that is not lost, the range around hover with the other axes at rest
         [N, N m]; empty if hover is not attainable.
@@ -58,6 +61,7 @@ class Audit:
     condition: float
     hover_margin: float
     kept_hover_margin: float
+    spin_torque: float
     authority: dict[str, tuple[float, float]]
 
     @property
@@ -71,6 +75,8 @@ class Audit:
             f'{axis} {low:+.3g} to {high:+.3g}' for axis, (low, high) in self.authority.items()
         )
         lost = f'{", ".join(self.lost)} lost; ' if self.lost else ''
+        if self.spin_torque:
+            lost += f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins; '
         hover = (
             f'hover margin {self.kept_hover_margin:.3g}'
             if self.kept_hover_margin > 0.0
@@ -113,6 +119,7 @@ def audit(vehicle: Vehicle) -> Audit:
         condition=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf,
         hover_margin=_hover_margin(full),
         kept_hover_margin=hover,
+        spin_torque=_spin_torque(full, hovering) if hover > 0.0 else 0.0,
         authority={} if image is None or hover < 0.0 else _authority(hovering, image),
     )
 
@@ -169,6 +176,23 @@ def _give_up(
 def _without(problem: AllocationProblem, lost: str) -> AllocationProblem:
     axes = tuple(axis for axis in problem.axes if axis != lost)
     return AllocationProblem(replace(problem.vehicle, axes=axes))
+
+
+def _spin_torque(full: AllocationProblem, hovering: AllocationProblem) -> float:
+    """Return the yaw torque nearest to zero with which the axes of `hovering` hover [N m]."""
+    if 'yaw' in hovering.axes or 'yaw' not in full.axes:
+        return 0.0
+    axes = tuple(axis for axis in full.axes if axis in (*hovering.axes, 'yaw'))
+    with_yaw = AllocationProblem(replace(full.vehicle, axes=axes))
+    tolerance = float(hovering.tolerance(hovering.hover))
+    start = with_yaw.gamma @ hovering.least_norm.solve(hovering.hover, tolerance)[0]
+    yaw = float(start[axes.index('yaw')])
+    image = _image(with_yaw)
+    if image is not None:
+        unit = np.array([float(axis == 'yaw') for axis in axes])
+        low, high = (yaw + sign * float(image.reach(start, sign * unit)) for sign in (-1.0, 1.0))
+        yaw = min(max(low, 0.0), high)
+    return yaw if abs(yaw) > 1e-9 else 0.0
 
 
 def _authority(problem: AllocationProblem, image: Zonotope) -> dict[str, tuple[float, float]]:
