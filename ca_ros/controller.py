@@ -185,10 +185,15 @@ class Controller:
                 ]
             )
             inertia = self.vehicle.inertia
-            torque = inertia @ (
+            turn_x, turn_y, spin = angular_velocity.tolist()
+            acceleration = (
                 self.gains.attitude_stiffness * error
                 - self.gains.attitude_damping * angular_velocity
+                # While the body spins about z, its x and y axes take the turns about them along.
+                # Without this term a tilt would be led round with the spin.
+                + np.array([spin * turn_y, -spin * turn_x, 0.0])
             )
+            torque = inertia @ acceleration
             torque += cross(angular_velocity, inertia @ angular_velocity)
             demand = np.concatenate([force @ rotation, torque])[self._rows]
         if self.admissible is None:

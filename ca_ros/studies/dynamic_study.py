@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from tqdm import tqdm
 
@@ -20,16 +21,18 @@ from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arguments import split
 from ca_ros.closed_loop import Change, fly
 from ca_ros.controller import Waypoint
+from ca_ros.figures import STYLE, save
 from ca_ros.flight import Flight
 from ca_ros.rotor_failures import add_options, arguments, failures_of
 from ca_ros.studies.cases import Case, parser, positive
 from ca_ros.studies.dynamic_report import observation_lines, report, table
-from ca_ros.studies.flight_figures import draw
-from ca_ros.studies.flight_metrics import metrics
+from ca_ros.studies.flight_figures import draw, draw_failure
+from ca_ros.studies.flight_metrics import margins, metrics
 from ca_ros.studies.interrupts import interrupts
 from ca_ros.studies.observations import observe
 from ca_ros.studies.record import machine, versions
 from ca_ros.studies.ros_flight import RosFlightError, check, fly_over_ros
+from ca_ros.vehicle_audit import audit
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
 """The paper's."""
@@ -131,7 +134,8 @@ def _write(
     options: argparse.Namespace,
 ) -> dict[str, Any]:
     """Write all files; return what dynamic.json holds."""
-    controller = case.controller()
+    controller, failures = case.controller(), failures_of(options)
+    last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
     # The paper's observations are about sound vehicles.
     observations = (
         [] if options.fail else observe(flights, AllocationProblem(case.vehicle), WAYPOINT)
@@ -144,7 +148,8 @@ def _write(
             name: metrics(flight, controller, WAYPOINT, changes[name])
             for name, flight in flights.items()
         },
-        'failures': arguments(failures_of(options)),
+        'failures': arguments(failures),
+        'lost_axes': audit(case.vehicle.with_health(last)).lost,
         'observations': {each.sentence: each.holds for each in observations},
         'numbers': {each.sentence: each.numbers for each in observations},
         'changes': case.changes,
@@ -157,6 +162,15 @@ def _write(
     (options.out / 'dynamic.json').write_text(text, encoding='utf-8')
     (options.out / 'dynamic.md').write_text(report(figures), encoding='utf-8')
     draw(options.out, flights, case.vehicle, WAYPOINT, options.figures)
+    if options.fail:
+        found = {
+            name: margins(flight, controller, WAYPOINT, changes[name])
+            for name, flight in flights.items()
+        }
+        moments = [time / 1e9 for time in failures.times()]
+        with matplotlib.rc_context(STYLE):
+            figure = draw_failure(flights, found, case.vehicle, WAYPOINT, moments)
+            save(figure, options.out / 'failure', options.figures)
     return figures
 
 

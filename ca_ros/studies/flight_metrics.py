@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ca_ros.admissible_set import AdmissibleSet
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.closed_loop import Change
@@ -96,7 +98,7 @@ def metrics(
             for name, (left, step) in ways.items()
         },
         'effort': effort,
-        'time_at_bound': float(np.concatenate(bound).mean()),
+        'time_at_bound': float(np.concatenate(bound or [np.zeros(1, bool)]).mean()),
         'worst_force_residual': force,
         'worst_torque_residual': torque,
         'greatest_tilt': float(flight.tilt.max()),
@@ -137,6 +139,26 @@ def demands(
         strict=True,
     )
     return np.array([controller.wrench(*sample, waypoint) for sample in samples])
+
+
+def margins(
+    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = ()
+) -> Array:
+    """Return the margin (K,) of the commanded wrenches in the admissible set [N, N m].
+
+    The set is that of the rotors as they physically are, and of the axes that these command;
+    NaN where it has no volume.
+    """
+    found = np.full(len(flight.time), np.nan)
+    for part, pilot, vehicle in legs(flight, controller, changes):
+        axes = tuple(axis for axis in vehicle.axes if axis in pilot.vehicle.axes)
+        rows = [pilot.vehicle.axes.index(axis) for axis in axes]
+        try:
+            admissible = AdmissibleSet(replace(vehicle, axes=axes))
+        except ValueError:
+            continue
+        found[part] = admissible.margin(demands(flight, pilot, waypoint, part)[:, rows])
+    return found
 
 
 def _longest(vectors: Array) -> float:
