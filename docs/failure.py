@@ -25,14 +25,16 @@ from ca_ros.vehicle_audit import audit
 DOCS = Path(__file__).resolve().parent
 PAGE, FIGURE = DOCS / 'failure.md', DOCS / 'failure.png'
 
-STUDY = '--methods exact,pseudo_inverse --fail 1@8 --duration 16'
+METHODS = ('exact', 'pseudo_inverse', 'fixed_pseudo_inverse')
+
+STUDY = f'--methods {",".join(METHODS)} --fail 1@8 --duration 14'
 """The options of dynamic_study that draw the figure."""
 
 START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)
 """Where the rotor is lost, and 2 m from there, where the vehicle is sent then."""
 
 LOST, SENT, SETTLED, END = 1.0, 3.0, 15.0, 75.0
-"""When the rotor is lost, when the waypoint is sent; when the vehicle is to be there, and stay [s]."""
+"""When the rotor is lost, when the waypoint is sent; when it is to be there; the end [s]."""
 
 THERE = 0.05
 """How far from the waypoint the vehicle may be [m]."""
@@ -87,7 +89,7 @@ def rotors_table() -> str:
             drags = [0.0, DRAG] if report.lost == ('yaw',) else [0.0]
             for drag in drags:
                 case = Case.load(file.stem, [f'simulator.rotational_drag:={drag}'])
-                exact, pinv = (lose(case, m, rotor) for m in ('exact', 'pseudo_inverse'))
+                exact, *others = (lose(case, method, rotor) for method in METHODS)
                 key = (
                     f'`{file.stem}`',
                     ', '.join(report.lost) or 'none',
@@ -96,7 +98,7 @@ def rotors_table() -> str:
                     verdict(exact),
                     f'{degrees(exact.tilt):.0f}' if exact.flies else '',
                     f'{exact.spin:.1f}' if exact.flies else '',
-                    verdict(pinv),
+                    *map(verdict, others),
                 )
                 rows.setdefault(key, []).append(rotor)
     titles = (
@@ -108,7 +110,7 @@ def rotors_table() -> str:
         '`exact`',
         'tilt [°]',
         'spin [rad/s]',
-        '`pseudo_inverse`',
+        *(f'`{method}`' for method in METHODS[1:]),
     )
     return table(titles, [(key[0], spans(found), *key[1:]) for key, found in rows.items()])
 
@@ -140,7 +142,9 @@ def delays_table() -> str:
         for delay in delays:
             found = lose(case, 'exact', 1, delay)
             words.append(
-                f'{degrees(found.tilt):.0f}°, {max(found.drop, 0.0):.2f} m' if found.flies else 'lost'
+                f'{degrees(found.tilt):.0f}°, {max(found.drop, 0.0):.2f} m'
+                if found.flies
+                else 'lost'
             )
         rows.append((f'`{name}`', *words))
     return table(('rotor 1 of', *(f'{d:g} s' if d else 'never' for d in delays)), rows)

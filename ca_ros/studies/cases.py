@@ -24,6 +24,7 @@ from ca_ros.parameter_files import load
 from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.rigid_body import RigidBody
 from ca_ros.rotor_failures import RotorFailures
+from ca_ros.studies.fixed_pseudo_inverse import FixedPseudoInverse
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import audit
@@ -31,8 +32,12 @@ from ca_ros.vehicle_audit import audit
 BUILT_IN = tuple(ALLOCATORS)
 """Those of the package, the four of the paper in the order of its Table 1."""
 
-FOR_COMPARISON: dict[str, type[Allocator]] = {'osqp_default': PlainOsqp, 'osqp_tight': TightOsqp}
-"""Solvers without the finish of `exact`; only studies know them."""
+FOR_COMPARISON: dict[str, type[Allocator]] = {
+    'osqp_default': PlainOsqp,
+    'osqp_tight': TightOsqp,
+    'fixed_pseudo_inverse': FixedPseudoInverse,
+}
+"""Solvers without the finish of `exact`, and without failures; only studies know them."""
 
 
 def parser(prog: str, description: str) -> argparse.ArgumentParser:
