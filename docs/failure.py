@@ -45,12 +45,17 @@ DRAG = 5e-4
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a flight with a lost rotor went: distances [m], greatest tilt [rad], spin [rad/s]."""
+    """How a flight with a lost rotor went: distances [m], greatest tilt [rad], spin [rad/s].
+
+    `away` is the greatest distance from the waypoint once the vehicle should be there, `end` the
+    last one, `drop` how far the vehicle came below the height at which it lost the rotor.
+    """
 
     away: float
     tilt: float
     drop: float
     spin: float
+    end: float
 
     @property
     def flies(self) -> bool:
@@ -67,13 +72,14 @@ def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> O
             case.controller(), case.allocator(method), case.body(), START, END, changes=changes
         )
     except FloatingPointError:
-        return Outcome(inf, np.pi, inf, inf)
+        return Outcome(inf, np.pi, inf, inf, inf)
     late = flight.position[flight.time >= SETTLED]
     return Outcome(
         float(np.linalg.norm(late - GOAL.position, axis=1).max()),
         float(flight.tilt.max()),
         float(-flight.position[:, 2].min()),
         float(np.abs(flight.angular_velocity[-1, 2])),
+        flight.position_error(GOAL),
     )
 
 
@@ -119,6 +125,8 @@ def verdict(outcome: Outcome) -> str:
     """Say whether it flies."""
     if outcome.flies:
         return 'flies'
+    if outcome.end <= THERE:
+        return 'late'
     return f'{outcome.away:.2f} m off' if outcome.away < 1.0 else 'falls'
 
 
@@ -141,11 +149,9 @@ def delays_table() -> str:
         case, words = Case.load(name), []
         for delay in delays:
             found = lose(case, 'exact', 1, delay)
-            words.append(
-                f'{degrees(found.tilt):.0f}°, {max(found.drop, 0.0):.2f} m'
-                if found.flies
-                else 'lost'
-            )
+            how = f'{degrees(found.tilt):.0f}°, {max(found.drop, 0.0):.2f} m'
+            late = '' if found.flies else ', late'
+            words.append(f'{how}{late}' if found.end <= THERE else 'falls')
         rows.append((f'`{name}`', *words))
     return table(('rotor 1 of', *(f'{d:g} s' if d else 'never' for d in delays)), rows)
 
