@@ -94,7 +94,7 @@ def metrics(
             name: _settling_time(flight.time, left, step) for name, (left, step) in ways.items()
         },
         'overshoot': {
-            name: max(float((-left / step).max()), 0.0) if step else 0.0
+            name: max(0.0, float((-left / step).max())) if step else 0.0
             for name, (left, step) in ways.items()
         },
         'effort': effort,
