@@ -70,6 +70,7 @@ readme: demo
 	.venv/bin/python docs/readme.py
 	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
 	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
+	.venv/bin/python docs/failure.py
 
 venv: .venv/.demo
 	@echo 'Ready: . .venv/bin/activate'

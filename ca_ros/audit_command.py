@@ -106,7 +106,7 @@ def table(vehicle: Vehicle) -> str:
 
 def _row(report: Audit, axes: Sequence[str]) -> tuple[str, ...]:
     lost = ', '.join(report.lost) or '-'
-    if not report.kept_hover_margin > 0.0:
+    if not report.keeps_hovering:
         return lost, report.why_no_hover()
     ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
     return lost, f'{report.kept_hover_margin:.3g}', *ends

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
 import numpy as np
 
 from ca_ros.allocation import Allocator
@@ -18,6 +21,25 @@ from ca_ros.rigid_body import (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What takes the place of its predecessor in a closed loop, from a time of flight on.
+
+    Attributes
+    ----------
+    time : int
+        [ns]
+    controller, allocator, body, waypoint
+        None where nothing changes.
+    """
+
+    time: int
+    controller: Controller | None = None
+    allocator: Allocator | None = None
+    body: RigidBody | None = None
+    waypoint: Waypoint | None = None
+
+
 def fly(
     controller: Controller,
     allocator: Allocator,
@@ -26,6 +48,7 @@ def fly(
     duration: float,
     time_step: float = 0.01,
     state: Array = NULL_STATE,
+    changes: Iterable[Change] = (),
 ) -> Flight:
     """Fly to a waypoint.
 
@@ -41,6 +64,8 @@ def fly(
         Whole nanoseconds are used, as in the stamps of ROS [s].
     state : (13,) array
         Initial state, see `ca_ros.rigid_body`.
+    changes : iterable of Change
+        Each takes effect at the first sample that is not before its time.
 
     Returns
     -------
@@ -56,14 +81,21 @@ def fly(
     velocities, commands = [], []
     step_ns = round(time_step * 1e9)
     time_step = step_ns / 1e9
-    for _ in range(steps(duration, time_step) + 1):
+    pending = sorted(changes, key=lambda change: change.time, reverse=True)
+    for step in range(steps(duration, time_step) + 1):
+        while pending and pending[-1].time <= step * step_ns:
+            change = pending.pop()
+            controller = change.controller or controller
+            allocator = change.allocator or allocator
+            body = change.body or body
+            waypoint = change.waypoint or waypoint
         velocity = velocity_in_body(state)
         try:
             wrench = controller.wrench(
                 state[POSITION], state[ATTITUDE], velocity, state[ANGULAR_VELOCITY], waypoint
             )
         except ValueError as error:
-            time = len(states) * time_step
+            time = step * time_step
             raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
         speeds = allocator.allocate(wrench).speeds
         states.append(state)

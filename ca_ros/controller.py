@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan2, cos, hypot, sin, tan
@@ -11,13 +11,18 @@ from typing import Any
 import numpy as np
 
 from ca_ros.admissible_set import AdmissibleSet
+from ca_ros.allocation.options import order_from_parameters
+from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.parameters import AXES, ParameterError, complete
-from ca_ros.rigid_body import cross, rotation_matrix
+from ca_ros.rigid_body import cross, difference, heading, rotation_matrix
 from ca_ros.vehicle import Vehicle
 
 LIFT_MIN = 0.3
 """Share of the weight that is always held up, lest the vehicle turn over to descend faster."""
+
+HEADING_ERROR_MAX = 0.5
+"""Greatest heading error that the controller acts on [rad]: a half turn asks for no more."""
 
 
 @dataclass(frozen=True)
@@ -73,29 +78,58 @@ class Waypoint:
 
     @cached_property
     def heading(self) -> float:
-        """Direction of the body's x axis seen from above [rad]."""
-        forward = rotation_matrix(self.attitude)[:, 0]
-        return atan2(forward[1], forward[0])
+        """Heading of the attitude [rad], see `ca_ros.rigid_body.heading`."""
+        return float(heading(self.attitude))
 
 
 class Controller:
     """Inverse dynamics with PD actions, saturated into the admissible set (Section 4).
 
-    The wanted acceleration is PD in the position error, with the speed of the approach limited; it
-    gives the wanted force, whose direction and the heading give the wanted attitude; PD in the
-    attitude error gives the torque.  Where the wrench is not admissible, it is made so by
-    priority: roll and pitch, thrust, yaw.
+    PD in the position error, with the speed of the approach limited, gives the wanted force.  PD
+    in the attitude error gives the torque.  The attitude error has two parts: the rotation that
+    takes the body's z axis to the direction of the wanted force by the shortest way (the reduced
+    attitude, about x and y), and the error of the heading (about z), limited to
+    `HEADING_ERROR_MAX`.  So the tilt does not depend on the heading, and is controlled in the same
+    way while the vehicle spins.
+
+    A wrench that is not admissible is brought into the admissible set by priority.
 
     Parameters
     ----------
     vehicle : Vehicle
+        With the rotors' health as far as it is known.
     gains : Gains
+    order : sequence of groups of axes, optional
+        Priorities, see `AdmissibleSet.prioritize`.
+
+    Raises
+    ------
+    ValueError
+        If `order` is not a partition of the vehicle's axes, or its admissible set has no volume.
     """
 
-    def __init__(self, vehicle: Vehicle, gains: Gains) -> None:
-        self.vehicle, self.gains = vehicle, gains
-        self.admissible = AdmissibleSet(vehicle)
+    def __init__(
+        self, vehicle: Vehicle, gains: Gains, order: Sequence[Sequence[str]] | None = None
+    ) -> None:
+        self.vehicle, self.gains, self.order = vehicle, gains, order
+        self.problem = AllocationProblem(vehicle)
+        self.admissible = None if vehicle.powerless else AdmissibleSet(self.problem)
+        if self.admissible is not None:
+            # A wrong order is an error now, not at the first wrench that needs it.
+            self.admissible.check_order(order)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
+
+    @classmethod
+    def from_parameters(cls, vehicle: Vehicle, given: Mapping[str, Any]) -> Controller:
+        """Make a vehicle's controller with the gains and the priorities of its parameters.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter is wrong; it is named.
+        """
+        p: dict[str, Any] = complete(given)
+        return cls(vehicle, Gains.from_parameters(p), order_from_parameters(p, vehicle.axes))
 
     def wrench(
         self,
@@ -120,7 +154,8 @@ class Controller:
         Returns
         -------
         (m,) array
-            In the admissible set [N, N m], one component for each of the vehicle's axes.
+            In the admissible set [N, N m], one component for each of the vehicle's axes; zero if
+            all rotors are lost.
 
         Raises
         ------
@@ -142,16 +177,28 @@ class Controller:
         with np.errstate(over='ignore', invalid='ignore'):
             rotation = rotation_matrix(attitude)
             force = self._force(position, rotation @ velocity, waypoint)
-            wanted = _attitude(force, waypoint.heading)
-            error = _rotation_vector(rotation.T @ wanted)
+            off = difference(waypoint.heading, float(heading(attitude)))
+            error = np.array(
+                [
+                    *_tilt_error(rotation, force),
+                    min(max(off, -HEADING_ERROR_MAX), HEADING_ERROR_MAX),
+                ]
+            )
             inertia = self.vehicle.inertia
-            torque = inertia @ (
+            turn_x, turn_y, spin = angular_velocity.tolist()
+            acceleration = (
                 self.gains.attitude_stiffness * error
                 - self.gains.attitude_damping * angular_velocity
+                # While the body spins about z, its x and y axes take the turns about them along.
+                # Without this term a tilt would be led round with the spin.
+                + np.array([spin * turn_y, -spin * turn_x, 0.0])
             )
+            torque = inertia @ acceleration
             torque += cross(angular_velocity, inertia @ angular_velocity)
             demand = np.concatenate([force @ rotation, torque])[self._rows]
-        return self.admissible.prioritize(demand)
+        if self.admissible is None:
+            return np.zeros(len(demand))
+        return self.admissible.prioritize(demand, self.order)
 
     def _force(self, position: Array, velocity: Array, waypoint: Waypoint) -> Array:
         """Return the wanted force in the world frame [N]."""
@@ -168,18 +215,12 @@ class Controller:
         return force
 
 
-def _attitude(force: Array, heading: float) -> Array:
-    """Return the rotation matrix whose z axis is along a force and whose x axis has a heading."""
-    up = force / hypot(*force.tolist())
-    left = cross(up, np.array([cos(heading), sin(heading), 0.0]))
-    left /= hypot(*left.tolist())
-    return np.array([cross(left, up), left, up]).T
+def _tilt_error(rotation: Array, force: Array) -> tuple[float, float]:
+    """Return the rotation vector about x and y that takes the body's z axis to a force [rad].
 
-
-def _rotation_vector(rotation: Array) -> Array:
-    """Return axis times angle of a rotation matrix; zero for half a turn, which has two axes."""
-    r = rotation.tolist()
-    vector = 0.5 * np.array([r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]])
-    sine = hypot(*vector.tolist())
-    angle = atan2(sine, 0.5 * (r[0][0] + r[1][1] + r[2][2] - 1.0))
-    return vector * (angle / sine) if sine > 0.0 else vector
+    Where the force is opposite to the z axis every axis is as good: x is taken.
+    """
+    x, y, z = (force @ rotation).tolist()
+    sine = hypot(x, y)
+    angle = atan2(sine, z)
+    return (-y * angle / sine, x * angle / sine) if sine > 0.0 else (angle, 0.0)

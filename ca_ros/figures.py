@@ -89,9 +89,9 @@ def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
         _lines(
             attitude,
             flight.time,
-            np.degrees(flight.euler),
-            ('roll', 'pitch', 'yaw'),
-            'Euler angle 123 [deg]',
+            np.degrees(np.column_stack([flight.euler[:, :2], flight.heading])),
+            ('roll', 'pitch', 'heading'),
+            'angle [deg]',
         )
         attitude.axhline(np.degrees(waypoint.heading), **DASHED)
         names = [f'rotor {i + 1}' for i in range(vehicle.n)]

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.controller import Waypoint
+from ca_ros.rigid_body import difference, heading, tilt
 
 
 def steps(duration: float, time_step: float) -> int:
@@ -48,6 +49,16 @@ class Flight:
         """Roll, pitch, yaw (K, 3): Euler angles 123, about x, the new y, the new z [rad]."""
         return Rotation.from_quat(self.attitude).as_euler('XYZ')
 
+    @property
+    def heading(self) -> Array:
+        """Heading (K,) [rad], see `ca_ros.rigid_body.heading`."""
+        return heading(self.attitude)
+
+    @property
+    def tilt(self) -> Array:
+        """Angle (K,) between the body's z axis and the vertical [rad]."""
+        return tilt(self.attitude)
+
     def missing(self, duration: float) -> int:
         """Return how many samples are missing of a flight of so many seconds in equal steps."""
         step = float(np.diff(self.time).min(initial=np.inf))
@@ -59,8 +70,7 @@ class Flight:
 
     def heading_error(self, waypoint: Waypoint) -> float:
         """Return the final angle between the heading and that of a waypoint [rad]."""
-        last = Waypoint(self.position[-1], self.attitude[-1])
-        return abs((last.heading - waypoint.heading + np.pi) % (2.0 * np.pi) - np.pi)
+        return abs(float(difference(self.heading[-1], waypoint.heading)))
 
     def columns(self) -> dict[str, Array]:
         """Return the columns of `write_csv` by name, (K,) each."""
@@ -69,6 +79,7 @@ class Flight:
             ('x', 'y', 'z'): self.position,
             ('roll', 'pitch', 'yaw'): self.euler,
             tuple(f'speed_{i + 1}' for i in range(self.speeds.shape[1])): self.speeds,
+            ('heading', 'tilt'): np.column_stack([self.heading, self.tilt]),
             ('qx', 'qy', 'qz', 'qw'): self.attitude,
             ('vx', 'vy', 'vz'): self.velocity,
             ('wx', 'wy', 'wz'): self.angular_velocity,

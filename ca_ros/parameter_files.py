@@ -143,6 +143,22 @@ def load(vehicle: str | Path) -> dict[str, Value]:
         raise ParameterError(f'{path}: {error}') from None
 
 
+def overrides(path: str | Path, node: str) -> dict[str, Any]:
+    """Return what a ROS parameter file has for a node, by name, unchecked; it may be little."""
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(
+            f'{path}: not a readable YAML file: {" ".join(str(error).split())}'
+        ) from None
+    found: dict[str, Any] = {}
+    for key in ('/**', node, f'/{node}'):
+        section = content.get(key) if isinstance(content, Mapping) else None
+        if isinstance(section, Mapping) and isinstance(section.get('ros__parameters'), Mapping):
+            found.update(_flatten(section['ros__parameters']))
+    return found
+
+
 def _ros_parameters(content: Any) -> Mapping[str, Any]:
     if isinstance(content, Mapping) and isinstance(content.get('/**'), Mapping):
         parameters = content['/**'].get('ros__parameters')

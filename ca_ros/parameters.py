@@ -116,7 +116,7 @@ PARAMETERS: dict[str, Parameter] = {
     'rotors.speed_min': Parameter('lower bound of the speed [rad/s]', array=True, minimum=0.0),
     'rotors.speed_max': Parameter('upper bound of the speed [rad/s]', array=True, positive=True),
     'rotors.health': Parameter(
-        'thrust delivered over thrust expected: 1 sound, 0 lost',
+        'thrust delivered over thrust expected: 1 sound, 0 (or below 1e-9) lost',
         array=True,
         default=1.0,
         minimum=0.0,
@@ -232,6 +232,18 @@ PARAMETERS: dict[str, Parameter] = {
         default=1.0,
         minimum=0.01,
         maximum=10.0,
+    ),
+    'simulator.rotational_drag': Parameter(
+        'drag torque of the turning vehicle over its squared angular velocity [N m s^2/rad^2]',
+        default=0.0,
+        minimum=0.0,
+    ),
+    'simulator.hold_at': Parameter(
+        'time of the simulation at which it waits in mode lockstep, until this is set to a later '
+        'time, or to 0 for none [s]',
+        default=0.0,
+        minimum=0.0,
+        mutable=True,
     ),
     'controller.position_stiffness': Parameter(
         'position error to acceleration, x, y, z [1/s^2]', array=True, default=1.5, positive=True

@@ -8,6 +8,7 @@ The world frame is east-north-up, the body frame forward-left-up (REP 103).  A s
 from __future__ import annotations
 
 from math import hypot
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,28 @@ def rotation_matrix(quaternion: Array) -> Array:
     )
 
 
+def heading(attitude: Array) -> Array:
+    """Return the heading (...) of quaternions x, y, z, w (..., 4), in [-pi, pi] [rad].
+
+    It is the angle by which the body is turned about its own z axis, once that axis has been
+    brought upright along the shortest way: a tilt changes no heading.  Upside down, where there
+    is no shortest way, the heading is 0.
+    """
+    z, w = attitude[..., 2], attitude[..., 3]
+    return 2.0 * np.arctan2(np.where(w < 0.0, -z, z), np.abs(w))
+
+
+def difference(angle: Any, other: Any) -> Any:
+    """Return `angle` minus `other`, the short way round: in [-pi, pi) [rad]."""
+    return (angle - other + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def tilt(attitude: Array) -> Array:
+    """Return the angle (...) between the body's z axis and the vertical [rad]."""
+    x, y, z, w = np.moveaxis(attitude, -1, 0)
+    return 2.0 * np.arctan2(np.hypot(x, y), np.hypot(z, w))
+
+
 def cross(a: Array, b: Array) -> Array:
     """Return a x b for two (3,) arrays; NumPy's own takes ten times as long for a single one."""
     ax, ay, az = a.tolist()
@@ -55,10 +78,14 @@ class RigidBody:
     Parameters
     ----------
     vehicle : Vehicle
+        With the rotors' health as it physically is.
+    rotational_drag : float
+        Drag torque against the angular velocity, over its square [N m s^2/rad^2].
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, rotational_drag: float = 0.0) -> None:
         self.vehicle = vehicle
+        self.rotational_drag = rotational_drag
         self._wrenches = rotor_wrenches(vehicle)
         self._inverse_inertia = np.linalg.inv(vehicle.inertia)
         self._gravity = np.array([0.0, 0.0, vehicle.gravity])
@@ -71,6 +98,8 @@ class RigidBody:
         force = rotation_matrix(state[ATTITUDE]) @ wrench[:3]
         turning = np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ omega
         torque = wrench[3:] - cross(omega, self.vehicle.inertia @ omega)
+        if self.rotational_drag:
+            torque -= self.rotational_drag * hypot(*omega.tolist()) * omega
         return np.concatenate(
             [
                 state[VELOCITY],

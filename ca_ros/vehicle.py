@@ -16,6 +16,9 @@ from ca_ros.arrays import Array, constant
 from ca_ros.parameter_files import load
 from ca_ros.parameters import AXES, ParameterError, complete
 
+HEALTH_MIN = 1e-9
+"""A rotor whose health is below this counts as lost."""
+
 ROUNDING = 1e-9
 """How far thrusts may be out of bounds, relative to the upper one or 1 N."""
 
@@ -46,7 +49,7 @@ class Vehicle:
     speed_min, speed_max : (n,) arrays
         Eq. (7) [rad/s].
     health : (n,) array
-        Thrust delivered over thrust expected, in [0, 1].
+        Thrust delivered over thrust expected, in [0, 1]; below `HEALTH_MIN` the rotor is lost.
     axes : tuple of str
         The components of the wrench that are commanded, in the order of `ca_ros.parameters.AXES`.
     lost_axes : 'refuse' or 'drop'
@@ -164,7 +167,13 @@ class Vehicle:
     @cached_property
     def thrust_per_squared_speed(self) -> Array:
         """k_f of the rotors as they are, health included, (n,) [kg m]."""
-        return constant(self.health * self.thrust_coefficient)
+        health = np.where(self.health < HEALTH_MIN, 0.0, self.health)
+        return constant(health * self.thrust_coefficient)
+
+    @property
+    def powerless(self) -> bool:
+        """Whether all rotors are lost."""
+        return not self.thrust_max.any()
 
     @cached_property
     def thrust_min(self) -> Array:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
 from ca_ros.parameters import PARAMETERS, ParameterError
+from ca_ros.prioritization import Prioritization
 from ca_ros.vehicle import Vehicle
-from ca_ros.zonotope import Zonotope
 
 LOST_AXES = PARAMETERS['allocation.lost_axes'].choices
 
@@ -25,17 +26,24 @@ At 0.05 a command along the axis takes twenty times the thrusts that it would ta
 """
 
 
+HOVER_ROUNDING = 1e-12
+"""Share of the way from the middle of the set by which hover has to be inside."""
+
+
 @dataclass(frozen=True, eq=False)
 class Audit:
     """What a vehicle can command.
 
     Attributes
     ----------
+    asked : AllocationProblem
+        Of all axes that are asked for.
     problem : AllocationProblem
         Of the axes that can be commanded independently; the others are left out.
-    lost : tuple of str
-        The axes that are lost: those left out, and those that have to yield if the vehicle is to
-        hover.  The latter are still commanded, and get what the others leave.
+    kept : AllocationProblem
+        Of the axes that are not lost.
+    hovers, keeps_hovering : bool
+        Whether hover is inside the admissible set of `asked`, and of `kept`.
     rank : int
         Number of axes that the rotors can command in theory.
     independence : dict
@@ -44,24 +52,50 @@ class Audit:
         possible.
     condition : float
         Condition number of Gamma with such rows of unit length.
-    hover_margin : float
-        Signed distance from hover to the boundary of the admissible set of all axes asked for
-        [N, N m]; -inf if that has no volume.
-    kept_hover_margin : float
-        The same without the lost axes.
-    authority : dict
-        For each axis that is not lost, the range around hover with the other axes at rest
-        [N, N m]; empty if hover is not attainable.
     """
 
+    asked: AllocationProblem
     problem: AllocationProblem
-    lost: tuple[str, ...]
+    kept: AllocationProblem
+    hovers: bool
+    keeps_hovering: bool
     rank: int
     independence: dict[str, float]
     condition: float
-    hover_margin: float
-    kept_hover_margin: float
-    authority: dict[str, tuple[float, float]]
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """The axes that are left out, and those that have to yield if the vehicle is to hover.
+
+        The latter are still commanded, and get what the others leave.
+        """
+        return tuple(axis for axis in self.asked.axes if axis not in self.kept.axes)
+
+    @cached_property
+    def hover_margin(self) -> float:
+        """Signed distance from hover to the boundary of the admissible set of `asked` [N, N m].
+
+        It is -inf if that set has no volume.
+        """
+        return _hover_margin(self.asked)
+
+    @cached_property
+    def kept_hover_margin(self) -> float:
+        """The same for `kept`."""
+        return _hover_margin(self.kept)
+
+    @cached_property
+    def spin_torque(self) -> float:
+        """The yaw torque that hover leaves where yaw is lost: the vehicle spins [N m]."""
+        return _spin_torque(self.asked, self.kept) if self.keeps_hovering else 0.0
+
+    @cached_property
+    def authority(self) -> dict[str, tuple[float, float]]:
+        """For each axis of `kept`, the range around hover with the other axes at rest [N, N m].
+
+        It is empty if hover is not attainable.
+        """
+        return _authority(self.kept) if self.keeps_hovering else {}
 
     @property
     def vehicle(self) -> Vehicle:
@@ -71,12 +105,14 @@ class Audit:
     @property
     def sound(self) -> bool:
         """Whether no axis is lost and the vehicle can hover."""
-        return not self.lost and self.hover_margin > 0.0
+        return not self.lost and self.hovers
 
     def __str__(self) -> str:
         """Say it in one line."""
         parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
-        if self.kept_hover_margin > 0.0:
+        if self.spin_torque:
+            parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
+        if self.keeps_hovering:
             parts.append(f'hover margin {self.kept_hover_margin:.3g} [N, N m]')
             ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
             parts.append(f'around hover: {", ".join(ranges)}')
@@ -137,21 +173,18 @@ def audit(vehicle: Vehicle) -> Audit:
     hovering = _give_up(independent, _hovers)
     if not _hovers(hovering):
         hovering = independent
-    image = _image(hovering)
-    lost = tuple(axis for axis in full.axes if axis not in hovering.axes)
-    if lost or not _hovers(full):
+    if len(hovering.axes) < len(full.axes) or not _hovers(full):
         # Whoever goes on with what is left has seen the audit.
         independent.vehicle = replace(independent.vehicle, lost_axes='drop')
-    hover = -np.inf if image is None else float(image.margin(hovering.hover))
     return Audit(
+        asked=full,
         problem=independent,
-        lost=lost,
+        kept=hovering,
+        hovers=_hovers(full),
+        keeps_hovering=_hovers(hovering),
         rank=int((singular > 1e-9).sum()),
         independence=independence,
         condition=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf,
-        hover_margin=_hover_margin(full),
-        kept_hover_margin=hover,
-        authority={} if image is None or hover < 0.0 else _authority(hovering, image),
     )
 
 
@@ -182,7 +215,7 @@ def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
     report = audit(vehicle)
     if choice == 'refuse' and not report.sound:
         without = f'without {", ".join(report.lost)}' if report.lost else 'as it is'
-        flies = '' if report.kept_hover_margin > 0.0 else ', although it cannot hover'
+        flies = '' if report.keeps_hovering else ', although it cannot hover'
         raise ParameterError(
             f'allocation.lost_axes: this vehicle is refused: {report} '
             f"('drop' accepts it {without}{flies})"
@@ -219,25 +252,20 @@ def _independence(unit: Array) -> Array:
     return np.array(distances)
 
 
-def _image(problem: AllocationProblem) -> Zonotope | None:
-    try:
-        return problem.image
-    except ValueError:
-        return None
-
-
 def _hover_margin(problem: AllocationProblem) -> float:
-    image = _image(problem)
-    return -np.inf if image is None else float(image.margin(problem.hover))
+    return float(problem.image.margin(problem.hover)) if problem.spans else -np.inf
 
 
 def _independent(problem: AllocationProblem) -> bool:
-    rows = _unit_rows(problem)
-    return bool(_independence(rows).min() >= INDEPENDENCE_MIN) and _image(problem) is not None
+    return problem.spans and bool(_independence(_unit_rows(problem)).min() >= INDEPENDENCE_MIN)
 
 
 def _hovers(problem: AllocationProblem) -> bool:
-    return bool(_hover_margin(problem) > problem.tolerance(problem.hover))
+    """Tell whether hover is inside the set, not on its boundary."""
+    if not problem.spans:
+        return False
+    way = problem.hover - problem.center
+    return problem.reach(problem.center, way, 2.0) > 1.0 + HOVER_ROUNDING
 
 
 def _give_up(
@@ -257,9 +285,26 @@ def _without(problem: AllocationProblem, lost: str) -> AllocationProblem:
     return AllocationProblem(replace(problem.vehicle, axes=axes))
 
 
-def _authority(problem: AllocationProblem, image: Zonotope) -> dict[str, tuple[float, float]]:
-    start, ranges = image.pull(problem.hover), {}
-    for i, axis in enumerate(problem.axes):
-        unit = np.eye(len(problem.axes))[i]
-        ranges[axis] = (-float(image.reach(start, -unit)), float(image.reach(start, unit)))
-    return ranges
+def _spin_torque(asked: AllocationProblem, kept: AllocationProblem) -> float:
+    """Return the yaw torque nearest to zero with which the axes of `kept` hover [N m]."""
+    if 'yaw' in kept.axes or 'yaw' not in asked.axes:
+        return 0.0
+    axes = tuple(axis for axis in asked.axes if axis in (*kept.axes, 'yaw'))
+    with_yaw = AllocationProblem(replace(asked.vehicle, axes=axes))
+    place = axes.index('yaw')
+    if with_yaw.spans:
+        rows = [row for row in range(len(axes)) if row != place]
+        yaw = float(Prioritization(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
+    else:
+        tolerance = float(kept.tolerance(kept.hover))
+        thrusts = kept.least_norm.solve(kept.hover, tolerance).thrusts
+        yaw = float(with_yaw.gamma[place] @ thrusts)
+    return yaw if abs(yaw) > 1e-9 else 0.0
+
+
+def _authority(problem: AllocationProblem) -> dict[str, tuple[float, float]]:
+    units = dict(zip(problem.axes, np.eye(len(problem.axes)), strict=True))
+    return {
+        axis: (-problem.reach(problem.hover, -unit), problem.reach(problem.hover, unit))
+        for axis, unit in units.items()
+    }

@@ -7,14 +7,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ca_ros import ALLOCATORS, make_allocator
-from ca_ros.closed_loop import fly
+from ca_ros.closed_loop import Change, fly
 from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
+from ca_ros.studies.cases import Case
 from strategies import HEXAROTOR
 
 PARAMETERS = load('hexarotor')
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
+
+SHIPPED = [
+    'hexarotor', 'hexarotor_ppnnpn', 'hexarotor_tilted', 'octorotor', 'quadrotor', 'x8', 'y6']
 
 every_method = pytest.mark.parametrize('method', ALLOCATORS)
 
@@ -88,6 +92,44 @@ def test_the_flight_is_the_same_to_the_last_bit_each_time(flights, method):
     for name in ('time', 'position', 'attitude', 'velocity', 'angular_velocity', 'speeds'):
         np.testing.assert_array_equal(
             getattr(again, name), getattr(flights[method], name)[:201], name)
+
+
+@pytest.mark.parametrize('vehicle', SHIPPED)
+@pytest.mark.parametrize(
+    ('position', 'heading'), [((8.0, 0.0, 0.0), 179.0), ((8.0, -6.0, 4.0), 170.0)])
+def test_a_great_turn_of_the_heading_takes_neither_tilt_nor_height(vehicle, position, heading):
+    case = Case.load(vehicle)
+    waypoint = Waypoint.of(*position, np.radians(heading))
+    # The plan: the same climb, without going anywhere else and without turning.
+    plan, flight = (
+        fly(case.controller(), case.allocator('exact'), case.body(), goal, 20.0)
+        for goal in (Waypoint.of(0.0, 0.0, position[2], 0.0), waypoint))
+    assert np.degrees(flight.tilt.max()) < np.degrees(case.parameters['controller.tilt_max']) + 5.0
+    assert np.abs(flight.position[:, 2] - plan.position[:, 2]).max() < 0.15
+    assert flight.position_error(waypoint) < 1e-3
+    assert flight.heading_error(waypoint) < np.radians(0.01)
+
+
+@pytest.mark.parametrize('tilt_max', [0.1, 0.4, 0.8])
+def test_the_greatest_tilt_holds_in_flight(tilt_max):
+    # So far and so fast that the limit is reached.
+    case = Case.load('hexarotor', [
+        f'controller.tilt_max:={tilt_max}', 'controller.speed_max:=20',
+        'controller.position_damping:=3'])
+    flight = fly(
+        case.controller(), case.allocator('exact'), case.body(),
+        Waypoint.of(40.0, -20.0, 4.0, 3.0), 15.0)
+    assert 0.95 * tilt_max < flight.tilt.max() < tilt_max + np.radians(1.0)
+
+
+def test_a_change_takes_effect_at_the_first_sample_that_is_not_before_it():
+    case = Case.load('hexarotor')
+    there, back = Waypoint.of(1.0, 0.0, 0.0, 0.0), Waypoint.of(-1.0, 0.0, 0.0, 0.0)
+    loop = case.controller(), case.allocator('exact'), case.body()
+    plain, turned = fly(*loop, there, 1.0), fly(
+        *loop, there, 1.0, changes=[Change(495_000_001, waypoint=back)])
+    np.testing.assert_array_equal(turned.speeds[:50], plain.speeds[:50])
+    assert np.any(turned.speeds[50] != plain.speeds[50])
 
 
 def test_the_file_of_a_flight_keeps_every_bit(flights, tmp_path):

@@ -1,5 +1,7 @@
 """The controller: signs, equilibrium, and an admissible wrench whatever the state."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet, ParameterError
 from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.flight import Flight
 from ca_ros.parameter_files import load
+from ca_ros.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, RigidBody, heading, tilt
 from strategies import FLEET, HEXAROTOR
 
 PARAMETERS = load('hexarotor')
@@ -93,13 +97,105 @@ def test_a_turn_is_damped(axis, damping):
 
 
 def test_the_acceleration_is_the_wanted_one():
-    # Inverse dynamics: away from the limits the torque makes the angular acceleration
-    # -kd omega, the gyroscopic torque included.
+    # Inverse dynamics: away from the limits the torque makes the turn about x and y decay as
+    # -kd omega in a frame that does not spin with the body, the gyroscopic torque included.
     gains, inertia = CONTROLLER.gains, HEXAROTOR.inertia
     omega = np.array([0.3, -0.2, 0.4])
     torque = wrench((0.0, 0.0, 0.0, 0.0), angular_velocity=omega)[1:]
-    spin = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
-    np.testing.assert_allclose(spin, -gains.attitude_damping * omega, atol=1e-12)
+    turn = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
+    turn += np.cross([0.0, 0.0, omega[2]], [omega[0], omega[1], 0.0])
+    np.testing.assert_allclose(turn, -gains.attitude_damping * omega, atol=1e-12)
+
+
+@pytest.mark.parametrize('spin', [5.0, -20.0])
+def test_a_tilt_is_taken_back_in_the_same_way_while_the_body_spins(spin):
+    def tilts(spin):
+        state, body = NULL_STATE.copy(), RigidBody(HEXAROTOR)
+        state[ATTITUDE] = attitude(0.2, 0.0, 0.0)
+        state[12] = spin
+        found = []
+        for _ in range(1000):
+            # The wrench before it is made admissible: yaw alone could not stop the spin at once.
+            u = free.wrench(
+                np.zeros(3), state[ATTITUDE], np.zeros(3), state[ANGULAR_VELOCITY],
+                Waypoint.of(0.0, 0.0, 0.0, 0.0))
+            torque = np.array([u[ROLL], u[PITCH], 0.0])
+            omega = state[ANGULAR_VELOCITY]
+            rate = body.derivative(state, np.zeros(6))
+            rate[ANGULAR_VELOCITY] = np.linalg.solve(
+                HEXAROTOR.inertia, torque - np.cross(omega, HEXAROTOR.inertia @ omega))
+            state = state + 1e-3 * rate
+            state[ATTITUDE] /= np.linalg.norm(state[ATTITUDE])
+            found.append(tilt(state[ATTITUDE]))
+        return np.array(found)
+
+    # Rotors without limits.
+    strong = replace(HEXAROTOR, speed_min=np.zeros(6), speed_max=np.full(6, 1e4))
+    free = Controller(strong, CONTROLLER.gains)
+    np.testing.assert_allclose(tilts(spin), tilts(0.0), atol=0.01)
+
+
+# Tilt and heading are two things
+
+@pytest.mark.parametrize('euler', [(0.0, 0.0, 0.0), (0.3, -0.2, 1.0)])
+@pytest.mark.parametrize('heading', [0.4, 1.5, 3.1, -2.9])
+def test_the_heading_does_not_change_what_is_asked_of_roll_and_pitch(euler, heading):
+    body = attitude(*euler)
+    u = [wrench((0.5, -0.3, 0.1, goal), attitude=body) for goal in (0.0, heading)]
+    np.testing.assert_allclose(u[0][[ROLL, PITCH]], u[1][[ROLL, PITCH]], atol=1e-12)
+
+
+def test_a_great_heading_error_asks_for_no_more_than_half_a_radian():
+    half = wrench((0.0, 0.0, 0.0, 0.5))[YAW]
+    assert half == pytest.approx(0.03 * 4.0 * 0.5)
+    assert wrench((0.0, 0.0, 0.0, 3.0))[YAW] == pytest.approx(half)
+    assert wrench((0.0, 0.0, 0.0, -3.0))[YAW] == pytest.approx(-half)
+
+
+@pytest.mark.parametrize('euler', [(np.pi, 0.0, 0.0), (0.0, np.pi, 0.0), (3.0, 0.2, 0.7)])
+def test_upside_down_it_turns_over(euler):
+    u = wrench((0.0, 0.0, 0.0, 0.0), attitude=attitude(*euler))
+    assert np.hypot(u[ROLL], u[PITCH]) > 0.5
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-3.0, 3.0), st.floats(0.0, 3.0))
+def test_a_tilt_by_the_shortest_way_changes_no_heading(turn, direction, angle):
+    axis = [np.cos(direction), np.sin(direction), 0.0]
+    body = Rotation.from_rotvec(np.multiply(angle, axis)) * Rotation.from_euler('Z', turn)
+    assert heading(body.as_quat()) == pytest.approx(turn, abs=1e-9)
+    assert heading(-body.as_quat()) == pytest.approx(turn, abs=1e-9)
+    assert tilt(body.as_quat()) == pytest.approx(angle, abs=1e-7)
+    # What the controller holds for the heading is what a flight reports.
+    states = np.tile(body.as_quat(), (3, 1))
+    rest = np.zeros((3, 3))
+    flight = Flight(np.arange(3.0), rest, states, rest, rest, np.zeros((3, 6)))
+    np.testing.assert_allclose(flight.heading, turn, atol=1e-9)
+    assert flight.heading_error(Waypoint.of(0.0, 0.0, 0.0, turn)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_it_gives_way_by_the_order_of_the_user():
+    order = ['yaw', 'roll pitch', 'thrust']
+    parameters = PARAMETERS | {'allocation.exact.order': order}
+    groups = [('yaw',), ('roll', 'pitch'), ('thrust',)]
+    mine = Controller.from_parameters(HEXAROTOR, parameters)
+    state = REST, attitude(0.6, 0.5, 0.0), REST, np.array([0.0, 0.0, -6.0])
+    goal = Waypoint.of(2.0, -1.0, 3.0, 1.0)
+    first, default = mine.wrench(*state, goal), CONTROLLER.wrench(*state, goal)
+    assert first[YAW] > default[YAW] + 0.01
+    # What is asked for, by rotors without limits.
+    strong = replace(HEXAROTOR, speed_min=np.zeros(6), speed_max=np.full(6, 1e4))
+    demand = Controller(strong, mine.gains).wrench(*state, goal)
+    admissible = AdmissibleSet(HEXAROTOR)
+    assert admissible.margin(demand) < 0.0
+    np.testing.assert_allclose(first, admissible.prioritize(demand, groups), atol=1e-12)
+    np.testing.assert_allclose(default, admissible.prioritize(demand), atol=1e-12)
+
+
+def test_an_order_that_is_none_is_refused():
+    with pytest.raises(ParameterError, match=r'allocation\.exact\.order'):
+        Controller.from_parameters(HEXAROTOR, PARAMETERS | {'allocation.exact.order': ['roll']})
+    with pytest.raises(ValueError, match='order'):
+        Controller(HEXAROTOR, CONTROLLER.gains, [('roll',)])
 
 
 @pytest.mark.parametrize('distance', [30.0, 1e3, 1e6])

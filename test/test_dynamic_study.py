@@ -15,12 +15,14 @@ from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.flight import Flight
 from ca_ros.parameter_files import load
 from ca_ros.rigid_body import RigidBody
+from ca_ros.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies import dynamic_study
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic_study import main
-from ca_ros.studies.flight_metrics import metrics
+from ca_ros.studies.flight_metrics import margins, metrics
 from ca_ros.studies.observations import observe
 from ca_ros.studies.ros_flight import RosFlightError, fly_over_ros, read_flight
+from ca_ros.vehicle_audit import audit
 from strategies import HEXAROTOR
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
@@ -233,6 +235,46 @@ class Stopping(PseudoInverse):
     assert len((tmp_path / 'dynamic.csv').read_text().splitlines()) == 102
 
 
+# Rotor failures
+
+@pytest.fixture(scope='module')
+def failing(tmp_path_factory):
+    out = tmp_path_factory.mktemp('failing')
+    command = ['--fail', '1@4', '--fail', '2@4.5=0.9', '--duration', '10', '--out', str(out)]
+    assert main([*command, '--methods', 'exact,direct,conventional,fixed_pseudo_inverse']) == 0
+    return out
+
+
+def test_failures_are_flown_by_all_methods_and_drawn(failing):
+    figures = figures_of(failing)
+    assert figures['failures'][:4] == ['--fail', '1@4.0=0.0', '--fail', '2@4.5=0.9']
+    assert figures['lost_axes'] == ['yaw']
+    assert figures['observations'] == {}
+    for name, found in figures['methods'].items():
+        error = math.hypot(*(found['steady_state_error'][axis] for axis in 'xyz'))
+        assert (error < 0.05) == (name != 'fixed_pseudo_inverse')
+        assert found['greatest_tilt'] > math.radians(8.0)
+        # Until it is announced, what rotor 1 gives is missing.
+        assert 1.0 < found['worst_force_residual'] < 10.0
+    text = (failing / 'dynamic.md').read_text()
+    assert '`--fail 1@4.0=0.0 --fail 2@4.5=0.9 --announce 0.1`. Lost axes at the end: yaw.' in text
+    assert 'given up' in text
+    assert (failing / 'failure.png').stat().st_size > 50_000
+
+
+def test_the_margin_is_that_of_the_rotors_as_they_are():
+    case, failures = Case.load('hexarotor'), RotorFailures((RotorFailure(1, 0.5),), 0.1)
+    changes = case.failing('exact', failures)
+    hover = Waypoint.of(0.0, 0.0, 0.0, 0.0)
+    flight = fly(
+        case.controller(), case.allocator('exact'), case.body(), hover, 1.0, changes=changes)
+    found = margins(flight, case.controller(), hover, changes)
+    # Hover: 0.191 inside; then outside, as nobody knows; then on the boundary.
+    np.testing.assert_allclose(found[:50], audit(case.vehicle).hover_margin, atol=1e-9)
+    assert np.all(found[50:60] < 0.0)
+    assert np.all(found[60:] > -1e-9)
+
+
 # Over ROS
 
 def test_a_flight_is_read_back_to_the_last_bit(tmp_path):
@@ -255,7 +297,7 @@ def test_over_ros_the_flights_are_the_same_to_the_last_bit(
     command = ['--duration', '1', '-p', 'controller.position_stiffness:=1.4']
     # Neither whole milliseconds nor a whole number of steps in a second.
     command += ['-p', 'simulator.time_step:=0.0133333333333']
-    command += ['--methods', 'exact,conventional']
+    command += ['--methods', 'exact,conventional', '--fail', '2@0.4=0.3', '--announce', '0.25']
     assert main([*command, '--out', str(tmp_path / 'offline')]) == 0
     assert main([*command, '--ros', '--out', str(tmp_path / 'ros')]) == 0
     flown = (tmp_path / 'ros' / 'dynamic.csv').read_bytes()

@@ -195,6 +195,27 @@ def test_a_waypoint_without_attitude_is_refused_and_the_old_one_stays(client):
     assert client.ask(*REST).tobytes() == expected(REST).tobytes()
 
 
+def test_it_gives_way_by_the_order_of_its_parameters(client):
+    # Tilted and turning so much that not all can be given.
+    state = REST[0], (0.3, 0.2, 0.0, 0.93), REST[2], (0.0, 0.0, -6.0)
+    order = ['yaw', 'thrust', 'roll pitch']
+    assert client.ask(*state).tobytes() == expected(state).tobytes()
+    for result in client.parameters.set({'allocation.exact.order': order}):
+        assert result.successful, result.reason
+    law = Controller.from_parameters(
+        LAW.vehicle, load('hexarotor') | {'allocation.exact.order': order})
+    parts = [np.array(part) for part in (*state, *WAYPOINT)]
+    wrench = np.concatenate([np.zeros(2), law.wrench(*parts[:4], Waypoint(*parts[4:]))])
+    assert abs(wrench[5] - expected(state)[5]) > 0.01
+    assert client.ask(*state).tobytes() == wrench.tobytes()
+    default = load('hexarotor')['allocation.exact.order']
+    for result in client.parameters.set({'allocation.exact.order': default}):
+        assert result.successful, result.reason
+    (result,) = client.parameters.set({'allocation.exact.order': ['yaw']})
+    assert not result.successful
+    assert 'allocation.exact.order' in result.reason
+
+
 def test_no_state_ends_the_node(graph):
     client = Client(graph)
     client.send_waypoint(*WAYPOINT)

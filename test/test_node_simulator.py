@@ -188,3 +188,36 @@ def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
     graph.spin_until(
         lambda: client.speeds and client.speeds[-1].data.tolist() == [40.0] * 6, 'idle',
         repeat=lambda: client.command.publish(idle))
+
+
+def test_in_lockstep_it_waits_where_it_is_told_to(graph):
+    client = Client(graph, 'lockstep', '-p', 'simulator.hold_at:=0.02')
+    parameters = graph.connect('simulator')
+    speeds = np.full(6, 250.0)
+
+    def step(stamp):
+        client.state(stamp)
+        client.send(speeds, stamp)
+
+    step(0)
+    step(STEP)
+    # The rotors have turned up to here, but the next state does not come.
+    graph.spin_until(lambda: any(
+        message.layout.dim[1].label == f'stamp {STEP}' for message in client.speeds), 'a step')
+    # More than one repetition of a state that nobody has answered.
+    end = time.monotonic() + 0.5
+    graph.spin_until(lambda: time.monotonic() > end, 'nothing')
+    assert max(map(nanoseconds, client.poses)) == STEP
+    # Other parameters may be set meanwhile, and hold from the state that it waits with.
+    for values in ({'rotors.health': [0.0] * 6}, {'simulator.hold_at': 0.03}):
+        (result,) = parameters.set(values)
+        assert result.successful, result.reason
+    client.send(speeds, 2 * STEP)
+    before, expected = client.state(2 * STEP), NULL_STATE
+    for _ in range(2):
+        expected = BODY.step(expected, speeds, STEP / 1e9)
+    assert before.tobytes() == published(expected).tobytes()
+    (result,) = parameters.set({'simulator.hold_at': 0.0})
+    assert result.successful, result.reason
+    fallen = RigidBody(BODY.vehicle.with_health(0.0)).step(expected, speeds, STEP / 1e9)
+    assert client.state(3 * STEP).tobytes() == published(fallen).tobytes()

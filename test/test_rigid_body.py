@@ -180,3 +180,14 @@ def test_steps_that_diverge_are_an_error_and_not_a_state():
     state[ANGULAR_VELOCITY] = [20.0, -30.0, 40.0]
     with pytest.raises(FloatingPointError, match='diverge'):
         flown(body, state, np.zeros(6), 10.0, 1000)
+
+
+def test_rotational_drag_grows_with_the_square_of_the_angular_velocity():
+    # c |omega| omega = 0.001 * 13 * (3, -4, 12) N m, over J.
+    state = NULL_STATE.copy()
+    state[ANGULAR_VELOCITY] = [3.0, -4.0, 12.0]
+    rates = [
+        RigidBody(HEXAROTOR, drag).derivative(state, np.full(6, 200.0)) for drag in (0.0, 1e-3)]
+    expected = np.zeros(13)
+    expected[ANGULAR_VELOCITY] = -1e-3 * 13.0 * np.array([3.0, -4.0, 12.0]) / [0.015, 0.015, 0.03]
+    np.testing.assert_allclose(rates[1] - rates[0], expected, atol=1e-12)

@@ -1,53 +1,302 @@
-"""A rotor fails in flight, over DDS: announced through rotors.health, or not."""
+"""Rotors that fail in flight: offline and over DDS, announced or not."""
+
+import math
+from contextlib import ExitStack
+from functools import cache
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-LOST = [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]
-HOVER, NEXT = np.array([0.0, 0.0, 1.0]), np.array([1.0, 1.0, 2.0])
+from ca_ros import ALLOCATORS, Status, Vehicle, make_allocator
+from ca_ros.closed_loop import Change, fly
+from ca_ros.controller import Controller, Waypoint
+from ca_ros.nodes.bringup_options import parse
+from ca_ros.parameter_files import load
+from ca_ros.rotor_failures import RotorFailure, RotorFailures, arguments
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic_study import main as dynamic_study
+from ca_ros.vehicle_audit import audit
+from ros import Diagnostics, Graph
+
+HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
+NEXT = Waypoint.of(1.2, 1.2, 1.06, 0.0)
+"""2.0 m from there."""
+
+FLOWN = [
+    (vehicle, rotor)
+    for vehicle, rotors in {
+        'hexarotor': 6, 'hexarotor_ppnnpn': 4, 'octorotor': 8, 'x8': 8, 'y6': 6}.items()
+    for rotor in range(1, rotors + 1)]
+SPUN = [('hexarotor_ppnnpn', 5), ('hexarotor_ppnnpn', 6)]
+LOST = 1
+"""When the rotor is lost in the flights below [s]."""
 
 
-def waypoint(position):
-    message = PoseStamped()
-    p = message.pose.position
-    p.x, p.y, p.z = position.tolist()
-    return message
+@cache
+def case_of(vehicle, drag=0.0):
+    return Case.load(vehicle, [f'simulator.rotational_drag:={drag}'])
 
 
-def distance(pose, goal):
-    p = pose.pose.position
-    return float(np.linalg.norm(np.array([p.x, p.y, p.z]) - goal))
+def without(vehicle, rotor):
+    health = np.ones(vehicle.n)
+    health[rotor - 1] = 0.0
+    return vehicle.with_health(health)
+
+
+def lose(case, rotor, announce=0.1, method='exact', end=75.0):
+    """Lose a rotor at hover, then fly to the next waypoint and stay there."""
+    failures = RotorFailures((RotorFailure(rotor, LOST),), announce)
+    changes = [*case.failing(method, failures), Change(3 * 10**9, waypoint=NEXT)]
+    return fly(
+        case.controller(), case.allocator(method), case.body(), HOVER, end, changes=changes)
+
+
+def away(flight, start=15.0):
+    """Return the greatest distance from the next waypoint after a time [m]."""
+    late = flight.position[flight.time >= start]
+    return np.linalg.norm(late - NEXT.position, axis=1).max()
+
+
+# Offline
+
+@pytest.mark.parametrize(('vehicle', 'rotor'), FLOWN)
+def test_a_vehicle_without_a_rotor_flies_on(vehicle, rotor):
+    case = case_of(vehicle)
+    assert set(audit(without(case.vehicle, rotor)).lost) <= {'yaw'}
+    flight = lose(case, rotor)
+    assert away(flight) < 0.05
+    assert np.degrees(flight.tilt.max()) < 20.0
+    # It is commanded until it is known to be lost, and then it rests.
+    told = flight.time >= LOST + 0.1 - 1e-9
+    assert np.all(flight.speeds[told, rotor - 1] == 0.0)
+    assert np.all(flight.speeds[~told, rotor - 1] > 0.0)
+    others = np.delete(flight.speeds, rotor - 1, axis=1)
+    assert np.all((others >= 40.0) & (others <= 400.0))
+
+
+@pytest.mark.parametrize(('vehicle', 'rotor'), SPUN)
+def test_a_spin_is_named_by_the_audit_and_bounded_by_drag_alone(vehicle, rotor):
+    report = audit(without(case_of(vehicle).vehicle, rotor))
+    assert report.lost == ('yaw',)
+    assert abs(report.spin_torque) == pytest.approx(0.036, abs=0.001)
+    assert 'it spins' in str(report)
+    drag = 5e-4
+    flight = lose(case_of(vehicle, drag), rotor)
+    assert away(flight) < 0.05
+    # Drag balances the torque: c r^2 = tau.
+    spin = math.copysign(math.sqrt(abs(report.spin_torque) / drag), report.spin_torque)
+    assert flight.angular_velocity[-1, 2] == pytest.approx(spin, rel=1e-3)
+    with pytest.raises(FloatingPointError):
+        lose(case_of(vehicle), rotor)
+
+
+@pytest.mark.parametrize('rotor', range(1, 5))
+def test_a_quadrotor_without_a_rotor_cannot_fly_and_the_audit_says_so(rotor):
+    assert {'roll', 'pitch'} <= set(audit(without(Vehicle.load('quadrotor'), rotor)).lost)
+
+
+@pytest.mark.parametrize('vehicle', ['hexarotor', 'hexarotor_ppnnpn', 'octorotor', 'x8', 'y6'])
+def test_an_unannounced_loss_is_fatal(vehicle):
+    try:
+        flight = lose(case_of(vehicle), 1, announce=None, end=16.0)
+    except FloatingPointError:
+        return
+    assert away(flight) > 5.0
+
+
+@pytest.mark.parametrize('method', ['pseudo_inverse', 'conventional', 'direct'])
+def test_the_other_methods_fly_on_too(method):
+    flight = lose(case_of('hexarotor'), 1, method=method, end=20.0)
+    assert away(flight) < 0.05
+
+
+def test_a_pseudo_inverse_that_is_not_told_falls():
+    assert away(lose(case_of('hexarotor'), 1, method='fixed_pseudo_inverse', end=16.0)) > 5.0
+
+
+# No rotor is left
+
+@pytest.mark.parametrize('health', [0.0, 1e-300, 5e-324, [0.0, 1e-300, 0.0, 1e-10, 0.0, 1e-12]])
+@pytest.mark.parametrize('method', ALLOCATORS)
+def test_without_any_rotor_every_method_leaves_them_at_rest(method, health):
+    vehicle = audit(Vehicle.load('hexarotor').with_health(health)).vehicle
+    allocator = make_allocator(method, vehicle)
+    m = len(vehicle.axes)
+    for u in (np.zeros(m), np.eye(m)[0] * 9.81, np.full(m, 1e6)):
+        answer = allocator.allocate(u)
+        assert answer.status is Status.INEXACT
+        np.testing.assert_array_equal(answer.speeds, np.zeros(6))
+    batch = allocator.allocate_batch(np.zeros((3, m)))
+    assert set(batch.status.tolist()) == {Status.INEXACT}
+    np.testing.assert_array_equal(batch.speeds, np.zeros((3, 6)))
+    wrench = Controller.from_parameters(vehicle, load('hexarotor')).wrench(
+        np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), np.zeros(3), NEXT)
+    np.testing.assert_array_equal(wrench, np.zeros(m))
+
+
+def test_one_rotor_of_next_to_no_health_is_lost():
+    sound = Vehicle.load('hexarotor')
+    weak, lost = sound.with_health([1e-300, *[1.0] * 5]), without(sound, 1)
+    assert str(audit(weak)) == str(audit(lost))
+    for method in ALLOCATORS:
+        u = [9.81, 0.3, 0.0, 0.0]
+        speeds = [make_allocator(method, vehicle).allocate(u).speeds for vehicle in (weak, lost)]
+        np.testing.assert_array_equal(*speeds)
+
+
+# The command line
+
+@pytest.mark.parametrize(('text', 'expected'), [
+    ('1@2', (1, 2.0, 0.0)), ('3@2.5=0.4', (3, 2.5, 0.4)), ('12@0=1', (12, 0.0, 1.0)),
+    ('1@1e-3', (1, 1e-3, 0.0))])
+def test_a_failure_is_read(text, expected):
+    failure = RotorFailure.parse(text)
+    assert (failure.rotor, failure.time, failure.health) == expected
+    assert RotorFailure.parse(str(failure)) == failure
+
+
+@pytest.mark.parametrize('text', [
+    '', '1', '@2', '1@', '0@2', '-1@2', '1.5@2', 'a@2', '1@-1', '1@nan', '1@inf', '1@2=', '1@2=2',
+    '1@2=-0.1', '1@2=nan', '1@2=0.4=0.3', '1 @2@3'])
+def test_what_is_no_failure_is_refused(text):
+    with pytest.raises(ValueError, match=r'expected|numbered'):
+        RotorFailure.parse(text)
+
+
+def test_failures_and_announcements_have_their_times():
+    failures = RotorFailures(
+        (RotorFailure(2, 1.0, 0.5), RotorFailure(2, 1.05), RotorFailure(1, 3.0)))
+    sound = np.ones(3)
+    assert failures.times() == [
+        1_000_000_000, 1_050_000_000, 1_100_000_000, 1_150_000_000, 3_000_000_000, 3_100_000_000]
+    assert failures.physical(sound, 999_999_999).tolist() == [1.0, 1.0, 1.0]
+    assert failures.physical(sound, 1_000_000_000).tolist() == [1.0, 0.5, 1.0]
+    assert failures.believed(sound, 1_100_000_000).tolist() == [1.0, 0.5, 1.0]
+    assert failures.physical(sound, 1_100_000_000).tolist() == [1.0, 0.0, 1.0]
+    assert failures.believed(sound, 4_000_000_000).tolist() == [0.0, 0.0, 1.0]
+    never = RotorFailures(failures.failures, None)
+    assert never.times() == [1_000_000_000, 1_050_000_000, 3_000_000_000]
+    assert never.believed(sound, 4_000_000_000).tolist() == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    (['--fail', '1'], 'expected ROTOR@TIME'),
+    (['--fail', '1@1', '--announce', 'soon'], "'soon' is neither a time"),
+    (['--fail', '1@1', '--announce', '-1'], "'-1' is neither a time"),
+    (['--fail', '1@1', '--respawn'], 'not with --respawn'),
+])
+def test_bringup_refuses_what_it_cannot_read(options, words, capsys):
+    with pytest.raises(SystemExit):
+        parse(options)
+    assert words in capsys.readouterr().err
+
+
+def test_a_rotor_that_is_not_there_cannot_fail(graph, tmp_path, capsys):
+    words = '--fail 7@1: the vehicle has 6 rotors'
+    assert dynamic_study(['--fail', '7@1', '--out', str(tmp_path)]) == 1
+    assert words in capsys.readouterr().err
+    process = graph.start_silent('bringup', '--fail', '7@1', '--out', str(tmp_path))
+    _, err = graph.outlive(process)
+    assert process.returncode == 1
+    assert err == f'bringup: {words}\n'
+
+
+# Over DDS
+
+def options_of(failures):
+    return ['--waypoint', *map(str, NEXT.position), '--heading', '0', *arguments(failures)]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('announced', [True, False])
-def test_a_ppnnpn_hexarotor_loses_rotor_1_at_hover(graph, announced):
-    for name in ('controller', 'allocator', 'simulator'):
-        graph.start(name, '--vehicle', 'hexarotor_ppnnpn', '--ros-args', '-p', 'mode:=lockstep')
-    goal = graph.publisher(PoseStamped, 'command/pose')
-    poses = graph.listen(PoseStamped, 'local_position/pose')
+@pytest.mark.parametrize(
+    'vehicles', [('hexarotor', 'hexarotor_ppnnpn'), ('octorotor', 'x8', 'y6')])
+def test_lost_at_hover_over_dds_as_offline_to_the_last_bit(vehicles, tmp_path):
+    # The flight begins at rest, which is hover.  One flight is as long as those offline; the
+    # others are the same as the first part of theirs.
+    failures = RotorFailures((RotorFailure(1, 0.0),), 0.1)
+    durations = [75.0 if vehicle == 'hexarotor' else 20.0 for vehicle in vehicles]
+    with ExitStack() as stack:
+        flights = []
+        for vehicle, duration in zip(vehicles, durations, strict=True):
+            graph = stack.enter_context(Graph())
+            flights.append((graph, vehicle, duration, graph.start_silent(
+                'bringup', '--mode', 'lockstep', '--vehicle', vehicle, '--duration', str(duration),
+                '--out', str(tmp_path / vehicle), *options_of(failures))))
+        for graph, vehicle, duration, process in flights:
+            out, err = graph.outlive(process)
+            assert process.returncode == 0, out + err
+            assert 'waypoint      reached' in out
+            assert 'within bounds' in out
+            assert 'rotor 1 lost' in out
+            assert ('heading is given up' in out) == (vehicle == 'hexarotor')
+            case = case_of(vehicle)
+            offline = fly(
+                case.controller(), case.allocator('exact'), case.body(), NEXT, duration,
+                changes=case.failing('exact', failures))
+            assert away(offline) < 0.05
+            offline.write_csv(tmp_path / 'offline.csv')
+            flown = (tmp_path / vehicle / 'flight.csv').read_bytes()
+            assert flown == (tmp_path / 'offline.csv').read_bytes()
+
+
+@pytest.mark.slow
+def test_not_announced_over_dds_it_is_lost_and_its_speeds_are_within_their_bounds(graph, tmp_path):
+    failures = RotorFailures((RotorFailure(1, 1.0), RotorFailure(2, 1.505, 0.5)), None)
+    process = graph.start_silent(
+        'bringup', '--mode', 'lockstep', '--duration', '8', '--out', str(tmp_path),
+        *options_of(failures))
+    out, err = graph.outlive(process)
+    assert process.returncode == 1, out + err
+    assert 'MISSED' in out
+    assert 'within bounds' in out
+    assert 'rotor 1 lost, rotor 2 at 50 %' in out
+    case = case_of('hexarotor')
+    fly(
+        case.controller(), case.allocator('exact'), case.body(), NEXT, 8.0,
+        changes=case.failing('exact', failures)).write_csv(tmp_path / 'offline.csv')
+    assert (tmp_path / 'flight.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_starts_without_a_rotor_is_judged_by_what_it_has(graph, tmp_path):
+    process = graph.start_silent(
+        'bringup', '--mode', 'lockstep', '--duration', '20', '--out', str(tmp_path),
+        '--ros-args', '-p', 'rotors.health:=[0.0, 1.0, 1.0, 1.0, 1.0, 1.0]',
+        '-p', 'allocation.lost_axes:=drop')
+    out, err = graph.outlive(process)
+    assert process.returncode == 0, out + err
+    assert 'reached: 0.' in out
+    assert 'the heading is given up' in out
+    assert 'within bounds' in out
+
+
+def test_a_node_without_any_rotor_leaves_them_at_rest_with_every_method(graph):
+    graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    wrenches = graph.publisher(WrenchStamped, 'command/wrench')
     speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
-    nodes = {name: graph.connect(f'/{name}') for name in ('controller', 'allocator', 'simulator')}
+    said = Diagnostics(graph)
+    node = graph.connect('allocator')
+    command = WrenchStamped()
+    command.wrench.force.z = 9.81
+    for method in ALLOCATORS:
+        for health in (1.0, 0.0, 1.0, 1e-300):
+            for result in node.set({'allocation.method': method, 'rotors.health': health}):
+                assert result.successful, result.reason
+            command.header.stamp.sec += 1
+            expected = f'stamp {command.header.stamp.sec}000000000'
+            wrenches.publish(command)
 
-    def arrived(position):
-        return bool(poses) and distance(poses[-1], position) < 0.02
+            def answered():
+                return speeds and speeds[-1].layout.dim[1].label == expected  # noqa: B023
 
-    graph.spin_until(
-        lambda: arrived(HOVER), 'hover', repeat=lambda: goal.publish(waypoint(HOVER)))
-    # The simulator loses the rotor last: in lockstep any order is the same to the vehicle, but
-    # the others must know before its next commands are flown.
-    for name in ['controller', 'allocator'] * announced + ['simulator']:
-        (result,) = nodes[name].set({'rotors.health': LOST})
-        assert result.successful, result.reason
-    del poses[:], speeds[:]
-    graph.spin_until(
-        lambda: arrived(NEXT) or any(distance(pose, NEXT) > 20.0 for pose in poses[-1:]),
-        'the next waypoint, or far from it',
-        repeat=lambda: goal.publish(waypoint(NEXT)))
-    assert arrived(NEXT) == announced
-    if announced:
-        # Not the first ones, which may have been on their way since before the loss.
-        assert all(message.data[0] == 0.0 for message in speeds[-100:])
-    assert np.isfinite([message.data for message in speeds]).all()
+            graph.spin_until(answered, f'an answer of {method}')
+            assert bool(np.any(speeds[-1].data)) == (health == 1.0)
+            if health < 1.0:
+                message = said.wait(
+                    '/allocator', lambda level, text, _: level == b'\2' and 'cannot hover' in text,
+                    'an error')[1]
+                assert 'EXACT' not in message
+            else:
+                said.wait('/allocator', lambda level, _, __: level < b'\2', 'no error')

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.powerless import Powerless
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.methods import METHODS
@@ -29,7 +30,7 @@ def make_allocator(
     lost_axes: str | None = None,
     **options: Any,
 ) -> Allocator:
-    """Return an allocator for a vehicle.
+    """Return an allocator for a vehicle; `Powerless`, whatever the method, if all rotors are lost.
 
     A vehicle is audited first, and refused if its rotors cannot command every axis and hover, as
     the nodes refuse it.  An `AllocationProblem` is not audited.
@@ -60,6 +61,8 @@ def make_allocator(
         vehicle = accept(vehicle, lost_axes).problem
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
+    if vehicle.vehicle.powerless:
+        return Powerless(vehicle)
     return ALLOCATORS[method](vehicle, **options)
 
 
@@ -68,6 +71,7 @@ __all__ = [
     'Allocation',
     'AllocationProblem',
     'Allocator',
+    'Powerless',
     'Status',
     'make_allocator',
 ]

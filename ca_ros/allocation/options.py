@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
+from ca_ros.allocation import AllocationProblem, Allocator, make_allocator
 from ca_ros.parameters import AXES, ParameterError
 from ca_ros.vehicle import Vehicle
 
@@ -32,8 +32,37 @@ def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) 
         if name.startswith(prefix)
     }
     if 'order' in options:
-        options['order'] = _order(prefix + 'order', options['order'], axes)
+        options['order'] = order_from_parameters(parameters, axes)
     return options
+
+
+def order_from_parameters(
+    parameters: Mapping[str, Any], axes: Sequence[str]
+) -> tuple[tuple[str, ...], ...]:
+    """Return the priorities of the axes: groups, the most important first.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Checked parameters by name.
+    axes : sequence of str
+        The axes of the vehicle; the others are left out.
+
+    Raises
+    ------
+    ParameterError
+        If the priorities do not name each axis once.
+    """
+    name = 'allocation.exact.order'
+    groups = parameters[name]
+    words = [group.split() for group in ([groups] if isinstance(groups, str) else groups)]
+    flat = [axis for group in words for axis in group]
+    if len(set(flat)) < len(flat) or not set(axes) <= set(flat) <= set(AXES):
+        raise ParameterError(
+            f'{name}: expected groups in which each of {", ".join(axes)} stands once, got {groups}'
+        )
+    kept = (tuple(axis for axis in group if axis in axes) for group in words)
+    return tuple(group for group in kept if group)
 
 
 def allocator_from_parameters(
@@ -49,20 +78,10 @@ def allocator_from_parameters(
     method = str(parameters['allocation.method'])
     options = options_from_parameters(parameters, vehicle.axes)
     try:
-        return ALLOCATORS[method](vehicle, **options)
+        return make_allocator(method, vehicle, **options)
     except ParameterError:
         raise
     except ValueError as error:
         named = any(str(error).startswith(f'{option}:') for option in options)
         raise ParameterError(f'allocation.{method}.{error}' if named else str(error)) from None
 
-
-def _order(name: str, groups: Any, axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    words = [group.split() for group in ([groups] if isinstance(groups, str) else groups)]
-    flat = [axis for group in words for axis in group]
-    if len(set(flat)) < len(flat) or not set(axes) <= set(flat) <= set(AXES):
-        raise ParameterError(
-            f'{name}: expected groups in which each of {", ".join(axes)} stands once, got {groups}'
-        )
-    kept = (tuple(axis for axis in group if axis in axes) for group in words)
-    return tuple(group for group in kept if group)

@@ -15,12 +15,13 @@ class PseudoInverse(Allocator):
     """The thrusts of least norm, saturated: f = sat(Gamma^+ u), Eqs. (12)-(13).
 
     The bounds hold; where they were violated the wrench is not the demanded one and the residual
-    tells by how much.
+    tells by how much.  Lost rotors are left out of Gamma.
     """
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
-        self.inverse = np.linalg.pinv(self.problem.gamma)
+        # A lost rotor is no part of the problem: its share of the wrench goes to the others.
+        self.inverse = np.linalg.pinv(self.problem.gamma * (self.problem.upper > 0.0))
 
     def _allocate(self, u: Array) -> Allocation:
         wanted = self.inverse @ u

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from math import inf
 
+import numpy as np
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
@@ -20,19 +21,22 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 from tqdm import tqdm
 
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.controller import Waypoint
 from ca_ros.faults import LINKS
 from ca_ros.figures import draw_flight, save
 from ca_ros.flight import Flight
 from ca_ros.nodes.bag import Bag, BagError
-from ca_ros.nodes.bringup_options import commands, parse
+from ca_ros.nodes.bringup_options import commands, parameters, parse
 from ca_ros.nodes.executable import RCLError, in_one_line
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.recorder import Recorder
+from ca_ros.nodes.rotor_health import RotorHealth, RotorHealthError
 from ca_ros.parameters import ParameterError
 from ca_ros.patience import Patience
 from ca_ros.processes import Processes, note_signals
-from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle import HEALTH_MIN, Vehicle
+from ca_ros.vehicle_audit import audit
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 START_TIMEOUT = 60.0
@@ -52,7 +56,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parse(sys.argv[1:] if argv is None else argv)
     interrupts = note_signals()
     try:
-        vehicle = Vehicle.load(options.params_file or options.vehicle)
+        given = parameters(options, 'simulator')
+        vehicle = Vehicle.from_parameters(given)
+        options.failures.check(vehicle.n)
         options.out.mkdir(parents=True, exist_ok=True)
         # Not found out after the flight.
         if not os.access(options.out, os.W_OK | os.X_OK):
@@ -69,13 +75,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RCLError as error:
         print(f'bringup: {in_one_line(error)}', file=sys.stderr)
         return 1
-    except (ParameterError, BagError, OSError) as error:
+    except (ParameterError, BagError, OSError, ValueError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
     waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
     try:
-        flight, wall, respawned = _fly(options, waypoint, interrupts, bag)
-    except (Stopped, BagError) as stopped:
+        step = given['simulator.time_step']
+        flight, wall, respawned = _fly(options, waypoint, interrupts, bag, vehicle.health, step)
+    except (Stopped, BagError, RotorHealthError) as stopped:
         print(f'bringup: {stopped}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
     reached = _report(options, vehicle, waypoint, flight, wall)
@@ -99,12 +106,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _fly(
-    options: argparse.Namespace, waypoint: Waypoint, interrupts: list[int], bag: Bag | None
+    options: argparse.Namespace,
+    waypoint: Waypoint,
+    interrupts: list[int],
+    bag: Bag | None,
+    health: Array,
+    time_step: float,
 ) -> tuple[Flight, float, Counter[str]]:
     links = [*LINKS]
     if options.faults is not None:
         links += [f'{PREFIX}{topic}' for topic in LINKS]
     recorder = Recorder(options.namespace, links)
+    rotors = RotorHealth(recorder, options, health, time_step)
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
     try:
@@ -152,7 +165,8 @@ def _fly(
                             f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
                         )
 
-            wait(lambda: recorder.missing() + (bag.missing() if bag else []))
+            wait(lambda: recorder.missing() + rotors.missing() + (bag.missing() if bag else []))
+            rotors.update(None, spin)
             recorder.send(waypoint)
             began = time.monotonic()
             with tqdm(
@@ -165,6 +179,7 @@ def _fly(
                 progress, patience = 0.0, Patience(START_TIMEOUT)
                 while progress < options.duration:
                     spin()
+                    rotors.update(recorder.elapsed_ns, spin)
                     if recorder.waiting and not recorder.missing():
                         recorder.send(waypoint)
                     if recorder.elapsed != progress:
@@ -193,20 +208,58 @@ def _report(
     options: argparse.Namespace, vehicle: Vehicle, waypoint: Waypoint, flight: Flight, wall: float
 ) -> bool:
     error, heading_error = flight.position_error(waypoint), flight.heading_error(waypoint)
-    reached = error <= POSITION_TOLERANCE and heading_error <= HEADING_TOLERANCE
-    speeds = flight.speeds
-    inside = bool(((speeds >= vehicle.speed_min) & (speeds <= vehicle.speed_max)).all())
+    last = vehicle.with_health(options.failures.physical(vehicle.health, _ns(flight.time[-1])))
+    lost = audit(last).lost
+    reached = error <= POSITION_TOLERANCE
+    if 'yaw' in lost:
+        away = f'{1e3 * error:.1f} mm away; the heading is given up'
+    else:
+        reached = reached and heading_error <= HEADING_TOLERANCE
+        away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
     verdict = 'reached' if reached else 'MISSED'
+    speeds = flight.speeds
+    inside = _within_bounds(flight, vehicle, options)
     print(
         f'flight of {flight.time[-1]:.2f} s ({options.mode}, {len(flight.time)} samples, '
         f'in {wall:.1f} s)\n'
-        f'  waypoint      {verdict}: {1e3 * error:.1f} mm and '
-        f'{math.degrees(heading_error):.3f} degrees away\n'
+        f'  waypoint      {verdict}: {away}\n'
         f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,\n'
         f'                {speeds.min():.1f} to {speeds.max():.1f} rad/s in flight, '
         f'{"within" if inside else "OUT OF"} bounds'
     )
+    weak = ', '.join(
+        f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
+        for i, health in enumerate(last.health)
+        if health < 1.0
+    )
+    if weak:
+        axes = f'; lost axes: {", ".join(lost)}' if lost else ''
+        print(f'  at the end    {weak}{axes}')
     return reached
+
+
+def _within_bounds(flight: Flight, vehicle: Vehicle, options: argparse.Namespace) -> bool:
+    """Tell whether each rotor kept to its bounds as far as they were known: 0 of a lost one."""
+    failures, times = options.failures, np.round(flight.time * 1e9)
+    inside = np.ones(flight.speeds.shape, dtype=bool)
+    for start in [0, *failures.times()]:
+        believed = vehicle.with_health(failures.believed(vehicle.health, start))
+        later = times >= start
+        speeds = flight.speeds[later]
+        inside[later] = _inside(speeds, believed)
+        if options.mode == 'realtime':
+            # There the announcement takes its time.
+            inside[later] |= _inside(speeds, vehicle)
+    return bool(inside.all())
+
+
+def _inside(speeds: Array, vehicle: Vehicle) -> BoolArray:
+    low, high = vehicle.speed_limits
+    return (speeds >= low) & (speeds <= high)
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
 
 
 if __name__ == '__main__':

@@ -8,13 +8,19 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from ca_ros.faults import FAULTS
 from ca_ros.figures import add_option
 from ca_ros.methods import METHODS
 from ca_ros.nodes.executable import split
 from ca_ros.nodes.fault_proxy import remaps
-from ca_ros.parameter_files import find
+from ca_ros.parameter_files import find, load, overrides
+from ca_ros.parameters import PARAMETERS, ParameterError, complete
+from ca_ros.rotor_failures import add_options as add_failure_options
+from ca_ros.rotor_failures import failures_of
 
 NODES = ('controller', 'allocator', 'simulator')
 """In the order in which they end: no command may come from a loop that is half stopped."""
@@ -75,6 +81,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
         default=argparse.SUPPRESS,
     )
+    add_failure_options(parser)
     vehicle = parser.add_mutually_exclusive_group()
     vehicle.add_argument(
         '--vehicle', default='hexarotor', help='a shipped vehicle or a parameter file'
@@ -90,6 +97,9 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     except ValueError as error:
         parser.error(str(error))
     options = parser.parse_args(own)
+    options.failures = failures_of(options)
+    if options.fail and options.respawn:
+        parser.error('--fail: not with --respawn, which begins the flight anew with sound rotors')
     options.ros = ros
     options.method = getattr(options, 'method', None)
     options.params_file = getattr(options, 'params_file', None)
@@ -128,6 +138,32 @@ def _faults(text: str) -> list[str]:
     return words
 
 
+def parameters(options: argparse.Namespace, node: str) -> dict[str, Any]:
+    """Return the parameters with which a node starts, those from the command line included.
+
+    Raises
+    ------
+    ParameterError
+        If they are wrong, in one line that names the fault.
+    """
+    given = dict(load(options.params_file or options.vehicle))
+    given['mode'] = options.mode
+    if options.method:
+        given['allocation.method'] = options.method
+    for flag, word in zip(options.ros, options.ros[1:], strict=False):
+        if flag == '--params-file':
+            given.update(overrides(word, node))
+        elif flag in ('-p', '--param'):
+            name, _, value = word.partition(':=')
+            owner, _, name = name.rpartition(':')
+            if name in PARAMETERS and owner in ('', node):
+                try:
+                    given[name] = yaml.safe_load(value)
+                except yaml.YAMLError:
+                    raise ParameterError(f'{name}: not a value: {value}') from None
+    return complete(given)
+
+
 def commands(options: argparse.Namespace) -> dict[str, list[str]]:
     """Return the command line of each node by name."""
     arguments = [
@@ -145,6 +181,8 @@ def commands(options: argparse.Namespace) -> dict[str, list[str]]:
     lines = {}
     for name in NODES:
         own = ['--ros-args', '--enclave', f'{options.namespace.rstrip("/")}/{name}']
+        if name == 'simulator' and (times := [time for time in options.failures.times() if time]):
+            own += ['-p', f'simulator.hold_at:={times[0] / 1e9!r}']
         if options.faults is not None:
             own += remaps(name)
         lines[name] = [sys.executable, '-m', f'ca_ros.nodes.{name}', *own, '--', *arguments]

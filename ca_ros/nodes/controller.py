@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Header
 
 from ca_ros.controller import Controller as Law
-from ca_ros.controller import Gains, Waypoint
+from ca_ros.controller import Waypoint
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
@@ -49,7 +49,7 @@ class Controller(VehicleNode):
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Law]:
         """Make the control law for the axes that the rotors can command."""
         report = self.audited(parameters)
-        return report, Law(report.vehicle, Gains.from_parameters(parameters))
+        return report, Law.from_parameters(report.vehicle, parameters)
 
     def adopt(self, built: tuple[Audit, Law]) -> None:
         """Control with this law from the next state on."""

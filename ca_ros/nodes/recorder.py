@@ -109,9 +109,12 @@ class Recorder(Node):
     @property
     def elapsed(self) -> float:
         """Time of the flight so far, up to the last complete sample [s]."""
-        if self._start is None or self._last is None:
-            return 0.0
-        return (self._last - self._start) / 1e9
+        return (self.elapsed_ns or 0) / 1e9
+
+    @property
+    def elapsed_ns(self) -> int | None:
+        """The same in nanoseconds; None before the flight."""
+        return None if self._start is None or self._last is None else self._last - self._start
 
     def end(self, duration: float) -> int:
         """Return the stamp with which a flight that lasts `duration` [s] ends [ns]."""

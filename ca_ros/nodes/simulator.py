@@ -50,7 +50,8 @@ class Simulator(VehicleNode):
 
     It rests until the first command comes.  In real time it then keeps up with the steady clock
     times a factor, using the last command; in lockstep it takes one step for each command that
-    answers its present state.
+    answers its present state.  At the time `simulator.hold_at` of a lockstep it publishes no state
+    until that parameter changes, so that other parameters can be set at a defined time.
     """
 
     body: RigidBody
@@ -58,6 +59,7 @@ class Simulator(VehicleNode):
     def __init__(self, name: str) -> None:
         self._state = NULL_STATE
         self._watchdog = Watchdog()
+        self._held = False
         super().__init__(name)
         self._resting = True
         self._command = np.zeros(self.body.vehicle.n)
@@ -79,7 +81,8 @@ class Simulator(VehicleNode):
 
     def build(self, parameters: dict[str, Any]) -> RigidBody:
         """Make the body."""
-        return RigidBody(Vehicle.from_parameters(parameters))
+        drag = parameters['simulator.rotational_drag']
+        return RigidBody(Vehicle.from_parameters(parameters), drag)
 
     def adopt(self, built: RigidBody) -> None:
         """Move like this body from the next step on."""
@@ -87,6 +90,9 @@ class Simulator(VehicleNode):
         # What another program has computed may be a rounding error beyond the bound.
         self._greatest = built.vehicle.speed_max * (1.0 + 1e-9)
         self._watchdog.timeout = self.parameters['command_timeout']
+        self._hold_ns = round(self.parameters['simulator.hold_at'] * 1e9)
+        if self._held:
+            self._publish()
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return what is to be said of the node, with its levels."""
@@ -186,6 +192,9 @@ class Simulator(VehicleNode):
         self._speeds.publish(speeds_message(self._command, self._time))
 
     def _publish(self) -> None:
+        self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time
+        if self._held:
+            return
         state = self._state
         pose, velocity = state_messages(
             state[POSITION],

@@ -211,7 +211,8 @@ def _dynamic_tiles(figures: Figures) -> list[tuple[str, str]]:
 
 def _dynamic_options(figures: Figures) -> list[str]:
     over_ros = ['--ros'] if figures['flown'] != 'offline' else []
-    return [*_common(figures), '--duration', f'{figures["duration"]:g}', *over_ros]
+    duration = ['--duration', f'{figures["duration"]:g}']
+    return [*_common(figures), *duration, *figures['failures'], *over_ros]
 
 
 def _benchmark_tiles(figures: Figures) -> list[tuple[str, str]]:
@@ -261,10 +262,13 @@ KINDS = {
         {
             'position': 'Position over time; on the right what is missing in the last second. '
             'The waypoint is dashed.',
-            'attitude': 'Euler angles over time. The heading that is asked for is dashed.',
+            'attitude': 'Roll and pitch (Euler angles 123) and heading over time. The heading '
+            'that is asked for is dashed.',
             'rotor_speeds': 'Rotor speeds over time. The bounds are dashed.',
+            'failure': 'Position, tilt, rotor speeds, and the margin of the commanded wrench in '
+            'the admissible set of the rotors as they are. Failure and announcement are dotted.',
         },
-        ('position',),
+        ('position', 'failure'),
         _dynamic_tiles,
         _dynamic_options,
     ),

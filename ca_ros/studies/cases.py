@@ -12,20 +12,32 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
+from ca_ros.arrays import Array
+from ca_ros.closed_loop import Change
+from ca_ros.controller import Controller
 from ca_ros.figures import add_option
 from ca_ros.parameter_files import load, read_value
 from ca_ros.parameters import PARAMETERS, ParameterError, complete
+from ca_ros.rigid_body import RigidBody
+from ca_ros.rotor_failures import RotorFailures
+from ca_ros.studies.fixed_pseudo_inverse import FixedPseudoInverse
 from ca_ros.studies.plain_osqp import PlainOsqp, TightOsqp
 from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import accept
+from ca_ros.vehicle_audit import accept, audit
 
 BUILT_IN = tuple(ALLOCATORS)
 """Those of the package, the four of the paper in the order of its Table 1."""
 
-FOR_COMPARISON: dict[str, type[Allocator]] = {'osqp_default': PlainOsqp, 'osqp_tight': TightOsqp}
-"""Solvers without the finish of `exact`; only studies know them."""
+FOR_COMPARISON: dict[str, type[Allocator]] = {
+    'osqp_default': PlainOsqp,
+    'osqp_tight': TightOsqp,
+    'fixed_pseudo_inverse': FixedPseudoInverse,
+}
+"""Solvers without the finish of `exact`, and without failures; only studies know them."""
 
 
 def parser(prog: str, description: str) -> argparse.ArgumentParser:
@@ -123,25 +135,61 @@ class Case:
             raise ParameterError(f'{name}: {error}') from None
         return cls(name, parameters, vehicle, tuple(changes))
 
-    def allocator(self, method: str) -> Allocator:
-        """Return a method for the vehicle, with its options from the parameters.
+    def audited(self, health: Array) -> Vehicle:
+        """Return the vehicle with the rotors' health (n,), and the axes that they can command."""
+        return audit(Vehicle.from_parameters(self.parameters).with_health(health)).vehicle
+
+    def controller(self, vehicle: Vehicle | None = None) -> Controller:
+        """Return the controller, for the vehicle as `audited` returns it or as it is."""
+        return Controller.from_parameters(vehicle or self.vehicle, self.parameters)
+
+    def body(self, health: Array | None = None) -> RigidBody:
+        """Return the rigid body, with the rotors' health (n,) or as it is."""
+        drag = self.parameters['simulator.rotational_drag']
+        return RigidBody(self.vehicle if health is None else self.audited(health), drag)
+
+    def failing(self, method: str, failures: RotorFailures) -> list[Change]:
+        """Return what failures change in the closed loop of a method."""
+        changes = []
+        physical = believed = self.vehicle.health
+        for time in failures.times():
+            before = physical, believed
+            physical = failures.physical(self.vehicle.health, time)
+            believed = failures.believed(self.vehicle.health, time)
+            told = not np.array_equal(believed, before[1])
+            vehicle = self.audited(believed) if told else None
+            changes.append(
+                Change(
+                    time,
+                    self.controller(vehicle) if told else None,
+                    self.allocator(method, vehicle) if told else None,
+                    None if np.array_equal(physical, before[0]) else self.body(physical),
+                )
+            )
+        return changes
+
+    def allocator(self, method: str, vehicle: Vehicle | None = None) -> Allocator:
+        """Return a method, with its options from the parameters.
 
         Parameters
         ----------
         method : str
             A name, or ``module:Class`` for a class that takes a vehicle and has ``allocate``.
+        vehicle : Vehicle, optional
+            As `audited` returns it; by default the vehicle as it is.
 
         Raises
         ------
         ValueError
             If there is no such method.
         """
+        vehicle = vehicle or self.vehicle
         if method in ALLOCATORS:
             chosen = {**self.parameters, 'allocation.method': method}
-            options = options_from_parameters(chosen, self.vehicle.axes)
-            return make_allocator(method, self.vehicle, **options)
+            options = options_from_parameters(chosen, vehicle.axes)
+            return make_allocator(method, vehicle, **options)
         kind = FOR_COMPARISON[method] if method in FOR_COMPARISON else _own_class(method)
-        made = kind(self.vehicle)
+        made = kind(vehicle)
         if not callable(getattr(made, 'allocate', None)):
             raise ValueError(f'{method}: has no method allocate')
         return made

@@ -12,24 +12,27 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
 from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arguments import split
-from ca_ros.closed_loop import fly
-from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.closed_loop import Change, fly
+from ca_ros.controller import Waypoint
+from ca_ros.figures import STYLE, save
 from ca_ros.flight import Flight
-from ca_ros.rigid_body import RigidBody
+from ca_ros.rotor_failures import add_options, arguments, failures_of
 from ca_ros.studies.cases import Case, parser, positive
 from ca_ros.studies.dynamic_report import observation_lines, report, table
-from ca_ros.studies.flight_figures import draw
-from ca_ros.studies.flight_metrics import metrics
+from ca_ros.studies.flight_figures import draw, draw_failure
+from ca_ros.studies.flight_metrics import margins, metrics
 from ca_ros.studies.interrupts import interrupts
 from ca_ros.studies.observations import observe
 from ca_ros.studies.record import machine, versions
 from ca_ros.studies.ros_flight import RosFlightError, check, fly_over_ros
+from ca_ros.vehicle_audit import audit
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
 """The paper's."""
@@ -41,6 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         case = Case.load(options.vehicle, options.param)
         allocators = case.allocators(options.methods)
+        failures = failures_of(options)
+        failures.check(case.vehicle.n)
+        changes = {name: case.failing(name, failures) for name in allocators}
         if options.over_ros:
             check(list(allocators))
         options.out.mkdir(parents=True, exist_ok=True)
@@ -50,8 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with interrupts() as stop:
         # An error in a method of the user's own is to be seen whole.
         try:
-            flights = _fly(case, allocators, options, stop)
-            figures = _write(case, flights, options) if flights else {}
+            flights = _fly(case, allocators, changes, options, stop)
+            figures = _write(case, flights, changes, options) if flights else {}
         except (RosFlightError, FloatingPointError, OSError) as error:
             print(f'dynamic_study: {error}', file=sys.stderr)
             return 1
@@ -82,6 +88,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         action='store_true',
         help='fly over the ROS nodes, in lockstep: the same flights, to the last bit',
     )
+    add_options(made)
     own, ros = split(argv)
     options = made.parse_args(own)
     options.ros = ros
@@ -91,6 +98,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
 def _fly(
     case: Case,
     allocators: Mapping[str, Allocator],
+    changes: Mapping[str, Sequence[Change]],
     options: argparse.Namespace,
     stop: Sequence[int],
 ) -> dict[str, Flight]:
@@ -101,15 +109,17 @@ def _fly(
     ):
         flight: Flight | None
         if options.over_ros:
-            flight = fly_over_ros(case, name, WAYPOINT, options.duration, stop, options.ros)
+            words = [*arguments(failures_of(options)), *options.ros]
+            flight = fly_over_ros(case, name, WAYPOINT, options.duration, stop, words)
         else:
             flight = fly(
-                _controller(case),
+                case.controller(),
                 allocator,
-                RigidBody(case.vehicle),
+                case.body(),
                 WAYPOINT,
                 options.duration,
                 case.parameters['simulator.time_step'],
+                changes=changes[name],
             )
         if stop or flight is None:
             break
@@ -117,23 +127,29 @@ def _fly(
     return flights
 
 
-def _controller(case: Case) -> Controller:
-    return Controller(case.vehicle, Gains.from_parameters(case.parameters))
-
-
 def _write(
-    case: Case, flights: Mapping[str, Flight], options: argparse.Namespace
+    case: Case,
+    flights: Mapping[str, Flight],
+    changes: Mapping[str, Sequence[Change]],
+    options: argparse.Namespace,
 ) -> dict[str, Any]:
     """Write all files; return what dynamic.json holds."""
-    controller = _controller(case)
-    observations = observe(flights, AllocationProblem(case.vehicle), WAYPOINT)
+    controller, failures = case.controller(), failures_of(options)
+    last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
+    # The paper's observations are about sound vehicles.
+    observations = (
+        [] if options.fail else observe(flights, AllocationProblem(case.vehicle), WAYPOINT)
+    )
     figures = {
         'vehicle': case.name,
         'duration': options.duration,
         'flown': 'over ROS nodes in lockstep' if options.over_ros else 'offline',
         'methods': {
-            name: metrics(flight, controller, WAYPOINT) for name, flight in flights.items()
+            name: metrics(flight, controller, WAYPOINT, changes[name])
+            for name, flight in flights.items()
         },
+        'failures': arguments(failures),
+        'lost_axes': audit(case.vehicle.with_health(last)).lost,
         'observations': {each.sentence: each.holds for each in observations},
         'numbers': {each.sentence: each.numbers for each in observations},
         'changes': case.changes,
@@ -146,6 +162,15 @@ def _write(
     (options.out / 'dynamic.json').write_text(text, encoding='utf-8')
     (options.out / 'dynamic.md').write_text(report(figures), encoding='utf-8')
     draw(options.out, flights, case.vehicle, WAYPOINT, options.figures)
+    if options.fail:
+        found = {
+            name: margins(flight, controller, WAYPOINT, changes[name])
+            for name, flight in flights.items()
+        }
+        moments = [time / 1e9 for time in failures.times()]
+        with matplotlib.rc_context(STYLE):
+            figure = draw_failure(flights, found, case.vehicle, WAYPOINT, moments)
+            save(figure, options.out / 'failure', options.figures)
     return figures
 
 

@@ -1,0 +1,123 @@
+"""Rotor failures of a flight over nodes: through their parameter rotors.health, at given times."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from time import monotonic
+
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from ca_ros.arrays import Array
+from ca_ros.nodes.bringup_options import NODES
+from ca_ros.patience import Patience
+from ca_ros.rotor_failures import RotorFailures
+
+TIMEOUT = 60.0
+"""When a node that has not taken a parameter is held to be never going to [s]."""
+
+AGAIN = 2.0
+"""After this time without an answer a node is asked once more [s]."""
+
+
+class RotorHealthError(Exception):
+    """A node did not take a parameter."""
+
+
+class RotorHealth:
+    """Breaks rotors in the simulator, and tells controller and allocator.
+
+    In lockstep the simulator waits at each of these times (`simulator.hold_at`) until all nodes
+    concerned have answered, so that a flight is the same each time.  In real time it does not
+    wait: the parameters are set as soon as the time has come.
+
+    Parameters
+    ----------
+    node : Node
+        That the nodes are asked from.
+    options : argparse.Namespace
+        Of bringup.
+    health : (n,) array
+        The rotors' health at the start.
+    time_step : float
+        Of the simulator [s].
+    """
+
+    def __init__(
+        self, node: Node, options: argparse.Namespace, health: Array, time_step: float
+    ) -> None:
+        self.failures: RotorFailures = options.failures
+        self._health = health
+        self._set_to = {name: health.tolist() for name in NODES}
+        self._lockstep = options.mode == 'lockstep'
+        self._ahead = round(time_step * 1e9) if self._lockstep else 0
+        self._times = self.failures.times()
+        self._clients = (
+            {
+                name: node.create_client(
+                    SetParameters, f'{options.namespace.rstrip("/")}/{name}/set_parameters'
+                )
+                for name in NODES
+            }
+            if self._times
+            else {}
+        )
+
+    def missing(self) -> list[str]:
+        """Return the nodes whose parameters cannot be set yet, in words."""
+        return [
+            client.srv_name
+            for client in self._clients.values()
+            if not client.service_is_ready()
+        ]
+
+    def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
+        """Do what is due.
+
+        Parameters
+        ----------
+        elapsed : int or None
+            Time of flight up to the last complete sample [ns]; None before the flight.
+        spin : callable
+            Lets the node get the answers.
+
+        Raises
+        ------
+        RotorHealthError
+            If a node refuses, or does not answer.
+        """
+        # The simulator waits with the state that follows the last complete sample.
+        now = 0 if elapsed is None else elapsed + self._ahead
+        while self._times and self._times[0] <= now:
+            time = self._times.pop(0)
+            for name in NODES:
+                happens = self.failures.physical if name == 'simulator' else self.failures.believed
+                health = happens(self._health, time).tolist()
+                if health != self._set_to[name]:
+                    self._set(name, 'rotors.health', health, spin)
+                    self._set_to[name] = health
+            if self._lockstep and time > 0:
+                hold = self._times[0] / 1e9 if self._times else 0.0
+                self._set('simulator', 'simulator.hold_at', hold, spin)
+
+    def _set(
+        self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
+    ) -> None:
+        futures: list[Future] = []
+        patience, again = Patience(TIMEOUT), monotonic()
+        while not (done := [future for future in futures if future.done()]):
+            if patience.over():
+                raise RotorHealthError(f'the {name} does not answer: {parameter} cannot be set')
+            # An answer is lost if the node has not found our end yet.
+            if monotonic() >= again:
+                message = Parameter(parameter, value=value).to_parameter_msg()
+                request = SetParameters.Request(parameters=[message])
+                futures.append(self._clients[name].call_async(request))
+                again = monotonic() + AGAIN
+            spin()
+        (result,) = done[0].result().results
+        if not result.successful:
+            raise RotorHealthError(f'the {name} refuses {parameter}: {result.reason}')

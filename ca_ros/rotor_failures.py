@@ -1,0 +1,172 @@
+"""Rotors that fail in flight: when they break, and when that becomes known."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from ca_ros.arrays import Array
+
+ANNOUNCE = 0.1
+"""Time from a failure to its announcement, unless another is given [s]."""
+
+FAILURE = re.compile(r'(?P<rotor>[0-9]+)@(?P<time>[^=]+)(=(?P<health>.+))?')
+
+
+@dataclass(frozen=True)
+class RotorFailure:
+    """A rotor that fails.
+
+    Attributes
+    ----------
+    rotor : int
+        Its number, from 1 on.
+    time : float
+        Time of flight at which it fails [s].
+    health : float
+        Thrust delivered over thrust expected from then on: 0 if the rotor is lost.
+    """
+
+    rotor: int
+    time: float
+    health: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> RotorFailure:
+        """Read ``ROTOR@TIME`` or ``ROTOR@TIME=HEALTH``.
+
+        Raises
+        ------
+        ValueError
+            In one line that names the fault.
+        """
+        found = FAILURE.fullmatch(text)
+        try:
+            if found is None:
+                raise ValueError
+            rotor, time = int(found['rotor']), float(found['time'])
+            health = float(found['health'] or 0.0)
+        except ValueError:
+            raise ValueError(
+                f'{text!r}: expected ROTOR@TIME or ROTOR@TIME=HEALTH, such as 1@2.5 or 1@2.5=0.4'
+            ) from None
+        if rotor < 1:
+            raise ValueError(f'{text!r}: rotors are numbered from 1 on')
+        if not (isfinite(time) and time >= 0.0):
+            raise ValueError(f'{text!r}: expected a time from 0 s on')
+        if not 0.0 <= health <= 1.0:
+            raise ValueError(f'{text!r}: expected a health in [0, 1]')
+        return cls(rotor, time, health)
+
+    def __str__(self) -> str:
+        """Return it as it is given on a command line."""
+        return f'{self.rotor}@{self.time:g}' + (f'={self.health:g}' if self.health else '')
+
+
+@dataclass(frozen=True)
+class RotorFailures:
+    """The failures of a flight.
+
+    Attributes
+    ----------
+    failures : tuple of RotorFailure
+    announce : float or None
+        Time from each failure until allocator and controller are told [s]; None if they never are.
+    """
+
+    failures: tuple[RotorFailure, ...] = ()
+    announce: float | None = ANNOUNCE
+
+    def check(self, rotors: int) -> None:
+        """Raise a ValueError unless a vehicle with so many rotors can have these failures."""
+        for failure in self.failures:
+            if failure.rotor > rotors:
+                raise ValueError(f'--fail {failure}: the vehicle has {rotors} rotors')
+
+    def times(self) -> list[int]:
+        """Return the times of flight at which something fails or is announced, in order [ns]."""
+        late = [] if self.announce is None else [0.0, self.announce]
+        return sorted(
+            {_ns(each.time + delay) for each in self.failures for delay in (late or [0.0])}
+        )
+
+    def physical(self, health: Array, time: int) -> Array:
+        """Return the rotors' health (n,) at a time of flight [ns], from that at the start."""
+        return self._after(health, time, 0.0)
+
+    def believed(self, health: Array, time: int) -> Array:
+        """Return the health (n,) that has been announced at a time of flight [ns]."""
+        return health if self.announce is None else self._after(health, time, self.announce)
+
+    def _after(self, health: Array, time: int, delay: float) -> Array:
+        after = np.array(health, dtype=float)
+        for each in sorted(self.failures, key=lambda failure: failure.time):
+            if _ns(each.time + delay) <= time:
+                after[each.rotor - 1] = each.health
+        return after
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Let a command line name the failures of a flight."""
+    parser.add_argument(
+        '--fail',
+        type=_failure,
+        action='append',
+        default=[],
+        metavar='ROTOR@TIME[=HEALTH]',
+        help='break a rotor (1 is the first) at a time of the flight [s], to this health '
+        '(0: lost); may be repeated',
+    )
+    parser.add_argument(
+        '--announce',
+        type=_delay,
+        default=ANNOUNCE,
+        metavar='SECONDS',
+        help='time after which allocator and controller are told of a failure, or never',
+    )
+
+
+def failures_of(options: argparse.Namespace) -> RotorFailures:
+    """Return the failures that a command line names."""
+    return RotorFailures(tuple(options.fail), options.announce)
+
+
+def arguments(failures: RotorFailures) -> list[str]:
+    """Return the command line that names these failures."""
+    words = [word for each in failures.failures for word in ('--fail', _exact(each))]
+    if not words:
+        return []
+    announce = 'never' if failures.announce is None else repr(failures.announce)
+    return [*words, '--announce', announce]
+
+
+def _exact(failure: RotorFailure) -> str:
+    return f'{failure.rotor}@{failure.time!r}={failure.health!r}'
+
+
+def _failure(text: str) -> RotorFailure:
+    try:
+        return RotorFailure.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _delay(text: str) -> Any:
+    if text == 'never':
+        return None
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not (isfinite(seconds) and seconds >= 0.0):
+        raise argparse.ArgumentTypeError(f'{text!r} is neither a time from 0 s on nor never')
+    return seconds

@@ -1,0 +1,187 @@
+"""Fly every shipped vehicle with each of its rotors lost; fill the tables of docs/failure.md.
+
+Also draws its figure, by `dynamic_study`.  Takes about a minute.
+"""
+
+import re
+import shutil
+import tempfile
+import warnings
+from dataclasses import dataclass
+from math import degrees, inf
+from pathlib import Path
+
+import numpy as np
+
+from ca_ros.closed_loop import Change, fly
+from ca_ros.controller import Waypoint
+from ca_ros.parameter_files import config_directory
+from ca_ros.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic_study import main as dynamic_study
+from ca_ros.tables import table
+from ca_ros.vehicle_audit import audit
+
+DOCS = Path(__file__).resolve().parent
+PAGE, FIGURE = DOCS / 'failure.md', DOCS / 'failure.png'
+
+METHODS = ('exact', 'pseudo_inverse', 'fixed_pseudo_inverse')
+
+STUDY = f'--methods {",".join(METHODS)} --fail 1@8 --duration 14'
+"""The options of dynamic_study that draw the figure."""
+
+START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)
+"""Where the rotor is lost, and 2 m from there, where the vehicle is sent then."""
+
+LOST, SENT, SETTLED, END = 1.0, 3.0, 15.0, 75.0
+"""When the rotor is lost, when the waypoint is sent; when it is to be there; the end [s]."""
+
+THERE = 0.05
+"""How far from the waypoint the vehicle may be [m]."""
+
+DRAG = 5e-4
+"""Rotational drag of six cylindrical arms, see the page [N m s^2/rad^2]."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a flight with a lost rotor went: distances [m], greatest tilt [rad], spin [rad/s].
+
+    `away` is the greatest distance from the waypoint once the vehicle should be there, `end` the
+    last one, `drop` how far the vehicle came below the height at which it lost the rotor.
+    """
+
+    away: float
+    tilt: float
+    drop: float
+    spin: float
+    end: float
+
+    @property
+    def flies(self) -> bool:
+        """Whether the waypoint was reached and held."""
+        return self.away <= THERE
+
+
+def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> Outcome:
+    """Lose a rotor at hover, fly 2 m, and stay there for a minute."""
+    failures = RotorFailures((RotorFailure(rotor, LOST),), announce)
+    changes = [*case.failing(method, failures), Change(round(SENT * 1e9), waypoint=GOAL)]
+    try:
+        flight = fly(
+            case.controller(), case.allocator(method), case.body(), START, END, changes=changes
+        )
+    except FloatingPointError:
+        return Outcome(inf, np.pi, inf, inf, inf)
+    late = flight.position[flight.time >= SETTLED]
+    return Outcome(
+        float(np.linalg.norm(late - GOAL.position, axis=1).max()),
+        float(flight.tilt.max()),
+        float(-flight.position[:, 2].min()),
+        float(np.abs(flight.angular_velocity[-1, 2])),
+        flight.position_error(GOAL),
+    )
+
+
+def rotors_table() -> str:
+    """Return vehicle by rotor by lost axes, and whether it flies."""
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for file in sorted(config_directory().glob('*.yaml')):
+        sound = Case.load(file.stem)
+        for rotor in range(1, sound.vehicle.n + 1):
+            health = np.ones(sound.vehicle.n)
+            health[rotor - 1] = 0.0
+            report = audit(sound.vehicle.with_health(health))
+            drags = [0.0, DRAG] if report.lost == ('yaw',) else [0.0]
+            for drag in drags:
+                case = Case.load(file.stem, [f'simulator.rotational_drag:={drag}'])
+                exact, *others = (lose(case, method, rotor) for method in METHODS)
+                key = (
+                    f'`{file.stem}`',
+                    ', '.join(report.lost) or 'none',
+                    f'{abs(report.spin_torque):.2g}' if report.spin_torque else '0',
+                    f'{drag:g}',
+                    verdict(exact),
+                    f'{degrees(exact.tilt):.0f}' if exact.flies else '',
+                    f'{exact.spin:.1f}' if exact.flies else '',
+                    *map(verdict, others),
+                )
+                rows.setdefault(key, []).append(rotor)
+    titles = (
+        'vehicle',
+        'rotor',
+        'lost axes',
+        'yaw torque left [N m]',
+        'drag [N m s²/rad²]',
+        '`exact`',
+        'tilt [°]',
+        'spin [rad/s]',
+        *(f'`{method}`' for method in METHODS[1:]),
+    )
+    return table(titles, [(key[0], spans(found), *key[1:]) for key, found in rows.items()])
+
+
+def verdict(outcome: Outcome) -> str:
+    """Say whether it flies."""
+    if outcome.flies:
+        return 'flies'
+    if outcome.end <= THERE:
+        return 'late'
+    return f'{outcome.away:.2f} m off' if outcome.away < 1.0 else 'falls'
+
+
+def spans(numbers: list[int]) -> str:
+    """Return numbers in words: 1-4, 6."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and number == parts[-1][-1] + 1:
+            parts[-1].append(number)
+        else:
+            parts.append([number])
+    return ', '.join(f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts)
+
+
+def delays_table() -> str:
+    """Return what the time until the announcement costs."""
+    rows = []
+    delays = (0.05, 0.1, 0.2, 0.5, 1.0, None)
+    for name in ('hexarotor', 'hexarotor_ppnnpn', 'octorotor', 'x8', 'y6'):
+        case, words = Case.load(name), []
+        for delay in delays:
+            found = lose(case, 'exact', 1, delay)
+            how = f'{degrees(found.tilt):.0f}°, {max(found.drop, 0.0):.2f} m'
+            late = '' if found.flies else ', late'
+            words.append(f'{how}{late}' if found.end <= THERE else 'falls')
+        rows.append((f'`{name}`', *words))
+    return table(('rotor 1 of', *(f'{d:g} s' if d else 'never' for d in delays)), rows)
+
+
+def filled(text: str, mark: str, content: str) -> str:
+    """Return a page with what stands between two marks replaced."""
+    new, count = re.subn(
+        rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
+        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
+        text,
+        flags=re.DOTALL,
+    )
+    if count != 1:
+        raise ValueError(f'expected one place that is marked for {mark}, got {count}')
+    return new
+
+
+def main() -> None:
+    """Fill the page and draw the figure."""
+    text = PAGE.read_text(encoding='utf-8')
+    with warnings.catch_warnings():
+        # Of vehicles that tumble until their numbers overflow.
+        warnings.simplefilter('ignore', RuntimeWarning)
+        text = filled(text, 'rotors', rotors_table())
+        text = filled(text, 'delays', delays_table())
+    PAGE.write_text(text, encoding='utf-8')
+    with tempfile.TemporaryDirectory() as folder:
+        dynamic_study([*STUDY.split(), '--out', folder])
+        shutil.copyfile(Path(folder) / 'failure.png', FIGURE)
+
+
+if __name__ == '__main__':
+    main()
