@@ -9,9 +9,13 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, suppress
+from datetime import datetime
+from itertools import count
 from math import inf
+from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
@@ -25,7 +29,7 @@ from ca_ros.faults import LINKS
 from ca_ros.figures import draw_flight, save
 from ca_ros.flight import Flight
 from ca_ros.nodes.bag import Bag, BagError
-from ca_ros.nodes.bringup_options import commands, parse
+from ca_ros.nodes.bringup_options import commands, options_as_parameters, parse
 from ca_ros.nodes.executable import RCLError, in_one_line
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.recorder import Recorder
@@ -36,6 +40,8 @@ from ca_ros.vehicle import Vehicle
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 START_TIMEOUT = 60.0
+LOOK_AROUND = 0.5
+"""Time to find the nodes that are there already [s]; DDS mostly needs 0.2 s."""
 
 
 class Stopped(Exception):
@@ -50,9 +56,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small, and the threads of BLAS would only wait for work.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     options = parse(sys.argv[1:] if argv is None else argv)
+    if options.out is not None:
+        return _bringup(options)
+    try:
+        options.out = _new_folder()
+    except OSError as error:
+        print(f'bringup: {error}', file=sys.stderr)
+        return 1
+    try:
+        return _bringup(options)
+    finally:
+        # Unless it holds a flight.
+        with suppress(OSError):
+            options.out.rmdir()
+
+
+def _new_folder() -> Path:
+    """Make a folder in the current one that is not there yet."""
+    name = f'flight_{datetime.now():%Y-%m-%d_%H-%M-%S}'
+    for i in count(1):
+        folder = Path(name if i == 1 else f'{name}_{i}')
+        with suppress(FileExistsError):
+            folder.mkdir()
+            break
+    return folder
+
+
+def _bringup(options: argparse.Namespace) -> int:
     interrupts = note_signals()
     try:
-        vehicle = Vehicle.load(options.params_file or options.vehicle)
+        nodes = commands(options)
         options.out.mkdir(parents=True, exist_ok=True)
         # Not found out after the flight.
         if not os.access(options.out, os.W_OK | os.X_OK):
@@ -74,11 +107,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
     try:
-        flight, wall, respawned = _fly(options, waypoint, interrupts, bag)
+        flight, wall, respawned, parameters = _fly(options, nodes, waypoint, interrupts, bag)
     except (Stopped, BagError) as stopped:
         print(f'bringup: {stopped}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
-    reached = _report(options, vehicle, waypoint, flight, wall)
+    vehicle = Vehicle.from_parameters(parameters)
+    reached = _report(parameters['mode'], vehicle, waypoint, flight, wall)
     try:
         flight.write_csv(options.out / 'flight.csv')
         figure = draw_flight(flight, vehicle, waypoint)
@@ -99,17 +133,34 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _fly(
-    options: argparse.Namespace, waypoint: Waypoint, interrupts: list[int], bag: Bag | None
-) -> tuple[Flight, float, Counter[str]]:
+    options: argparse.Namespace,
+    nodes: Mapping[str, Sequence[str]],
+    waypoint: Waypoint,
+    interrupts: list[int],
+    bag: Bag | None,
+) -> tuple[Flight, float, Counter[str], dict[str, Any]]:
     links = [*LINKS]
     if options.faults is not None:
         links += [f'{PREFIX}{topic}' for topic in LINKS]
     recorder = Recorder(options.namespace, links)
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
+
+    def be_alone(own: int = 0) -> None:
+        if others := recorder.others(own):
+            raise Stopped(
+                f'other nodes publish on {", ".join(others)} in ROS domain '
+                f'{recorder.context.get_domain_id()}: end them, or choose another --namespace or '
+                'ROS_DOMAIN_ID (a node that was killed with -9 is gone after 20 s)'
+            )
+
     try:
+        looked = time.monotonic()
+        while time.monotonic() < looked + LOOK_AROUND and not interrupts:
+            be_alone()
+            executor.spin_once(timeout_sec=0.05)
         # The bag is complete when the nodes have ended.
-        with bag or nullcontext(), Processes(commands(options)) as processes:
+        with bag or nullcontext(), Processes(nodes) as processes:
             if bag:
                 bag.listen(options.namespace)
 
@@ -153,6 +204,15 @@ def _fly(
                         )
 
             wait(lambda: recorder.missing() + (bag.missing() if bag else []))
+            if not processes.respawned:
+                # Nodes that DDS has found only now.
+                be_alone(own=1)
+            parameters = recorder.parameters or {}
+            for name, value in options_as_parameters(options).items():
+                if parameters[name] != value:
+                    raise Stopped(
+                        f'{name} is {parameters[name]}, not {value}: see the ROS arguments'
+                    )
             recorder.send(waypoint)
             began = time.monotonic()
             with tqdm(
@@ -180,25 +240,23 @@ def _fly(
                 wait(lambda: bag.behind(end))
             wall = time.monotonic() - began
             flight = recorder.flight(options.duration)
-            if options.mode == 'lockstep' and (lost := flight.missing(options.duration)):
+            if parameters['mode'] == 'lockstep' and (lost := flight.missing(options.duration)):
                 raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
-            return flight, wall, processes.respawned
+            return flight, wall, processes.respawned, parameters
     finally:
         executor.shutdown()
         recorder.destroy_node()
         rclpy.try_shutdown()
 
 
-def _report(
-    options: argparse.Namespace, vehicle: Vehicle, waypoint: Waypoint, flight: Flight, wall: float
-) -> bool:
+def _report(mode: str, vehicle: Vehicle, waypoint: Waypoint, flight: Flight, wall: float) -> bool:
     error, heading_error = flight.position_error(waypoint), flight.heading_error(waypoint)
     reached = error <= POSITION_TOLERANCE and heading_error <= HEADING_TOLERANCE
     speeds = flight.speeds
     inside = bool(((speeds >= vehicle.speed_min) & (speeds <= vehicle.speed_max)).all())
     verdict = 'reached' if reached else 'MISSED'
     print(
-        f'flight of {flight.time[-1]:.2f} s ({options.mode}, {len(flight.time)} samples, '
+        f'flight of {flight.time[-1]:.2f} s ({mode}, {len(flight.time)} samples, '
         f'in {wall:.1f} s)\n'
         f'  waypoint      {verdict}: {1e3 * error:.1f} mm and '
         f'{math.degrees(heading_error):.3f} degrees away\n'
