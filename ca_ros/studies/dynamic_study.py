@@ -84,6 +84,9 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     own, ros = split(argv)
     options = made.parse_args(own)
+    if given := [word for word in ros if word in ('-p', '--param', '--params-file')]:
+        # The nodes would fly something other than what the study judges.
+        made.error(f'{given[0]} after --ros-args: give parameters by --vehicle and -p before it')
     options.ros = ros
     return options
 
