@@ -3,13 +3,11 @@
 import os
 from itertools import combinations
 
-import daqp
 import numpy as np
 import pytest
-import quadprog
 
 from ca_ros import AdmissibleSet, Status, control_allocation_matrix, make_allocator
-from strategies import FLEET, build, middle, random_vehicle, ring
+from strategies import FLEET, build, middle, random_vehicle, ring, solver
 
 VEHICLES = int(os.environ.get('CA_ROS_VEHICLES', '150'))
 HARD = (238, 247, 420, 833, 874, 919, 929, 944, 983)
@@ -60,7 +58,7 @@ def commands(vehicle, rng, size):
 
 def by_quadprog(gamma, u, low, high):
     identity = np.eye(len(low))
-    return quadprog.solve_qp(
+    return solver('quadprog').solve_qp(
         identity, np.zeros(len(low)), np.vstack([gamma, identity, -identity]).T,
         np.concatenate([u, low, -high]), len(u))[0]
 
@@ -68,7 +66,7 @@ def by_quadprog(gamma, u, low, high):
 def by_daqp(gamma, u, low, high):
     sense = np.zeros(len(low) + len(u), dtype=np.int32)
     sense[len(low):] = 5
-    thrusts, _, flag, _ = daqp.solve(
+    thrusts, _, flag, _ = solver('daqp').solve(
         np.eye(len(low)), np.zeros(len(low)), np.ascontiguousarray(gamma),
         np.concatenate([high, u]), np.concatenate([low, u]), sense, primal_tol=1e-12)
     if flag < 1:

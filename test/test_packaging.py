@@ -110,6 +110,14 @@ def test_the_package_built_from_the_source_distribution_works(wheel, sdist, tmp_
         '-m', 'pytest', '-q', 'test/test_parameters.py', 'test/test_vehicle.py', cwd=sdist)
 
 
+def test_it_is_imported_in_the_folder_that_holds_the_clone(tmp_path):
+    # There the clone's folder has the name of the package, and is none.
+    (tmp_path / 'ca_ros').mkdir()
+    script = 'import ca_ros; print(ca_ros.Vehicle.load("hexarotor").n)'
+    installed = {key: value for key, value in os.environ.items() if key == 'PYTHONPATH'}
+    assert run('-c', script, cwd=tmp_path, **installed) == '6\n'
+
+
 # What there is
 
 def test_python_m_ca_ros_names_all_there_is():
