@@ -33,6 +33,8 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
     prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
     def end_with_parent() -> None:
+        # A handler of the parent would take the signal and be gone with its program.
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         # The parent may have ended before the call of prctl.
         if os.getppid() != parent:

@@ -213,8 +213,8 @@ def test_a_vertex_of_the_set_leaves_one_solution():
 @pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'x8_identical_columns', 'asymmetric'])
 def test_a_start_at_the_answer_of_osqp_ends_at_the_same_thrusts(name):
     vehicle, rng = FLEET[name], np.random.default_rng(3)
-    own, started = (make_allocator('exact', vehicle, solver=solver)
-                    for solver in ('newton', 'osqp'))
+    solver('osqp')
+    own, started = (make_allocator('exact', vehicle, solver=start) for start in ('newton', 'osqp'))
     for kind, wrenches in commands(vehicle, rng, 5):
         for u in wrenches:
             check(vehicle, started, kind, u)

@@ -17,6 +17,9 @@ from ca_ros.parameter_files import config_directory
 
 ROOT = Path(__file__).resolve().parent.parent
 VEHICLES = sorted(file.stem for file in config_directory().glob('*.yaml'))
+PLACES = {key: value for key, value in os.environ.items() if key == 'PYTHONPATH'}
+"""Where colcon has installed the package."""
+
 LEFT_BY_TOOLS = (
     '.git', '.venv', '.hypothesis', '.*_cache', '__pycache__', '*.egg-info', 'build', 'dist',
     'install', 'log', 'out')
@@ -114,14 +117,13 @@ def test_it_is_imported_in_the_folder_that_holds_the_clone(tmp_path):
     # There the clone's folder has the name of the package, and is none.
     (tmp_path / 'ca_ros').mkdir()
     script = 'import ca_ros; print(ca_ros.Vehicle.load("hexarotor").n)'
-    installed = {key: value for key, value in os.environ.items() if key == 'PYTHONPATH'}
-    assert run('-c', script, cwd=tmp_path, **installed) == '6\n'
+    assert run('-c', script, cwd=tmp_path, **PLACES) == '6\n'
 
 
 # What there is
 
 def test_python_m_ca_ros_names_all_there_is():
-    said = run('-m', 'ca_ros', cwd=ROOT)
+    said = run('-m', 'ca_ros', cwd=ROOT, **PLACES)
     version, programs = installed()
     package = ElementTree.parse(ROOT / 'package.xml')
     assert version == package.findtext('version')

@@ -168,4 +168,9 @@ def test_children_are_terminated_when_their_parent_is_killed(tmp_path):
 
 def test_a_child_whose_parent_ended_before_it_was_tied_ends_at_once(monkeypatch):
     monkeypatch.setattr(os, 'getpid', lambda: -1)
-    assert start(SLEEP).wait(DEADLINE) == -signal.SIGTERM
+    # As in bringup, which notes its signals.
+    before = signal.signal(signal.SIGTERM, lambda *_: None)
+    try:
+        assert start(SLEEP).wait(DEADLINE) == -signal.SIGTERM
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -41,7 +41,7 @@ from ca_ros.vehicle import Vehicle
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 START_TIMEOUT = 60.0
 LOOK_AROUND = 0.5
-"""Time to find the nodes that are there already [s]; DDS mostly needs 0.2 s."""
+"""Time to look for other nodes before the start, and between later looks [s]."""
 
 
 class Stopped(Exception):
@@ -155,17 +155,22 @@ def _fly(
             )
 
     try:
-        looked = time.monotonic()
-        while time.monotonic() < looked + LOOK_AROUND and not interrupts:
-            be_alone()
+        began = looked = time.monotonic()
+        while time.monotonic() < began + LOOK_AROUND and not interrupts:
             executor.spin_once(timeout_sec=0.05)
+        be_alone()
         # The bag is complete when the nodes have ended.
         with bag or nullcontext(), Processes(nodes) as processes:
             if bag:
                 bag.listen(options.namespace)
 
             def spin() -> None:
+                nonlocal looked
                 executor.spin_once(timeout_sec=0.1)
+                # DDS may take 3 s to find a node.  Nodes that were killed still seem to be there.
+                if time.monotonic() > looked + LOOK_AROUND and not processes.respawned:
+                    looked = time.monotonic()
+                    be_alone(own=1)
                 recorder.drain()
                 if bag:
                     bag.write()
@@ -204,9 +209,6 @@ def _fly(
                         )
 
             wait(lambda: recorder.missing() + (bag.missing() if bag else []))
-            if not processes.respawned:
-                # Nodes that DDS has found only now.
-                be_alone(own=1)
             parameters = recorder.parameters or {}
             for name, value in options_as_parameters(options).items():
                 if parameters[name] != value:

@@ -28,6 +28,7 @@ from ca_ros.studies.flight_figures import draw
 from ca_ros.studies.flight_metrics import metrics
 from ca_ros.studies.interrupts import interrupts
 from ca_ros.studies.observations import observe
+from ca_ros.studies.paper_table import of_the_paper
 from ca_ros.studies.record import machine, versions
 from ca_ros.studies.ros_flight import RosFlightError, check, fly_over_ros
 
@@ -129,6 +130,7 @@ def _write(
 ) -> dict[str, Any]:
     """Write all files; return what dynamic.json holds."""
     controller = _controller(case)
+    paper = of_the_paper(case.parameters)
     observations = observe(flights, AllocationProblem(case.vehicle), WAYPOINT)
     figures = {
         'vehicle': case.name,
@@ -137,8 +139,10 @@ def _write(
         'methods': {
             name: metrics(flight, controller, WAYPOINT) for name, flight in flights.items()
         },
-        'observations': {each.sentence: each.holds for each in observations},
-        'numbers': {each.sentence: each.numbers for each in observations},
+        'observations': {each.sentence: each.holds for each in observations if paper},
+        'numbers': {
+            each.sentence if paper else each.subject: each.numbers for each in observations
+        },
         'changes': case.changes,
         'parameters': case.parameters,
         'versions': versions(),
