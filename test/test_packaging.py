@@ -1,6 +1,7 @@
 """The source distribution and the wheel, built from a copy, are complete and work."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -140,6 +141,18 @@ def test_python_m_ca_ros_says_that_there_is_no_rclpy(tmp_path):
         'import sys, runpy; sys.modules["rclpy"] = None; sys.argv[1:] = []; '
         f'sys.path.insert(0, {str(ROOT)!r}); runpy.run_module("ca_ros", run_name="__main__")')
     assert 'rclpy: absent' in run('-c', script, cwd=tmp_path)
+
+
+def test_the_pythons_agree():
+    makefile, ci, *pages = (
+        (ROOT / name).read_text(encoding='utf-8')
+        for name in ('Makefile', '.github/workflows/ci.yml', 'README.md', 'CONTRIBUTING.md'))
+    [allowed] = re.findall(r'filter-out ([0-9. ]+),', makefile)
+    [tested] = re.findall(r'python: \[(.*)\]', ci)
+    first, *_, last = allowed.split()
+    assert tested.replace("'", '').split(', ') == allowed.split()
+    for page in (makefile, *pages):
+        assert set(re.findall(r'3\.\d+ to 3\.\d+', page)) == {f'{first} to {last}'}
 
 
 def test_the_versions_agree():
