@@ -81,6 +81,7 @@ clean:
 
 # Of what pip prints: each package that it fetches, the long step at its end, and faults.
 steps := -e 's/^Collecting \([A-Za-z0-9._-]*\).*/  fetching \1/p' \
+  -e 's/^Processing .*\/\([A-Za-z0-9._]*\)-.*\.whl.*/  fetching \1/p' \
   -e 's/^Installing collected packages:.*/  installing them all (half a minute or more)/p' \
   -e '/^ERROR/,$$p' -e '/^ *error:/,$$p'
 
