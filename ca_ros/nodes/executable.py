@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import faulthandler
 import gc
+import json
 import re
 import signal
 import sys
@@ -21,9 +22,10 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ca_ros import arguments
+from ca_ros.arguments import full_name, renamed
 from ca_ros.nodes.console import never_wait
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.parameter_files import find, read_value, read_yaml
+from ca_ros.parameter_files import NoSectionError, find, load, read_value, read_yaml
 from ca_ros.parameters import PARAMETERS, MissingParameterError, ParameterError, check
 from ca_ros.processes import ending_signals
 from ca_ros.vehicle import Vehicle
@@ -65,6 +67,31 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     return arguments.split(argv)
 
 
+def vehicle_arguments(vehicle: str, node: str) -> list[str]:
+    """Return the ROS arguments that give a node the parameters of a vehicle.
+
+    Parameters
+    ----------
+    vehicle : str
+        A shipped vehicle's name, or a path to a parameter file.
+    node : str
+        Full name of the node.  Where the file has no section for it, as the dump of another node
+        has none, it gets what `Vehicle.load` reads.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such vehicle, or it is wrong.
+    """
+    try:
+        Vehicle.load(vehicle, node)
+    except NoSectionError:
+        Vehicle.load(vehicle)
+        values = [f'{name}:={json.dumps(value)}' for name, value in load(vehicle).items()]
+        return ['--ros-args', *(word for value in values for word in ('-p', value)), '--']
+    return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
+
+
 def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     """Read a node's own arguments; return those for ROS, with the vehicle's parameter file."""
     parser = argparse.ArgumentParser(
@@ -95,9 +122,9 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         )
     if vehicle is None:
         return ros
-    Vehicle.load(vehicle)
+    node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
     # Before the user's own files, which may then override single values of it.
-    return ['--ros-args', '--params-file', str(find(vehicle)), '--', *ros]
+    return [*vehicle_arguments(vehicle, node), *ros]
 
 
 def _parameter_files(ros: Sequence[str]) -> str:
