@@ -20,17 +20,10 @@ from rclpy.utilities import remove_ros_args
 
 from ca_ros import arguments
 from ca_ros.nodes.console import never_wait
-from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.nodes.executor import Executor
 from ca_ros.parameter_files import find
 from ca_ros.processes import ending_signals
 from ca_ros.vehicle import Vehicle
-
-try:
-    # Answers in half the time of the other; not every Jazzy has it.  What was wrong with it up to
-    # rclpy 7.1.7 (ros2/rclpy#1563) concerns waits without end, of which there are none here.
-    from rclpy.experimental import EventsExecutor as Executor
-except ImportError:
-    from rclpy.executors import SingleThreadedExecutor as Executor
 
 DEFAULT_VEHICLE = 'hexarotor'
 
@@ -142,6 +135,4 @@ def run(
         gc.freeze()
         while not stop:
             executor.spin_once(timeout_sec=0.1)
-            if isinstance(node, VehicleNode):
-                node.hurry()
     return 0

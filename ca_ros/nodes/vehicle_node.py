@@ -42,7 +42,6 @@ class VehicleNode(Node):
         self._said: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
         self._dropped_before = 0
-        self._ticked = inf
         given = {}
         for key, parameter in PARAMETERS.items():
             descriptor = ParameterDescriptor(
@@ -127,7 +126,7 @@ class VehicleNode(Node):
 
     def observe(self, subject: str) -> None:
         """Begin to give account of the node on /diagnostics: once a second, and on change."""
-        self._ticked = self._looked = monotonic()
+        self._looked = monotonic()
         self._diagnostics = Diagnostics(self, subject, self.levels, self.values)
         self.create_timer(TICK, self._tick, clock=self.steady)
 
@@ -149,16 +148,8 @@ class VehicleNode(Node):
     def close(self) -> None:
         """Say the last word before the node ends."""
 
-    def hurry(self) -> None:
-        """Do what a timer should have done; called between any two events.
-
-        The EventsExecutor serves in the order of arrival: a flood of messages delays timers.
-        """
-        if monotonic() > self._ticked + 2.0 * TICK:
-            self._tick()
-
     def _tick(self) -> None:
-        now = self._ticked = monotonic()
+        now = monotonic()
         self.watch()
         if now >= self._looked + 1.0:
             self._looked = now
