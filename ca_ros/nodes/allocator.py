@@ -138,10 +138,6 @@ class Allocator(VehicleNode):
         rejected = monotonic() - self._rejected <= self._watchdog.timeout
         return 'none but rejected commands' if rejected else 'no command'
 
-    def excuse(self, seconds: float) -> None:
-        """Leave out of the watchdog's time what a change of parameters has taken."""
-        self._watchdog.excuse(seconds)
-
     def close(self) -> None:
         """Leave the rotors idle, or still if that is the timeout action."""
         if not self._watchdog.awake:

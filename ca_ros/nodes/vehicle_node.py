@@ -139,9 +139,6 @@ class VehicleNode(Node):
         """Return details of the node by name."""
         return dict(self.counts)
 
-    def excuse(self, seconds: float) -> None:
-        """Hold it against nobody that a change of parameters has kept the node for so long."""
-
     def watch(self) -> None:
         """Look at what does not come by itself; called every `TICK` seconds."""
 
@@ -188,7 +185,8 @@ class VehicleNode(Node):
         ours = {change.name: change.value for change in changes if change.name in PARAMETERS}
         if not ours:
             return SetParametersResult(successful=True)
-        began = monotonic()
+        # However many changes a client asks for, commands and timers wait for one at most.
+        self.executor.spin_streams(0.0)
         try:
             parameters = complete({**self.parameters, **ours})
             # Learned laws are not to be forgotten, and the motors not kept waiting, for nothing.
@@ -196,8 +194,6 @@ class VehicleNode(Node):
             self._candidate = parameters, self.build(parameters) if anew else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        finally:
-            self.excuse(monotonic() - began)
         return SetParametersResult(successful=True)
 
     def _accept(self, _: list[Parameter]) -> None:
