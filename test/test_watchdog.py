@@ -15,6 +15,8 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -369,6 +371,25 @@ def test_ros_time_that_stands_still_or_jumps_changes_nothing(graph, name):
             node.fly()
             node.wait_for('idle')
             node.wait_for_timeout('idle')
+
+
+@pytest.mark.parametrize('name', [*NAMES, 'controller', 'fault_proxy'])
+def test_what_rclpy_cannot_convert_is_dropped_and_ends_no_node(graph, name):
+    vehicle = () if name == 'fault_proxy' else ('--vehicle', 'hexarotor')
+    process = graph.start_silent(name, *vehicle, '--ros-args', '-p', 'use_sim_time:=true')
+    clock = graph.publisher(Clock, '/clock')
+    parameters = graph.connect(f'/{name}', 'use_sim_time')
+    client = graph.node.create_client(SetParameters, f'/{name}/set_parameters')
+    wrong = ParameterMessage(name='use_sim_time', value=ParameterValue(type=99))
+    for _ in range(3):
+        clock.publish(Clock(clock=Time(sec=-5)))
+        request = client.call_async(SetParameters.Request(parameters=[wrong]))
+        graph.spin_until(request.done, 'an answer')
+        clock.publish(Clock(clock=Time(sec=5)))
+        assert parameters.get('use_sim_time') == [True]
+    _, err = graph.end(process, signal.SIGTERM)
+    assert process.returncode == 0
+    assert 'Clock: Seconds value must not be negative' in err
 
 
 def test_a_rotor_that_is_lost_while_others_hold_stands_still(graph):

@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ca_ros import arguments
-from ca_ros.nodes.console import never_wait
+from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.parameter_files import find
 from ca_ros.processes import ending_signals
@@ -94,6 +94,7 @@ def run(
 
     The signals set a flag rather than end the context, so that the node can publish its last word.
     """
+    replace_closed()
     prog = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', node_class.__name__).lower()
     stop: list[int] = []
 

@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy import executors
+from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.parameter import Parameter
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
+from rclpy.time import Time
 from rclpy.timer import Timer
 from rclpy.utilities import timeout_sec_to_nsec
 from rclpy.waitable import Waitable
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+
+def _convert_parameters(request: Any) -> None:
+    for parameter in request.parameters:
+        Parameter.from_parameter_msg(parameter)
+
+
+CONVERSIONS: dict[type, Callable[[Any], object]] = {
+    ClockMessage: lambda message: Time.from_msg(message.clock),
+    SetParameters: _convert_parameters,
+    SetParametersAtomically: _convert_parameters,
+}
+"""What rclpy's own callbacks begin with; they let an error pass, which would end the node."""
 
 
 class Executor(executors.Executor):
@@ -29,6 +50,7 @@ class Executor(executors.Executor):
     def __init__(self) -> None:
         super().__init__()
         self._changed = True
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._subscriptions: list[Subscription] = []
         self._timers: list[Timer] = []
         self._services: list[Service] = []
@@ -73,7 +95,7 @@ class Executor(executors.Executor):
         waitables = [waitable for waitable in waitables if waitable.is_ready(wait_set)]
         for subscription in subscriptions:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken is not None:
+            if taken is not None and self._convertible(subscription.msg_type, taken[0]):
                 subscription.callback(taken[0])
         for timer in self._timers:
             if timer.handle.is_timer_ready():
@@ -86,8 +108,24 @@ class Executor(executors.Executor):
         for service in services:
             request, header = service.handle.service_take_request(service.srv_type.Request)
             if header is not None:
-                response = service.callback(request, service.srv_type.Response())
+                response = service.srv_type.Response()
+                if self._convertible(service.srv_type, request):
+                    response = service.callback(request, response)
                 service.send_response(response, header)
+
+    def _convertible(self, kind: type, message: Any) -> bool:
+        """Tell whether rclpy can convert a message or request; log it if not."""
+        try:
+            if kind in CONVERSIONS:
+                CONVERSIONS[kind](message)
+        except ValueError as error:
+            self.get_nodes()[0].get_logger().warning(
+                f'dropped: {kind.__name__}: {error}',
+                throttle_duration_sec=1.0,
+                throttle_time_source_type=self._steady,
+            )
+            return False
+        return True
 
     def _gather(self) -> None:
         self._changed = False
