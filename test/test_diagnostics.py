@@ -2,11 +2,14 @@
 
 import itertools
 import math
+import struct
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, Wrench, WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from ros import BEST_EFFORT, RELIABLE, Diagnostics, counts
@@ -133,6 +136,49 @@ def test_the_allocator_counts_by_reason(graph):
         'received': 18, 'served': 7, 'exact': 3, 'prioritized': 4,
         'dropped: numbers': 5, 'dropped: frame': 6}
     assert {key: account[key] for key in expected} == expected
+
+
+@pytest.mark.parametrize('name', SUBJECTS)
+def test_large_messages_are_dropped_and_counted_before_they_are_converted(graph, name):
+    node = Node(graph, name)
+    node.wait(STALE, '')
+    if name == 'simulator':
+        # 5000 entries of the layout and no speeds; as CDR, for rclpy would take long.
+        entry = struct.pack('<IIII', 1, 0, 1, 1)
+        large = b'\0\1\0\0' + struct.pack('<I', 5000) + 5000 * entry + struct.pack('<II', 0, 0)
+    else:
+        message = STREAMS[name][0]()
+        message.header.frame_id = 40000 * 'x'
+        large = serialize_message(message)
+    timer = graph.node.create_timer(0.1, lambda: node.stream.publish(large))
+    node.wait(WARN, 'dropped in a second', lambda values: 'dropped: size' in values)
+    timer.cancel()
+
+
+def test_commands_that_a_newer_one_replaced_are_counted(graph):
+    node = Node(graph, 'allocator')
+    sent = 0
+
+    def send(count):
+        nonlocal sent
+        sent += count
+        for _ in range(count):
+            node.send(HOVER)
+
+    send(1)
+    node.wait(OK, 'EXACT')
+    for _ in range(20):
+        send(20)
+        time.sleep(0.01)
+
+    def account():
+        account = counts(node.diagnostics.all(node.name)[-1][2])
+        return account['received'], account['lost: command/wrench']
+
+    # That the last one was lost is known with the next.
+    graph.spin_until(
+        lambda: sum(account()) == sent, 'all are accounted for', repeat=lambda: send(1))
+    assert min(account()) > 10
 
 
 def test_what_was_dropped_is_a_warning_for_a_second(graph):

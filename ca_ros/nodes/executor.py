@@ -96,7 +96,8 @@ class Executor(executors.Executor):
         for subscription in subscriptions:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
             if taken is not None and self._convertible(subscription.msg_type, taken[0]):
-                subscription.callback(taken[0])
+                plain = subscription._callback_type is Subscription.CallbackType.MessageOnly
+                subscription.callback(*taken[:1] if plain else taken)
         for timer in self._timers:
             if timer.handle.is_timer_ready():
                 timer.handle.call_timer()

@@ -10,9 +10,12 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
@@ -23,6 +26,11 @@ from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import Audit, audit
 
 MISMATCH = 'type or quality of service'
+
+SIZE_MAX = 16384
+"""Of a stream's message [bytes]: 2000 rotor speeds."""
+
+RMWError = rclpy_implementation.RMWError
 
 BUILT_FROM = ('vehicle.', 'rotors.', 'allocation.', 'controller.')
 """The parameters that `VehicleNode.build` looks at."""
@@ -103,8 +111,48 @@ class VehicleNode(Node):
         raise NotImplementedError
 
     def listen(self, kind: type, topic: str, receive: Callable[[Any], None]) -> None:
-        """Subscribe to a stream that one publisher should send."""
-        self._streams.append(self.create_subscription(kind, topic, receive, requested(self.mode)))
+        """Subscribe to a stream that one publisher should send.
+
+        Messages of more than `SIZE_MAX` bytes are dropped before they are converted.  Messages
+        that were lost on their way, or replaced by a newer one before the node could take them,
+        are counted while one publisher sends.
+        """
+        newest = 0
+
+        def take(data: bytes, about: dict[str, Any]) -> None:
+            nonlocal newest
+            number = about.get('publication_sequence_number') or 0
+            lost = number - newest - 1
+            if newest and lost > 0 and stream.get_publisher_count() == 1:
+                self.counts[f'lost: {topic}'] += lost
+            newest = number
+            fault, message = None, None
+            if len(data) > SIZE_MAX:
+                fault = 'size', f'{len(data)} bytes on {topic}: expected up to {SIZE_MAX}'
+            else:
+                try:
+                    message = deserialize_message(data, kind)
+                except RMWError:
+                    fault = 'bytes', f'{len(data)} bytes on {topic} are no {kind.__name__}'
+            if fault:
+                self.counts['received'] += 1
+                self.drop(*fault)
+            else:
+                receive(message)
+
+        def forget(_: object) -> None:
+            nonlocal newest
+            newest = 0
+
+        stream = self.create_subscription(
+            kind,
+            topic,
+            take,
+            requested(self.mode),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(matched=forget),
+        )
+        self._streams.append(stream)
 
     def offer(self, kind: type, topic: str) -> Publisher:
         """Create the publisher of a stream that nobody else should send."""
