@@ -1,9 +1,11 @@
 """The simulator node, a process of its own, over DDS."""
 
 import math
+import signal
 import time
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
@@ -29,7 +31,7 @@ class Client:
 
     def __init__(self, graph, mode, *arguments):
         self.graph = graph
-        graph.start(
+        self.process = graph.start(
             'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
             '-p', 'timeout_action:=hold', *arguments)
         self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
@@ -149,6 +151,31 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
     labels = [message.layout.dim[1].label for message in client.speeds]
     assert not any((int(label.removeprefix('stamp ')) - grid) % STEP for label in labels)
     assert {tuple(message.data) for message in client.speeds} == {(0.0,) * 6, (300.0,) * 6}
+
+
+@pytest.mark.parametrize('speed', [None, 300.0], ids=['at rest', 'in flight'])
+def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph, speed):
+    client = Client(graph, 'realtime')
+    if speed:
+        client.send([speed] * 6)
+    graph.spin_until(lambda: len(client.poses) >= 20, 'states')
+    client.process.send_signal(signal.SIGSTOP)
+    time.sleep(1.5)
+    client.process.send_signal(signal.SIGCONT)
+
+    def lag():
+        """Return how old the newest stamp is [s]."""
+        return (time.time_ns() - nanoseconds(client.poses[-1])) / 1e9
+
+    # What was sent before may still be on its way.
+    graph.spin_until(lambda: lag() < 0.2, 'a stamp of now', deadline=30.0)
+    assert lag() > -0.1
+    stamps = [nanoseconds(pose) for pose in client.poses]
+    assert np.diff(stamps).min() >= STEP
+    assert np.diff(stamps).max() > 1e9
+    # The vehicle has not moved in the time that was left out.
+    heights = [pose.pose.position.z for pose in client.poses]
+    assert np.abs(np.diff(heights)).max() < 0.2
 
 
 def test_simulated_time_passes_at_the_real_time_factor(graph):
