@@ -180,10 +180,14 @@ PARAMETERS: dict[str, Parameter] = {
         mutable=True,
     ),
     'command_frame': Parameter(
-        'frame of the wrenches; those of other frames are dropped, those of none are served',
+        'body frame, of wrenches and body velocities; messages in another frame are dropped, '
+        'those without a frame are served',
         str,
         default='base_link',
         mutable=True,
+    ),
+    'world_frame': Parameter(
+        'frame of poses and waypoints, with the same rule', str, default='map', mutable=True
     ),
     'command_age_max': Parameter(
         'age by ROS time, or time ahead of it, beyond which a wrench is dropped; 0: none is [s]',

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from ca_ros import Vehicle
@@ -215,3 +215,26 @@ def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
     graph.spin_until(
         lambda: client.speeds and client.speeds[-1].data.tolist() == [40.0] * 6, 'idle',
         repeat=lambda: client.command.publish(idle))
+
+
+def test_three_nodes_fly_in_frames_of_other_names(graph):
+    frames = '-p', 'command_frame:=uav1/base_link', '-p', 'world_frame:=odom'
+    for name in ('simulator', 'controller', 'allocator'):
+        graph.start(
+            name, '--vehicle', 'hexarotor', '--ros-args', '-r', '__ns:=/uav1',
+            '-p', 'mode:=lockstep', *frames)
+    waypoint = graph.publisher(PoseStamped, '/uav1/command/pose')
+    poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
+    velocities = graph.listen(TwistStamped, '/uav1/local_position/velocity_body')
+    wrenches = graph.listen(WrenchStamped, '/uav1/command/wrench')
+    for name in ('simulator', 'controller', 'allocator'):
+        graph.connect(f'/uav1/{name}')
+    message = PoseStamped()
+    message.header.frame_id = 'odom'
+    message.pose.position.z = message.pose.orientation.w = 1.0
+    graph.spin_until(
+        lambda: poses and nanoseconds(poses[-1]) >= 20 * STEP, 'steps',
+        repeat=lambda: waypoint.publish(message))
+    assert {pose.header.frame_id for pose in poses} == {'odom'}
+    for messages in (velocities, wrenches):
+        assert {message.header.frame_id for message in messages} == {'uav1/base_link'}

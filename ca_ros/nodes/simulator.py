@@ -201,6 +201,8 @@ class Simulator(VehicleNode):
             velocity_in_body(state),
             state[ANGULAR_VELOCITY],
             stamp(self._time),
+            self.parameters['world_frame'],
+            self.parameters['command_frame'],
         )
         self._pose.publish(pose)
         self._velocity.publish(velocity)
