@@ -2,7 +2,9 @@
 
 import itertools
 import math
+import signal
 import struct
+import sys
 import time
 
 import pytest
@@ -280,7 +282,7 @@ def test_a_publisher_that_does_not_match_is_said(graph, name, what):
     node.wait(STALE, '')
     wrong = graph.node.create_publisher(
         *(kind, topic, BEST_EFFORT) if what == 'quality' else (Wrench, topic, RELIABLE))
-    node.wait(WARN, f'/{topic} ')
+    node.wait(WARN, f'/{topic} offers another {what}')
     graph.node.destroy_publisher(wrong)
     node.wait(STALE, '')
 
@@ -291,6 +293,38 @@ def test_a_subscriber_that_does_not_match_is_said(graph, name):
     kind, topic = OUTPUTS[name]
     node.wait(STALE, '')
     wrong = graph.node.create_subscription(kind, topic, [].append, TRANSIENT_LOCAL)
-    node.wait(WARN, f'/{topic} ')
+    node.wait(WARN, f'/{topic} asks for another quality of service: ')
     graph.node.destroy_subscription(wrong)
     node.wait(STALE, '')
+
+
+CURIOUS = """
+import sys
+from ca_ros.nodes import allocator
+
+class Curious(allocator.Allocator):
+    def observe(self, subject):
+        super().observe(subject)
+        self.create_timer(0.001, self._look_around, clock=self.steady)
+
+sys.exit(allocator.run(Curious, ''))
+"""
+"""An allocator that looks at the other ends of its topics all the time."""
+
+
+def test_others_that_come_and_go_are_no_mismatch(graph):
+    process = graph.start_silent(
+        sys.executable, '-c', CURIOUS, '--vehicle', 'hexarotor', '--ros-args',
+        '-r', '__node:=allocator')
+    graph.connect('allocator')
+    for _ in range(40):
+        publisher = graph.node.create_publisher(WrenchStamped, 'command/wrench', RELIABLE)
+        subscription = graph.node.create_subscription(
+            Float64MultiArray, 'command/motor_speed', [].append, BEST_EFFORT)
+        graph.spin_until(publisher.get_subscription_count, 'matched')
+        graph.spin_until(subscription.get_publisher_count, 'matched')
+        graph.node.destroy_publisher(publisher)
+        graph.node.destroy_subscription(subscription)
+    _, err = graph.end(process, signal.SIGTERM)
+    assert process.returncode == 0, err
+    assert 'another' not in err

@@ -10,13 +10,16 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Infinite
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.qos import offered, requested
@@ -25,8 +28,6 @@ from ca_ros.parameters import PARAMETERS, REQUIRED, ParameterError, complete
 from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import Audit, audit
 
-MISMATCH = 'type or quality of service'
-
 SIZE_MAX = 16384
 """Of a stream's message [bytes]: 2000 rotor speeds."""
 
@@ -34,6 +35,39 @@ RMWError = rclpy_implementation.RMWError
 
 BUILT_FROM = ('vehicle.', 'rotors.', 'allocation.', 'controller.')
 """The parameters that `VehicleNode.build` looks at."""
+
+
+def explicit(profile: QoSProfile) -> QoSProfile:
+    """Return what decides about a match, with infinity for durations that are left open (zero)."""
+    return QoSProfile(
+        depth=1,
+        reliability=profile.reliability,
+        durability=profile.durability,
+        deadline=profile.deadline if profile.deadline.nanoseconds else Infinite,
+        liveliness=profile.liveliness,
+        liveliness_lease_duration=profile.liveliness_lease_duration
+        if profile.liveliness_lease_duration.nanoseconds
+        else Infinite,
+    )
+
+
+def mismatch(
+    other: TopicEndpointInfo,
+    own: Publisher | Subscription,
+    offered: QoSProfile,
+    requested: QoSProfile,
+) -> str | None:
+    """Return why the two ends of a topic cannot match, if so.
+
+    That they have not matched says little: they may be about to.
+    """
+    kind = own.msg_type
+    if other.topic_type != f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}':
+        return f'type: {other.topic_type}'
+    compatibility, reason = qos_check_compatible(explicit(offered), explicit(requested))
+    if compatibility == QoSCompatibility.ERROR:
+        return f'quality of service: {reason.removeprefix("ERROR: ").rstrip(";")}'
+    return None
 
 
 class VehicleNode(Node):
@@ -207,18 +241,18 @@ class VehicleNode(Node):
         notes = []
         for stream in self._streams:
             topic = stream.topic_name
-            # In this order: who comes between the two is no mismatch.
-            there, matched = self.count_publishers(topic), stream.get_publisher_count()
-            if matched > 1:
+            if (matched := stream.get_publisher_count()) > 1:
                 notes.append((WARN, f'{matched} publishers on {topic}'))
-            if there > matched:
-                notes.append((WARN, f'a publisher on {topic} offers another {MISMATCH}'))
+            for other in self.get_publishers_info_by_topic(topic):
+                if fault := mismatch(other, stream, other.qos_profile, stream.qos_profile):
+                    notes.append((WARN, f'a publisher on {topic} offers another {fault}'))
         for publisher in self.publishers:
             topic = publisher.topic_name
             if publisher in self._offers and (count := self.count_publishers(topic)) > 1:
                 notes.append((WARN, f'{count} publishers on {topic}'))
-            if self.count_subscribers(topic) > publisher.get_subscription_count():
-                notes.append((WARN, f'a subscriber to {topic} asks for another {MISMATCH}'))
+            for other in self.get_subscriptions_info_by_topic(topic):
+                if fault := mismatch(other, publisher, publisher.qos_profile, other.qos_profile):
+                    notes.append((WARN, f'a subscriber to {topic} asks for another {fault}'))
         for _, note in notes:
             if (WARN, note) not in self._notes:
                 self.get_logger().warning(note)
