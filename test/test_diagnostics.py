@@ -305,7 +305,7 @@ from ca_ros.nodes import allocator
 class Curious(allocator.Allocator):
     def observe(self, subject):
         super().observe(subject)
-        self.create_timer(0.001, self._look_around, clock=self.steady)
+        self.create_timer(0.0002, self._look_around, clock=self.steady)
 
 sys.exit(allocator.run(Curious, ''))
 """
@@ -317,7 +317,7 @@ def test_others_that_come_and_go_are_no_mismatch(graph):
         sys.executable, '-c', CURIOUS, '--vehicle', 'hexarotor', '--ros-args',
         '-r', '__node:=allocator')
     graph.connect('allocator')
-    for _ in range(40):
+    for _ in range(100):
         publisher = graph.node.create_publisher(WrenchStamped, 'command/wrench', RELIABLE)
         subscription = graph.node.create_subscription(
             Float64MultiArray, 'command/motor_speed', [].append, BEST_EFFORT)

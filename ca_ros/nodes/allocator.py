@@ -207,7 +207,7 @@ class Allocator(VehicleNode):
             # To be told costs less than to ask with every command.
             (self._heard.add if change.current_count else self._heard.discard)(publisher)
 
-        events = PublisherEventCallbacks(matched=matched)
+        events = PublisherEventCallbacks(matched=matched, use_default_callbacks=False)
         publisher = self.create_publisher(kind, topic, offered(self.mode), event_callbacks=events)
         return publisher
 
