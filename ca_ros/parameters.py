@@ -206,8 +206,8 @@ PARAMETERS: dict[str, Parameter] = {
         'step of the Euler integration [s]', default=0.01, minimum=1e-5, maximum=1.0
     ),
     'simulator.real_time_factor': Parameter(
-        'simulated time that passes in a second, in mode realtime; stamps follow the clock only at 1 '
-        '[s/s]',
+        'simulated time that passes in a second, in mode realtime; stamps follow the clock only '
+        'at 1 [s/s]',
         default=1.0,
         minimum=0.01,
         maximum=10.0,
