@@ -23,19 +23,12 @@ from rclpy.utilities import remove_ros_args
 
 from ca_ros import arguments
 from ca_ros.arguments import full_name, renamed
-from ca_ros.nodes.console import never_wait
-from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.nodes.console import never_wait, replace_closed
+from ca_ros.nodes.executor import Executor
 from ca_ros.parameter_files import NoSectionError, find, load, read_value, read_yaml
 from ca_ros.parameters import PARAMETERS, MissingParameterError, ParameterError, check
 from ca_ros.processes import ending_signals
 from ca_ros.vehicle import Vehicle
-
-try:
-    # Answers in half the time of the other; not every Jazzy has it.  What was wrong with it up to
-    # rclpy 7.1.7 (ros2/rclpy#1563) concerns waits without end, of which there are none here.
-    from rclpy.experimental import EventsExecutor as Executor
-except ImportError:
-    from rclpy.executors import SingleThreadedExecutor as Executor
 
 DEFAULT_VEHICLE = 'hexarotor'
 
@@ -151,6 +144,7 @@ def run(
 
     The signals set a flag rather than end the context, so that the node can publish its last word.
     """
+    replace_closed()
     prog = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', node_class.__name__).lower()
     stop: list[int] = []
 
@@ -194,6 +188,4 @@ def run(
         gc.freeze()
         while not stop:
             executor.spin_once(timeout_sec=0.1)
-            if isinstance(node, VehicleNode):
-                node.hurry()
     return 0

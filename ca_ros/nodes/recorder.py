@@ -19,7 +19,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.controller import Waypoint
 from ca_ros.faults import LINKS
 from ca_ros.flight import Flight
-from ca_ros.nodes.messages import WORLD, nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
 from ca_ros.nodes.qos import COMMAND, LOCKSTEP_DEPTH
 from ca_ros.parameters import PARAMETERS
 
@@ -118,7 +118,6 @@ class Recorder(Node):
         """Send the waypoint; the flight begins when the rotors begin to turn."""
         self._goal = waypoint
         message = PoseStamped()
-        message.header.frame_id = WORLD
         message.header.stamp = self.get_clock().now().to_msg()
         p, q = message.pose.position, message.pose.orientation
         p.x, p.y, p.z = waypoint.position.tolist()
