@@ -14,6 +14,9 @@ INSIDE = 0.99
 
 REVERSALS = ('avoid', 'prevent', 'allow')
 
+REST = 1e-9
+"""Distance from the reference, as a share of an axis's range, that counts as none."""
+
 LAG = 1e-3
 """Least weight of an axis in its group, relative to the greatest."""
 
@@ -30,6 +33,9 @@ class Prioritization:
     2. the sense of each other axis, in the order of the groups: between its reference and its
        demand, or as near to that as possible (`reversal`);
     3. the amount of each other group: as near to its demand as possible.
+
+    An axis that cannot be at its reference while those before it are, such as the yaw of a
+    hexarotor that lost a rotor, is lost: it has no sense, and gets what the others leave.
 
     Every step is a linear program over the thrusts, and only the right sides of its constraints
     depend on the demand, so what is served is continuous in the demand.  In step 3 the axes of a
@@ -66,7 +72,7 @@ class Prioritization:
         self._wrench = problem.hover if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
         sensed = {'avoid': self._later, 'prevent': self._later[1:], 'allow': []}[reversal]
-        self._senses = [row for group in sensed for row in group]
+        self._senses: list[int] = []
         # In the simplex the thrusts come before the rows of Gamma.
         self._offset = len(problem.lower)
         self._start, self._begin = problem.simplex.copy(), [0.0]
@@ -77,6 +83,13 @@ class Prioritization:
             for row, value in zip(self._first, self._begin, strict=True):
                 self._start.push(self._offset + row, value)
                 self._start.release(self._offset + row)
+        rest = self._serve(self._reference)[self._offset :]
+        self._senses = [
+            row
+            for group in sensed
+            for row in group
+            if abs(rest[row] - self._reference[row]) <= REST
+        ]
 
     def _inside(self) -> list[float]:
         """Return where the line of the first group begins, inside of what is attainable of it."""
