@@ -87,7 +87,8 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
     permissions = allowed(ElementTree.fromstring(text))
     assert {key[0] for key in permissions} == {namespace}
     bringup = graph.start_silent(
-        'bringup', '--duration', '1e6', '--namespace', namespace, '--out', str(tmp_path))
+        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--namespace', namespace,
+        '--out', str(tmp_path))
     seen = {}
 
     def agree():

@@ -181,8 +181,6 @@ def commands(options: argparse.Namespace) -> dict[str, list[str]]:
     lines = {}
     for name in NODES:
         own = ['--ros-args', '--enclave', f'{options.namespace.rstrip("/")}/{name}']
-        if name == 'simulator' and (times := [time for time in options.failures.times() if time]):
-            own += ['-p', f'simulator.hold_at:={times[0] / 1e9!r}']
         if options.faults is not None:
             own += remaps(name)
         lines[name] = [sys.executable, '-m', f'ca_ros.nodes.{name}', *own, '--', *arguments]

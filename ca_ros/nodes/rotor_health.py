@@ -91,7 +91,9 @@ class RotorHealth:
         """
         # The simulator waits with the state that follows the last complete sample.
         now = 0 if elapsed is None else elapsed + self._ahead
+        due = elapsed is None and bool(self._times)
         while self._times and self._times[0] <= now:
+            due = True
             time = self._times.pop(0)
             for name in NODES:
                 happens = self.failures.physical if name == 'simulator' else self.failures.believed
@@ -99,9 +101,9 @@ class RotorHealth:
                 if health != self._set_to[name]:
                     self._set(name, 'rotors.health', health, spin)
                     self._set_to[name] = health
-            if self._lockstep and time > 0:
-                hold = self._times[0] / 1e9 if self._times else 0.0
-                self._set('simulator', 'simulator.hold_at', hold, spin)
+        if due and self._lockstep:
+            hold = self._times[0] / 1e9 if self._times else 0.0
+            self._set('simulator', 'simulator.hold_at', hold, spin)
 
     def _set(
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
