@@ -25,8 +25,8 @@ kind := $(or $(ROS_DISTRO),wheels)-$(version)-$(firstword $(shell pwd | cksum))
 
 python_has = $(shell $(PYTHON) -c 'import $(1)' >/dev/null 2>&1 && echo yes)
 fault = $(or \
-  $(if $(filter-out 3.10 3.11 3.12 3.13,$(or $(version),none)),\
-    ca_ros needs Python 3.10 to 3.13 but $(PYTHON) is $(or $(version),not there): set PYTHON),\
+  $(if $(filter-out 3.10 3.11 3.12 3.13 3.14,$(or $(version),none)),\
+    ca_ros needs Python 3.10 to 3.14 but $(PYTHON) is $(or $(version),not there): set PYTHON),\
   $(if $(call python_has,ensurepip),,\
     $(PYTHON) cannot make a venv: apt install python$(version)-venv),\
   $(if $(filter-out jazzy,$(ROS_DISTRO)),\
@@ -49,7 +49,7 @@ help:
 	@echo 'make readme     write anew what README shows: example, parameters, picture'
 	@echo 'make venv       only set up .venv, with the rclpy of ROS 2 Jazzy'
 	@echo 'make clean      remove .venv, out and all that builds and tests leave'
-	@echo 'PYTHON=python3.12 and the like choose the Python, 3.10 to 3.13.'
+	@echo 'PYTHON=python3.12 and the like choose the Python, 3.10 to 3.14.'
 
 demo: .venv/.demo
 	.venv/bin/bringup --method exact --mode realtime --out out/demo
@@ -80,12 +80,19 @@ clean:
 	rm -rf .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
+# Of what pip prints: each package that it fetches, the long step at its end, and faults.
+steps := -e 's/^Collecting \([A-Za-z0-9._-]*\).*/  fetching \1/p' \
+  -e 's/^Processing .*\/\([A-Za-z0-9._]*\)-.*\.whl.*/  fetching \1/p' \
+  -e 's/^Installing collected packages:.*/  installing them all (half a minute or more)/p' \
+  -e '/^ERROR/,$$p' -e '/^ *error:/,$$p'
+
 # Pip takes half-installed packages for whole, so what was interrupted starts again from nothing.
 .venv/.demo .venv/.test .venv/.benchmark: .venv/.$(kind) setup.py setup.cfg
-	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes'
+	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes:'
 	@rm $<
-	@.venv/bin/python -m pip install -qq -e '.$(extras$(suffix $@))'
-	@touch $< .venv/.demo $@
+	@{ .venv/bin/python -m pip install --progress-bar off -e '.$(extras$(suffix $@))' 2>&1 && \
+	    touch $< .venv/.demo $@; } | sed -un $(steps)
+	@test -e $<
 
 .venv/.$(kind):
 	$(if $(fault),$(error $(strip $(fault))))

@@ -49,7 +49,7 @@ setup(
         # Bags of flights, without a ROS installation.
         'bag': bag,
         'solvers': solvers,
-        # What `benchmark` compares with, wheels for CPython 3.10 to 3.13 all of them.
+        # What `benchmark` compares with, wheels for CPython 3.10 to 3.14 all of them.
         'peers': peers,
         # Here and not in tests_require, with which colcon would run no test at all. The checkers
         # are held back because each new series of theirs finds fault with what passed before.

@@ -15,3 +15,14 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
         (ros if inside else own).append(argument)
         inside = inside and argument != '--'
     return own, ros
+
+
+def renamed(ros: Sequence[str], name: str, default: str) -> str:
+    """Return what ROS arguments make of ``__ns`` or ``__node``: the first such rule counts."""
+    rule = f'{name}:='
+    return next((word[len(rule) :] for word in ros if word.startswith(rule)), default)
+
+
+def full_name(namespace: str, node: str) -> str:
+    """Return the name of a node with its namespace, such as ``/uav1/allocator``."""
+    return f'/{namespace.strip("/")}/{node}'.replace('//', '/')

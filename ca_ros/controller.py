@@ -101,22 +101,29 @@ class Controller:
     gains : Gains
     order : sequence of groups of axes, optional
         Priorities, see `AdmissibleSet.prioritize`.
+    reversal : 'avoid', 'prevent' or 'allow'
+        See `AdmissibleSet.prioritize`.
 
     Raises
     ------
     ValueError
-        If `order` is not a partition of the vehicle's axes, or its admissible set has no volume.
+        If `order` is not a partition of the vehicle's axes, there is no such `reversal`, or the
+        vehicle's admissible set has no volume.
     """
 
     def __init__(
-        self, vehicle: Vehicle, gains: Gains, order: Sequence[Sequence[str]] | None = None
+        self,
+        vehicle: Vehicle,
+        gains: Gains,
+        order: Sequence[Sequence[str]] | None = None,
+        reversal: str = 'avoid',
     ) -> None:
-        self.vehicle, self.gains, self.order = vehicle, gains, order
+        self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
         self.problem = AllocationProblem(vehicle)
         self.admissible = None if vehicle.powerless else AdmissibleSet(self.problem)
         if self.admissible is not None:
             # A wrong order is an error now, not at the first wrench that needs it.
-            self.admissible.check_order(order)
+            self.admissible.check_order(order, reversal)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
 
     @classmethod
@@ -129,7 +136,12 @@ class Controller:
             If a parameter is wrong; it is named.
         """
         p: dict[str, Any] = complete(given)
-        return cls(vehicle, Gains.from_parameters(p), order_from_parameters(p, vehicle.axes))
+        return cls(
+            vehicle,
+            Gains.from_parameters(p),
+            order_from_parameters(p, vehicle.axes),
+            p['allocation.exact.reversal'],
+        )
 
     def wrench(
         self,
@@ -139,7 +151,38 @@ class Controller:
         angular_velocity: Array,
         waypoint: Waypoint,
     ) -> Array:
-        """Return the wrench that leads to a waypoint.
+        """Return the wrench that leads to a waypoint: `demand`, prioritized.
+
+        Parameters
+        ----------
+        position, attitude, velocity, angular_velocity, waypoint
+            As in `demand`.
+
+        Returns
+        -------
+        (m,) array
+            In the admissible set [N, N m], one component for each of the vehicle's axes; zero if
+            all rotors are lost.
+
+        Raises
+        ------
+        ValueError
+            As in `demand`.
+        """
+        demand = self.demand(position, attitude, velocity, angular_velocity, waypoint)
+        if self.admissible is None:
+            return np.zeros(len(demand))
+        return self.admissible.prioritize(demand, self.order, self.reversal)
+
+    def demand(
+        self,
+        position: Array,
+        attitude: Array,
+        velocity: Array,
+        angular_velocity: Array,
+        waypoint: Waypoint,
+    ) -> Array:
+        """Return the wrench that is wanted, before it is brought into the admissible set.
 
         Parameters
         ----------
@@ -154,13 +197,13 @@ class Controller:
         Returns
         -------
         (m,) array
-            In the admissible set [N, N m], one component for each of the vehicle's axes; zero if
-            all rotors are lost.
+            One component for each of the vehicle's axes [N, N m].
 
         Raises
         ------
         ValueError
-            If the state is not finite, or so absurd that the demand is not.
+            If the state is not finite, its attitude is zero, or the demand is not finite or too
+            large.
         """
         state = {
             'position': position,
@@ -173,7 +216,7 @@ class Controller:
             raise ValueError(f'{name}: expected finite numbers, got {part}')
         if not attitude.any():
             raise ValueError('attitude: expected a quaternion, got zero')
-        # Absurd numbers may end as infinities in the demand, which is then refused.
+        # Very large numbers may end as infinities in the demand, which is then refused.
         with np.errstate(over='ignore', invalid='ignore'):
             rotation = rotation_matrix(attitude)
             force = self._force(position, rotation @ velocity, waypoint)
@@ -195,10 +238,8 @@ class Controller:
             )
             torque = inertia @ acceleration
             torque += cross(angular_velocity, inertia @ angular_velocity)
-            demand = np.concatenate([force @ rotation, torque])[self._rows]
-        if self.admissible is None:
-            return np.zeros(len(demand))
-        return self.admissible.prioritize(demand, self.order)
+            wrench = np.concatenate([force @ rotation, torque])[self._rows]
+        return self.problem.check(wrench)
 
     def _force(self, position: Array, velocity: Array, waypoint: Waypoint) -> Array:
         """Return the wanted force in the world frame [N]."""

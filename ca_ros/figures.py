@@ -66,8 +66,9 @@ def formats(text: str) -> list[str]:
 def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
     """Write a figure in each format, under a path to which the suffix is added."""
     files = [path.with_name(f'{path.name}.{form}') for form in formats]
-    # Otherwise the names inside of an SVG file are drawn by lot.
-    with matplotlib.rc_context({'svg.hashsalt': path.name}):
+    # Otherwise the names inside of an SVG file are drawn by lot, and fonts in a PDF file are of
+    # Type 3, which many publishers refuse.
+    with matplotlib.rc_context({'svg.hashsalt': path.name, 'pdf.fonttype': 42}):
         for file, form in zip(files, formats, strict=True):
             figure.savefig(file, dpi=200, metadata=FORMATS[form])
     return files

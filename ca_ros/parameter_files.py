@@ -1,11 +1,13 @@
 """The parameter files of vehicles, shipped ones and others.
 
-They are ROS parameter files (``/**: ros__parameters:``), which ROS reads for the nodes and `load`
-reads for everyone else.
+They are ROS parameter files, which ROS reads for the nodes and `load` reads for everyone else.
+Their sections have the names of nodes, with wildcards: ``/**: ros__parameters:`` is for all nodes,
+``/uav1/allocator: ros__parameters:``, as `ros2 param dump` writes it, for one.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -86,6 +88,10 @@ def read_value(name: str, text: str) -> Any:
         raise ParameterError(f'{name}: not a value: {error}') from None
 
 
+class NoSectionError(ParameterError):
+    """A parameter file has no section for a node."""
+
+
 def config_directory() -> Path:
     """Return the folder of the shipped parameter files.
 
@@ -114,13 +120,16 @@ def find(vehicle: str | Path) -> Path:
     raise ParameterError(f'{vehicle}: neither a file nor a shipped vehicle ({", ".join(shipped)})')
 
 
-def load(vehicle: str | Path) -> dict[str, Value]:
+def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
     """Read the parameter file of a vehicle.
 
     Parameters
     ----------
     vehicle : str or path
         A shipped vehicle's name, or a path to a YAML file.
+    node : str, optional
+        The full name of a node, such as ``/uav1/allocator``: read what ROS would give this node.
+        By default, read what the file's allocator would get, or the only node that the file names.
 
     Returns
     -------
@@ -132,41 +141,71 @@ def load(vehicle: str | Path) -> dict[str, Value]:
     ParameterError
         If there is no such file, or it is wrong; the message names the file, the key and the
         fault.
+    NoSectionError
+        If `node` is given and no section of the file is for it.
     """
     path = find(vehicle)
     try:
         content = read_yaml(path.read_text(encoding='utf-8'))
-        return complete(_flatten(_ros_parameters(content)))
+        return complete(_ros_parameters(content, node))
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path}: not readable YAML: {error}') from None
     except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
+        raise type(error)(f'{path}: {error}') from None
 
 
-def overrides(path: str | Path, node: str) -> dict[str, Any]:
-    """Return what a ROS parameter file has for a node, by name, unchecked; it may be little."""
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
+    """Return the parameters by name that ROS would give a node: later sections override."""
+    sections = _sections(content) if isinstance(content, Mapping) else []
+    if not sections or not all(isinstance(section, Mapping) for _, section in sections):
         raise ParameterError(
-            f'{path}: not a readable YAML file: {" ".join(str(error).split())}'
-        ) from None
-    found: dict[str, Any] = {}
-    for key in ('/**', node, f'/{node}'):
-        section = content.get(key) if isinstance(content, Mapping) else None
-        if isinstance(section, Mapping) and isinstance(section.get('ros__parameters'), Mapping):
-            found.update(_flatten(section['ros__parameters']))
+            "expected a ROS parameter file: '/**:' or the name of a node, and 'ros__parameters:'"
+        )
+
+    def given(name: str) -> dict[str, Any]:
+        merged: dict[str, Any] = {}
+        for pattern, section in sections:
+            if _matches(pattern, name):
+                merged.update(_flatten(section))
+        return merged
+
+    if node is None:
+        names = dict.fromkeys(_example(pattern) for pattern, _ in sections)
+        names = dict.fromkeys(name for name in names if name.endswith('/allocator')) or names
+        first, *others = (given(name) for name in names)
+        if any(other != first for other in others):
+            raise ParameterError(
+                f'different parameters for {", ".join(names)}: expected those of one vehicle'
+            )
+        return first
+    if not any(_matches(pattern, node) for pattern, _ in sections):
+        raise NoSectionError(
+            f'no section for {node}; there are {", ".join(pattern for pattern, _ in sections)}'
+        )
+    return given(node)
+
+
+def _sections(tree: Mapping[Any, Any], name: str = '') -> list[tuple[str, Any]]:
+    """Return the sections of a parameter file, each with the pattern of its nodes."""
+    found = []
+    for key, below in tree.items():
+        if key == 'ros__parameters' and name:
+            found.append((name, below))
+        elif isinstance(below, Mapping):
+            found += _sections(below, f'{name}/{str(key).strip("/")}')
     return found
 
 
-def _ros_parameters(content: Any) -> Mapping[str, Any]:
-    if isinstance(content, Mapping) and isinstance(content.get('/**'), Mapping):
-        parameters = content['/**'].get('ros__parameters')
-        if isinstance(parameters, Mapping):
-            return parameters
-    raise ParameterError(
-        "expected a ROS parameter file that begins with '/**:' and 'ros__parameters:'"
-    )
+def _matches(pattern: str, node: str) -> bool:
+    """Tell whether ROS gives a section to a node: * is one part of its name, ** any number."""
+    expression = re.escape(pattern).replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
+    return re.fullmatch(expression, node) is not None
+
+
+def _example(pattern: str) -> str:
+    """Return a node that a section is for, an allocator if there can be one."""
+    name = re.sub(r'/\*\*?$', '/allocator', pattern)
+    return name.replace('/**', '').replace('/*', '/vehicle')
 
 
 def _flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:

@@ -206,10 +206,14 @@ PARAMETERS: dict[str, Parameter] = {
         mutable=True,
     ),
     'command_frame': Parameter(
-        'frame of the wrenches; those of other frames are dropped, those of none are served',
+        'body frame, of wrenches and body velocities; messages in another frame are dropped, '
+        'those without a frame are served',
         str,
         default='base_link',
         mutable=True,
+    ),
+    'world_frame': Parameter(
+        'frame of poses and waypoints, with the same rule', str, default='map', mutable=True
     ),
     'command_age_max': Parameter(
         'age by ROS time, or time ahead of it, beyond which a wrench is dropped; 0: none is [s]',
@@ -228,7 +232,8 @@ PARAMETERS: dict[str, Parameter] = {
         'step of the Euler integration [s]', default=0.01, minimum=1e-5, maximum=1.0
     ),
     'simulator.real_time_factor': Parameter(
-        'simulated time that passes in a second, in mode realtime [s/s]',
+        'simulated time that passes in a second, in mode realtime; stamps follow the clock only '
+        'at 1 [s/s]',
         default=1.0,
         minimum=0.01,
         maximum=10.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -11,6 +12,41 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import inf
+from typing import Any
+
+PR_SET_PDEATHSIG = 1
+"""From <sys/prctl.h>."""
+
+
+def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+    """Start a child process in a session of its own; it gets SIGTERM when this process ends.
+
+    That holds however this process ends, be it by kill -9, and also while the child still starts.
+    Linux sends the signal when the calling thread ends, so call this from the main thread.
+
+    Parameters
+    ----------
+    command : sequence of str
+    **options
+        As for `subprocess.Popen`.
+    """
+    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
+
+    def end_with_parent() -> None:
+        # A handler of the parent would take the signal and be gone with its program.
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        # The parent may have ended before the call of prctl.
+        if os.getppid() != parent:
+            signal.raise_signal(signal.SIGTERM)
+
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=end_with_parent,
+        **options,
+    )
 
 
 def ending_signals() -> list[int]:
@@ -29,6 +65,8 @@ def note_signals() -> list[int]:
 
 class Processes:
     """Named child processes, each in a group of its own: Ctrl-C reaches the parent alone.
+
+    They get SIGTERM when the parent ends without stopping them.
 
     Parameters
     ----------
@@ -53,7 +91,7 @@ class Processes:
     ) -> None:
         self.commands = commands
         self.environment = {**os.environ, **(environment or {})}
-        self.running: dict[str, subprocess.Popen[bytes]] = {}
+        self.running: dict[str, subprocess.Popen[Any]] = {}
         self.respawned: Counter[str] = Counter()
         self._started: dict[str, float] = {}
         self._ended: dict[str, float] = {}
@@ -108,12 +146,7 @@ class Processes:
                 self._failures[name] = self._failures[name] + 1 if failed and not on_demand else 0
 
     def _start(self, name: str) -> None:
-        self.running[name] = subprocess.Popen(
-            self.commands[name],
-            env=self.environment,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        self.running[name] = start(self.commands[name], env=self.environment)
         self._started[name] = time.monotonic()
         self._ended.pop(name, None)
 

@@ -77,20 +77,23 @@ class Vehicle:
                 object.__setattr__(self, name, constant(value))
 
     @classmethod
-    def load(cls, vehicle: str | Path) -> Vehicle:
+    def load(cls, vehicle: str | Path, node: str | None = None) -> Vehicle:
         """Read a vehicle from a parameter file.
 
         Parameters
         ----------
         vehicle : str or path
             A shipped vehicle's name, such as ``'hexarotor'``, or a path to a YAML file.
+        node : str, optional
+            Read what ROS would give this node, such as ``/uav1/allocator``; by default what it
+            would give the allocator, or the only node that the file names.
 
         Raises
         ------
         ParameterError
             In one line that names the file, the key and the fault.
         """
-        parameters = load(vehicle)
+        parameters = load(vehicle, node)
         try:
             return cls.from_parameters(parameters)
         except ParameterError as error:

@@ -19,6 +19,7 @@ HERE = Path(__file__).parent
 
 SERIES = {
     'test_fuzz.py': {'CA_ROS_FUZZ': '10000'},
+    'test_flood.py': {'CA_ROS_FLOOD': '12'},
     'test_watchdog.py': {'CA_ROS_TIMEOUTS': '150'},
     'test_end.py': {'CA_ROS_ENDS': '50'},
     'test_kill.py': {'CA_ROS_KILLS': '50'},

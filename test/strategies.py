@@ -1,6 +1,7 @@
 """What the tests share: vehicles, demands, and linear programs as oracles."""
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, Phase, assume, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
@@ -14,6 +15,11 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
     phases=[Phase.explicit, Phase.generate, Phase.shrink])
 settings.load_profile('ca_ros')
+
+
+def solver(name):
+    """Import a package that rosdep does not know, or skip the test that needs it."""
+    return pytest.importorskip(name, reason=f'needs {name}, which rosdep does not know')
 
 
 # Vehicles by name

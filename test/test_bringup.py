@@ -7,6 +7,7 @@ from contextlib import ExitStack
 import numpy as np
 import psutil
 import pytest
+import yaml
 from geometry_msgs.msg import PoseStamped
 from matplotlib import image
 
@@ -14,7 +15,7 @@ from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.closed_loop import fly
 from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameter_files import load
+from ca_ros.parameter_files import find, load
 from ca_ros.rigid_body import RigidBody
 from ca_ros.vehicle_audit import audit
 from ros import DEADLINE, Graph, fly_in_real_time
@@ -119,6 +120,63 @@ def test_a_missed_waypoint_is_a_failure(tmp_path, graph):
     assert flight.returncode == 1, out + err
     assert 'MISSED' in out
     assert len(read(tmp_path)) == 11
+
+
+# What is flown is what is judged
+
+def write(path, content):
+    """Write a parameter file."""
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
+    return str(path)
+
+
+def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    x8 = {'ros__parameters': load('x8')}
+    keyed = write(tmp_path / 'keyed.yaml', {'/a/*': x8})
+    # As `ros2 param dump` writes it.
+    dump = write(tmp_path / 'dump.yaml', {'/b/allocator': {'ros__parameters': {
+        'start_type_description_service': True, 'use_sim_time': False, **load('x8')}}})
+    other = write(tmp_path / 'other.yaml', {'/c/allocator': {'ros__parameters': {
+        'mode': 'realtime', 'allocation.method': 'exact'}}})
+    short = ('--duration', '0.1')
+    flights = [
+        graph.start_silent('bringup', *short, *arguments) for arguments in (
+            ('--ros-args', '--params-file', keyed, '-r', '__ns:=/a', '-p', 'mode:=lockstep'),
+            ('--vehicle', dump, '--namespace', 'b', '--mode', 'lockstep', '--out', 'b'),
+            ('--mode', 'lockstep', '--namespace', '/c', '--ros-args',
+             '--params-file', str(find('x8')), '--params-file', other))]
+    said = [graph.outlive(flight) for flight in flights]
+    assert [flight.returncode for flight in flights] == [1, 1, 1], said
+    for out, err in said[:2]:
+        assert out.startswith('flight of 0.10 s (lockstep, 11 samples'), out + err
+        assert 'within bounds' in out
+    assert said[2][1].splitlines()[-1] == (
+        'bringup: mode is realtime, not lockstep: see the ROS arguments')
+    # A folder for what was flown without --out, and none for what was not.
+    assert (tmp_path / 'b' / 'flight.csv').is_file()
+    [folder] = tmp_path.glob('flight_*')
+    assert f'{folder.name}/flight.csv' in said[0][0]
+    for flown in (folder, tmp_path / 'b'):
+        assert [name for name in read(flown).dtype.names if name.startswith('speed')][-1] == (
+            'speed_8')
+    assert not (tmp_path / 'flight.csv').exists()
+
+
+@pytest.mark.parametrize(('node', 'topic'), [
+    ('allocator', 'command/motor_speed'), ('fault_proxy', 'faulty/command/motor_speed')])
+def test_it_does_not_start_where_another_loop_is(graph, tmp_path, node, topic):
+    graph.start(node, '--ros-args', '-r', '__ns:=/uav1', '-r', '__node:=mine')
+    graph.spin_until(
+        lambda: ('mine', '/uav1') in graph.node.get_node_names_and_namespaces(), node)
+    flight = graph.start_silent(
+        'bringup', '--namespace', 'uav1', '--out', str(tmp_path), '--faults', '')
+    out, err = graph.outlive(flight)
+    assert (flight.returncode, out) == (1, ''), err
+    [line] = [line for line in err.splitlines() if line.startswith('bringup: ')]
+    assert line.startswith('bringup: other nodes publish on /uav1/')
+    assert f'/uav1/{topic}' in line
+    assert f'in ROS domain {graph.domain}: end them' in line
 
 
 # Flights that end before their time

@@ -1,13 +1,16 @@
-"""A console that nobody reads does not hold up a node."""
+"""A console that nobody reads does not hold up a node, and one that is closed does not end it."""
 
 import os
 import pty
+import signal
 import tty
 from contextlib import suppress
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
+
+from ros import executable
 
 
 def pipe():
@@ -47,3 +50,24 @@ def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
     assert os.get_blocking(console)
     os.close(reader)
     os.close(console)
+
+
+@pytest.mark.parametrize('closed', ['2>&-', '<&- >&- 2>&-'])
+def test_an_allocator_answers_where_standard_streams_are_closed(graph, closed):
+    code = f'exec "$0" --vehicle hexarotor {closed}'
+    process = graph.start('/bin/sh', '-c', code, str(executable('allocator')))
+    command = graph.publisher(WrenchStamped, 'command/wrench')
+    speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
+    graph.connect('/allocator')
+    wrong, good = WrenchStamped(), WrenchStamped()
+    wrong.wrench.force.z, good.wrench.force.z = float('nan'), 9.81
+
+    def send():
+        command.publish(wrong)
+        command.publish(good)
+
+    graph.spin_until(lambda: len(speeds) > 3, 'answers', repeat=send)
+    # No socket has the number of a stream that others write to.
+    assert os.readlink(f'/proc/{process.pid}/fd/2') == os.devnull
+    graph.end(process, signal.SIGTERM)
+    assert process.returncode == 0

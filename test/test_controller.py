@@ -12,6 +12,7 @@ from ca_ros import AdmissibleSet, ParameterError
 from ca_ros.controller import Controller, Gains, Waypoint
 from ca_ros.flight import Flight
 from ca_ros.parameter_files import load
+from ca_ros.prioritization import REVERSALS
 from ca_ros.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, RigidBody, heading, tilt
 from strategies import FLEET, HEXAROTOR
 
@@ -182,13 +183,46 @@ def test_it_gives_way_by_the_order_of_the_user():
     goal = Waypoint.of(2.0, -1.0, 3.0, 1.0)
     first, default = mine.wrench(*state, goal), CONTROLLER.wrench(*state, goal)
     assert first[YAW] > default[YAW] + 0.01
-    # What is asked for, by rotors without limits.
-    strong = replace(HEXAROTOR, speed_min=np.zeros(6), speed_max=np.full(6, 1e4))
-    demand = Controller(strong, mine.gains).wrench(*state, goal)
+    demand = mine.demand(*state, goal)
     admissible = AdmissibleSet(HEXAROTOR)
     assert admissible.margin(demand) < 0.0
     np.testing.assert_allclose(first, admissible.prioritize(demand, groups), atol=1e-12)
     np.testing.assert_allclose(default, admissible.prioritize(demand), atol=1e-12)
+
+
+def test_it_gives_way_by_the_reversal_of_the_user():
+    state = REST, attitude(-0.3, -0.3, 0.0), REST, np.array([-4.0, 2.0, -4.0])
+    goal = Waypoint.of(0.0, -3.0, -3.0, -1.0)
+    served = {}
+    for reversal in REVERSALS:
+        mine = Controller.from_parameters(
+            HEXAROTOR, PARAMETERS | {'allocation.exact.reversal': reversal})
+        demand = mine.demand(*state, goal)
+        served[reversal] = mine.wrench(*state, goal)
+        assert np.array_equal(
+            served[reversal], AdmissibleSet(HEXAROTOR).prioritize(demand, reversal=reversal))
+    # Thrust, which is nearer to its demand if yaw may be reversed, pays otherwise.
+    assert demand[YAW] > 0.1
+    assert served['allow'][YAW] < -0.05
+    assert served['avoid'][YAW] > -1e-12
+    assert demand[THRUST] < served['allow'][THRUST] < served['avoid'][THRUST] - 1.0
+    with pytest.raises(ValueError, match='reversal'):
+        Controller(HEXAROTOR, CONTROLLER.gains, reversal='never')
+
+
+def test_the_demand_is_what_rotors_with_wide_limits_give():
+    strong = replace(HEXAROTOR, speed_min=np.zeros(6), speed_max=np.full(6, 1e4),
+                     torque_coefficient=100.0 * HEXAROTOR.torque_coefficient)
+    state = REST, attitude(0.6, 0.5, 0.0), REST, np.array([0.0, 0.0, -6.0])
+    goal = Waypoint.of(2.0, -1.0, 3.0, 1.0)
+    demand = CONTROLLER.demand(*state, goal)
+    assert np.array_equal(demand, Controller(strong, CONTROLLER.gains).wrench(*state, goal))
+    assert AdmissibleSet(HEXAROTOR).margin(demand) < 0.0
+    lost = Controller(HEXAROTOR.with_health(0.0), CONTROLLER.gains)
+    assert np.array_equal(lost.demand(*state, goal), demand)
+    assert not lost.wrench(*state, goal).any()
+    with pytest.raises(ValueError, match='velocity'):
+        CONTROLLER.demand(REST, state[1], np.full(3, np.nan), REST, goal)
 
 
 def test_an_order_that_is_none_is_refused():

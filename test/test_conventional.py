@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-import quadprog
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from ca_ros import AdmissibleSet, control_allocation_matrix
 from ca_ros.parameter_files import load
-from strategies import FLEET, HEXAROTOR, demands, random_vehicle, vehicles
+from strategies import FLEET, HEXAROTOR, demands, random_vehicle, solver, vehicles
 from strategies import unaudited as make_allocator
 
 
@@ -63,7 +62,7 @@ def test_it_agrees_with_other_solvers(seed):
         least_squares = lsq_linear(
             np.vstack([root, gamma]), np.concatenate([root @ reference, u]),
             (vehicle.thrust_min, vehicle.thrust_max), method='bvls', tol=1e-14).x
-        quadratic = quadprog.solve_qp(
+        quadratic = solver('quadprog').solve_qp(
             weight + gamma.T @ gamma, weight @ reference + gamma.T @ u,
             np.hstack([np.eye(n), -np.eye(n)]),
             np.concatenate([vehicle.thrust_min, -vehicle.thrust_max]))[0]

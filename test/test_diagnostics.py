@@ -2,11 +2,16 @@
 
 import itertools
 import math
+import signal
+import struct
+import sys
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, Wrench, WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from ros import BEST_EFFORT, RELIABLE, Diagnostics, counts
@@ -139,6 +144,49 @@ def test_the_allocator_counts_by_reason(graph):
     assert {key: account[key] for key in expected} == expected
 
 
+@pytest.mark.parametrize('name', SUBJECTS)
+def test_large_messages_are_dropped_and_counted_before_they_are_converted(graph, name):
+    node = Node(graph, name)
+    node.wait(STALE, '')
+    if name == 'simulator':
+        # 5000 entries of the layout and no speeds; as CDR, for rclpy would take long.
+        entry = struct.pack('<IIII', 1, 0, 1, 1)
+        large = b'\0\1\0\0' + struct.pack('<I', 5000) + 5000 * entry + struct.pack('<II', 0, 0)
+    else:
+        message = STREAMS[name][0]()
+        message.header.frame_id = 40000 * 'x'
+        large = serialize_message(message)
+    timer = graph.node.create_timer(0.1, lambda: node.stream.publish(large))
+    node.wait(WARN, 'dropped in a second', lambda values: 'dropped: size' in values)
+    timer.cancel()
+
+
+def test_commands_that_a_newer_one_replaced_are_counted(graph):
+    node = Node(graph, 'allocator')
+    sent = 0
+
+    def send(count):
+        nonlocal sent
+        sent += count
+        for _ in range(count):
+            node.send(HOVER)
+
+    send(1)
+    node.wait(OK, 'EXACT')
+    for _ in range(20):
+        send(20)
+        time.sleep(0.01)
+
+    def account():
+        account = counts(node.diagnostics.all(node.name)[-1][2])
+        return account['received'], account['lost: command/wrench']
+
+    # That the last one was lost is known with the next.
+    graph.spin_until(
+        lambda: sum(account()) == sent, 'all are accounted for', repeat=lambda: send(1))
+    assert min(account()) > 10
+
+
 def test_what_was_dropped_is_a_warning_for_a_second(graph):
     node = Node(graph, 'allocator', '-p', 'mode:=lockstep')
     node.send(HOVER)
@@ -238,7 +286,7 @@ def test_a_publisher_that_does_not_match_is_said(graph, name, what):
     node.wait(STALE, '')
     wrong = graph.node.create_publisher(
         *(kind, topic, BEST_EFFORT) if what == 'quality' else (Wrench, topic, RELIABLE))
-    node.wait(WARN, f'/{topic} ')
+    node.wait(WARN, f'/{topic} offers another {what}')
     graph.node.destroy_publisher(wrong)
     node.wait(STALE, '')
 
@@ -249,6 +297,38 @@ def test_a_subscriber_that_does_not_match_is_said(graph, name):
     kind, topic = OUTPUTS[name]
     node.wait(STALE, '')
     wrong = graph.node.create_subscription(kind, topic, [].append, TRANSIENT_LOCAL)
-    node.wait(WARN, f'/{topic} ')
+    node.wait(WARN, f'/{topic} asks for another quality of service: ')
     graph.node.destroy_subscription(wrong)
     node.wait(STALE, '')
+
+
+CURIOUS = """
+import sys
+from ca_ros.nodes import allocator
+
+class Curious(allocator.Allocator):
+    def observe(self, subject):
+        super().observe(subject)
+        self.create_timer(0.0002, self._look_around, clock=self.steady)
+
+sys.exit(allocator.run(Curious, ''))
+"""
+"""An allocator that looks at the other ends of its topics all the time."""
+
+
+def test_others_that_come_and_go_are_no_mismatch(graph):
+    process = graph.start_silent(
+        sys.executable, '-c', CURIOUS, '--vehicle', 'hexarotor', '--ros-args',
+        '-r', '__node:=allocator')
+    graph.connect('allocator')
+    for _ in range(100):
+        publisher = graph.node.create_publisher(WrenchStamped, 'command/wrench', RELIABLE)
+        subscription = graph.node.create_subscription(
+            Float64MultiArray, 'command/motor_speed', [].append, BEST_EFFORT)
+        graph.spin_until(publisher.get_subscription_count, 'matched')
+        graph.spin_until(subscription.get_publisher_count, 'matched')
+        graph.node.destroy_publisher(publisher)
+        graph.node.destroy_subscription(subscription)
+    _, err = graph.end(process, signal.SIGTERM)
+    assert process.returncode == 0, err
+    assert 'another' not in err

@@ -305,6 +305,14 @@ def test_over_ros_the_flights_are_the_same_to_the_last_bit(
     assert figures_of(tmp_path / 'ros')['flown'].startswith('over ROS')
 
 
+@pytest.mark.parametrize('given', ['--params-file x8.yaml', '-p vehicle.mass:=2.0'])
+def test_parameters_are_not_given_by_arguments_for_ros(given, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(['--out', str(tmp_path), '--ros', '--ros-args', *given.split()])
+    assert stop.value.code == 2
+    assert 'give parameters by --vehicle and -p' in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_the_reason_for_no_flight_over_ros_is_told(graph, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     case = Case.load('hexarotor')

@@ -60,6 +60,8 @@ def test_a_figure_is_the_same_file_each_time(tmp_path, monkeypatch):
     _, svg, pdf = written[0]
     assert ElementTree.fromstring(svg).tag == '{http://www.w3.org/2000/svg}svg'
     assert pdf.startswith(b'%PDF-')
+    assert b'/FontFile2' in pdf
+    assert b'/Type3' not in pdf
 
 
 def test_formats_are_a_list_of_known_ones():

@@ -203,6 +203,25 @@ def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypa
     assert [path for path in mapped if path.startswith('/dev/shm/fastrtps')] == []
 
 
+@pytest.mark.timeout(600 + 60 * KILLS)
+def test_nothing_flies_on_when_bringup_is_killed(graph, tmp_path):
+    told = graph.listen(Float64MultiArray, 'command/motor_speed')
+    for _ in range(KILLS):
+        flight = graph.start_silent(
+            'bringup', '--faults', '', '--duration', '1e6', '--out', str(tmp_path))
+        told.clear()
+        graph.spin_until(lambda: len(told) > 10, 'a flight')
+        assert len(graph.alive()) == 5
+        graph.end(flight, signal.SIGKILL)
+        graph.spin_until(lambda: graph.alive() == [], 'all nodes have ended')
+        graph.spin_until(lambda: set(told[-1].data) == {IDLE}, 'the last command is idle')
+    # The next flight is not among them.
+    flight = graph.start_silent(
+        'bringup', '--mode', 'lockstep', '--duration', '6', '--out', str(tmp_path))
+    out, err = graph.outlive(flight)
+    assert flight.returncode == 0, out + err
+
+
 def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
     # Each start may take its time here.
     patient = (

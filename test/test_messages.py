@@ -72,11 +72,12 @@ def test_foreign_labels_are_no_stamp(labels):
 
 @given(vectors(3), vectors(4), vectors(3), vectors(3), TIMES)
 def test_state(position, attitude, velocity, angular_velocity, time):
-    messages = state_messages(position, attitude, velocity, angular_velocity, stamp(time))
+    messages = state_messages(
+        position, attitude, velocity, angular_velocity, stamp(time), 'odom', 'uav1/base_link')
     pose, twist = map(sent, messages)
     state = position, attitude, velocity, angular_velocity
     assert same(*zip((*pose_arrays(pose), *twist_arrays(twist)), state, strict=True))
-    assert (pose.header.frame_id, twist.header.frame_id) == ('map', 'base_link')
+    assert (pose.header.frame_id, twist.header.frame_id) == ('odom', 'uav1/base_link')
     assert nanoseconds(pose.header.stamp) == nanoseconds(twist.header.stamp) == time
 
 

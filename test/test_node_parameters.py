@@ -8,8 +8,10 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from geometry_msgs.msg import WrenchStamped
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle, make_allocator
@@ -17,6 +19,7 @@ from ca_ros.parameter_files import load
 from ca_ros.parameters import PARAMETERS, REQUIRED
 from ros import Graph
 from test_node_allocator import HOVER, Client, some_wrenches, twin
+from test_parameters import SECTIONS, sections
 
 NODES = 'allocator', 'simulator', 'controller'
 SHIPPED = {
@@ -262,3 +265,19 @@ def test_changes_under_load_are_all_or_nothing(graph, mode):
         answers[k] += 1
     assert min(answers.values()) >= CHANGES / 2
     assert len(answers) == 2
+
+
+def test_ros_takes_the_same_sections_of_a_file_as_we_do(graph, tmp_path):
+    for name, nodes in SECTIONS:
+        path = sections(tmp_path, name)
+        context = rclpy.Context()
+        rclpy.init(
+            args=['--ros-args', '--params-file', str(path)], context=context,
+            domain_id=graph.domain, signal_handler_options=SignalHandlerOptions.NO)
+        for node in ('/allocator', '/a/allocator', '/a/b/allocator'):
+            made = rclpy.create_node(
+                'allocator', namespace=node.removesuffix('/allocator'), context=context,
+                automatically_declare_parameters_from_overrides=True)
+            assert made.has_parameter('vehicle.mass') == (node in nodes), (name, node)
+            made.destroy_node()
+        rclpy.shutdown(context=context)

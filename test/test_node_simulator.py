@@ -1,10 +1,12 @@
 """The simulator node, a process of its own, over DDS."""
 
 import math
+import signal
 import time
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, TwistStamped
+import pytest
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from ca_ros import Vehicle
@@ -29,7 +31,7 @@ class Client:
 
     def __init__(self, graph, mode, *arguments):
         self.graph = graph
-        graph.start(
+        self.process = graph.start(
             'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
             '-p', 'timeout_action:=hold', *arguments)
         self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
@@ -151,6 +153,31 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
     assert {tuple(message.data) for message in client.speeds} == {(0.0,) * 6, (300.0,) * 6}
 
 
+@pytest.mark.parametrize('speed', [None, 300.0], ids=['at rest', 'in flight'])
+def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph, speed):
+    client = Client(graph, 'realtime')
+    if speed:
+        client.send([speed] * 6)
+    graph.spin_until(lambda: len(client.poses) >= 20, 'states')
+    client.process.send_signal(signal.SIGSTOP)
+    time.sleep(1.5)
+    client.process.send_signal(signal.SIGCONT)
+
+    def lag():
+        """Return how old the newest stamp is [s]."""
+        return (time.time_ns() - nanoseconds(client.poses[-1])) / 1e9
+
+    # What was sent before may still be on its way.
+    graph.spin_until(lambda: lag() < 0.2, 'a stamp of now', deadline=30.0)
+    assert lag() > -0.1
+    stamps = [nanoseconds(pose) for pose in client.poses]
+    assert np.diff(stamps).min() >= STEP
+    assert np.diff(stamps).max() > 1e9
+    # The vehicle has not moved in the time that was left out.
+    heights = [pose.pose.position.z for pose in client.poses]
+    assert np.abs(np.diff(heights)).max() < 0.2
+
+
 def test_simulated_time_passes_at_the_real_time_factor(graph):
     factor = 0.05
     client = Client(graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}')
@@ -221,3 +248,24 @@ def test_in_lockstep_it_waits_where_it_is_told_to(graph):
     assert result.successful, result.reason
     fallen = RigidBody(BODY.vehicle.with_health(0.0)).step(expected, speeds, STEP / 1e9)
     assert client.state(3 * STEP).tobytes() == published(fallen).tobytes()
+def test_three_nodes_fly_in_frames_of_other_names(graph):
+    frames = '-p', 'command_frame:=uav1/base_link', '-p', 'world_frame:=odom'
+    for name in ('simulator', 'controller', 'allocator'):
+        graph.start(
+            name, '--vehicle', 'hexarotor', '--ros-args', '-r', '__ns:=/uav1',
+            '-p', 'mode:=lockstep', *frames)
+    waypoint = graph.publisher(PoseStamped, '/uav1/command/pose')
+    poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
+    velocities = graph.listen(TwistStamped, '/uav1/local_position/velocity_body')
+    wrenches = graph.listen(WrenchStamped, '/uav1/command/wrench')
+    for name in ('simulator', 'controller', 'allocator'):
+        graph.connect(f'/uav1/{name}')
+    message = PoseStamped()
+    message.header.frame_id = 'odom'
+    message.pose.position.z = message.pose.orientation.w = 1.0
+    graph.spin_until(
+        lambda: poses and nanoseconds(poses[-1]) >= 20 * STEP, 'steps',
+        repeat=lambda: waypoint.publish(message))
+    assert {pose.header.frame_id for pose in poses} == {'odom'}
+    for messages in (velocities, wrenches):
+        assert {message.header.frame_id for message in messages} == {'uav1/base_link'}

@@ -1,6 +1,7 @@
 """The source distribution and the wheel, built from a copy, are complete and work."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,9 @@ from ca_ros.parameter_files import config_directory
 
 ROOT = Path(__file__).resolve().parent.parent
 VEHICLES = sorted(file.stem for file in config_directory().glob('*.yaml'))
+PLACES = {key: value for key, value in os.environ.items() if key == 'PYTHONPATH'}
+"""Where colcon has installed the package."""
+
 LEFT_BY_TOOLS = (
     '.git', '.venv', '.hypothesis', '.*_cache', '__pycache__', '*.egg-info', 'build', 'dist',
     'install', 'log', 'out')
@@ -110,10 +114,17 @@ def test_the_package_built_from_the_source_distribution_works(wheel, sdist, tmp_
         '-m', 'pytest', '-q', 'test/test_parameters.py', 'test/test_vehicle.py', cwd=sdist)
 
 
+def test_it_is_imported_in_the_folder_that_holds_the_clone(tmp_path):
+    # There the clone's folder has the name of the package, and is none.
+    (tmp_path / 'ca_ros').mkdir()
+    script = 'import ca_ros; print(ca_ros.Vehicle.load("hexarotor").n)'
+    assert run('-c', script, cwd=tmp_path, **PLACES) == '6\n'
+
+
 # What there is
 
 def test_python_m_ca_ros_names_all_there_is():
-    said = run('-m', 'ca_ros', cwd=ROOT)
+    said = run('-m', 'ca_ros', cwd=ROOT, **PLACES)
     version, programs = installed()
     package = ElementTree.parse(ROOT / 'package.xml')
     assert version == package.findtext('version')
@@ -130,6 +141,18 @@ def test_python_m_ca_ros_says_that_there_is_no_rclpy(tmp_path):
         'import sys, runpy; sys.modules["rclpy"] = None; sys.argv[1:] = []; '
         f'sys.path.insert(0, {str(ROOT)!r}); runpy.run_module("ca_ros", run_name="__main__")')
     assert 'rclpy: absent' in run('-c', script, cwd=tmp_path)
+
+
+def test_the_pythons_agree():
+    makefile, ci, *pages = (
+        (ROOT / name).read_text(encoding='utf-8')
+        for name in ('Makefile', '.github/workflows/ci.yml', 'README.md', 'CONTRIBUTING.md'))
+    [allowed] = re.findall(r'filter-out ([0-9. ]+),', makefile)
+    [tested] = re.findall(r'python: \[(.*)\]', ci)
+    first, *_, last = allowed.split()
+    assert tested.replace("'", '').split(', ') == allowed.split()
+    for page in (makefile, *pages):
+        assert set(re.findall(r'3\.\d+ to 3\.\d+', page)) == {f'{first} to {last}'}
 
 
 def test_the_versions_agree():

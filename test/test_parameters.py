@@ -1,10 +1,12 @@
 """Vehicle files: a fault is reported in one line that names the file, the key and the fault."""
 
+from copy import deepcopy
+
 import pytest
 import yaml
 
 from ca_ros import ParameterError, Vehicle, make_allocator
-from ca_ros.parameter_files import load
+from ca_ros.parameter_files import NoSectionError, load
 from ca_ros.parameters import PARAMETERS, check
 from ca_ros.studies.cases import Case
 
@@ -164,6 +166,72 @@ def test_a_mapping_that_holds_itself_is_refused(tmp_path):
     path = tmp_path / 'wrong.yaml'
     path.write_text("'/**': &a\n  ros__parameters:\n    vehicle: *a\n")
     assert 'line 3' in complaint(path)
+HEXAROTOR = load('hexarotor')
+OTHER = {'vehicle': {'mass': 2.0}, 'rotors.health': 0.5}
+
+
+def sections(tmp_path, *names):
+    """Write a file with a section for each name: the hexarotor first, then `OTHER`."""
+    path = tmp_path / 'sections.yaml'
+    content = {}
+    for name in names:
+        group = content
+        for part in name.split(' '):
+            group = group.setdefault(part, {})
+        # Copies, which PyYAML does not write as aliases.
+        group['ros__parameters'] = deepcopy(OTHER if len(content) > 1 else HEXAROTOR)
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+# As rclpy has it: see test_node_parameters.py.
+SECTIONS = [
+    ('/**', ['/allocator', '/a/allocator', '/a/b/allocator']),
+    ('**', ['/allocator', '/a/allocator', '/a/b/allocator']),
+    ('/*', ['/allocator']),
+    ('allocator', ['/allocator']),
+    ('/allocator', ['/allocator']),
+    ('/a/allocator', ['/a/allocator']),
+    ('a allocator', ['/a/allocator']),
+    ('/a allocator', ['/a/allocator']),
+    ('/*/allocator', ['/a/allocator']),
+    ('/**/allocator', ['/allocator', '/a/allocator', '/a/b/allocator']),
+    ('/a/**', ['/a/allocator', '/a/b/allocator']),
+    ('/** allocator', ['/allocator', '/a/allocator', '/a/b/allocator']),
+]
+
+
+@pytest.mark.parametrize(('name', 'nodes'), SECTIONS)
+def test_a_section_is_for_the_nodes_for_which_ros_takes_it(tmp_path, name, nodes):
+    path = sections(tmp_path, name)
+    for node in ('/allocator', '/a/allocator', '/a/b/allocator'):
+        if node in nodes:
+            assert load(path, node) == HEXAROTOR
+        else:
+            with pytest.raises(NoSectionError, match=f'sections.yaml: no section for {node}'):
+                load(path, node)
+    # Without the name of a node there is only one that can be meant.
+    assert load(path) == HEXAROTOR
+
+
+def test_later_sections_override(tmp_path):
+    overridden = HEXAROTOR | {'vehicle.mass': 2.0, 'rotors.health': 0.5}
+    assert load(sections(tmp_path, '/**', '/allocator')) == overridden
+    assert load(sections(tmp_path, '/allocator', '/**')) == overridden
+    assert load(sections(tmp_path, '/**', '/simulator'), '/simulator') == overridden
+
+
+def test_a_vehicle_is_what_the_allocator_believes(tmp_path):
+    assert load(sections(tmp_path, '/**', '/simulator', '/a/controller')) == HEXAROTOR
+    assert load(sections(tmp_path, '/simulator')) == HEXAROTOR
+
+
+def test_a_file_of_two_vehicles_is_refused_unless_a_node_is_named(tmp_path):
+    path = sections(tmp_path, '/**', '/a/allocator')
+    line = complaint(path)
+    assert '/allocator, /a/allocator' in line
+    assert Vehicle.load(path, '/a/allocator').mass == 2.0
+    assert Vehicle.load(path, '/b/allocator').mass == 1.0
 
 
 def test_a_file_in_another_encoding_is_refused(tmp_path):

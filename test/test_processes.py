@@ -1,13 +1,15 @@
 """Child processes: started again when they end, given up when they cannot start."""
 
+import os
 import signal
+import subprocess
 import sys
 import time
 
 import psutil
 
 from ca_ros.patience import Patience
-from ca_ros.processes import Processes
+from ca_ros.processes import Processes, start
 from ros import DEADLINE
 
 SLEEP = [sys.executable, '-c', 'import time; time.sleep(1000.0)']
@@ -104,3 +106,71 @@ def test_what_ends_while_others_are_started_again_has_its_turn_later(monkeypatch
         assert processes.respawn() == {'first': -signal.SIGKILL}
         monkeypatch.undo()
         assert until(processes.respawn) == {'second': -signal.SIGKILL}
+
+
+# Notes its own SIGTERM in a file, as a node sends its last command.
+LAST_COMMAND = """
+import pathlib, signal, sys
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+file = pathlib.Path(sys.argv[1])
+file.with_suffix('.pid').touch()
+signal.sigwait({signal.SIGTERM})
+file.touch()
+"""
+
+# Starts two of them, one of them twice, and says when all is done.
+PARENT = """
+import os, sys, time
+from pathlib import Path
+from ca_ros.processes import Processes
+folder = Path(sys.argv[1])
+names = ('first', 'respawned')
+Processes.PAUSE = 0.0
+with Processes({name: [sys.executable, '-c', sys.argv[2], str(folder / name)] for name in names},
+               {'TIED': str(folder)}) as processes:
+    processes.running['respawned'].kill()
+    while 'respawned' not in processes.respawn():
+        time.sleep(0.01)
+    for name in names:
+        while not (folder / name).with_suffix('.pid').exists():
+            time.sleep(0.01)
+    print('ready', flush=True)
+    time.sleep(1000.0)
+"""
+
+
+def tied(folder):
+    """Return the processes that a parent with this folder has started."""
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if process.environ().get('TIED') == str(folder) and not gone(process):
+                found.append(process)
+        except psutil.Error:
+            pass
+    return found
+
+
+def test_children_are_terminated_when_their_parent_is_killed(tmp_path):
+    with subprocess.Popen([sys.executable, '-c', PARENT, str(tmp_path), LAST_COMMAND],
+                          stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout.readline() == 'ready\n'
+        parent.kill()
+    try:
+        until(lambda: not tied(tmp_path))
+        # SIGTERM has reached them, so that nodes can send their last command.
+        assert (tmp_path / 'first').exists()
+        assert (tmp_path / 'respawned').exists()
+    finally:
+        for child in tied(tmp_path):
+            child.kill()
+
+
+def test_a_child_whose_parent_ended_before_it_was_tied_ends_at_once(monkeypatch):
+    monkeypatch.setattr(os, 'getpid', lambda: -1)
+    # As in bringup, which notes its signals.
+    before = signal.signal(signal.SIGTERM, lambda *_: None)
+    try:
+        assert start(SLEEP).wait(DEADLINE) == -signal.SIGTERM
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -166,6 +166,22 @@ def test_nothing_of_the_text_becomes_html(written):
     assert not tags & {'script', 'img', 'a', 'b', 'i'}
 
 
+def test_another_vehicle_is_not_judged_by_the_paper(tmp_path):
+    static, dynamic, speed = (str(tmp_path / name) for name in ('static', 'dynamic', 'benchmark'))
+    x8 = ('--vehicle', 'x8', '--methods', 'exact,direct')
+    assert static_study.main([*x8, '--samples', '10', '--out', static]) == 0
+    assert dynamic_study.main([*x8, '--duration', '2', '--out', dynamic]) == 0
+    assert benchmark.main([*x8, '--quick', '--no-nodes', '--samples', '3', '--out', speed]) == 0
+    out = tmp_path / 'x8.html'
+    assert main(['--static', static, '--dynamic', dynamic, '--benchmark', speed,
+                 '--out', str(out)]) == 0
+    said = ''.join(Page(out.read_text(encoding='utf-8')).words)
+    said = said[said.index('Tables, figures and how'):]
+    assert 'In steady state' in said
+    for word in ('paper', 'hexarotor', 'promise', 'missed by the', 'holds: ', 'not hold'):
+        assert word not in said.lower(), word
+
+
 # Faults
 
 def fault(capsys, *arguments):
@@ -218,7 +234,7 @@ def browse(folder, page, *options):
 
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason='there is no Chromium here')
-@pytest.mark.parametrize('width', [1280, 390])
+@pytest.mark.parametrize('width', [1400, 1280, 390])
 def test_a_browser_shows_it_without_a_complaint(text, tmp_path, width):
     page, picture = tmp_path / 'page.html', tmp_path / 'page.png'
     page.write_text(text, encoding='utf-8')
@@ -227,14 +243,19 @@ def test_a_browser_shows_it_without_a_complaint(text, tmp_path, width):
     shown = image.imread(picture)
     assert shown.shape[1] == width
     assert shown[..., :3].std() > 0.05
-    # Nothing is wider than the window; in a frame, as windows have a least width of their own.
+    # Nothing is wider than the window, and no table wider than its place; in a frame, as windows
+    # have a least width of their own.
     page.write_text(
         f'<iframe width="{width}" height="2000" style="border: 0" srcdoc="{escape(text)}" onload="'
-        'document.title = this.contentDocument.documentElement.scrollWidth"></iframe>',
+        'const page = this.contentDocument;'
+        "const wide = [...page.querySelectorAll('.scroll')]"
+        '.filter(each => each.scrollWidth > each.clientWidth);'
+        'document.title = page.documentElement.scrollWidth'
+        " + ', cut off: ' + wide.map(each => each.innerText.slice(0, 40)).join('; ')\"></iframe>",
         encoding='utf-8')
-    dom, console = browse(tmp_path, page, '--window-size=1400,2100', '--dump-dom')
+    dom, console = browse(tmp_path, page, '--window-size=1500,2100', '--dump-dom')
     assert console == []
-    assert f'<title>{width}</title>' in dom
+    assert f'<title>{width}, cut off: </title>' in dom
 
 
 @pytest.mark.slow

@@ -84,4 +84,3 @@ def allocator_from_parameters(
     except ValueError as error:
         named = any(str(error).startswith(f'{option}:') for option in options)
         raise ParameterError(f'allocation.{method}.{error}' if named else str(error)) from None
-

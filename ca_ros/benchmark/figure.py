@@ -22,6 +22,9 @@ def draw(figures: Mapping[str, Any]) -> Figure:
     with matplotlib.rc_context(STYLE):
         names = list(figures['contenders'])
         figure = Figure(figsize=(8.0, 1.4 + 0.26 * max(len(names), 9)), layout='constrained')
+        if not figures['growth']:
+            _draw_calls(figure.subplots(), figures['calls'], names)
+            return figure
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         _draw_calls(left, figures['calls'], names)
         _draw_growth(right, figures['growth'])
@@ -77,6 +80,6 @@ def _draw_growth(axes: Axes, growth: Mapping[str, Any]) -> None:
     axes.set_yscale('log')
     axes.set_xticks(ROTORS, [str(n) for n in ROTORS])
     axes.minorticks_off()
-    axes.set_xlabel('rotors')
+    axes.set_xlabel("rotors of the paper's hexarotor")
     axes.set_ylabel('time per call [µs]')
     axes.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=7, handlelength=3)

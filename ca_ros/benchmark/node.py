@@ -11,6 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ca_ros.processes import start
+
 COMMAND = (sys.executable, '-m', 'ca_ros.nodes.latency')
 
 
@@ -49,13 +51,11 @@ def time_node(vehicle: str, quick: bool, command: Sequence[str] = COMMAND) -> di
 
 def _run(command: list[str], quick: bool) -> tuple[int, str]:
     """Return the exit code of a process and what it said on stderr."""
-    with subprocess.Popen(
+    with start(
         command + (['--quick'] if quick else []),
-        stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        start_new_session=True,
     ) as process:
         try:
             _, said = process.communicate()

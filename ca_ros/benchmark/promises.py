@@ -116,6 +116,8 @@ def _osqp(calls: Mapping[str, Any]) -> Promise:
 
 
 def _growth(growth: Mapping[str, Any]) -> float | None:
+    if not growth:
+        return None
     exact = growth['flight']['exact']
     if '32' not in exact or '6' not in exact:
         return None

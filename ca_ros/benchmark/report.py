@@ -26,8 +26,7 @@ def report(figures: Figures) -> str:
         summary(figures),
         '## Percentiles and spread',
         _percentiles(figures),
-        '## Number of rotors',
-        _growth(figures),
+        *(['## Number of rotors', _growth(figures)] if figures['growth'] else []),
         '## Batches',
         _batches(figures),
         '## Closed loop',
@@ -44,9 +43,10 @@ def report(figures: Figures) -> str:
 
 def summary(figures: Figures) -> str:
     """Return what matters most: what is promised, and the times per call."""
-    return '\n\n'.join(
-        ['## What is promised', _promises(figures), '## Times per call', _calls(figures)]
-    )
+    parts = ['## Times per call', _calls(figures)]
+    if figures['promises']:
+        return '\n\n'.join(['## What is promised', _promises(figures), *parts])
+    return '\n\n'.join([_about(figures), *parts])
 
 
 def _promises(figures: Figures) -> str:
@@ -61,13 +61,16 @@ def _promises(figures: Figures) -> str:
                 {True: 'met', False: '**missed**', None: 'not measured'}[met],
             )
         )
+    return f'{_about(figures)}\n\n' + table(('promise', 'limit', 'measured', ''), rows)
+
+
+def _about(figures: Figures) -> str:
     settings = figures['settings']
     quick = ', a **quick** one: each figure rests on little' if settings['quick'] else ''
     return (
         f'Medians of one run on `{settings["vehicle"]}`{quick}; load of the machine when it began '
         f'{figures["environment"]["load_average"][0]:g}, on '
-        f'{figures["environment"]["machine"]["cores"]} cores.\n\n'
-        + table(('promise', 'limit', 'measured', ''), rows)
+        f'{figures["environment"]["machine"]["cores"]} cores.'
     )
 
 

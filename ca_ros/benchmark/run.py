@@ -26,6 +26,7 @@ from ca_ros.benchmark.plan import Plan
 from ca_ros.benchmark.promises import promises
 from ca_ros.controller import Gains
 from ca_ros.studies.cases import Case
+from ca_ros.studies.paper_table import of_the_paper
 
 
 def run(
@@ -67,8 +68,12 @@ def run(
         with _progress(f'calls, {load}', plan.repetitions) as update:
             calls[load] = time_calls(problem, contenders, own, plan, seed, update)
     rival = fastest_correct_peer(contenders, calls)
-    with _progress('rotors', 2 * plan.repetitions) as update:
-        growth = grow(plan, rival, seed, update)
+    # With other numbers of rotors it is the paper's vehicle, and the promises are for that one.
+    paper = of_the_paper(case.parameters)
+    growth = {}
+    if paper:
+        with _progress('rotors', 2 * plan.repetitions) as update:
+            growth = grow(plan, rival, seed, update)
     with _progress('batches', plan.rounds) as update:
         allocators = {name: case.allocator(name) for name in dict.fromkeys(['exact', *methods])}
         batch = time_batches(
@@ -116,7 +121,7 @@ def run(
         'node': node,
         'wall_time': time.perf_counter() - start,
     }
-    figures['promises'] = [promise.figures() for promise in promises(figures)]
+    figures['promises'] = [promise.figures() for promise in promises(figures) if paper]
     return figures
 
 

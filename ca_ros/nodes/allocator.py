@@ -138,10 +138,6 @@ class Allocator(VehicleNode):
         rejected = monotonic() - self._rejected <= self._watchdog.timeout
         return 'none but rejected commands' if rejected else 'no command'
 
-    def excuse(self, seconds: float) -> None:
-        """Leave out of the watchdog's time what a change of parameters has taken."""
-        self._watchdog.excuse(seconds)
-
     def close(self) -> None:
         """Leave the rotors idle, or still if that is the timeout action."""
         if not self._watchdog.awake:
@@ -211,7 +207,7 @@ class Allocator(VehicleNode):
             # To be told costs less than to ask with every command.
             (self._heard.add if change.current_count else self._heard.discard)(publisher)
 
-        events = PublisherEventCallbacks(matched=matched)
+        events = PublisherEventCallbacks(matched=matched, use_default_callbacks=False)
         publisher = self.create_publisher(kind, topic, offered(self.mode), event_callbacks=events)
         return publisher
 

@@ -9,9 +9,13 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, suppress
+from datetime import datetime
+from itertools import count
 from math import inf
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -27,7 +31,7 @@ from ca_ros.faults import LINKS
 from ca_ros.figures import draw_flight, save
 from ca_ros.flight import Flight
 from ca_ros.nodes.bag import Bag, BagError
-from ca_ros.nodes.bringup_options import commands, parameters, parse
+from ca_ros.nodes.bringup_options import commands, options_as_parameters, parse
 from ca_ros.nodes.executable import RCLError, in_one_line
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.recorder import Recorder
@@ -35,11 +39,14 @@ from ca_ros.nodes.rotor_health import RotorHealth, RotorHealthError
 from ca_ros.parameters import ParameterError
 from ca_ros.patience import Patience
 from ca_ros.processes import Processes, note_signals
+from ca_ros.rotor_failures import RotorFailures
 from ca_ros.vehicle import HEALTH_MIN, Vehicle
 from ca_ros.vehicle_audit import audit
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 START_TIMEOUT = 60.0
+LOOK_AROUND = 0.5
+"""Time to look for other nodes before the start, and between later looks [s]."""
 
 
 class Stopped(Exception):
@@ -54,11 +61,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small, and the threads of BLAS would only wait for work.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     options = parse(sys.argv[1:] if argv is None else argv)
+    if options.out is not None:
+        return _bringup(options)
+    try:
+        options.out = _new_folder()
+    except OSError as error:
+        print(f'bringup: {error}', file=sys.stderr)
+        return 1
+    try:
+        return _bringup(options)
+    finally:
+        # Unless it holds a flight.
+        with suppress(OSError):
+            options.out.rmdir()
+
+
+def _new_folder() -> Path:
+    """Make a folder in the current one that is not there yet."""
+    name = f'flight_{datetime.now():%Y-%m-%d_%H-%M-%S}'
+    for i in count(1):
+        folder = Path(name if i == 1 else f'{name}_{i}')
+        with suppress(FileExistsError):
+            folder.mkdir()
+            break
+    return folder
+
+
+def _bringup(options: argparse.Namespace) -> int:
     interrupts = note_signals()
     try:
-        given = parameters(options, 'simulator')
-        vehicle = Vehicle.from_parameters(given)
-        options.failures.check(vehicle.n)
+        nodes = commands(options)
         options.out.mkdir(parents=True, exist_ok=True)
         # Not found out after the flight.
         if not os.access(options.out, os.W_OK | os.X_OK):
@@ -80,12 +112,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
     try:
-        step = given['simulator.time_step']
-        flight, wall, respawned = _fly(options, waypoint, interrupts, bag, vehicle.health, step)
+        flight, wall, respawned, parameters = _fly(options, nodes, waypoint, interrupts, bag)
     except (Stopped, BagError, RotorHealthError) as stopped:
         print(f'bringup: {stopped}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
-    reached = _report(options, vehicle, waypoint, flight, wall)
+    vehicle = Vehicle.from_parameters(parameters)
+    reached = _report(options.failures, parameters['mode'], vehicle, waypoint, flight, wall)
     try:
         flight.write_csv(options.out / 'flight.csv')
         figure = draw_flight(flight, vehicle, waypoint)
@@ -107,27 +139,43 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _fly(
     options: argparse.Namespace,
+    nodes: Mapping[str, Sequence[str]],
     waypoint: Waypoint,
     interrupts: list[int],
     bag: Bag | None,
-    health: Array,
-    time_step: float,
-) -> tuple[Flight, float, Counter[str]]:
+) -> tuple[Flight, float, Counter[str], dict[str, Any]]:
     links = [*LINKS]
     if options.faults is not None:
         links += [f'{PREFIX}{topic}' for topic in LINKS]
     recorder = Recorder(options.namespace, links)
-    rotors = RotorHealth(recorder, options, health, time_step)
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
+
+    def be_alone(own: int = 0) -> None:
+        if others := recorder.others(own):
+            raise Stopped(
+                f'other nodes publish on {", ".join(others)} in ROS domain '
+                f'{recorder.context.get_domain_id()}: end them, or choose another --namespace or '
+                'ROS_DOMAIN_ID (a node that was killed with -9 is gone after 20 s)'
+            )
+
     try:
+        began = looked = time.monotonic()
+        while time.monotonic() < began + LOOK_AROUND and not interrupts:
+            executor.spin_once(timeout_sec=0.05)
+        be_alone()
         # The bag is complete when the nodes have ended.
-        with bag or nullcontext(), Processes(commands(options)) as processes:
+        with bag or nullcontext(), Processes(nodes) as processes:
             if bag:
                 bag.listen(options.namespace)
 
             def spin() -> None:
+                nonlocal looked
                 executor.spin_once(timeout_sec=0.1)
+                # DDS may take 3 s to find a node.  Nodes that were killed still seem to be there.
+                if time.monotonic() > looked + LOOK_AROUND and not processes.respawned:
+                    looked = time.monotonic()
+                    be_alone(own=1)
                 recorder.drain()
                 if bag:
                     bag.write()
@@ -165,7 +213,15 @@ def _fly(
                             f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
                         )
 
-            wait(lambda: recorder.missing() + rotors.missing() + (bag.missing() if bag else []))
+            wait(lambda: recorder.missing() + (bag.missing() if bag else []))
+            parameters = recorder.parameters or {}
+            for name, value in options_as_parameters(options).items():
+                if parameters[name] != value:
+                    raise Stopped(
+                        f'{name} is {parameters[name]}, not {value}: see the ROS arguments'
+                    )
+            rotors = RotorHealth(recorder, options.failures, parameters)
+            wait(rotors.missing)
             rotors.update(None, spin)
             recorder.send(waypoint)
             began = time.monotonic()
@@ -195,9 +251,9 @@ def _fly(
                 wait(lambda: bag.behind(end))
             wall = time.monotonic() - began
             flight = recorder.flight(options.duration)
-            if options.mode == 'lockstep' and (lost := flight.missing(options.duration)):
+            if parameters['mode'] == 'lockstep' and (lost := flight.missing(options.duration)):
                 raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
-            return flight, wall, processes.respawned
+            return flight, wall, processes.respawned, parameters
     finally:
         executor.shutdown()
         recorder.destroy_node()
@@ -205,10 +261,15 @@ def _fly(
 
 
 def _report(
-    options: argparse.Namespace, vehicle: Vehicle, waypoint: Waypoint, flight: Flight, wall: float
+    failures: RotorFailures,
+    mode: str,
+    vehicle: Vehicle,
+    waypoint: Waypoint,
+    flight: Flight,
+    wall: float,
 ) -> bool:
     error, heading_error = flight.position_error(waypoint), flight.heading_error(waypoint)
-    last = vehicle.with_health(options.failures.physical(vehicle.health, _ns(flight.time[-1])))
+    last = vehicle.with_health(failures.physical(vehicle.health, _ns(flight.time[-1])))
     lost = audit(last).lost
     reached = error <= POSITION_TOLERANCE
     if 'yaw' in lost:
@@ -218,9 +279,9 @@ def _report(
         away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
     verdict = 'reached' if reached else 'MISSED'
     speeds = flight.speeds
-    inside = _within_bounds(flight, vehicle, options)
+    inside = _within_bounds(flight, vehicle, failures, mode)
     print(
-        f'flight of {flight.time[-1]:.2f} s ({options.mode}, {len(flight.time)} samples, '
+        f'flight of {flight.time[-1]:.2f} s ({mode}, {len(flight.time)} samples, '
         f'in {wall:.1f} s)\n'
         f'  waypoint      {verdict}: {away}\n'
         f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,\n'
@@ -238,16 +299,16 @@ def _report(
     return reached
 
 
-def _within_bounds(flight: Flight, vehicle: Vehicle, options: argparse.Namespace) -> bool:
+def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mode: str) -> bool:
     """Tell whether each rotor kept to its bounds as far as they were known: 0 of a lost one."""
-    failures, times = options.failures, np.round(flight.time * 1e9)
+    times = np.round(flight.time * 1e9)
     inside = np.ones(flight.speeds.shape, dtype=bool)
     for start in [0, *failures.times()]:
         believed = vehicle.with_health(failures.believed(vehicle.health, start))
         later = times >= start
         speeds = flight.speeds[later]
         inside[later] = _inside(speeds, believed)
-        if options.mode == 'realtime':
+        if mode == 'realtime':
             # There the announcement takes its time.
             inside[later] |= _inside(speeds, vehicle)
     return bool(inside.all())

@@ -8,17 +8,13 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import yaml
-
+from ca_ros.arguments import full_name, renamed
 from ca_ros.faults import FAULTS
 from ca_ros.figures import add_option
 from ca_ros.methods import METHODS
-from ca_ros.nodes.executable import split
+from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
 from ca_ros.nodes.fault_proxy import remaps
-from ca_ros.parameter_files import find, load, overrides
-from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.rotor_failures import add_options as add_failure_options
 from ca_ros.rotor_failures import failures_of
 
@@ -43,8 +39,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         '--mode',
         choices=('realtime', 'lockstep'),
-        default='realtime',
-        help='follow the clock, or step as fast as possible',
+        help="follow the clock, or step as fast as possible (default: the parameter file's)",
+        default=argparse.SUPPRESS,
     )
     parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
     parser.add_argument(
@@ -59,7 +55,11 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         '--heading', type=_finite, default=45.0, help='heading to turn to [degrees]'
     )
     parser.add_argument(
-        '--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results'
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help='folder of the results (default: a new one here, flight_DATE_TIME)',
+        default=argparse.SUPPRESS,
     )
     add_option(parser)
     parser.add_argument(
@@ -84,13 +84,18 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     add_failure_options(parser)
     vehicle = parser.add_mutually_exclusive_group()
     vehicle.add_argument(
-        '--vehicle', default='hexarotor', help='a shipped vehicle or a parameter file'
+        '--vehicle',
+        help=f'a shipped vehicle or a parameter file (default: {DEFAULT_VEHICLE}, unless the ROS '
+        'arguments have a --params-file)',
+        default=argparse.SUPPRESS,
     )
     vehicle.add_argument(
         '--params-file', metavar='FILE', help='the same, by path alone', default=argparse.SUPPRESS
     )
     parser.add_argument(
-        '--namespace', default='/', help='namespace of the nodes, for instance /uav1'
+        '--namespace',
+        help='namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)',
+        default=argparse.SUPPRESS,
     )
     try:
         own, ros = split(argv)
@@ -101,13 +106,20 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     if options.fail and options.respawn:
         parser.error('--fail: not with --respawn, which begins the flight anew with sound rotors')
     options.ros = ros
-    options.method = getattr(options, 'method', None)
-    options.params_file = getattr(options, 'params_file', None)
-    options.bag = getattr(options, 'bag', None)
-    options.faults = getattr(options, 'faults', None)
-    if not options.namespace.startswith('/'):
-        options.namespace = f'/{options.namespace}'
+    for name in ('method', 'mode', 'out', 'bag', 'faults'):
+        setattr(options, name, getattr(options, name, None))
+    options.vehicle = getattr(options, 'params_file', getattr(options, 'vehicle', None))
+    if options.vehicle is None and '--params-file' not in ros:
+        options.vehicle = DEFAULT_VEHICLE
+    asked = getattr(options, 'namespace', None)
+    options.namespace = _absolute(renamed(ros, '__ns', asked or '/'))
+    if asked and _absolute(asked) != options.namespace:
+        parser.error(f'--namespace {asked}: the ROS arguments have __ns:={options.namespace}')
     return options
+
+
+def _absolute(namespace: str) -> str:
+    return namespace if namespace.startswith('/') else f'/{namespace}'
 
 
 def _finite(text: str) -> float:
@@ -138,54 +150,36 @@ def _faults(text: str) -> list[str]:
     return words
 
 
-def parameters(options: argparse.Namespace, node: str) -> dict[str, Any]:
-    """Return the parameters with which a node starts, those from the command line included.
+def commands(options: argparse.Namespace) -> dict[str, list[str]]:
+    """Return the command line of each node by name.
 
     Raises
     ------
     ParameterError
-        If they are wrong, in one line that names the fault.
+        If the vehicle is wrong.
     """
-    given = dict(load(options.params_file or options.vehicle))
-    given['mode'] = options.mode
-    if options.method:
-        given['allocation.method'] = options.method
-    for flag, word in zip(options.ros, options.ros[1:], strict=False):
-        if flag == '--params-file':
-            given.update(overrides(word, node))
-        elif flag in ('-p', '--param'):
-            name, _, value = word.partition(':=')
-            owner, _, name = name.rpartition(':')
-            if name in PARAMETERS and owner in ('', node):
-                try:
-                    given[name] = yaml.safe_load(value)
-                except yaml.YAMLError:
-                    raise ParameterError(f'{name}: not a value: {value}') from None
-    return complete(given)
-
-
-def commands(options: argparse.Namespace) -> dict[str, list[str]]:
-    """Return the command line of each node by name."""
-    arguments = [
-        '--ros-args',
-        '--params-file',
-        str(find(options.params_file or options.vehicle).resolve()),
-        '-p',
-        f'mode:={options.mode}',
-        '-r',
-        f'__ns:={options.namespace}',
-    ]
-    if options.method:
-        arguments += ['-p', f'allocation.method:={options.method}']
-    arguments += ['--', *options.ros]
     lines = {}
     for name in NODES:
-        own = ['--ros-args', '--enclave', f'{options.namespace.rstrip("/")}/{name}']
+        full = full_name(options.namespace, name)
+        own = ['--ros-args', '--enclave', full, '-r', f'__ns:={options.namespace}']
         if options.faults is not None:
             own += remaps(name)
-        lines[name] = [sys.executable, '-m', f'ca_ros.nodes.{name}', *own, '--', *arguments]
+        vehicle = vehicle_arguments(options.vehicle, full) if options.vehicle else []
+        chosen = [
+            word
+            for key, value in options_as_parameters(options).items()
+            for word in ('-p', f'{key}:={value}')
+        ]
+        node = [sys.executable, '-m', f'ca_ros.nodes.{name}']
+        lines[name] = [*node, *own, '--', *vehicle, *options.ros, '--ros-args', *chosen]
     if options.faults is not None:
         own = ['--ros-args', '-r', f'__ns:={options.namespace}']
         own += [word for parameter in options.faults for word in ('-p', parameter)]
         lines['fault_proxy'] = [sys.executable, '-m', 'ca_ros.nodes.fault_proxy', *own]
     return lines
+
+
+def options_as_parameters(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameters that options of bringup set."""
+    chosen = {'mode': options.mode, 'allocation.method': options.method}
+    return {name: value for name, value in chosen.items() if value}

@@ -4,10 +4,26 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from contextlib import suppress
 
 STREAMS = (1, 2)
 """Standard output and standard error."""
+
+
+def replace_closed() -> None:
+    """Open /dev/null in place of standard streams that are closed.
+
+    Otherwise the next file or socket that is opened takes the number of the stream, and what is
+    written to the stream ends up in there.
+    """
+    opened = os.open(os.devnull, os.O_RDWR)
+    while opened <= max(STREAMS):
+        opened = os.dup(opened)
+    os.close(opened)
+    for stream, name in enumerate(('stdin', 'stdout', 'stderr')):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(stream, 'w' if stream else 'r', encoding='utf-8'))
 
 
 def never_wait() -> None:

@@ -14,8 +14,6 @@ from ca_ros.controller import Waypoint
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
-    BODY,
-    WORLD,
     pose_arrays,
     twist_arrays,
     wrench_message,
@@ -74,7 +72,7 @@ class Controller(VehicleNode):
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
         length = hypot(*attitude.tolist())
-        fault = wrong_frame(message.header.frame_id, WORLD)
+        fault = self._wrong_frame(message, 'world_frame')
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
             fault = f'that is not a pose: {position} m, quaternion {attitude}'
         if fault:
@@ -103,8 +101,8 @@ class Controller(VehicleNode):
         ):
             return
         first, self._open = self._open, False
-        for message, frame in ((self._pose, WORLD), (self._velocity, BODY)):
-            if fault := wrong_frame(message.header.frame_id, frame):
+        for message, name in ((self._pose, 'world_frame'), (self._velocity, 'command_frame')):
+            if fault := self._wrong_frame(message, name):
                 if first:
                     self.drop('frame', f'state {fault}')
                 return
@@ -119,9 +117,13 @@ class Controller(VehicleNode):
             return
         self._watchdog.feed()
         self.counts['served' if first else 'served anew'] += 1
-        self._wrench.publish(
-            wrench_message(wrench, Header(stamp=self._pose.header.stamp, frame_id=BODY))
-        )
+        header = Header(stamp=self._pose.header.stamp, frame_id=self.parameters['command_frame'])
+        self._wrench.publish(wrench_message(wrench, header))
+
+    def _wrong_frame(self, message: PoseStamped | TwistStamped, name: str) -> str | None:
+        """Return what is wrong with a message's frame, if anything, by the parameter of a name."""
+        fault = wrong_frame(message.header.frame_id, self.parameters[name])
+        return f'{fault} (parameter {name})' if fault else None
 
 
 def main() -> int:

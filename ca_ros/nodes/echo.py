@@ -10,7 +10,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
-from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.parameters import AXES
 from ca_ros.vehicle import Vehicle
@@ -28,9 +28,7 @@ class Echo(VehicleNode):
         self._speeds = self.create_publisher(
             Float64MultiArray, 'command/motor_speed', offered(self.mode)
         )
-        self.create_subscription(
-            WrenchStamped, 'command/wrench', self._serve, requested(self.mode)
-        )
+        self.listen(WrenchStamped, 'command/wrench', self._serve)
 
     def build(self, parameters: dict[str, Any]) -> int:
         """Count the rotors."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import faulthandler
 import gc
+import json
 import re
 import signal
 import sys
@@ -21,19 +22,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ca_ros import arguments
-from ca_ros.nodes.console import never_wait
-from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.parameter_files import find, read_value, read_yaml
+from ca_ros.arguments import full_name, renamed
+from ca_ros.nodes.console import never_wait, replace_closed
+from ca_ros.nodes.executor import Executor
+from ca_ros.parameter_files import NoSectionError, find, load, read_value, read_yaml
 from ca_ros.parameters import PARAMETERS, MissingParameterError, ParameterError, check
 from ca_ros.processes import ending_signals
 from ca_ros.vehicle import Vehicle
-
-try:
-    # Answers in half the time of the other; not every Jazzy has it.  What was wrong with it up to
-    # rclpy 7.1.7 (ros2/rclpy#1563) concerns waits without end, of which there are none here.
-    from rclpy.experimental import EventsExecutor as Executor
-except ImportError:
-    from rclpy.executors import SingleThreadedExecutor as Executor
 
 DEFAULT_VEHICLE = 'hexarotor'
 
@@ -63,6 +58,31 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     except (RCLError, RCLInvalidROSArgsError) as error:
         raise ValueError(in_one_line(error)) from None
     return arguments.split(argv)
+
+
+def vehicle_arguments(vehicle: str, node: str) -> list[str]:
+    """Return the ROS arguments that give a node the parameters of a vehicle.
+
+    Parameters
+    ----------
+    vehicle : str
+        A shipped vehicle's name, or a path to a parameter file.
+    node : str
+        Full name of the node.  Where the file has no section for it, as the dump of another node
+        has none, it gets what `Vehicle.load` reads.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such vehicle, or it is wrong.
+    """
+    try:
+        Vehicle.load(vehicle, node)
+    except NoSectionError:
+        Vehicle.load(vehicle)
+        values = [f'{name}:={json.dumps(value)}' for name, value in load(vehicle).items()]
+        return ['--ros-args', *(word for value in values for word in ('-p', value)), '--']
+    return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
 
 
 def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
@@ -95,9 +115,9 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         )
     if vehicle is None:
         return ros
-    Vehicle.load(vehicle)
+    node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
     # Before the user's own files, which may then override single values of it.
-    return ['--ros-args', '--params-file', str(find(vehicle)), '--', *ros]
+    return [*vehicle_arguments(vehicle, node), *ros]
 
 
 def _parameter_files(ros: Sequence[str]) -> str:
@@ -124,6 +144,7 @@ def run(
 
     The signals set a flag rather than end the context, so that the node can publish its last word.
     """
+    replace_closed()
     prog = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', node_class.__name__).lower()
     stop: list[int] = []
 
@@ -167,6 +188,4 @@ def run(
         gc.freeze()
         while not stop:
             executor.spin_once(timeout_sec=0.1)
-            if isinstance(node, VehicleNode):
-                node.hurry()
     return 0

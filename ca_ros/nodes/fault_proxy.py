@@ -22,7 +22,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.faults import FAULTS, Faults, Link, corrupted, links
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.qos import COMMAND, offered
-from ca_ros.nodes.vehicle_node import MISMATCH
+from ca_ros.nodes.vehicle_node import mismatch
 
 TYPES = {
     'command/wrench': WrenchStamped,
@@ -165,8 +165,12 @@ class FaultProxy(Node):
         for topic, faults in self._faults.items():
             values = {**self._counts[topic], 'on their way': len(self._links[topic])}
             said = [f'{name} {value:g}' for name, value in faults.active.items()]
-            if self.count_publishers(topic) > self._in[topic].get_publisher_count():
-                said.append(f'a publisher offers another {MISMATCH}: nothing of it is passed on')
+            stream = self._in[topic]
+            for other in self.get_publishers_info_by_topic(stream.topic_name):
+                fault = mismatch(other, stream, other.qos_profile, stream.qos_profile)
+                if fault is None:
+                    continue
+                said.append(f'a publisher offers another {fault}: nothing of it is passed on')
                 self.get_logger().warning(f'{topic}: {said[-1]}', throttle_duration_sec=10.0)
             message.status.append(
                 DiagnosticStatus(

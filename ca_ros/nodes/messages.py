@@ -12,9 +12,6 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ca_ros.arrays import Array
 
-WORLD, BODY = 'map', 'base_link'
-"""The frames, by the names of REP 105; a message without one is taken to be in the right one."""
-
 NO_STAMP = 'no stamp'
 """Label of rotor speeds that answer no command."""
 
@@ -68,14 +65,20 @@ def answers_nothing(message: Float64MultiArray) -> bool:
 
 
 def state_messages(
-    position: Array, attitude: Array, velocity: Array, angular_velocity: Array, time: Time
+    position: Array,
+    attitude: Array,
+    velocity: Array,
+    angular_velocity: Array,
+    time: Time,
+    world: str,
+    body: str,
 ) -> tuple[PoseStamped, TwistStamped]:
-    """Return a pose in the world and a velocity in the body frame."""
-    pose = PoseStamped(header=Header(stamp=time, frame_id=WORLD))
+    """Return a pose in the world frame and a velocity in the body frame, with their names."""
+    pose = PoseStamped(header=Header(stamp=time, frame_id=world))
     p, q = pose.pose.position, pose.pose.orientation
     p.x, p.y, p.z = position.tolist()
     q.x, q.y, q.z, q.w = attitude.tolist()
-    twist = TwistStamped(header=Header(stamp=time, frame_id=BODY))
+    twist = TwistStamped(header=Header(stamp=time, frame_id=body))
     v, w = twist.twist.linear, twist.twist.angular
     v.x, v.y, v.z = velocity.tolist()
     w.x, w.y, w.z = angular_velocity.tolist()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from time import monotonic
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rcl_interfaces.srv import GetParameters
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
@@ -16,8 +19,12 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.controller import Waypoint
 from ca_ros.faults import LINKS
 from ca_ros.flight import Flight
-from ca_ros.nodes.messages import WORLD, nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
 from ca_ros.nodes.qos import COMMAND, LOCKSTEP_DEPTH
+from ca_ros.parameters import PARAMETERS
+
+REPEAT = 2.0
+"""Time after which parameters are asked for again [s]: DDS may lose an early answer."""
 
 
 class Recorder(Node):
@@ -33,6 +40,10 @@ class Recorder(Node):
             event_callbacks=PublisherEventCallbacks(matched=self._greet),
         )
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
+        self._client = self.create_client(GetParameters, 'allocator/get_parameters')
+        self._asked = -REPEAT
+        self.parameters: dict[str, Any] | None = None
+        """Those of the running allocator, once it has told them."""
         self.restart()
 
     def restart(self) -> None:
@@ -83,13 +94,30 @@ class Recorder(Node):
             lacking.append('command/pose')
         if not any(len(sample) == 5 for sample in self._samples.values()):
             lacking.append('motor_speed')
+        if self.parameters is None:
+            lacking.append('allocator/get_parameters')
+            self._ask()
         return lacking
+
+    def others(self, own: int = 0) -> list[str]:
+        """Return the topics of the loop on which more than `own` nodes publish."""
+        topics = map(self.resolve_topic_name, [*self._links, 'motor_speed'])
+        return [topic for topic in topics if self.count_publishers(topic) > own]
+
+    def _ask(self) -> None:
+        if monotonic() > self._asked + REPEAT and self._client.service_is_ready():
+            self._asked = monotonic()
+            request = GetParameters.Request(names=list(PARAMETERS))
+            self._client.call_async(request).add_done_callback(self._receive_parameters)
+
+    def _receive_parameters(self, answer: Any) -> None:
+        values = map(parameter_value_to_python, answer.result().values)
+        self.parameters = dict(zip(PARAMETERS, values, strict=True))
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors begin to turn."""
         self._goal = waypoint
         message = PoseStamped()
-        message.header.frame_id = WORLD
         message.header.stamp = self.get_clock().now().to_msg()
         p, q = message.pose.position, message.pose.orientation
         p.x, p.y, p.z = waypoint.position.tolist()

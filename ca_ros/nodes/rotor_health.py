@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import monotonic
+from typing import Any
 
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from ca_ros.arrays import Array
 from ca_ros.nodes.bringup_options import NODES
 from ca_ros.patience import Patience
 from ca_ros.rotor_failures import RotorFailures
+from ca_ros.vehicle import Vehicle
 
 TIMEOUT = 60.0
 """When a node that has not taken a parameter is held to be never going to [s]."""
@@ -24,7 +24,7 @@ AGAIN = 2.0
 
 
 class RotorHealthError(Exception):
-    """A node did not take a parameter."""
+    """Rotor failures cannot be flown: the vehicle has no such rotor, or a node refuses them."""
 
 
 class RotorHealth:
@@ -37,31 +37,30 @@ class RotorHealth:
     Parameters
     ----------
     node : Node
-        That the nodes are asked from.
-    options : argparse.Namespace
-        Of bringup.
-    health : (n,) array
-        The rotors' health at the start.
-    time_step : float
-        Of the simulator [s].
+        In the namespace of the nodes, which are asked from it.
+    failures : RotorFailures
+    parameters : mapping
+        The nodes' parameters by name.
+
+    Raises
+    ------
+    RotorHealthError
+        If the vehicle does not have these rotors.
     """
 
-    def __init__(
-        self, node: Node, options: argparse.Namespace, health: Array, time_step: float
-    ) -> None:
-        self.failures: RotorFailures = options.failures
-        self._health = health
-        self._set_to = {name: health.tolist() for name in NODES}
-        self._lockstep = options.mode == 'lockstep'
-        self._ahead = round(time_step * 1e9) if self._lockstep else 0
-        self._times = self.failures.times()
+    def __init__(self, node: Node, failures: RotorFailures, parameters: Mapping[str, Any]) -> None:
+        self.failures = failures
+        self._health = Vehicle.from_parameters(parameters).health
+        try:
+            failures.check(len(self._health))
+        except ValueError as error:
+            raise RotorHealthError(str(error)) from None
+        self._set_to = {name: self._health.tolist() for name in NODES}
+        self._lockstep = parameters['mode'] == 'lockstep'
+        self._ahead = round(parameters['simulator.time_step'] * 1e9) if self._lockstep else 0
+        self._times = failures.times()
         self._clients = (
-            {
-                name: node.create_client(
-                    SetParameters, f'{options.namespace.rstrip("/")}/{name}/set_parameters'
-                )
-                for name in NODES
-            }
+            {name: node.create_client(SetParameters, f'{name}/set_parameters') for name in NODES}
             if self._times
             else {}
         )
@@ -69,9 +68,7 @@ class RotorHealth:
     def missing(self) -> list[str]:
         """Return the nodes whose parameters cannot be set yet, in words."""
         return [
-            client.srv_name
-            for client in self._clients.values()
-            if not client.service_is_ready()
+            client.srv_name for client in self._clients.values() if not client.service_is_ready()
         ]
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:

@@ -49,9 +49,10 @@ class Simulator(VehicleNode):
     """Integrates the vehicle with explicit Euler steps.
 
     It rests until the first command comes.  In real time it then keeps up with the steady clock
-    times a factor, using the last command; in lockstep it takes one step for each command that
-    answers its present state.  At the time `simulator.hold_at` of a lockstep it publishes no state
-    until that parameter changes, so that other parameters can be set at a defined time.
+    times a factor, using the last command.  Where it cannot, the vehicle's motion leaves time out,
+    but the stamps do not.  In lockstep it takes one step for each command that answers its present
+    state.  From the time `simulator.hold_at` of a lockstep on it publishes no state until that
+    parameter changes, so that other parameters can be set at a defined time.
     """
 
     body: RigidBody
@@ -131,7 +132,7 @@ class Simulator(VehicleNode):
                 if answers_nothing(command):
                     self.drop('rest', 'a timeout action: the vehicle rests until a command comes')
                     return
-                self._due = self.steady.now().nanoseconds
+                self._leave_out(self.steady.now().nanoseconds)
             self._follow(speeds)
         elif speeds_stamp(command) == self._time:
             self._follow(speeds)
@@ -162,18 +163,25 @@ class Simulator(VehicleNode):
     def _catch_up(self) -> None:
         """Take the steps that are due."""
         now = self.steady.now().nanoseconds
-        if now - self._due > BEHIND_MAX * 1e9:
-            self.get_logger().warning(
-                f'{(now - self._due) / 1e9:.1f} s behind the clock: they are left out'
-            )
-            self._due = now
+        behind = now - self._due
         if self._resting:
-            self._due = now
-            self._time += self._step_ns
-            self._repeat()
+            if self._leave_out(now):
+                self._repeat()
+        elif behind > BEHIND_MAX * 1e9:
+            self.get_logger().warning(
+                f'{behind / 1e9:.1f} s behind the clock: the stamps catch up, the motion does not'
+            )
+            self._leave_out(now)
         while not self._resting and self._due <= now:
             self._due += self._period_ns
             self._step()
+
+    def _leave_out(self, now: int) -> int:
+        """Skip the steps that are due, but for their stamps; return how many."""
+        steps = (now - self._due) // self._period_ns
+        self._due += steps * self._period_ns
+        self._time += steps * self._step_ns
+        return steps
 
     def _step(self) -> None:
         self._publish_speeds()
@@ -202,6 +210,8 @@ class Simulator(VehicleNode):
             velocity_in_body(state),
             state[ANGULAR_VELOCITY],
             stamp(self._time),
+            self.parameters['world_frame'],
+            self.parameters['command_frame'],
         )
         self._pose.publish(pose)
         self._velocity.publish(velocity)

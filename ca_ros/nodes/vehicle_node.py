@@ -10,10 +10,16 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Infinite
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.qos import offered, requested
@@ -22,10 +28,49 @@ from ca_ros.parameters import PARAMETERS, REQUIRED, MissingParameterError, compl
 from ca_ros.vehicle import Vehicle
 from ca_ros.vehicle_audit import Audit, accept
 
-MISMATCH = 'type or quality of service'
+NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+"""Each event costs every command half a microsecond; `mismatch` says what rclpy's would."""
+
+SIZE_MAX = 16384
+"""Of a stream's message [bytes]: 2000 rotor speeds."""
+
+RMWError = rclpy_implementation.RMWError
 
 BUILT_FROM = ('vehicle.', 'rotors.', 'allocation.', 'controller.')
 """The parameters that `VehicleNode.build` looks at."""
+
+
+def explicit(profile: QoSProfile) -> QoSProfile:
+    """Return what decides about a match, with infinity for durations that are left open (zero)."""
+    return QoSProfile(
+        depth=1,
+        reliability=profile.reliability,
+        durability=profile.durability,
+        deadline=profile.deadline if profile.deadline.nanoseconds else Infinite,
+        liveliness=profile.liveliness,
+        liveliness_lease_duration=profile.liveliness_lease_duration
+        if profile.liveliness_lease_duration.nanoseconds
+        else Infinite,
+    )
+
+
+def mismatch(
+    other: TopicEndpointInfo,
+    own: Publisher | Subscription,
+    offered: QoSProfile,
+    requested: QoSProfile,
+) -> str | None:
+    """Return why the two ends of a topic cannot match, if so.
+
+    That they have not matched says little: they may be about to.
+    """
+    kind = own.msg_type
+    if other.topic_type != f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}':
+        return f'type: {other.topic_type}'
+    compatibility, reason = qos_check_compatible(explicit(offered), explicit(requested))
+    if compatibility == QoSCompatibility.ERROR:
+        return f'quality of service: {reason.removeprefix("ERROR: ").rstrip(";")}'
+    return None
 
 
 class VehicleNode(Node):
@@ -42,7 +87,6 @@ class VehicleNode(Node):
         self._said: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
         self._dropped_before = 0
-        self._ticked = inf
         given = {}
         for key, parameter in PARAMETERS.items():
             descriptor = ParameterDescriptor(
@@ -110,12 +154,56 @@ class VehicleNode(Node):
         raise NotImplementedError
 
     def listen(self, kind: type, topic: str, receive: Callable[[Any], None]) -> None:
-        """Subscribe to a stream that one publisher should send."""
-        self._streams.append(self.create_subscription(kind, topic, receive, requested(self.mode)))
+        """Subscribe to a stream that one publisher should send.
+
+        Messages of more than `SIZE_MAX` bytes are dropped before they are converted.  Messages
+        that were lost on their way, or replaced by a newer one before the node could take them,
+        are counted while one publisher sends.
+        """
+        newest = 0
+
+        def take(data: bytes, about: dict[str, Any]) -> None:
+            nonlocal newest
+            number = about.get('publication_sequence_number') or 0
+            lost = number - newest - 1
+            if newest and lost > 0 and stream.get_publisher_count() == 1:
+                self.counts[f'lost: {topic}'] += lost
+            newest = number
+            fault, message = None, None
+            if len(data) > SIZE_MAX:
+                fault = 'size', f'{len(data)} bytes on {topic}: expected up to {SIZE_MAX}'
+            else:
+                try:
+                    message = deserialize_message(data, kind)
+                except RMWError:
+                    fault = 'bytes', f'{len(data)} bytes on {topic} are no {kind.__name__}'
+            if fault:
+                self.counts['received'] += 1
+                self.drop(*fault)
+            else:
+                receive(message)
+
+        def forget(_: object) -> None:
+            nonlocal newest
+            newest = 0
+
+        stream = self.create_subscription(
+            kind,
+            topic,
+            take,
+            requested(self.mode),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(
+                matched=forget, use_default_callbacks=False
+            ),
+        )
+        self._streams.append(stream)
 
     def offer(self, kind: type, topic: str) -> Publisher:
         """Create the publisher of a stream that nobody else should send."""
-        publisher = self.create_publisher(kind, topic, offered(self.mode))
+        publisher = self.create_publisher(
+            kind, topic, offered(self.mode), event_callbacks=NO_EVENTS
+        )
         self._offers.append(publisher)
         return publisher
 
@@ -133,7 +221,7 @@ class VehicleNode(Node):
 
     def observe(self, subject: str) -> None:
         """Begin to give account of the node on /diagnostics: once a second, and on change."""
-        self._ticked = self._looked = monotonic()
+        self._looked = monotonic()
         vehicle = str(self.parameters['vehicle.name'])
         self._diagnostics = Diagnostics(self, subject, self.levels, self.values, vehicle)
         self.create_timer(TICK, self._tick, clock=self.steady)
@@ -147,25 +235,14 @@ class VehicleNode(Node):
         """Return details of the node by name."""
         return dict(self.counts)
 
-    def excuse(self, seconds: float) -> None:
-        """Hold it against nobody that a change of parameters has kept the node for so long."""
-
     def watch(self) -> None:
         """Look at what does not come by itself; called every `TICK` seconds."""
 
     def close(self) -> None:
         """Say the last word before the node ends."""
 
-    def hurry(self) -> None:
-        """Do what a timer should have done; called between any two events.
-
-        The EventsExecutor serves in the order of arrival: a flood of messages delays timers.
-        """
-        if monotonic() > self._ticked + 2.0 * TICK:
-            self._tick()
-
     def _tick(self) -> None:
-        now = self._ticked = monotonic()
+        now = monotonic()
         self.watch()
         if now >= self._looked + 1.0:
             self._looked = now
@@ -178,18 +255,18 @@ class VehicleNode(Node):
         notes = []
         for stream in self._streams:
             topic = stream.topic_name
-            # In this order: who comes between the two is no mismatch.
-            there, matched = self.count_publishers(topic), stream.get_publisher_count()
-            if matched > 1:
+            if (matched := stream.get_publisher_count()) > 1:
                 notes.append((WARN, f'{matched} publishers on {topic}'))
-            if there > matched:
-                notes.append((WARN, f'a publisher on {topic} offers another {MISMATCH}'))
+            for other in self.get_publishers_info_by_topic(topic):
+                if fault := mismatch(other, stream, other.qos_profile, stream.qos_profile):
+                    notes.append((WARN, f'a publisher on {topic} offers another {fault}'))
         for publisher in self.publishers:
             topic = publisher.topic_name
             if publisher in self._offers and (count := self.count_publishers(topic)) > 1:
                 notes.append((WARN, f'{count} publishers on {topic}'))
-            if self.count_subscribers(topic) > publisher.get_subscription_count():
-                notes.append((WARN, f'a subscriber to {topic} asks for another {MISMATCH}'))
+            for other in self.get_subscriptions_info_by_topic(topic):
+                if fault := mismatch(other, publisher, publisher.qos_profile, other.qos_profile):
+                    notes.append((WARN, f'a subscriber to {topic} asks for another {fault}'))
         for _, note in notes:
             if (WARN, note) not in self._notes:
                 self.get_logger().warning(note)
@@ -204,7 +281,8 @@ class VehicleNode(Node):
         ours = {change.name: change.value for change in changes if change.name in PARAMETERS}
         if not ours:
             return SetParametersResult(successful=True)
-        began = monotonic()
+        # However many changes a client asks for, commands and timers wait for one at most.
+        self.executor.spin_streams(0.0)
         try:
             parameters = complete({**self.parameters, **ours})
             # Learned laws are not to be forgotten, and the motors not kept waiting, for nothing.
@@ -212,8 +290,6 @@ class VehicleNode(Node):
             self._candidate = parameters, self.build(parameters) if anew else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        finally:
-            self.excuse(monotonic() - began)
         return SetParametersResult(successful=True)
 
     def _accept(self, _: list[Parameter]) -> None:

@@ -55,11 +55,6 @@ class Watchdog:
         """Take note of a command."""
         self._last = monotonic()
 
-    def excuse(self, seconds: float) -> None:
-        """Leave out a time in which nobody could have fed it."""
-        if self._last is not None and self._missed != self._last:
-            self._last += seconds
-
     def look(self) -> bool:
         """Tell whether the time is over, and remember it."""
         # A command may have come and gone since the last look.

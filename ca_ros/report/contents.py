@@ -217,7 +217,10 @@ def _dynamic_options(figures: Figures) -> list[str]:
 
 def _benchmark_tiles(figures: Figures) -> list[tuple[str, str]]:
     verdicts = [each['met'] for each in figures['promises'] if each['met'] is not None]
-    tiles = [(f'{sum(verdicts)} of {len(verdicts)}', 'promises met, of those that were measured')]
+    tiles = []
+    if verdicts:
+        kept = f'{sum(verdicts)} of {len(verdicts)}'
+        tiles.append((kept, 'promises met, of those that were measured'))
     for load, own in figures['calls'].items():
         if 'exact' in own:
             ratio, time = own['exact']['ratio']['median'], own['exact']['mean']['median']
@@ -276,8 +279,7 @@ KINDS = {
         'Benchmark',
         'benchmark',
         {
-            'benchmark': 'Times per call on each load, and how they grow with the rotors. What is '
-            'hollow was answered wrongly.'
+            'benchmark': 'Times per call on each load. Hollow markers: wrong answers.',
         },
         ('benchmark',),
         _benchmark_tiles,

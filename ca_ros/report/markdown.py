@@ -14,6 +14,9 @@ PARSE: Any = mistune.create_markdown(renderer='ast', plugins=['table'])
 BADGES = {'Holds: ': 'yes', 'Does not hold: ': 'no'}
 """Items of lists that begin so are verdicts."""
 
+SHORT = 24
+"""Up to so many characters a cell of numbers stays in one line."""
+
 Token = Mapping[str, Any]
 
 
@@ -112,13 +115,19 @@ def _row(cells: Sequence[Token], names: Sequence[str], kind: str) -> Markup:
         Markup('<{0} data-label="{1}"{2}>{3}</{0}>').format(
             kind,
             name,
-            Markup(' class="number"') if cell['attrs']['align'] == 'right' else '',
+            _look(cell),
             _inside(cell),
         )
         for cell, name in zip(cells, names, strict=False)
     ]
     quoted = ' class="other"' if cells and _text(cells[0]).startswith('paper: ') else ''
     return Markup('<tr{}>{}</tr>\n').format(Markup(quoted), Markup('').join(parts))
+
+
+def _look(cell: Token) -> Markup:
+    if cell['attrs']['align'] != 'right':
+        return Markup('')
+    return Markup(' class="number{}"').format(' short' if len(_text(cell)) <= SHORT else '')
 
 
 RENDER: dict[str, Callable[[Token], Markup]] = {

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import degrees
 from typing import Any
 
+from ca_ros.studies.observations import HEIGHT_ERROR
 from ca_ros.tables import table as markdown_table
 
 TITLES = (
@@ -50,10 +51,13 @@ def table(figures: Mapping[str, Any]) -> str:
 
 
 def observation_lines(figures: Mapping[str, Any]) -> list[str]:
-    """Return the paper's observations, each with its verdict and numbers."""
+    """Return what was observed; for the paper's vehicle, a verdict on each of its sentences."""
+    verdicts = figures['observations']
     return [
-        f'- {"Holds" if holds else "Does not hold"}: {sentence} ({figures["numbers"][sentence]})'
-        for sentence, holds in figures['observations'].items()
+        f'- {"Holds" if verdicts[what] else "Does not hold"}: {what} ({numbers})'
+        if what in verdicts
+        else f'- {what}: {numbers}'
+        for what, numbers in figures['numbers'].items()
     ]
 
 
@@ -75,8 +79,11 @@ def report(figures: Mapping[str, Any]) -> str:
         parts += [
             "## The paper's observations",
             '\n'.join(observation_lines(figures)),
-            'What the paper leaves open, and what was tried: docs/reproduction.md.',
+            f'A height error counts as nonzero from {1e3 * HEIGHT_ERROR:g} mm on. What the paper '
+            'leaves open, and what was tried: docs/reproduction.md.',
         ]
+    elif figures['numbers']:
+        parts += ['## In steady state', '\n'.join(observation_lines(figures))]
     return '\n\n'.join(parts) + '\n'
 
 

@@ -30,6 +30,7 @@ from ca_ros.studies.flight_figures import draw, draw_failure
 from ca_ros.studies.flight_metrics import margins, metrics
 from ca_ros.studies.interrupts import interrupts
 from ca_ros.studies.observations import observe
+from ca_ros.studies.paper_table import of_the_paper
 from ca_ros.studies.record import machine, versions
 from ca_ros.studies.ros_flight import RosFlightError, check, fly_over_ros
 from ca_ros.vehicle_audit import audit
@@ -91,6 +92,9 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add_options(made)
     own, ros = split(argv)
     options = made.parse_args(own)
+    if given := [word for word in ros if word in ('-p', '--param', '--params-file')]:
+        # The nodes would fly something other than what the study judges.
+        made.error(f'{given[0]} after --ros-args: give parameters by --vehicle and -p before it')
     options.ros = ros
     return options
 
@@ -135,6 +139,7 @@ def _write(
 ) -> dict[str, Any]:
     """Write all files; return what dynamic.json holds."""
     controller, failures = case.controller(), failures_of(options)
+    paper = of_the_paper(case.parameters)
     last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
     # The paper's observations are about sound vehicles.
     observations = (
@@ -150,8 +155,10 @@ def _write(
         },
         'failures': arguments(failures),
         'lost_axes': audit(case.vehicle.with_health(last)).lost,
-        'observations': {each.sentence: each.holds for each in observations},
-        'numbers': {each.sentence: each.numbers for each in observations},
+        'observations': {each.sentence: each.holds for each in observations if paper},
+        'numbers': {
+            each.sentence if paper else each.subject: each.numbers for each in observations
+        },
         'changes': case.changes,
         'parameters': case.parameters,
         'versions': versions(),

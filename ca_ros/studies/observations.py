@@ -26,8 +26,9 @@ SPEED_ERROR = 0.05
 
 @dataclass(frozen=True)
 class Observation:
-    """A sentence, whether it is true, and the numbers that say so."""
+    """What is observed, the paper's sentence on it, whether it is true, and the numbers."""
 
+    subject: str
     sentence: str
     holds: bool
     numbers: str
@@ -56,11 +57,11 @@ def _height(flown: Mapping[str, Flight], waypoint: Waypoint) -> Observation:
     }
     others = {name: error for name, error in errors.items() if name != 'conventional'}
     return Observation(
+        'Height error in steady state',
         'In steady state the conventional allocator has a nonzero height error'
         + (', and no other method has one.' if others else '.'),
         errors['conventional'] > HEIGHT_ERROR and max(others.values(), default=0.0) < HEIGHT_ERROR,
-        ', '.join(f'{name} {1e3 * error:.3f} mm' for name, error in errors.items())
-        + f'; nonzero means more than {1e3 * HEIGHT_ERROR:g} mm',
+        ', '.join(f'{name} {1e3 * error:.3f} mm' for name, error in errors.items()),
     )
 
 
@@ -68,6 +69,7 @@ def _maximum(flight: Flight, problem: AllocationProblem) -> Observation:
     counts = at_bounds(flight, problem)[1][steady(flight)].sum(axis=1)
     speeds = ', '.join(f'{speed:.1f}' for speed in flight.speeds[-1])
     return Observation(
+        'Rotors at their maximum in steady state, with direct allocation',
         'In steady state direct allocation has two rotors at their maximum.',
         bool((counts == 2).all()),
         f'{counts.min()} to {counts.max()} rotors; {speeds} rad/s at the end',
@@ -83,6 +85,7 @@ def _hover(others: Mapping[str, Flight], problem: AllocationProblem) -> Observat
     equal = float(np.ptp(hover)) < SPEED_ERROR
     speed = f'at {hover.mean():.1f} rad/s' if equal else 'at its speed in least-norm hover'
     return Observation(
+        'Rotor speeds in steady state, compared with hover of least norm',
         f'In steady state all methods but direct allocation have each rotor {speed}.',
         max(worst.values()) <= SPEED_ERROR,
         'greatest deviation '

@@ -68,20 +68,26 @@ ROWS = {
 
 def applies(figures: Mapping[str, Any]) -> bool:
     """Tell whether a study, as in static.json, is of the paper's vehicle and sampling."""
-    return figures['sampling'] == 'volume' and _as_shipped(figures, 'vehicle.', 'rotors.')
+    return figures['sampling'] == 'volume' and of_the_paper(figures['parameters'])
+
+
+def of_the_paper(parameters: Mapping[str, Any]) -> bool:
+    """Tell whether parameters are those of the paper's vehicle, whatever its method and gains."""
+    return _as_shipped(parameters, 'vehicle.', 'rotors.')
 
 
 def why(figures: Mapping[str, Any], method: str) -> str:
     """Say why a study's row of a method differs from the paper's."""
-    if method == 'conventional' and not _as_shipped(figures, 'allocation.conventional.'):
+    if method == 'conventional' and not _as_shipped(
+        figures['parameters'], 'allocation.conventional.'
+    ):
         return 'Q and f_ref are others here than in config/hexarotor.yaml.'
     return ROWS[method].why
 
 
-def _as_shipped(figures: Mapping[str, Any], *groups: str) -> bool:
-    """Tell whether parameters are those of the paper's vehicle."""
+def _as_shipped(parameters: Mapping[str, Any], *groups: str) -> bool:
     return all(
-        figures['parameters'][name] == value
+        parameters[name] == value
         for name, value in load('hexarotor').items()
         if name.startswith(groups) or name == 'allocation.axes'
     )

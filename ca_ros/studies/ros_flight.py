@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ from ca_ros.arrays import Array
 from ca_ros.controller import Waypoint
 from ca_ros.flight import Flight
 from ca_ros.methods import METHODS
+from ca_ros.processes import start
 from ca_ros.studies.cases import Case
 
 PATIENCE = 30.0
@@ -82,9 +82,7 @@ def fly_over_ros(
         command += ['--heading', repr(math.degrees(waypoint.heading)), *ros]
         with (out / 'log').open('w+', encoding='utf-8') as log:
             # In a session of its own: a Ctrl-C is for this process, which passes it on once.
-            process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-            )
+            process = start(command, stdout=log, stderr=log)
             try:
                 while process.poll() is None and not stop:
                     time.sleep(0.05)

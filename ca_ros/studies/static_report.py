@@ -67,10 +67,13 @@ def report(figures: Mapping[str, Any]) -> str:
         _more(figures),
     ]
     if paper_table.applies(figures):
-        parts += ['## Where they differ from the paper, and why', _differences(figures)]
+        parts += [
+            '## Where they differ from the paper, and why',
+            _differences(figures),
+            'What the paper leaves open, and what was tried: docs/reproduction.md.',
+        ]
     versions = ', '.join(f'{name} {number}' for name, number in figures['versions'].items())
     parts += [
-        'What the paper leaves open, and what was tried: docs/reproduction.md.',
         '## Made with',
         '\n'.join(
             [

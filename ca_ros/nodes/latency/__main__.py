@@ -36,7 +36,7 @@ from ca_ros.nodes.latency.figures import (
     sustained,
 )
 from ca_ros.nodes.latency.side import NAMESPACE, START_TIMEOUT, LatencyError, Side
-from ca_ros.nodes.messages import BODY, wrench_message
+from ca_ros.nodes.messages import wrench_message
 from ca_ros.parameter_files import find, load
 from ca_ros.parameters import AXES
 from ca_ros.patience import Patience
@@ -48,12 +48,12 @@ COMMANDS = 1000
 
 def flown(name: str) -> list[bytes]:
     """Return the wrenches of a flight, as messages in bytes."""
-    vehicle = Vehicle.load(name)
+    vehicle, parameters = Vehicle.load(name), load(name)
     wrenches = np.zeros((COMMANDS, len(AXES)))
     wrenches[:, [AXES.index(axis) for axis in vehicle.axes]] = loads.flight(
-        vehicle, Gains.from_parameters(load(name)), COMMANDS
+        vehicle, Gains.from_parameters(parameters), COMMANDS
     )
-    header = Header(frame_id=BODY)
+    header = Header(frame_id=parameters['command_frame'])
     return [bytes(serialize_message(wrench_message(wrench, header))) for wrench in wrenches]
 
 

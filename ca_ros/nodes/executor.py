@@ -1,0 +1,146 @@
+"""The executor of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy import executors
+from rclpy.clock import Clock, ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.parameter import Parameter
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.task import Task
+from rclpy.time import Time
+from rclpy.timer import Timer
+from rclpy.utilities import timeout_sec_to_nsec
+from rclpy.waitable import Waitable
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+
+def _convert_parameters(request: Any) -> None:
+    for parameter in request.parameters:
+        Parameter.from_parameter_msg(parameter)
+
+
+CONVERSIONS: dict[type, Callable[[Any], object]] = {
+    ClockMessage: lambda message: Time.from_msg(message.clock),
+    SetParameters: _convert_parameters,
+    SetParametersAtomically: _convert_parameters,
+}
+"""What rclpy's own callbacks begin with; they let an error pass, which would end the node."""
+
+
+class Executor(executors.Executor):
+    """Serves everything that is ready once a turn, in one thread, with one wait set.
+
+    Each turn serves one message of each subscription, the timers, the events and one request of
+    each service, in this order.  A flood of messages thus delays a service by a turn, and a timer
+    knows of the messages that arrived before it was due.
+
+    rclpy's SingleThreadedExecutor builds a wait set and a task for each callback, which takes
+    longer than the callback of a command.  Its EventsExecutor queues an event for each message,
+    including those that newer messages have replaced: it needs minutes to recover from a flood.
+
+    Clients, guard conditions and coroutines are not served; the nodes have none.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._changed = True
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._subscriptions: list[Subscription] = []
+        self._timers: list[Timer] = []
+        self._services: list[Service] = []
+        self._waitables: list[Waitable] = []
+
+    def wake(self) -> None:
+        """Note that entities may have changed, and end the wait."""
+        self._changed = True
+        super().wake()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait until something is ready, for the timeout at most [s], and serve what is ready."""
+        self._turn(timeout_sec, everything=True)
+
+    def spin_streams(self, timeout_sec: float | None = None) -> None:
+        """Serve only subscriptions and timers; the callback of a service may call this."""
+        self._turn(timeout_sec, everything=False)
+
+    def _turn(self, timeout_sec: float | None, everything: bool) -> None:
+        if self._changed:
+            self._gather()
+        # rcl removes what is not ready from a wait set, so it is filled again each turn.
+        wait_set = self._wait_set
+        wait_set.clear_entities()
+        wait_set.add_guard_condition(self._guard.handle)
+        for subscription in self._subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for timer in self._timers:
+            wait_set.add_timer(timer.handle)
+        services = self._services if everything else []
+        for service in services:
+            wait_set.add_service(service.handle)
+        waitables = self._waitables if everything else []
+        for waitable in waitables:
+            waitable.add_to_wait_set(wait_set)
+        wait_set.wait(timeout_sec_to_nsec(timeout_sec))
+        # All of this is read before the first callback, which may use the wait set again.
+        ready = wait_set.is_ready
+        self._changed |= ready('guard_condition', 0)
+        subscriptions = [s for i, s in enumerate(self._subscriptions) if ready('subscription', i)]
+        services = [service for i, service in enumerate(services) if ready('service', i)]
+        waitables = [waitable for waitable in waitables if waitable.is_ready(wait_set)]
+        for subscription in subscriptions:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is not None and self._convertible(subscription.msg_type, taken[0]):
+                plain = subscription._callback_type is Subscription.CallbackType.MessageOnly
+                subscription.callback(*taken[:1] if plain else taken)
+        for timer in self._timers:
+            if timer.handle.is_timer_ready():
+                timer.handle.call_timer()
+                timer.callback()
+        for waitable in waitables:
+            task = Task(waitable.execute, (waitable.take_data(),), executor=self)
+            task()
+            task.result()
+        for service in services:
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+            if header is not None:
+                response = service.srv_type.Response()
+                if self._convertible(service.srv_type, request):
+                    response = service.callback(request, response)
+                service.send_response(response, header)
+
+    def _convertible(self, kind: type, message: Any) -> bool:
+        """Tell whether rclpy can convert a message or request; log it if not."""
+        try:
+            if kind in CONVERSIONS:
+                CONVERSIONS[kind](message)
+        except ValueError as error:
+            self.get_nodes()[0].get_logger().warning(
+                f'dropped: {kind.__name__}: {error}',
+                throttle_duration_sec=1.0,
+                throttle_time_source_type=self._steady,
+            )
+            return False
+        return True
+
+    def _gather(self) -> None:
+        self._changed = False
+        nodes = self.get_nodes()
+        self._subscriptions = [x for node in nodes for x in node.subscriptions]
+        self._timers = [x for node in nodes for x in node.timers]
+        self._services = [x for node in nodes for x in node.services]
+        self._waitables = [x for node in nodes for x in node.waitables]
+        self._wait_set = rclpy_implementation.WaitSet(
+            len(self._subscriptions),
+            1,
+            len(self._timers),
+            0,
+            len(self._services),
+            sum(waitable.get_num_entities().num_events for waitable in self._waitables),
+            self.context.handle,
+        )

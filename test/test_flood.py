@@ -1,0 +1,103 @@
+"""A flood of messages does not make a node deaf.
+
+CA_ROS_FLOOD says for how many seconds each flood lasts (default 2).
+"""
+
+import os
+import signal
+import sys
+import time
+
+import pytest
+from rcl_interfaces.srv import GetParameters
+
+from ca_ros.patience import Patience
+from ros import Diagnostics, counts
+
+SECONDS = float(os.environ.get('CA_ROS_FLOOD', '2'))
+
+ANSWERED = 1.0
+"""Within this time a service must answer [s]."""
+
+ASKED = 0.1
+"""Period of the requests [s]: in a flood the kernel may lose one before DDS reads it."""
+
+FLOOD = """
+import sys, time
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
+
+topic = sys.argv[1]
+rclpy.init()
+if topic == 'command/wrench':
+    message = WrenchStamped()
+    message.wrench.force.z = 9.81
+else:
+    message = Float64MultiArray(data=[255.0] * 8)
+publisher = rclpy.create_node('flood').create_publisher(type(message), topic, 1)
+encoded = serialize_message(message)
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+begun, sent = time.monotonic(), 0
+while True:
+    if sent < 1e4 * (time.monotonic() - begun):
+        publisher.publish(encoded)
+        sent += 1
+"""
+
+
+class Asker:
+    """Asks a node for a parameter, and notes the longest time until an answer."""
+
+    def __init__(self, graph, node):
+        self._graph = graph
+        self._client = graph.node.create_client(GetParameters, f'{node}/get_parameters')
+        graph.spin_until(self._client.service_is_ready, 'the service')
+        self.answers, self.longest = 0, 0.0
+
+    def ask(self):
+        """Send requests until one of them is answered."""
+        begun, futures, patience = time.monotonic(), [], Patience(ANSWERED)
+
+        def answered():
+            assert not patience.over(), f'no answer within {ANSWERED:g} s'
+            if time.monotonic() >= begun + ASKED * len(futures):
+                futures.append(self._client.call_async(GetParameters.Request(names=['mode'])))
+            return any(future.done() for future in futures)
+
+        self._graph.spin_until(answered, 'an answer')
+        self.answers += 1
+        self.longest = max(self.longest, time.monotonic() - begun)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200 + 10 * SECONDS)
+@pytest.mark.parametrize('name', ['allocator', 'simulator'])
+def test_a_node_answers_during_and_after_a_flood(graph, name, record_property):
+    graph.start(name, '--vehicle', 'octorotor')
+    diagnostics = Diagnostics(graph)
+    parameters = graph.connect(f'/{name}')
+    during, after = Asker(graph, f'/{name}'), Asker(graph, f'/{name}')
+    during.ask()
+    topic = 'command/wrench' if name == 'allocator' else 'command/motor_speed'
+    senders = [graph.start_silent(sys.executable, '-c', FLOOD, topic) for _ in range(2)]
+    diagnostics.wait(
+        f'/{name}', lambda level, message, values: counts(values)['received'] > 1000, 'a flood')
+    end = time.monotonic() + SECONDS
+    while time.monotonic() < end:
+        during.ask()
+    for sender in senders:
+        graph.end(sender, signal.SIGKILL)
+    after.ask()
+    begun = time.monotonic()
+    assert parameters.set_atomically({'rotors.health': 0.9}).successful
+    changed = time.monotonic() - begun
+    assert parameters.get('rotors.health') == [0.9]
+    for what, value in (
+            ('answers during the flood', during.answers),
+            ('longest time until one, during it [ms]', round(1e3 * during.longest)),
+            ('the same after it [ms]', round(1e3 * after.longest)),
+            ('a change of health after it [ms]', round(1e3 * changed))):
+        record_property(f'{name}: {what}', value)
