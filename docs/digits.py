@@ -29,8 +29,8 @@ def main() -> None:
             changes, residuals = (np.concatenate(part) for part in zip(*found, strict=True))
             print(
                 f'{digits:2} digits, slack {slack:.0e}: thrusts change by {changes.max():.1e} N '
-                f'at most, {np.mean(changes < 1e-6):.1%} by less than 1e-6 N; wrenches are missed by '
-                f'{residuals.max():.1e}',
+                f'at most, {np.mean(changes < 1e-6):.1%} by less than 1e-6 N; '
+                f'wrenches are missed by {residuals.max():.1e}',
                 flush=True,
             )
 
