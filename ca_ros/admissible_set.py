@@ -117,15 +117,14 @@ class AdmissibleSet:
         self,
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = 'avoid',
+        reversal: str = 'prevent',
     ) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
 
         With the default order, roll and pitch get as much of their demand as is possible, in its
         direction.  Then yaw keeps its sense: it is not reversed, exceeded or moved without demand
-        as long as thrust can pay for that with a value between its demand and hover.  Then thrust
-        comes as near to its demand as that leaves, and then yaw.  See `Prioritization` for other
-        orders.
+        as long as thrust can pay for that.  Then thrust comes as near to its demand as that
+        leaves, and then yaw.  See `Prioritization` for other orders.
 
         Parameters
         ----------
@@ -134,9 +133,10 @@ class AdmissibleSet:
         order : sequence of groups of axes, optional
             By default roll and pitch together, before thrust, before yaw; lateral forces come
             last.
-        reversal : 'avoid', 'prevent' or 'allow'
-            What the second group pays so that no lesser axis is reversed: 'avoid': what lies
-            between its demand and hover; 'prevent': all it takes; 'allow': nothing.
+        reversal : 'prevent', 'avoid' or 'allow'
+            What the second group pays so that no lesser axis is reversed.  'prevent': as much as
+            that takes.  'avoid': no more than what lies between its demand and hover.  'allow':
+            nothing.
 
         Returns
         -------
@@ -154,7 +154,7 @@ class AdmissibleSet:
         self,
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = 'avoid',
+        reversal: str = 'prevent',
     ) -> tuple[Array, Array]:
         """Like `prioritize`; return also the share (..., m) of its demand that each axis got.
 
@@ -188,7 +188,7 @@ class AdmissibleSet:
         return Prioritization(self.problem, everything, start, begin=start)
 
     def check_order(
-        self, order: Sequence[Sequence[str]] | None, reversal: str = 'avoid'
+        self, order: Sequence[Sequence[str]] | None, reversal: str = 'prevent'
     ) -> Prioritization:
         """Return what serves an order; raise a ValueError if it or `reversal` is wrong."""
         groups = self._default_order if order is None else tuple(tuple(group) for group in order)

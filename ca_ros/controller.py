@@ -101,7 +101,7 @@ class Controller:
     gains : Gains
     order : sequence of groups of axes, optional
         Priorities, see `AdmissibleSet.prioritize`.
-    reversal : 'avoid', 'prevent' or 'allow'
+    reversal : 'prevent', 'avoid' or 'allow'
         See `AdmissibleSet.prioritize`.
 
     Raises
@@ -116,7 +116,7 @@ class Controller:
         vehicle: Vehicle,
         gains: Gains,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = 'avoid',
+        reversal: str = 'prevent',
     ) -> None:
         self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
         self.problem = AllocationProblem(vehicle)

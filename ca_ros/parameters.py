@@ -155,11 +155,11 @@ PARAMETERS: dict[str, Parameter] = {
         mutable=True,
     ),
     'allocation.exact.reversal': Parameter(
-        'what the second group of the order gives up so that no lesser axis is reversed. avoid: '
-        'what lies between its demand and hover; prevent: all it takes; allow: nothing',
+        'what the second group of the order gives up so that no lesser axis is reversed. prevent: '
+        'as much as that takes; avoid: no more than down or up to hover; allow: nothing',
         str,
-        default='avoid',
-        choices=('avoid', 'prevent', 'allow'),
+        default='prevent',
+        choices=('prevent', 'avoid', 'allow'),
         mutable=True,
     ),
     'allocation.exact.slack': Parameter(

@@ -12,7 +12,10 @@ from ca_ros.arrays import Array
 INSIDE = 0.99
 """Greatest share of the way from the middle of the set to its boundary where a line may begin."""
 
-REVERSALS = ('avoid', 'prevent', 'allow')
+REVERSALS = ('prevent', 'avoid', 'allow')
+
+REST = 1e-9
+"""Distance from the reference, as a share of an axis's range, that counts as none."""
 
 LAG = 1e-3
 """Least weight of an axis in its group, relative to the greatest."""
@@ -27,14 +30,17 @@ class Prioritization:
     These quantities are served one after the other, each as far as those before it allow:
 
     1. the first group: on the straight line from the reference to its demand, as far as possible;
-    2. the sense of each other axis, in the order of the groups: between its reference and its
-       demand, or as near to that as possible (`reversal`);
+    2. the sense of the axes after the second group, in their order: between reference and demand,
+       or as near to that as possible, so that no axis is reversed, exceeded or moved without
+       demand (`reversal`);
     3. the amount of each other group: as near to its demand as possible.
 
-    Every step is a linear program over the thrusts, and only the right sides of its constraints
-    depend on the demand, so what is served is continuous in the demand.  In step 3 the axes of a
-    group first get the same share of their demands, as great as possible, and then, in their
-    order, what else is possible.
+    An axis that cannot be at its reference while those before it are, such as the yaw of a
+    hexarotor that lost a rotor, is lost: it has no sense, and gets what the others leave.
+
+    Every step is a linear program over the thrusts.  What is served is continuous in the demand.
+    In step 3 the axes of a group first get the same share of their demands, as great as possible,
+    and then, in their order, what else is possible.
 
     Parameters
     ----------
@@ -43,11 +49,10 @@ class Prioritization:
         Rows of Gamma, the most important group first.
     reference : (m,) array, optional
         By default hover [N, N m].
-    reversal : 'avoid', 'prevent' or 'allow'
-        The axes of step 2.  'avoid': all but those of the first group, so that the second group
-        pays for the sense of lesser axes, but only between its demand and its reference.
-        'prevent': neither those of the second group, which then pays without limit.  'allow':
-        none.
+    reversal : 'prevent', 'avoid' or 'allow'
+        The axes of step 2.  'prevent': those after the second group, which pays for their sense
+        with as much as that takes.  'avoid': those of the second group too, which then pays only
+        with what lies between its demand and its reference.  'allow': none.
     begin : (m,) array, optional
         Attainable wrench where the line of step 1 begins.  By default it is the reference, moved
         towards the middle of the set if that is outside the set or near its boundary.
@@ -58,7 +63,7 @@ class Prioritization:
         problem: AllocationProblem,
         groups: Sequence[Sequence[int]],
         reference: Array | None = None,
-        reversal: str = 'avoid',
+        reversal: str = 'prevent',
         begin: Array | None = None,
     ) -> None:
         self._problem = problem
@@ -66,7 +71,7 @@ class Prioritization:
         self._wrench = problem.hover if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
         sensed = {'avoid': self._later, 'prevent': self._later[1:], 'allow': []}[reversal]
-        self._senses = [row for group in sensed for row in group]
+        self._senses: list[int] = []
         # In the simplex the thrusts come before the rows of Gamma.
         self._offset = len(problem.lower)
         self._start, self._begin = problem.simplex.copy(), [0.0]
@@ -77,6 +82,13 @@ class Prioritization:
             for row, value in zip(self._first, self._begin, strict=True):
                 self._start.push(self._offset + row, value)
                 self._start.release(self._offset + row)
+        rest = self._serve(self._reference)[self._offset :]
+        self._senses = [
+            row
+            for group in sensed
+            for row in group
+            if abs(rest[row] - self._reference[row]) <= REST
+        ]
 
     def _inside(self) -> list[float]:
         """Return where the line of the first group begins, inside of what is attainable of it."""

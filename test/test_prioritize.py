@@ -76,8 +76,8 @@ class Judge:
             np.append(self.low, 0.0), np.append(self.high, 2.0))
         return answer[-1]
 
-    def serve(self, u, groups, reversal):
-        """Return the limits (m, 2) of what is served.
+    def serve(self, u, groups, reversal, lost=()):
+        """Return the limits (m, 2) of what is served, without a sense of the lost rows.
 
         They are on both sides of each demand, as near to it as possible.
         """
@@ -93,13 +93,13 @@ class Judge:
             rounding = SLACK * self.half[first]
             self.limits[first] = np.column_stack([end - rounding, end + rounding])
         senses = {'avoid': later, 'prevent': later[1:], 'allow': []}[reversal]
-        for row in [row for group in senses for row in group]:
+        for row in [row for group in senses for row in group if row not in lost]:
             ends = np.sort([[u[row], self.hover[row]]])
             self.approach([row], ends[:, 0], ends[:, 1], np.ones(1))
         for group in later:
             if len(group) > 1:
                 ways = np.abs(u[group] - self.hover[group]) / self.half[group]
-                weights = np.maximum(ways / ways.max(), 1e-3) * self.half[group]
+                weights = np.maximum(ways / (ways.max() or 1.0), 1e-3) * self.half[group]
                 self.approach(group, u[group], u[group], weights)
             for row in group:
                 self.approach([row], u[[row]], u[[row]], np.ones(1))
@@ -119,10 +119,14 @@ def compare(vehicle, order, rng, size):
     admissible = AdmissibleSet(vehicle)
     groups = groups_of(vehicle, order)
     scale = 1.0 + np.linalg.norm(admissible.center)
+    # At hover these rows cannot be where they should be at rest.
+    judge = Judge(vehicle)
+    rest = judge.serve(judge.hover, groups, 'allow')
+    lost = np.flatnonzero(rest[:, 1] - judge.hover > 2.0 * SLACK * judge.half)
     for i, u in enumerate(infeasible(vehicle, admissible, rng, size)):
         reversal = REVERSALS[i % 3]
         judge = Judge(vehicle)
-        limits = judge.serve(u, groups, reversal)
+        limits = judge.serve(u, groups, reversal, lost)
         served = admissible.prioritize(u, order, reversal)
         assert admissible.contains(served, tolerance=1e-12 * scale)
         beyond = np.abs(served - np.clip(served, *limits.T))

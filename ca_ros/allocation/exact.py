@@ -56,8 +56,8 @@ class Exact(Allocator):
         `AdmissibleSet.scale` or nothing.
     order : sequence of groups of axes, optional
         Of 'prioritize'.
-    reversal : 'avoid', 'prevent' or 'allow'
-        Of 'prioritize'.
+    reversal : 'prevent', 'avoid' or 'allow'
+        Of 'prioritize', see `AdmissibleSet.prioritize`.
     about : (m,) array, optional
         Reference of 'scale' [N, N m].
     solver : 'newton' or 'osqp'
@@ -82,7 +82,7 @@ class Exact(Allocator):
         order: Sequence[Sequence[str]] | None = None,
         about: ArrayLike | None = None,
         solver: str = 'newton',
-        reversal: str = 'avoid',
+        reversal: str = 'prevent',
         slack: float = 1e-9,
     ) -> None:
         super().__init__(vehicle)

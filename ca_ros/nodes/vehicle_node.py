@@ -22,6 +22,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
+from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.parameters import PARAMETERS, REQUIRED, MissingParameterError, complete
@@ -282,7 +283,8 @@ class VehicleNode(Node):
         if not ours:
             return SetParametersResult(successful=True)
         # However many changes a client asks for, commands and timers wait for one at most.
-        self.executor.spin_streams(0.0)
+        if isinstance(self.executor, Executor):
+            self.executor.spin_streams(0.0)
         try:
             parameters = complete({**self.parameters, **ours})
             # Learned laws are not to be forgotten, and the motors not kept waiting, for nothing.

@@ -1,0 +1,240 @@
+"""Compare the rules of `allocation.exact.reversal`; fill the tables of docs/priorities.md.
+
+Flies saturating manoeuvres with every shipped vehicle.  Takes about two minutes.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from math import cos, pi, radians, sin
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
+from ca_ros.allocation import Allocation
+from ca_ros.arrays import Array
+from ca_ros.closed_loop import fly
+from ca_ros.controller import Controller, Gains, Waypoint
+from ca_ros.parameter_files import config_directory, load
+from ca_ros.prioritization import REVERSALS
+from ca_ros.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, RigidBody
+from ca_ros.tables import table
+
+DOCS = Path(__file__).resolve().parent
+PAGE, ROWS = DOCS / 'priorities.md', DOCS.parent / 'test' / 'px4_desaturation.csv'
+
+DURATION = 8.0
+"""Of each flight [s]."""
+
+THERE = 0.3
+"""Distance to the waypoint at the end within which a vehicle has recovered [m]."""
+
+ROUNDING = 1e-9
+
+HEAVY = 1.35
+"""Ratio of greatest thrust to weight of the heavy vehicles."""
+
+
+def upset(
+    tilt: float = 0.0,
+    towards: float = 0.0,
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Array:
+    """Return a state: tilted [degrees] towards an azimuth [degrees], turning and moving."""
+    state = NULL_STATE.copy()
+    axis = np.array([-sin(radians(towards)), cos(radians(towards)), 0.0])
+    state[ATTITUDE] = Rotation.from_rotvec(radians(tilt) * axis).as_quat()
+    state[ANGULAR_VELOCITY], state[VELOCITY] = turn, velocity
+    return state
+
+
+def goal(x: float, y: float, z: float, heading: float) -> Waypoint:
+    """Return a waypoint at a position [m] with a heading [degrees]."""
+    return Waypoint.of(x, y, z, radians(heading))
+
+
+MANOEUVRES = {
+    'upset, 150° forward': (upset(150.0, 0.0), goal(0.0, 0.0, 0.0, 60.0)),
+    'upset, 150° to 45°': (upset(150.0, 45.0), goal(0.0, 0.0, 0.0, 60.0)),
+    'upset, 150° to the left': (upset(150.0, 90.0), goal(0.0, 0.0, 0.0, 60.0)),
+    'upset, 120°, and a turn': (upset(120.0, -45.0), goal(0.0, 0.0, 0.0, -120.0)),
+    'spin about x': (upset(turn=(12.0, 0.0, 0.0)), goal(0.0, 0.0, 0.0, 0.0)),
+    'spin about y and z': (upset(turn=(0.0, 10.0, -8.0)), goal(0.0, 0.0, 0.0, 0.0)),
+    'spin about all axes': (upset(60.0, 45.0, (-9.0, 7.0, 10.0)), goal(0.0, 0.0, 0.0, 0.0)),
+    'gust from the side': (upset(30.0, 0.0, (4.0, 4.0, 0.0), (12.0, -6.0, 0.0)), goal(0, 0, 0, 0)),
+    'gust from above': (upset(40.0, 90.0, (6.0, -3.0, 4.0), (4.0, 4.0, -10.0)), goal(0, 0, 0, 0)),
+    'dive with a turn': (NULL_STATE, goal(20.0, 0.0, -6.0, 143.0)),
+    'climb with a turn': (NULL_STATE, goal(8.0, -6.0, 4.0, 170.0)),
+    'turning back in a climb': (
+        upset(turn=(0.0, 0.0, 8.0), velocity=(0.0, 0.0, 6.0)),
+        goal(5.0, 5.0, -3.0, -170.0),
+    ),
+    'fast attitude commands': (upset(turn=(8.0, -8.0, 0.0)), goal(3.0, 0.0, 3.0, 90.0)),
+}
+
+
+class Direct(Controller):
+    """The controller without its own projection: the allocator gets what it wants."""
+
+    def wrench(self, *state: Array, waypoint: Waypoint | None = None) -> Array:
+        """Return the wrench that the controller wants, admissible or not."""
+        return self.demand(*state)  # type: ignore[arg-type]
+
+
+class Recorder:
+    """An allocator that counts unattainable commands, and those of which yaw is off its sense."""
+
+    def __init__(self, vehicle: Vehicle, reversal: str) -> None:
+        self.allocator = make_allocator('exact', vehicle, reversal=reversal)
+        self.yaw = vehicle.axes.index('yaw')
+        self.saturated = self.off = 0
+
+    def allocate(self, u: Array) -> Allocation:
+        """Allocate one wrench."""
+        answer = self.allocator.allocate(u)
+        if answer.status:
+            self.saturated += 1
+            self.off += bool(off_sense(answer.wrench[self.yaw], u[self.yaw]))
+        return answer
+
+
+def off_sense(served: Array | float, demand: Array | float) -> Array:
+    """Tell which values are reversed, exceeded or not asked for."""
+    low, high = np.minimum(demand, 0.0), np.maximum(demand, 0.0)
+    return (served < low - ROUNDING) | (served > high + ROUNDING)
+
+
+@dataclass
+class Outcome:
+    """Sums over manoeuvres; `drop` is the height lost [m], the others are integrals [rad s]."""
+
+    recovered: int = 0
+    drop: float = 0.0
+    tilt: float = 0.0
+    heading: float = 0.0
+    saturated: int = 0
+    off: int = 0
+
+    def add(
+        self, vehicle: Vehicle, gains: Gains, reversal: str, state: Array, to: Waypoint
+    ) -> None:
+        """Fly one manoeuvre."""
+        recorder = Recorder(vehicle, reversal)
+        flight = fly(
+            Direct(vehicle, gains), recorder, RigidBody(vehicle), to, DURATION, state=state
+        )
+        step = flight.time[1]
+        lowest = min(state[2], to.position[2])
+        off = (flight.heading - to.heading + pi) % (2.0 * pi) - pi
+        self.recovered += flight.position_error(to) <= THERE
+        self.drop += max(lowest - float(flight.position[:, 2].min()), 0.0)
+        self.tilt += float(flight.tilt.sum()) * step
+        self.heading += float(np.abs(off).sum()) * step
+        self.saturated += recorder.saturated
+        self.off += recorder.off
+
+
+def flights_table() -> str:
+    """Return what each rule costs in flight."""
+    rows = []
+    for file in sorted(config_directory().glob('*.yaml')):
+        sound, gains = Vehicle.load(file.stem), Gains.from_parameters(load(file.stem))
+        mass = float(sound.thrust_max.sum()) / sound.gravity / HEAVY
+        for vehicle, name in ((sound, file.stem), (replace(sound, mass=mass), 'the same, heavy')):
+            for reversal in REVERSALS:
+                found = Outcome()
+                for state, to in MANOEUVRES.values():
+                    found.add(vehicle, gains, reversal, state, to)
+                rows.append(
+                    (
+                        f'`{name}`' if name == file.stem else name,
+                        f'`{reversal}`',
+                        f'{found.recovered} of {len(MANOEUVRES)}',
+                        f'{found.drop:.2f}',
+                        f'{found.tilt:.2f}',
+                        f'{found.heading:.1f}',
+                        f'{found.off} of {found.saturated}',
+                    )
+                )
+    titles = (
+        'vehicle',
+        'reversal',
+        'recovered',
+        'height lost [m]',
+        'tilt [rad s]',
+        'heading error [rad s]',
+        'yaw off its sense',
+    )
+    return table(titles, rows, words=2)
+
+
+def rows_table() -> str:
+    """Return what is given up in the rows of PX4's test that saturate."""
+    rows = np.loadtxt(ROWS, delimiter=',', skiprows=1)
+    vehicle = Vehicle.from_parameters(
+        {
+            'vehicle.mass': 2.0 / 9.81,
+            'vehicle.inertia': [1.0, 1.0, 1.0],
+            'rotors.positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0],
+            'rotors.spins': ['cw', 'ccw', 'cw', 'ccw'],
+            'rotors.thrust_coefficient': 1.0,
+            'rotors.torque_coefficient': 1.0,
+            'rotors.speed_min': 0.0,
+            'rotors.speed_max': 1.0,
+        }
+    )
+    gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
+    demands = np.column_stack([4.0 * rows[:, 3], rows[:, :3]])
+    yaw_first = [('roll', 'pitch'), ('yaw',), ('thrust',)]
+    served = {
+        f'`exact`, `{reversal}`': admissible.prioritize(demands, reversal=reversal)
+        for reversal in REVERSALS
+    }
+    served['`exact`, yaw before thrust, `allow`'] = admissible.prioritize(
+        demands, yaw_first, 'allow'
+    )
+    for i, name in enumerate(('no airmode', 'roll-pitch airmode', 'roll-pitch-yaw airmode')):
+        served[f'PX4, {name}'] = rows[:, 4 + 4 * i : 8 + 4 * i] @ gamma.T
+    lines = []
+    for name, wrenches in served.items():
+        missing = np.abs(demands - wrenches)
+        lines.append(
+            (
+                name,
+                f'{np.linalg.norm(missing[:, 1:3], axis=1).sum():.2f}',
+                f'{missing[:, 0].sum() / 4.0:.2f}',
+                f'{missing[:, 3].sum():.2f}',
+                str(np.count_nonzero(off_sense(wrenches[:, 3], demands[:, 3]))),
+            )
+        )
+    titles = ('', 'roll and pitch missed', 'thrust', 'yaw', 'yaw off its sense')
+    return table(titles, lines)
+
+
+def filled(text: str, mark: str, content: str) -> str:
+    """Return a page with what stands between two marks replaced."""
+    new, count = re.subn(
+        rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
+        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
+        text,
+        flags=re.DOTALL,
+    )
+    if count != 1:
+        raise ValueError(f'expected one place that is marked for {mark}, got {count}')
+    return new
+
+
+def main() -> None:
+    """Fill the page."""
+    text = PAGE.read_text(encoding='utf-8')
+    text = filled(text, 'rows', rows_table())
+    text = filled(text, 'flights', flights_table())
+    PAGE.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()
