@@ -11,7 +11,7 @@ import time
 import pytest
 from rcl_interfaces.srv import GetParameters
 
-from ca_ros.patience import Patience
+from ca_ros.bringup.deadline import Patience
 from ros import Diagnostics, counts
 
 SECONDS = float(os.environ.get('CA_ROS_FLOOD', '2'))
