@@ -1,8 +1,8 @@
 """The latency of the allocator node from command to rotor speeds, beside that of an echo node.
 
-Run by ``benchmark``, or alone: ``python -m ca_ros.evaluation.latency --out FILE.json``.  Both nodes
-run all the time, each in a process and a namespace of its own, and are asked in turn in short
-blocks, so that whatever else the machine does meets both.
+Run by ``benchmark``, or alone: ``python -m ca_ros.evaluation.latency --out FILE.json``.  Both
+nodes run all the time, each in a process and a namespace of its own, and are asked in turn in
+short blocks, so that whatever else the machine does meets both.
 """
 
 from __future__ import annotations
