@@ -11,8 +11,8 @@ import time
 import pytest
 from rcl_interfaces.srv import GetParameters
 
-from ca_ros.bringup.deadline import Patience
 from ros import Diagnostics, counts
+from test_watchdog import STALL, stood_still
 
 SECONDS = float(os.environ.get('CA_ROS_FLOOD', '2'))
 
@@ -51,18 +51,20 @@ while True:
 class Asker:
     """Asks a node for a parameter, and notes the longest time until an answer."""
 
-    def __init__(self, graph, node):
-        self._graph = graph
+    def __init__(self, graph, node, pid):
+        self._graph, self._pid = graph, pid
         self._client = graph.node.create_client(GetParameters, f'{node}/get_parameters')
         graph.spin_until(self._client.service_is_ready, 'the service')
         self.answers, self.longest = 0, 0.0
 
     def ask(self):
         """Send requests until one of them is answered."""
-        begun, futures, patience = time.monotonic(), [], Patience(ANSWERED)
+        begun, futures, before = time.monotonic(), [], stood_still(self._pid)
 
         def answered():
-            assert not patience.over(), f'no answer within {ANSWERED:g} s'
+            if (late := time.monotonic() - begun - ANSWERED) > 0.0:
+                # What both processes have waited for a processor is not the node's fault.
+                assert late <= stood_still(self._pid) - before + STALL, 'no answer in time'
             if time.monotonic() >= begun + ASKED * len(futures):
                 futures.append(self._client.call_async(GetParameters.Request(names=['mode'])))
             return any(future.done() for future in futures)
@@ -76,10 +78,10 @@ class Asker:
 @pytest.mark.timeout(1200 + 10 * SECONDS)
 @pytest.mark.parametrize('name', ['allocator', 'simulator'])
 def test_a_node_answers_during_and_after_a_flood(graph, name, record_property):
-    graph.start(name, '--vehicle', 'octorotor')
+    process = graph.start(name, '--vehicle', 'octorotor')
     diagnostics = Diagnostics(graph)
     parameters = graph.connect(f'/{name}')
-    during, after = Asker(graph, f'/{name}'), Asker(graph, f'/{name}')
+    during, after = (Asker(graph, f'/{name}', process.pid) for _ in range(2))
     during.ask()
     topic = 'command/wrench' if name == 'allocator' else 'command/motor_speed'
     senders = [graph.start_silent(sys.executable, '-c', FLOOD, topic) for _ in range(2)]

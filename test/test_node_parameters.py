@@ -143,6 +143,10 @@ def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path
     check_line('allocator', process.returncode, said, [
         'vehicle.mass: missing', 'looked for by the node /uav1/allocator in ', str(file),
         'sections: /uav1/simulator, /uav2/allocator'])
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'vehicle.gravity': 9.81}}}))
+    process = graph.start_silent('allocator', '--vehicle', str(file))
+    _, said = graph.outlive(process)
+    assert said == f'allocator: {file}: vehicle.mass: missing; it is the mass [kg]\n'
 
 
 def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_path):

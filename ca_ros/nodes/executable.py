@@ -27,7 +27,7 @@ from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.parameters import PARAMETERS, MissingParameterError, ParameterError, check
 from ca_ros.signals import ending_signals
-from ca_ros.vehicle.files import NoSectionError, find, load, read_value, read_yaml
+from ca_ros.vehicle.files import NoSectionError, find, load, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle
 
 DEFAULT_VEHICLE = 'hexarotor'
@@ -100,11 +100,14 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         '--params-file gives one)',
     )
     own, ros = split(argv)
-    # ROS passes over a -p of another type than the value in a parameter file, without a word.
+    node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
+    # ROS ignores a -p of another type than the value in a parameter file, and does not say so.
     for option, rule in pairwise(ros):
         name, _, value = rule.partition(':=')
-        name = name.rpartition(':')[2]
-        if option in ('-p', '--param') and name in PARAMETERS:
+        owner, _, name = name.rpartition(':')
+        if option not in ('-p', '--param') or name not in PARAMETERS:
+            continue
+        if not owner or matches(f'/{owner.strip("/")}', node):
             check(name, read_value(name, value))
     vehicle = parser.parse_args(own).vehicle
     if vehicle is None and '--params-file' not in ros:
@@ -115,7 +118,6 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         )
     if vehicle is None:
         return ros
-    node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
     # Before the user's own files, which may then override single values of it.
     return [*vehicle_arguments(vehicle, node), *ros]
 

@@ -150,8 +150,10 @@ def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
         return complete(_ros_parameters(content, node))
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path}: not readable YAML: {error}') from None
+    except NoSectionError as error:
+        raise NoSectionError(f'{path}: {error}') from None
     except ParameterError as error:
-        raise type(error)(f'{path}: {error}') from None
+        raise ParameterError(f'{path}: {error}') from None
 
 
 def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
@@ -165,7 +167,7 @@ def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
     def given(name: str) -> dict[str, Any]:
         merged: dict[str, Any] = {}
         for pattern, section in sections:
-            if _matches(pattern, name):
+            if matches(pattern, name):
                 merged.update(_flatten(section))
         return merged
 
@@ -178,7 +180,7 @@ def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
                 f'different parameters for {", ".join(names)}: expected those of one vehicle'
             )
         return first
-    if not any(_matches(pattern, node) for pattern, _ in sections):
+    if not any(matches(pattern, node) for pattern, _ in sections):
         raise NoSectionError(
             f'no section for {node}; there are {", ".join(pattern for pattern, _ in sections)}'
         )
@@ -196,7 +198,7 @@ def _sections(tree: Mapping[Any, Any], name: str = '') -> list[tuple[str, Any]]:
     return found
 
 
-def _matches(pattern: str, node: str) -> bool:
+def matches(pattern: str, node: str) -> bool:
     """Tell whether ROS gives a section to a node: * is one part of its name, ** any number."""
     expression = re.escape(pattern).replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
     return re.fullmatch(expression, node) is not None
