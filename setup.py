@@ -16,7 +16,7 @@ setup(
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',
     packages=find_packages(include=[package, f'{package}.*']),
-    package_data={package: ['py.typed', 'report/page.html']},
+    package_data={package: ['py.typed', 'evaluation/report/page.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
@@ -73,14 +73,14 @@ setup(
     entry_points={
         'console_scripts': [
             'allocator = ca_ros.nodes.allocator:main',
-            'benchmark = ca_ros.benchmark.benchmark:main',
-            'bringup = ca_ros.nodes.bringup:main',
+            'benchmark = ca_ros.evaluation.benchmark.benchmark:main',
+            'bringup = ca_ros.bringup.bringup:main',
             'controller = ca_ros.nodes.controller:main',
-            'dynamic_study = ca_ros.studies.dynamic_study:main',
-            'fault_proxy = ca_ros.nodes.fault_proxy:main',
-            'report = ca_ros.report.report:main',
+            'dynamic_study = ca_ros.evaluation.dynamic_study:main',
+            'fault_proxy = ca_ros.bringup.fault_proxy:main',
+            'report = ca_ros.evaluation.report.report:main',
             'simulator = ca_ros.nodes.simulator:main',
-            'static_study = ca_ros.studies.static_study:main',
+            'static_study = ca_ros.evaluation.static_study:main',
         ],
     },
 )

@@ -1,11 +1,11 @@
 """Control allocation of multirotors: from a wrench to rotor speeds."""
 
-from ca_ros.admissible_set import AdmissibleSet
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status, make_allocator
-from ca_ros.control_allocation_matrix import control_allocation_matrix
 from ca_ros.parameters import ParameterError
-from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import Audit, audit
+from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.audit import Audit, audit
+from ca_ros.vehicle.effectiveness import control_allocation_matrix
+from ca_ros.vehicle.vehicle import Vehicle
 
 __all__ = [
     'ALLOCATORS',

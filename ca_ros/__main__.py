@@ -9,11 +9,11 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 
-from ca_ros import audit_command
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.parameter_files import config_directory
 from ca_ros.parameters import ParameterError
-from ca_ros.vehicle import Vehicle
+from ca_ros.problem import audit_command
+from ca_ros.vehicle.files import config_directory
+from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = {
     'README.md': 'how to run it, topics, parameters, results',

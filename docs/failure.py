@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ca_ros.closed_loop import Change, fly
-from ca_ros.controller import Waypoint
-from ca_ros.parameter_files import config_directory
-from ca_ros.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic_study import main as dynamic_study
-from ca_ros.tables import table
-from ca_ros.vehicle_audit import audit
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic_study import main as dynamic_study
+from ca_ros.evaluation.tables import table
+from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.files import config_directory
 
 DOCS = Path(__file__).resolve().parent
 PAGE, FIGURE = DOCS / 'failure.md', DOCS / 'failure.png'

@@ -16,12 +16,12 @@ from scipy.spatial.transform import Rotation
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import Allocation
 from ca_ros.arrays import Array
-from ca_ros.closed_loop import fly
-from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameter_files import config_directory, load
-from ca_ros.prioritization import REVERSALS
-from ca_ros.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, RigidBody
-from ca_ros.tables import table
+from ca_ros.evaluation.tables import table
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, RigidBody
+from ca_ros.problem.prioritization import REVERSALS
+from ca_ros.vehicle.files import config_directory, load
 
 DOCS = Path(__file__).resolve().parent
 PAGE, ROWS = DOCS / 'priorities.md', DOCS.parent / 'test' / 'px4_desaturation.csv'

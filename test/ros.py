@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from ca_ros.patience import Patience
+from ca_ros.bringup.deadline import Patience
 
 DEADLINE = 240.0
 """When something that has not happened is held to be never going to [s]."""

@@ -9,7 +9,7 @@ from ca_ros import AdmissibleSet, Status
 from ca_ros import affine_laws as laws_module
 from ca_ros.allocation import allocator as allocator_module
 from ca_ros.allocation.exact import LAW_SHARE
-from ca_ros.allocation_problem import EXACT_TOLERANCE
+from ca_ros.problem.problem import EXACT_TOLERANCE
 from strategies import FLEET, HEXAROTOR, build, demands, ring, vehicles
 from strategies import unaudited as make_allocator
 

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
 
-from ca_ros.nodes.bag import LOOP, TOPICS, Bag
+from ca_ros.bringup.bag import LOOP, TOPICS, Bag
 from ros import Graph
 
 pytest.importorskip('rosbags', reason="needs the extra 'bag'")
@@ -209,7 +209,7 @@ def test_a_bag_without_a_message_is_removed(tmp_path):
 
 def test_without_rosbags_its_extra_is_named(tmp_path):
     script = (
-        'import sys; sys.modules["rosbags"] = None; from ca_ros.nodes.bringup import main; '
+        'import sys; sys.modules["rosbags"] = None; from ca_ros.bringup.bringup import main; '
         f'sys.exit(main(["--out", {str(tmp_path)!r}, "--bag", {str(tmp_path / "bag")!r}]))')
     run = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (1, '')

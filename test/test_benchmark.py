@@ -15,23 +15,24 @@ import numpy as np
 import pytest
 
 from ca_ros import ALLOCATORS, AdmissibleSet, Vehicle, make_allocator
-from ca_ros.benchmark import benchmark, loads, node, timing
-from ca_ros.benchmark.accuracy import Accuracy, Judge
-from ca_ros.benchmark.benchmark import main
-from ca_ros.benchmark.calls import compare
-from ca_ros.benchmark.contenders import baseline, peer
-from ca_ros.benchmark.environment import THREADS
-from ca_ros.benchmark.growth import ring
-from ca_ros.benchmark.peers import PEERS, Peer
-from ca_ros.benchmark.plan import QUICK
-from ca_ros.benchmark.promises import Promise, promises
-from ca_ros.controller import Controller, Gains
-from ca_ros.parameter_files import config_directory
-from ca_ros.parameter_files import load as parameters_of
-from ca_ros.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION
-from ca_ros.studies.sampling import gauge
+from ca_ros.evaluation.benchmark import benchmark, loads, node, timing
+from ca_ros.evaluation.benchmark.accuracy import Accuracy, Judge
+from ca_ros.evaluation.benchmark.benchmark import main
+from ca_ros.evaluation.benchmark.calls import compare
+from ca_ros.evaluation.benchmark.contenders import baseline, peer
+from ca_ros.evaluation.benchmark.environment import THREADS
+from ca_ros.evaluation.benchmark.growth import ring
+from ca_ros.evaluation.benchmark.peers import PEERS, Peer
+from ca_ros.evaluation.benchmark.plan import QUICK
+from ca_ros.evaluation.benchmark.promises import Promise, promises
+from ca_ros.evaluation.sampling import gauge
+from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION
+from ca_ros.vehicle.files import config_directory
+from ca_ros.vehicle.files import load as parameters_of
 from strategies import FLEET, HEXAROTOR
 
+BENCHMARK = 'ca_ros.evaluation.benchmark.benchmark'
 SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))
 TINY = replace(
     QUICK, wrenches=12, flight=40, repetitions=4, least=2, budget=1e-4,
@@ -460,7 +461,7 @@ while True:
     parent = f"""
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from ca_ros.benchmark import node
+from ca_ros.evaluation.benchmark import node
 node.find_spec = lambda name: object()
 node.time_node('hexarotor', True, (sys.executable, {str(child)!r}))
 """
@@ -526,7 +527,7 @@ class Threads:
 """)
     environment = {name: value for name, value in os.environ.items() if name not in THREADS}
     run = subprocess.run(
-        [sys.executable, '-m', 'ca_ros.benchmark.benchmark', '--methods', 'threads:Threads'],
+        [sys.executable, '-m', BENCHMARK, '--methods', 'threads:Threads'],
         env=environment, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout, run.stderr) == (1, '', 'benchmark: 1 1 1\n')
 
@@ -542,8 +543,8 @@ class Ready(PseudoInverse):
         return super().allocate(u)
 """)
     with subprocess.Popen(
-            [sys.executable, '-m', 'ca_ros.benchmark.benchmark', '--no-nodes', '--methods',
-             'ready:Ready', '--out', 'out'],
+            [sys.executable, '-m', BENCHMARK, '--no-nodes', '--methods', 'ready:Ready',
+             '--out', 'out'],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == 'ready\n'
         process.send_signal(number)

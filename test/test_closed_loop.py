@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ca_ros import ALLOCATORS, make_allocator
-from ca_ros.closed_loop import Change, fly
-from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameter_files import load
-from ca_ros.rigid_body import RigidBody
-from ca_ros.studies.cases import Case
+from ca_ros.evaluation.cases import Case
+from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.vehicle.files import load
 from strategies import HEXAROTOR
 
 PARAMETERS = load('hexarotor')

@@ -9,11 +9,18 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet, ParameterError
-from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.flight import Flight
-from ca_ros.parameter_files import load
-from ca_ros.prioritization import REVERSALS
-from ca_ros.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, RigidBody, heading, tilt
+from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.record import Flight
+from ca_ros.flight.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    NULL_STATE,
+    RigidBody,
+    heading,
+    tilt,
+)
+from ca_ros.problem.prioritization import REVERSALS
+from ca_ros.vehicle.files import load
 from strategies import FLEET, HEXAROTOR
 
 PARAMETERS = load('hexarotor')

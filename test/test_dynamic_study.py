@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from ca_ros import ALLOCATORS, Vehicle
-from ca_ros.allocation_problem import AllocationProblem
-from ca_ros.closed_loop import fly
-from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.flight import Flight
-from ca_ros.parameter_files import load
-from ca_ros.rigid_body import RigidBody
-from ca_ros.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.studies import dynamic_study
-from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic_study import main
-from ca_ros.studies.flight_metrics import margins, metrics
-from ca_ros.studies.observations import observe
-from ca_ros.studies.ros_flight import RosFlightError, fly_over_ros, read_flight
-from ca_ros.vehicle_audit import audit
+from ca_ros.evaluation import dynamic_study
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic_study import main
+from ca_ros.evaluation.flight_metrics import margins, metrics
+from ca_ros.evaluation.observations import observe
+from ca_ros.evaluation.ros_flight import RosFlightError, fly_over_ros, read_flight
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.record import Flight
+from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.problem.audit import audit
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.files import load
 from strategies import HEXAROTOR
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))

@@ -9,7 +9,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 
 from ca_ros.nodes.executable import split
-from ca_ros.parameter_files import find
+from ca_ros.vehicle.files import find
 
 NODES = ('allocator', 'simulator', 'controller')
 OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (

@@ -13,12 +13,12 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import Vehicle, make_allocator
-from ca_ros.closed_loop import fly
-from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.faults import FAULTS, LINKS, Faults, corrupted
-from ca_ros.nodes.fault_proxy import PREFIX, remaps
-from ca_ros.parameter_files import load
-from ca_ros.rigid_body import NULL_STATE, POSITION, RigidBody
+from ca_ros.bringup.fault_proxy import PREFIX, remaps
+from ca_ros.bringup.link_faults import FAULTS, LINKS, Faults, corrupted
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
+from ca_ros.vehicle.files import load
 from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import ParameterError
-from ca_ros.faults import CORRUPTIONS, LINKS, Fate, Faults, Link, corrupted, links
+from ca_ros.bringup.link_faults import CORRUPTIONS, LINKS, Fate, Faults, Link, corrupted, links
 
 SHARES = st.floats(0.0, 1.0)
 TIMES = st.floats(0.0, 0.1)

@@ -9,9 +9,9 @@ import pytest
 from matplotlib import image
 from matplotlib.colors import to_rgb
 
-from ca_ros.controller import Waypoint
-from ca_ros.figures import COLORS, FORMATS, draw_flight, formats, save
-from ca_ros.flight import Flight
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.plots import COLORS, FORMATS, draw_flight, formats, save
+from ca_ros.flight.record import Flight
 from strategies import FLEET
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0))

@@ -17,8 +17,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, Int8MultiArray, MultiArrayDimension
 
 from ca_ros import AdmissibleSet
+from ca_ros.flight.rigid_body import NULL_STATE, RigidBody
 from ca_ros.nodes.messages import stamp
-from ca_ros.rigid_body import NULL_STATE, RigidBody
 from ros import Diagnostics, counts
 from test_node_allocator import HOVER, VEHICLE, six, some_wrenches, twin
 from test_node_controller import LAW, REST, WAYPOINT, expected, pose_message, velocity_message

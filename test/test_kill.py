@@ -16,7 +16,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.processes import Processes
+from ca_ros.bringup.processes import Processes
 from ros import DEADLINE, Graph, fly_in_real_time
 from test_bringup import fly_offline
 

@@ -10,15 +10,15 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message
 
-from ca_ros.nodes.latency.__main__ import flown
-from ca_ros.nodes.latency.figures import measure, summary
-from ca_ros.nodes.latency.side import Block, LatencyError
+from ca_ros.evaluation.latency.__main__ import flown
+from ca_ros.evaluation.latency.figures import measure, summary
+from ca_ros.evaluation.latency.side import Block, LatencyError
 
 
 def start(graph, *arguments):
     """Start the benchmark as `benchmark` does."""
     return graph.start_silent(
-        sys.executable, '-m', 'ca_ros.nodes.latency', '--quick', *arguments)
+        sys.executable, '-m', 'ca_ros.evaluation.latency', '--quick', *arguments)
 
 
 @pytest.mark.slow

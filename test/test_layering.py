@@ -1,5 +1,6 @@
-"""Nothing outside ca_ros.nodes needs ROS."""
+"""Rooms import one way, and few of them need ROS."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -28,8 +29,9 @@ ROS = ('rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs'
 EVERY_MODULE = """
 import ca_ros
 
+ROOMS = ('ca_ros.nodes.', 'ca_ros.bringup.', 'ca_ros.evaluation.latency.')
 names = [module.name for module in walk_packages(ca_ros.__path__, 'ca_ros.')
-         if not module.name.startswith('ca_ros.nodes.')]
+         if not module.name.startswith(ROOMS)]
 for name in names:
     import_module(name)
 print(*names)
@@ -81,8 +83,8 @@ sys.path.insert(0, {str(Path(__file__).parent.parent)!r})
 def test_every_module_but_the_nodes_imports_without_ros(tmp_path):
     result = run(tmp_path, EVERY_MODULE)
     assert result.returncode == 0, result.stderr
-    assert {'ca_ros.vehicle', 'ca_ros.allocation.exact', 'ca_ros.closed_loop'} <= set(
-        result.stdout.split())
+    modules = {'ca_ros.vehicle.vehicle', 'ca_ros.allocation.exact', 'ca_ros.flight.closed_loop'}
+    assert modules <= set(result.stdout.split())
 
 
 def test_the_nodes_do_not():
@@ -105,3 +107,74 @@ def test_without_osqp_its_start_is_refused_and_osqp_named(tmp_path):
     assert result.returncode != 0
     assert 'osqp' in result.stderr.splitlines()[-1]
     assert result.stderr.splitlines()[-1].startswith('ValueError')
+
+
+# Rooms
+
+ROOMS = ['vehicle', 'solver', 'problem', 'allocation', 'flight', 'nodes', 'bringup', 'evaluation']
+"""From the first to the last on the way of a wrench: none imports a later one."""
+
+PACKAGE = Path(__file__).parent.parent / 'ca_ros'
+
+
+def imports():
+    """Return the modules that each module imports, those for types alone included."""
+    found = {}
+    for file in PACKAGE.rglob('*.py'):
+        parts = file.relative_to(PACKAGE.parent).with_suffix('').parts
+        name = '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
+        found[name] = set()
+        for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                found[name] |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found[name] |= {node.module} | {
+                    f'{node.module}.{alias.name}' for alias in node.names}
+    return {name: {other for other in others if other in found} for name, others in found.items()
+            } | {'': set().union(*found.values())}
+
+
+def room(module):
+    return module.split('.')[1] if '.' in module else ''
+
+
+def test_no_room_imports_a_later_one():
+    wrong = [
+        f'{module} imports {other}'
+        for module, others in imports().items() if room(module) in ROOMS
+        for other in others
+        if room(other) in ROOMS and ROOMS.index(room(other)) > ROOMS.index(room(module))]
+    assert not wrong
+    assert {file.parent.name for file in PACKAGE.glob('*/__init__.py')} == set(ROOMS)
+
+
+def test_what_lies_beside_the_rooms_is_little_and_imports_none_of_them():
+    modules = [path.stem for path in PACKAGE.glob('*.py') if not path.stem.startswith('__')]
+    assert len(modules) <= 6
+    graph = imports()
+    assert not [
+        other for module in modules for other in graph[f'ca_ros.{module}'] if room(other) in ROOMS]
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    graph = imports()
+    below = {name: {o for o in others if o != name} for name, others in graph.items() if name}
+    # The package and its rooms gather what is in them for their users.
+    gathering = {name for name in below if (PACKAGE.parent / name.replace('.', '/')).is_dir()}
+    left = {name: others - gathering for name, others in below.items() if name not in gathering}
+    while ends := [name for name, others in left.items() if not others & left.keys()]:
+        for name in ends:
+            del left[name]
+    assert not left
+
+
+def test_ros_is_imported_in_its_rooms_alone():
+    packages = ('rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs')
+    for file in PACKAGE.rglob('*.py'):
+        if not file.is_relative_to(PACKAGE / 'nodes') and not file.is_relative_to(
+                PACKAGE / 'bringup') and not file.is_relative_to(
+                    PACKAGE / 'evaluation' / 'latency'):
+            for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+                names = [a.name for a in node.names] if isinstance(node, ast.Import) else (
+                    [node.module or ''] if isinstance(node, ast.ImportFrom) else [])
+                assert not [n for n in names if n.split('.')[0] in packages], file

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from ca_ros import Vehicle, make_allocator
-from ca_ros.closed_loop import fly
-from ca_ros.controller import Controller, Gains, Waypoint
-from ca_ros.parameter_files import load
-from ca_ros.rigid_body import RigidBody
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.vehicle.files import load
 from ros import DEADLINE
 
 

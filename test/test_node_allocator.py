@@ -11,9 +11,9 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.methods import METHODS
-from ca_ros.parameter_files import load
 from ca_ros.parameters import AXES, PARAMETERS
-from ca_ros.vehicle_audit import audit
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.files import load
 from ros import BEST_EFFORT, RELIABLE, Graph
 
 VEHICLE = Vehicle.load('hexarotor')

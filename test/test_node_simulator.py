@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from ca_ros import Vehicle
-from ca_ros.rigid_body import (
+from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     NULL_STATE,

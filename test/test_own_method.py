@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ca_ros.studies import dynamic_study, static_study
+from ca_ros.evaluation import dynamic_study, static_study
 
 PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'reproduction.md'
 METHODS = 'all,my_methods:Redistributed'

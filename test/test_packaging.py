@@ -14,7 +14,7 @@ import pytest
 
 from ca_ros import ALLOCATORS
 from ca_ros.__main__ import installed, summary
-from ca_ros.parameter_files import config_directory
+from ca_ros.vehicle.files import config_directory
 
 ROOT = Path(__file__).resolve().parent.parent
 VEHICLES = sorted(file.stem for file in config_directory().glob('*.yaml'))
@@ -85,7 +85,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
         names = archive.namelist()
     modules = {
         str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros').rglob('*.py')}
-    assert modules | {'ca_ros/py.typed', 'ca_ros/report/page.html'} <= set(names)
+    assert modules | {'ca_ros/py.typed', 'ca_ros/evaluation/report/page.html'} <= set(names)
     [data] = {name.split('/')[0] for name in names if '.data/' in name}
     shared = {name.removeprefix(f'{data}/data/share/') for name in names if name.startswith(data)}
     layouts = {f'ca_ros/layouts/{file.name}' for file in (ROOT / 'layouts').iterdir()}

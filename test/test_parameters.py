@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from ca_ros import ParameterError, Vehicle, make_allocator
-from ca_ros.parameter_files import NoSectionError, load
+from ca_ros.evaluation.cases import Case
 from ca_ros.parameters import PARAMETERS, check
-from ca_ros.studies.cases import Case
+from ca_ros.vehicle.files import NoSectionError, load
 
 NAN, INFINITY, MISSING = float('nan'), float('inf'), object()
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from ca_ros import patience
-from ca_ros.patience import Patience
+from ca_ros.bringup import deadline as patience
+from ca_ros.bringup.deadline import Patience
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ca_ros import AdmissibleSet, Status, control_allocation_matrix
-from ca_ros.prioritization import REVERSALS
+from ca_ros.problem.prioritization import REVERSALS
 from strategies import (
     FLEET,
     HEXAROTOR,

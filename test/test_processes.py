@@ -8,8 +8,8 @@ import time
 
 import psutil
 
-from ca_ros.patience import Patience
-from ca_ros.processes import Processes, start
+from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.processes import Processes, start
 from ros import DEADLINE
 
 SLEEP = [sys.executable, '-c', 'import time; time.sleep(1000.0)']
@@ -122,7 +122,7 @@ file.touch()
 PARENT = """
 import os, sys, time
 from pathlib import Path
-from ca_ros.processes import Processes
+from ca_ros.bringup.processes import Processes
 folder = Path(sys.argv[1])
 names = ('first', 'respawned')
 Processes.PAUSE = 0.0

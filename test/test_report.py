@@ -12,10 +12,10 @@ from html.parser import HTMLParser
 import pytest
 from matplotlib import image
 
-from ca_ros.benchmark import benchmark
-from ca_ros.report.markdown import html
-from ca_ros.report.report import main
-from ca_ros.studies import dynamic_study, static_study
+from ca_ros.evaluation import dynamic_study, static_study
+from ca_ros.evaluation.benchmark import benchmark
+from ca_ros.evaluation.report.markdown import html
+from ca_ros.evaluation.report.report import main
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
     'google-chrome')

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
-from ca_ros.parameter_files import config_directory
+from ca_ros.vehicle.files import config_directory
 from strategies import PARAMETERS, extreme
 
 WRENCHES = int(os.environ.get('CA_ROS_WRENCHES', '1000'))

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ca_ros.control_allocation_matrix import rotor_wrenches
-from ca_ros.rigid_body import (
+from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     NULL_STATE,
@@ -20,6 +19,7 @@ from ca_ros.rigid_body import (
     rotation_matrix,
     velocity_in_body,
 )
+from ca_ros.vehicle.effectiveness import rotor_wrenches
 from strategies import FLEET, HEXAROTOR, build, ring, tilted_axes
 
 LOPSIDED = build(

@@ -10,14 +10,14 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, Status, Vehicle, make_allocator
-from ca_ros.closed_loop import Change, fly
-from ca_ros.controller import Controller, Waypoint
-from ca_ros.nodes.bringup_options import parse
-from ca_ros.parameter_files import load
-from ca_ros.rotor_failures import RotorFailure, RotorFailures, arguments
-from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic_study import main as dynamic_study
-from ca_ros.vehicle_audit import audit
+from ca_ros.bringup.options import parse
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic_study import main as dynamic_study
+from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.controller import Controller, Waypoint
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures, arguments
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.files import load
 from ros import Diagnostics, Graph
 
 HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)

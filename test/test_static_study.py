@@ -12,14 +12,14 @@ import pytest
 
 from ca_ros import ALLOCATORS, AdmissibleSet, Status, Vehicle
 from ca_ros.arguments import split
-from ca_ros.parameter_files import config_directory
-from ca_ros.studies import static_run
-from ca_ros.studies.cases import Case
-from ca_ros.studies.evaluation import evaluate
-from ca_ros.studies.sampling import SAMPLINGS, gauge, samples
-from ca_ros.studies.sections import sections
-from ca_ros.studies.static_study import main
-from ca_ros.studies.summary import Times
+from ca_ros.evaluation import static_run
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.evaluation import evaluate
+from ca_ros.evaluation.sampling import SAMPLINGS, gauge, samples
+from ca_ros.evaluation.sections import sections
+from ca_ros.evaluation.static_study import main
+from ca_ros.evaluation.summary import Times
+from ca_ros.vehicle.files import config_directory
 
 SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))
 FIGURES = ('errors.png', 'latency.png', 'slices.png', 'violations.png')

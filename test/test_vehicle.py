@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.allocation_problem import AllocationProblem
+from ca_ros.problem.problem import AllocationProblem
 from strategies import FLEET, HEXAROTOR, build, ring, vehicles
 
 

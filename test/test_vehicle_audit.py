@@ -18,9 +18,9 @@ from ca_ros import (
 )
 from ca_ros.__main__ import main
 from ca_ros.allocation import AllocationProblem
-from ca_ros.parameter_files import load
-from ca_ros.studies.cases import Case
-from ca_ros.vehicle_audit import INDEPENDENCE_MIN
+from ca_ros.evaluation.cases import Case
+from ca_ros.problem.audit import INDEPENDENCE_MIN
+from ca_ros.vehicle.files import load
 
 
 def without(vehicle, *rotors):

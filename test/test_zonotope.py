@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from ca_ros.zonotope import Zonotope
+from ca_ros.solver.zonotope import Zonotope
 
 HEXAGON = Zonotope(np.array([1.0, 2.0]), np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]]))
 

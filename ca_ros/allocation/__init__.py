@@ -8,10 +8,10 @@ from typing import Any
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.powerless import Powerless
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.methods import METHODS
-from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import accept
+from ca_ros.problem.audit import accept
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.vehicle import Vehicle
 
 
 def _class(place: str) -> type[Allocator]:

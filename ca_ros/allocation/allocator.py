@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.allocation_problem import AllocationProblem, lengths
 from ca_ros.arrays import Array, BoolArray, IntArray
-from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import accept
+from ca_ros.problem.audit import accept
+from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.vehicle.vehicle import Vehicle
 
 CHUNK = 16384
 """Wrenches that are worked on at once: they fit into a processor's cache."""
@@ -26,7 +26,7 @@ class Allocator(ABC):
     Parameters
     ----------
     vehicle : Vehicle or AllocationProblem
-        A vehicle is audited (`ca_ros.vehicle_audit.accept`); a problem is taken as it is.
+        A vehicle is audited (`ca_ros.problem.audit.accept`); a problem is taken as it is.
 
     Raises
     ------

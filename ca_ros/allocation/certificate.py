@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
+from ca_ros.problem.problem import AllocationProblem
 
 
 @dataclass(frozen=True, eq=False)

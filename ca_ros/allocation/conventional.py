@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.affine_law import AffineLaw
-from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
-from ca_ros.allocation_problem import ABSURD, AllocationProblem
 from ca_ros.arrays import Array
-from ca_ros.vehicle import Vehicle
+from ca_ros.problem.problem import ABSURD, AllocationProblem
+from ca_ros.solver.critical_region import AffineLaw
+from ca_ros.solver.region_memory import AffineLaws
+from ca_ros.vehicle.vehicle import Vehicle
 
 STEPS_PER_ROTOR = 10
 """Limit of the active-set method, should rounding errors send it round in circles."""

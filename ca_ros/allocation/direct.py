@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from ca_ros.affine_law import AffineLaw
-from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
-from ca_ros.vehicle import Vehicle
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.solver.critical_region import AffineLaw
+from ca_ros.solver.region_memory import AffineLaws
+from ca_ros.vehicle.vehicle import Vehicle
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
 

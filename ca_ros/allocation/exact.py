@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.admissible_set import AdmissibleSet
-from ca_ros.affine_law import AffineLaw
-from ca_ros.affine_laws import AffineLaws
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.allocation_problem import EXACT_TOLERANCE
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.explicit_law import explicit_law
-from ca_ros.least_norm import Solution
-from ca_ros.vehicle import Vehicle
+from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.problem import EXACT_TOLERANCE
+from ca_ros.solver.critical_region import AffineLaw
+from ca_ros.solver.dual_newton import Solution
+from ca_ros.solver.region_memory import AffineLaws
+from ca_ros.solver.region_proof import explicit_law
+from ca_ros.vehicle.vehicle import Vehicle
 
 POLICIES = {
     'prioritize': Status.PRIORITIZED,

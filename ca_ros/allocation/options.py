@@ -7,7 +7,7 @@ from typing import Any
 
 from ca_ros.allocation import AllocationProblem, Allocator, make_allocator
 from ca_ros.parameters import AXES, ParameterError
-from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle
 
 
 def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) -> dict[str, Any]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
+from ca_ros.problem.problem import AllocationProblem
 
 
 class OsqpStart:

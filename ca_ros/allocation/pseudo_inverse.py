@@ -6,9 +6,9 @@ import numpy as np
 
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
-from ca_ros.allocation_problem import AllocationProblem
 from ca_ros.arrays import Array
-from ca_ros.vehicle import Vehicle
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.vehicle import Vehicle
 
 
 class PseudoInverse(Allocator):

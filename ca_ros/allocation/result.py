@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from ca_ros.allocation.certificate import Certificate, certify
-from ca_ros.allocation_problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.arrays import Array, IntArray
+from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 
 
 class Status(IntEnum):

@@ -18,9 +18,7 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 from ca_ros.allocation import Allocation, Status
 from ca_ros.allocation import Allocator as Method
 from ca_ros.allocation.options import allocator_from_parameters
-from ca_ros.allocation_problem import ABSURD
 from ca_ros.arrays import Array
-from ca_ros.control_allocation_matrix import rotor_wrenches
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Latencies
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
@@ -35,7 +33,9 @@ from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
 from ca_ros.parameters import AXES
-from ca_ros.vehicle_audit import Audit
+from ca_ros.problem.audit import Audit
+from ca_ros.problem.problem import ABSURD
+from ca_ros.vehicle.effectiveness import rotor_wrenches
 
 LAST_WORD = 2.0
 """How long the node waits at its end for the motors to have its last word [s]."""

@@ -9,8 +9,8 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Header
 
-from ca_ros.controller import Controller as Law
-from ca_ros.controller import Waypoint
+from ca_ros.flight.controller import Controller as Law
+from ca_ros.flight.controller import Waypoint
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
@@ -23,7 +23,7 @@ from ca_ros.nodes.qos import COMMAND
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog
 from ca_ros.parameters import AXES
-from ca_ros.vehicle_audit import Audit
+from ca_ros.problem.audit import Audit
 
 
 class Controller(VehicleNode):

@@ -10,6 +10,14 @@ from rclpy.duration import Duration
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
+from ca_ros.flight.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    NULL_STATE,
+    POSITION,
+    RigidBody,
+    velocity_in_body,
+)
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
@@ -22,15 +30,7 @@ from ca_ros.nodes.messages import (
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
-from ca_ros.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    NULL_STATE,
-    POSITION,
-    RigidBody,
-    velocity_in_body,
-)
-from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle
 
 REPEAT = 0.2
 """In lockstep a state that nobody has answered is published again after this time [s]."""

@@ -26,8 +26,8 @@ from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.parameters import PARAMETERS, REQUIRED, MissingParameterError, complete
-from ca_ros.vehicle import Vehicle
-from ca_ros.vehicle_audit import Audit, accept
+from ca_ros.problem.audit import Audit, accept
+from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 """Each event costs every command half a microsecond; `mismatch` says what rclpy's would."""

@@ -7,7 +7,7 @@ from time import monotonic
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle
 
 TICK = 0.02
 """How often watchdogs are looked at, and the timeout action is repeated [s]."""

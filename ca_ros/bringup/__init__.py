@@ -1,0 +1,1 @@
+"""The bringup script: nodes as processes, a flight, and what came of it."""

@@ -1,0 +1,327 @@
+"""The bringup script: three nodes as processes, a flight, and what came of it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, suppress
+from datetime import datetime
+from itertools import count
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
+from tqdm import tqdm
+
+from ca_ros.arrays import Array, BoolArray
+from ca_ros.bringup.bag import Bag, BagError
+from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.fault_proxy import PREFIX
+from ca_ros.bringup.link_faults import LINKS
+from ca_ros.bringup.options import commands, options_as_parameters, parse
+from ca_ros.bringup.processes import Processes, note_signals
+from ca_ros.bringup.recorder import Recorder
+from ca_ros.bringup.rotor_health import RotorHealth, RotorHealthError
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.plots import draw_flight, save
+from ca_ros.flight.record import Flight
+from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.nodes.executable import RCLError, in_one_line
+from ca_ros.parameters import ParameterError
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
+
+POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
+START_TIMEOUT = 60.0
+LOOK_AROUND = 0.5
+"""Time to look for other nodes before the start, and between later looks [s]."""
+
+
+class Stopped(Exception):
+    """The flight was ended before its time."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly; return 0 if the waypoint was reached."""
+    # Segments in shared memory, left behind by a killed process, would delay the next start by
+    # seconds.
+    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    # The matrices are small, and the threads of BLAS would only wait for work.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    options = parse(sys.argv[1:] if argv is None else argv)
+    if options.out is not None:
+        return _bringup(options)
+    try:
+        options.out = _new_folder()
+    except OSError as error:
+        print(f'bringup: {error}', file=sys.stderr)
+        return 1
+    try:
+        return _bringup(options)
+    finally:
+        # Unless it holds a flight.
+        with suppress(OSError):
+            options.out.rmdir()
+
+
+def _new_folder() -> Path:
+    """Make a folder in the current one that is not there yet."""
+    name = f'flight_{datetime.now():%Y-%m-%d_%H-%M-%S}'
+    for i in count(1):
+        folder = Path(name if i == 1 else f'{name}_{i}')
+        with suppress(FileExistsError):
+            folder.mkdir()
+            break
+    return folder
+
+
+def _bringup(options: argparse.Namespace) -> int:
+    interrupts = note_signals()
+    try:
+        nodes = commands(options)
+        options.out.mkdir(parents=True, exist_ok=True)
+        # Not found out after the flight.
+        if not os.access(options.out, os.W_OK | os.X_OK):
+            raise PermissionError(f'--out: {options.out} cannot be written to')
+        validate_namespace(options.namespace)
+        rclpy.init(
+            args=['--ros-args', '--enclave', f'{options.namespace.rstrip("/")}/recorder'],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        bag = Bag(options.bag) if options.bag else None
+    except InvalidNamespaceException:
+        print(f'bringup: --namespace: {options.namespace} is not a namespace', file=sys.stderr)
+        return 1
+    except RCLError as error:
+        print(f'bringup: {in_one_line(error)}', file=sys.stderr)
+        return 1
+    except (ParameterError, BagError, OSError, ValueError) as error:
+        print(f'bringup: {error}', file=sys.stderr)
+        return 1
+    waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
+    try:
+        flight, wall, respawned, parameters = _fly(options, nodes, waypoint, interrupts, bag)
+    except (Stopped, BagError, RotorHealthError) as stopped:
+        print(f'bringup: {stopped}', file=sys.stderr)
+        return 128 + interrupts[0] if interrupts else 1
+    vehicle = Vehicle.from_parameters(parameters)
+    reached = _report(options.failures, parameters['mode'], vehicle, waypoint, flight, wall)
+    try:
+        flight.write_csv(options.out / 'flight.csv')
+        figure = draw_flight(flight, vehicle, waypoint)
+        files = [
+            options.out / 'flight.csv',
+            *save(figure, options.out / 'flight', options.figures),
+        ]
+    except OSError as error:
+        print(f'bringup: {error}', file=sys.stderr)
+        return 1
+    print(f'  written       {", ".join(map(str, files))}')
+    if respawned:
+        counts = ', '.join(f'{name} {count}' for name, count in respawned.items())
+        print(f'  respawned     {counts}')
+    if bag:
+        print(f'  bag           {bag}')
+    return 0 if reached else 1
+
+
+def _fly(
+    options: argparse.Namespace,
+    nodes: Mapping[str, Sequence[str]],
+    waypoint: Waypoint,
+    interrupts: list[int],
+    bag: Bag | None,
+) -> tuple[Flight, float, Counter[str], dict[str, Any]]:
+    links = [*LINKS]
+    if options.faults is not None:
+        links += [f'{PREFIX}{topic}' for topic in LINKS]
+    recorder = Recorder(options.namespace, links)
+    executor = SingleThreadedExecutor()
+    executor.add_node(recorder)
+
+    def be_alone(own: int = 0) -> None:
+        if others := recorder.others(own):
+            raise Stopped(
+                f'other nodes publish on {", ".join(others)} in ROS domain '
+                f'{recorder.context.get_domain_id()}: end them, or choose another --namespace or '
+                'ROS_DOMAIN_ID (a node that was killed with -9 is gone after 20 s)'
+            )
+
+    try:
+        began = looked = time.monotonic()
+        while time.monotonic() < began + LOOK_AROUND and not interrupts:
+            executor.spin_once(timeout_sec=0.05)
+        be_alone()
+        # The bag is complete when the nodes have ended.
+        with bag or nullcontext(), Processes(nodes) as processes:
+            if bag:
+                bag.listen(options.namespace)
+
+            def spin() -> None:
+                nonlocal looked
+                executor.spin_once(timeout_sec=0.1)
+                # DDS may take 3 s to find a node.  Nodes that were killed still seem to be there.
+                if time.monotonic() > looked + LOOK_AROUND and not processes.respawned:
+                    looked = time.monotonic()
+                    be_alone(own=1)
+                recorder.drain()
+                if bag:
+                    bag.write()
+                if interrupts:
+                    raise Stopped(f'interrupted by {signal.Signals(interrupts[0]).name}')
+                ended = processes.ended()
+                if ended and (not options.respawn or processes.hopeless()):
+                    raise Stopped(
+                        ', '.join(
+                            f'the {name} ended with exit code {code}'
+                            for name, code in ended.items()
+                        )
+                    )
+                for name, code in processes.respawn().items() if ended else ():
+                    anew = ''
+                    if name == 'simulator':
+                        # So that nothing moves before the recorder sees it.
+                        processes.restart('controller')
+                        recorder.restart()
+                        anew = ', and the controller too: the flight begins anew, from rest'
+                    tqdm.write(
+                        f'bringup: the {name} ended with exit code {code} and is started again'
+                        f'{anew}',
+                        file=sys.stderr,
+                    )
+
+            def wait(missing: Callable[[], list[str]]) -> None:
+                fewest, patience = inf, Patience(START_TIMEOUT)
+                while topics := missing():
+                    spin()
+                    if len(topics) < fewest:
+                        fewest, patience = len(topics), Patience(START_TIMEOUT)
+                    elif patience.over():
+                        raise Stopped(
+                            f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
+                        )
+
+            wait(lambda: recorder.missing() + (bag.missing() if bag else []))
+            parameters = recorder.parameters or {}
+            for name, value in options_as_parameters(options).items():
+                if parameters[name] != value:
+                    raise Stopped(
+                        f'{name} is {parameters[name]}, not {value}: see the ROS arguments'
+                    )
+            rotors = RotorHealth(recorder, options.failures, parameters)
+            wait(rotors.missing)
+            rotors.update(None, spin)
+            recorder.send(waypoint)
+            began = time.monotonic()
+            with tqdm(
+                total=options.duration,
+                unit='s',
+                desc='flight',
+                disable=not sys.stderr.isatty(),
+                bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s',
+            ) as bar:
+                progress, patience = 0.0, Patience(START_TIMEOUT)
+                while progress < options.duration:
+                    spin()
+                    rotors.update(recorder.elapsed_ns, spin)
+                    if recorder.waiting and not recorder.missing():
+                        recorder.send(waypoint)
+                    if recorder.elapsed != progress:
+                        bar.update(min(recorder.elapsed, options.duration) - bar.n)
+                        progress, patience = recorder.elapsed, Patience(START_TIMEOUT)
+                    elif patience.over():
+                        raise Stopped(
+                            f'the flight has stood still at {progress:.2f} s '
+                            f'for {START_TIMEOUT:g} s'
+                        )
+            if bag:
+                end = recorder.end(options.duration)
+                wait(lambda: bag.behind(end))
+            wall = time.monotonic() - began
+            flight = recorder.flight(options.duration)
+            if parameters['mode'] == 'lockstep' and (lost := flight.missing(options.duration)):
+                raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
+            return flight, wall, processes.respawned, parameters
+    finally:
+        executor.shutdown()
+        recorder.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _report(
+    failures: RotorFailures,
+    mode: str,
+    vehicle: Vehicle,
+    waypoint: Waypoint,
+    flight: Flight,
+    wall: float,
+) -> bool:
+    error, heading_error = flight.position_error(waypoint), flight.heading_error(waypoint)
+    last = vehicle.with_health(failures.physical(vehicle.health, _ns(flight.time[-1])))
+    lost = audit(last).lost
+    reached = error <= POSITION_TOLERANCE
+    if 'yaw' in lost:
+        away = f'{1e3 * error:.1f} mm away; the heading is given up'
+    else:
+        reached = reached and heading_error <= HEADING_TOLERANCE
+        away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
+    verdict = 'reached' if reached else 'MISSED'
+    speeds = flight.speeds
+    inside = _within_bounds(flight, vehicle, failures, mode)
+    print(
+        f'flight of {flight.time[-1]:.2f} s ({mode}, {len(flight.time)} samples, '
+        f'in {wall:.1f} s)\n'
+        f'  waypoint      {verdict}: {away}\n'
+        f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,\n'
+        f'                {speeds.min():.1f} to {speeds.max():.1f} rad/s in flight, '
+        f'{"within" if inside else "OUT OF"} bounds'
+    )
+    weak = ', '.join(
+        f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
+        for i, health in enumerate(last.health)
+        if health < 1.0
+    )
+    if weak:
+        axes = f'; lost axes: {", ".join(lost)}' if lost else ''
+        print(f'  at the end    {weak}{axes}')
+    return reached
+
+
+def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mode: str) -> bool:
+    """Tell whether each rotor kept to its bounds as far as they were known: 0 of a lost one."""
+    times = np.round(flight.time * 1e9)
+    inside = np.ones(flight.speeds.shape, dtype=bool)
+    for start in [0, *failures.times()]:
+        believed = vehicle.with_health(failures.believed(vehicle.health, start))
+        later = times >= start
+        speeds = flight.speeds[later]
+        inside[later] = _inside(speeds, believed)
+        if mode == 'realtime':
+            # There the announcement takes its time.
+            inside[later] |= _inside(speeds, vehicle)
+    return bool(inside.all())
+
+
+def _inside(speeds: Array, vehicle: Vehicle) -> BoolArray:
+    low, high = vehicle.speed_limits
+    return (speeds >= low) & (speeds <= high)
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,240 @@
+"""The fault proxy node: passes messages on, but not all, not at once and not unharmed."""
+
+from __future__ import annotations
+
+import argparse
+from array import array
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+from math import inf
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.bringup.link_faults import FAULTS, Faults, Link, corrupted, links
+from ca_ros.nodes.executable import run, split
+from ca_ros.nodes.qos import COMMAND, offered
+from ca_ros.nodes.vehicle_node import mismatch
+
+TYPES = {
+    'command/wrench': WrenchStamped,
+    'command/motor_speed': Float64MultiArray,
+    'local_position/pose': PoseStamped,
+    'local_position/velocity_body': TwistStamped,
+}
+
+RECEIVERS = {
+    'command/wrench': 'allocator',
+    'command/motor_speed': 'simulator',
+    'local_position/pose': 'controller',
+    'local_position/velocity_body': 'controller',
+}
+"""The nodes to remap: each reads the faulty topic in place of the topic."""
+
+PREFIX = 'faulty/'
+
+
+def remaps(node: str) -> list[str]:
+    """Return the ROS arguments by which a node reads faulty topics in place of its own."""
+    topics = [topic for topic, receiver in RECEIVERS.items() if receiver == node]
+    return [word for topic in topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
+
+
+_REMAPPED = '\n'.join(
+    f'  {node} --ros-args {" ".join(remaps(node))}' for node in dict.fromkeys(RECEIVERS.values())
+)
+
+GUIDE = f"""The nodes that are to suffer read the faulty topics instead:
+
+{_REMAPPED}
+
+All of it at once: bringup --faults 'drop:=0.1 delay:=0.02'. In flight, to cut every link, or only
+the first, and to mend them:
+
+  ros2 param set /fault_proxy drop 1.0
+  ros2 param set /fault_proxy drop '[1.0, 0.0, 0.0, 0.0]'
+  ros2 param set /fault_proxy drop 0.0
+"""
+
+ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+
+class FaultProxy(Node):
+    """Takes the messages of each topic and publishes what is left of them on faulty/topic."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._links: dict[str, Link[Any]] = {}
+        self._counts: dict[str, Counter[str]] = {}
+        self._faults: dict[str, Faults] = {}
+        self._in: dict[str, Subscription] = {}
+        self._declare()
+        # It may add no faults of its own: every message in, and every message out.
+        quality = offered('lockstep')
+        self._out = {
+            topic: self.create_publisher(TYPES[topic], f'{PREFIX}{topic}', quality)
+            for topic in self._faults
+        }
+        for topic in self._faults:
+            self._links[topic], self._counts[topic] = Link(), Counter()
+            self._in[topic] = self.create_subscription(
+                TYPES[topic], topic, partial(self._take, topic), quality
+            )
+        self._alarm = self.create_timer(1.0, self._pass_on, clock=self._steady)
+        self._alarm.cancel()
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', COMMAND)
+        self.create_timer(1.0, self._diagnose, clock=self._steady)
+
+    def _declare(self) -> None:
+        given = {}
+        for key, parameter in FAULTS.items():
+            descriptor = ParameterDescriptor(
+                description=parameter.description,
+                additional_constraints=parameter.range(),
+                read_only=not parameter.mutable,
+                dynamic_typing=True,
+            )
+            given[key] = self.declare_parameter(key, parameter.default, descriptor).value
+        for key in self._parameter_overrides:
+            if key not in FAULTS and not key.startswith(ROS_PARAMETERS):
+                raise ValueError(f'{key}: no such parameter ({", ".join(FAULTS)})')
+        self._adopt(given)
+        self.add_on_set_parameters_callback(self._consider)
+        self.add_post_set_parameters_callback(self._accept)
+
+    def _adopt(self, parameters: dict[str, Any]) -> None:
+        self._faults, self._given = links(parameters), parameters
+
+    def _changed(self, changes: list[Parameter]) -> dict[str, Any]:
+        ours = {change.name: change.value for change in changes if change.name in FAULTS}
+        return {**self._given, **ours}
+
+    def _consider(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            links(self._changed(changes))
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _accept(self, changes: list[Parameter]) -> None:
+        self._adopt(self._changed(changes))
+
+    def close(self) -> None:
+        """Say what became of all messages."""
+        self._diagnose()
+
+    def _take(self, topic: str, message: Any) -> None:
+        counts = self._counts[topic]
+        fate = self._faults[topic].fate(counts['received'])
+        counts['received'] += 1
+        counts.update(fate.kinds)
+        if fate.corruption:
+            corrupt(message, fate.corruption, fate.place)
+        self._links[topic].put(message, fate, self._now())
+        self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Publish what is due, and set the alarm for what is not."""
+        for topic, link in self._links.items():
+            for message in link.take(self._now()):
+                self._out[topic].publish(message)
+                self._counts[topic]['passed'] += 1
+        due = min(link.due for link in self._links.values())
+        if due == inf:
+            self._alarm.cancel()
+        else:
+            self._alarm.timer_period_ns = max(1, round((due - self._now()) * 1e9))
+            self._alarm.reset()
+
+    def _now(self) -> float:
+        return self._steady.now().nanoseconds / 1e9
+
+    def _diagnose(self) -> None:
+        """Publish the counts; that there are faults is a warning, lest they be forgotten."""
+        message = DiagnosticArray()
+        message.header.stamp = self.get_clock().now().to_msg()
+        for topic, faults in self._faults.items():
+            values = {**self._counts[topic], 'on their way': len(self._links[topic])}
+            said = [f'{name} {value:g}' for name, value in faults.active.items()]
+            stream = self._in[topic]
+            for other in self.get_publishers_info_by_topic(stream.topic_name):
+                fault = mismatch(other, stream, other.qos_profile, stream.qos_profile)
+                if fault is None:
+                    continue
+                said.append(f'a publisher offers another {fault}: nothing of it is passed on')
+                self.get_logger().warning(f'{topic}: {said[-1]}', throttle_duration_sec=10.0)
+            message.status.append(
+                DiagnosticStatus(
+                    level=DiagnosticStatus.WARN if said else DiagnosticStatus.OK,
+                    name=f'{self.get_fully_qualified_name().lstrip("/")}: {topic}',
+                    message=', '.join(said) or 'no faults',
+                    hardware_id='link',
+                    values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+                )
+            )
+        self._diagnostics.publish(message)
+
+
+def corrupt(message: Any, corruption: str, place: float) -> None:
+    """Damage a message."""
+    if corruption == 'frame':
+        message.header.frame_id = 'corrupted'
+    elif isinstance(message, Float64MultiArray):
+        message.data = array('d', corrupted(list(message.data), corruption, place))
+    else:
+        fields = _numbers(message)
+        values = [getattr(part, name) for part, name in fields]
+        for (part, name), value in zip(fields, corrupted(values, corruption, place), strict=True):
+            setattr(part, name, value)
+
+
+def _numbers(message: Any) -> list[tuple[Any, str]]:
+    """Return where a message's numbers are: submessages and names of fields."""
+    found = []
+    for name, kind in message.get_fields_and_field_types().items():
+        value = getattr(message, name)
+        if kind == 'double':
+            found.append((message, name))
+        elif hasattr(value, 'get_fields_and_field_types'):
+            found += _numbers(value)
+    return found
+
+
+def _parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
+    """Read no arguments but ROS's; return those."""
+    table = '\n'.join(
+        f'  {name:<12} {parameter.description}; {parameter.range()}'
+        for name, parameter in FAULTS.items()
+    )
+    parser = argparse.ArgumentParser(
+        prog=prog,
+        description=description,
+        epilog=f'parameters:\n{table}\n\n{GUIDE}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    own, ros = split(argv)
+    parser.parse_args(own)
+    return ros
+
+
+def main() -> int:
+    """Run the node."""
+    return run(
+        FaultProxy,
+        f'Pass messages on, from TOPIC to {PREFIX}TOPIC, but not all, not at once and not\n'
+        'unharmed. The fate of a message depends on seed, topic and number alone.',
+        parse=_parse,
+    )
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

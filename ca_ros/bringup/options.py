@@ -1,0 +1,185 @@
+"""The options of the bringup script, and the commands that start the nodes with them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ca_ros.arguments import full_name, renamed
+from ca_ros.bringup.fault_proxy import remaps
+from ca_ros.bringup.link_faults import FAULTS
+from ca_ros.flight.plots import add_option
+from ca_ros.flight.rotor_failures import add_options as add_failure_options
+from ca_ros.flight.rotor_failures import failures_of
+from ca_ros.methods import METHODS
+from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
+
+NODES = ('controller', 'allocator', 'simulator')
+"""In the order in which they end: no command may come from a loop that is half stopped."""
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """Return the options; what is for ROS is in `ros`."""
+    parser = argparse.ArgumentParser(
+        prog='bringup',
+        description='Start controller, allocator and simulator, fly to a waypoint, and report.',
+        epilog='ROS arguments after --ros-args go to the three nodes.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument(
+        '--method',
+        choices=METHODS,
+        help="allocation method (default: the parameter file's)",
+        default=argparse.SUPPRESS,
+    )
+    parser.add_argument(
+        '--mode',
+        choices=('realtime', 'lockstep'),
+        help="follow the clock, or step as fast as possible (default: the parameter file's)",
+        default=argparse.SUPPRESS,
+    )
+    parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
+    parser.add_argument(
+        '--waypoint',
+        type=_finite,
+        nargs=3,
+        default=(1.0, 1.0, 1.0),
+        metavar=('X', 'Y', 'Z'),
+        help='position to fly to [m]',
+    )
+    parser.add_argument(
+        '--heading', type=_finite, default=45.0, help='heading to turn to [degrees]'
+    )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help='folder of the results (default: a new one here, flight_DATE_TIME)',
+        default=argparse.SUPPRESS,
+    )
+    add_option(parser)
+    parser.add_argument(
+        '--bag',
+        type=Path,
+        metavar='DIR',
+        help='record every message into this new folder, as an MCAP bag of rosbag2',
+        default=argparse.SUPPRESS,
+    )
+    parser.add_argument(
+        '--respawn',
+        action='store_true',
+        help='start a node that ends again; without its simulator the flight begins anew',
+    )
+    parser.add_argument(
+        '--faults',
+        type=_faults,
+        metavar='PARAMETERS',
+        help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
+        default=argparse.SUPPRESS,
+    )
+    add_failure_options(parser)
+    vehicle = parser.add_mutually_exclusive_group()
+    vehicle.add_argument(
+        '--vehicle',
+        help=f'a shipped vehicle or a parameter file (default: {DEFAULT_VEHICLE}, unless the ROS '
+        'arguments have a --params-file)',
+        default=argparse.SUPPRESS,
+    )
+    vehicle.add_argument(
+        '--params-file', metavar='FILE', help='the same, by path alone', default=argparse.SUPPRESS
+    )
+    parser.add_argument(
+        '--namespace',
+        help='namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)',
+        default=argparse.SUPPRESS,
+    )
+    try:
+        own, ros = split(argv)
+    except ValueError as error:
+        parser.error(str(error))
+    options = parser.parse_args(own)
+    options.failures = failures_of(options)
+    if options.fail and options.respawn:
+        parser.error('--fail: not with --respawn, which begins the flight anew with sound rotors')
+    options.ros = ros
+    for name in ('method', 'mode', 'out', 'bag', 'faults'):
+        setattr(options, name, getattr(options, name, None))
+    options.vehicle = getattr(options, 'params_file', getattr(options, 'vehicle', None))
+    if options.vehicle is None and '--params-file' not in ros:
+        options.vehicle = DEFAULT_VEHICLE
+    asked = getattr(options, 'namespace', None)
+    options.namespace = _absolute(renamed(ros, '__ns', asked or '/'))
+    if asked and _absolute(asked) != options.namespace:
+        parser.error(f'--namespace {asked}: the ROS arguments have __ns:={options.namespace}')
+    return options
+
+
+def _absolute(namespace: str) -> str:
+    return namespace if namespace.startswith('/') else f'/{namespace}'
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f'{text} is not a finite number')
+    return number
+
+
+def _positive(text: str) -> float:
+    number = _finite(text)
+    if number <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text} is not positive')
+    return number
+
+
+def _faults(text: str) -> list[str]:
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text}: {error}') from None
+    for word in words:
+        name, assigned, _ = word.partition(':=')
+        if not assigned or name not in FAULTS:
+            raise argparse.ArgumentTypeError(f'{word} is not a parameter of fault_proxy')
+        if name == 'topics':
+            raise argparse.ArgumentTypeError('topics: here they are all four')
+    return words
+
+
+def commands(options: argparse.Namespace) -> dict[str, list[str]]:
+    """Return the command line of each node by name.
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle is wrong.
+    """
+    lines = {}
+    for name in NODES:
+        full = full_name(options.namespace, name)
+        own = ['--ros-args', '--enclave', full, '-r', f'__ns:={options.namespace}']
+        if options.faults is not None:
+            own += remaps(name)
+        vehicle = vehicle_arguments(options.vehicle, full) if options.vehicle else []
+        chosen = [
+            word
+            for key, value in options_as_parameters(options).items()
+            for word in ('-p', f'{key}:={value}')
+        ]
+        node = [sys.executable, '-m', f'ca_ros.nodes.{name}']
+        lines[name] = [*node, *own, '--', *vehicle, *options.ros, '--ros-args', *chosen]
+    if options.faults is not None:
+        own = ['--ros-args', '-r', f'__ns:={options.namespace}']
+        own += [word for parameter in options.faults for word in ('-p', parameter)]
+        lines['fault_proxy'] = [sys.executable, '-m', 'ca_ros.bringup.fault_proxy', *own]
+    return lines
+
+
+def options_as_parameters(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameters that options of bringup set."""
+    chosen = {'mode': options.mode, 'allocation.method': options.method}
+    return {name: value for name, value in chosen.items() if value}

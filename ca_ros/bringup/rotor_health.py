@@ -1,0 +1,122 @@
+"""Rotor failures of a flight over nodes: through their parameter rotors.health, at given times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from time import monotonic
+from typing import Any
+
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.options import NODES
+from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.vehicle.vehicle import Vehicle
+
+TIMEOUT = 60.0
+"""When a node that has not taken a parameter is held to be never going to [s]."""
+
+AGAIN = 2.0
+"""After this time without an answer a node is asked once more [s]."""
+
+
+class RotorHealthError(Exception):
+    """Rotor failures cannot be flown: the vehicle has no such rotor, or a node refuses them."""
+
+
+class RotorHealth:
+    """Breaks rotors in the simulator, and tells controller and allocator.
+
+    In lockstep the simulator waits at each of these times (`simulator.hold_at`) until all nodes
+    concerned have answered, so that a flight is the same each time.  In real time it does not
+    wait: the parameters are set as soon as the time has come.
+
+    Parameters
+    ----------
+    node : Node
+        In the namespace of the nodes, which are asked from it.
+    failures : RotorFailures
+    parameters : mapping
+        The nodes' parameters by name.
+
+    Raises
+    ------
+    RotorHealthError
+        If the vehicle does not have these rotors.
+    """
+
+    def __init__(self, node: Node, failures: RotorFailures, parameters: Mapping[str, Any]) -> None:
+        self.failures = failures
+        self._health = Vehicle.from_parameters(parameters).health
+        try:
+            failures.check(len(self._health))
+        except ValueError as error:
+            raise RotorHealthError(str(error)) from None
+        self._set_to = {name: self._health.tolist() for name in NODES}
+        self._lockstep = parameters['mode'] == 'lockstep'
+        self._ahead = round(parameters['simulator.time_step'] * 1e9) if self._lockstep else 0
+        self._times = failures.times()
+        self._clients = (
+            {name: node.create_client(SetParameters, f'{name}/set_parameters') for name in NODES}
+            if self._times
+            else {}
+        )
+
+    def missing(self) -> list[str]:
+        """Return the nodes whose parameters cannot be set yet, in words."""
+        return [
+            client.srv_name for client in self._clients.values() if not client.service_is_ready()
+        ]
+
+    def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
+        """Do what is due.
+
+        Parameters
+        ----------
+        elapsed : int or None
+            Time of flight up to the last complete sample [ns]; None before the flight.
+        spin : callable
+            Lets the node get the answers.
+
+        Raises
+        ------
+        RotorHealthError
+            If a node refuses, or does not answer.
+        """
+        # The simulator waits with the state that follows the last complete sample.
+        now = 0 if elapsed is None else elapsed + self._ahead
+        due = elapsed is None and bool(self._times)
+        while self._times and self._times[0] <= now:
+            due = True
+            time = self._times.pop(0)
+            for name in NODES:
+                happens = self.failures.physical if name == 'simulator' else self.failures.believed
+                health = happens(self._health, time).tolist()
+                if health != self._set_to[name]:
+                    self._set(name, 'rotors.health', health, spin)
+                    self._set_to[name] = health
+        if due and self._lockstep:
+            hold = self._times[0] / 1e9 if self._times else 0.0
+            self._set('simulator', 'simulator.hold_at', hold, spin)
+
+    def _set(
+        self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
+    ) -> None:
+        futures: list[Future] = []
+        patience, again = Patience(TIMEOUT), monotonic()
+        while not (done := [future for future in futures if future.done()]):
+            if patience.over():
+                raise RotorHealthError(f'the {name} does not answer: {parameter} cannot be set')
+            # An answer is lost if the node has not found our end yet.
+            if monotonic() >= again:
+                message = Parameter(parameter, value=value).to_parameter_msg()
+                request = SetParameters.Request(parameters=[message])
+                futures.append(self._clients[name].call_async(request))
+                again = monotonic() + AGAIN
+            spin()
+        (result,) = done[0].result().results
+        if not result.successful:
+            raise RotorHealthError(f'the {name} refuses {parameter}: {result.reason}')

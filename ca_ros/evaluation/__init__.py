@@ -1,0 +1,1 @@
+"""Tables and figures: the studies, the benchmark, the report."""

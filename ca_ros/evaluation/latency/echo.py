@@ -1,0 +1,54 @@
+"""The echo node: what a message costs before anything is allocated."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.nodes.executable import run
+from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
+from ca_ros.nodes.qos import offered
+from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.parameters import AXES
+from ca_ros.vehicle.vehicle import Vehicle
+
+
+class Echo(VehicleNode):
+    """Answers each command/wrench with its numbers, as many as the vehicle has rotors.
+
+    It stands beside the allocator node in a benchmark: same messages, same quality of service,
+    same executor, same start.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._speeds = self.create_publisher(
+            Float64MultiArray, 'command/motor_speed', offered(self.mode)
+        )
+        self.listen(WrenchStamped, 'command/wrench', self._serve)
+
+    def build(self, parameters: dict[str, Any]) -> int:
+        """Count the rotors."""
+        return Vehicle.from_parameters(parameters).n
+
+    def adopt(self, built: int) -> None:
+        """Answer with so many numbers from the next command on."""
+        self._chosen = np.arange(built) % len(AXES)
+        self._message = speeds_message(np.zeros(built), None)
+
+    def _serve(self, command: WrenchStamped) -> None:
+        numbers = np.array(wrench_numbers(command)).take(self._chosen)
+        time = nanoseconds(command.header.stamp)
+        self._speeds.publish(fill_speeds(self._message, numbers, time))
+
+
+def main() -> int:
+    """Run the node."""
+    return run(Echo, 'Answer wrenches (command/wrench) with their numbers (command/motor_speed).')
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

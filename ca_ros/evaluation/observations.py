@@ -1,0 +1,93 @@
+"""What the paper observes in its dynamic simulation, checked by numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ca_ros.allocation.exact import Exact
+from ca_ros.evaluation.cases import BUILT_IN
+from ca_ros.evaluation.flight_metrics import at_bounds, steady
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.record import Flight
+from ca_ros.problem.problem import AllocationProblem
+
+HEIGHT_ERROR = 1e-3
+"""Height error in steady state that counts as one [m].
+
+With the gains of the parameter file, 0.04 mm are left of the step itself in the last second.
+"""
+
+SPEED_ERROR = 0.05
+"""Deviation from a speed that does not show in its first decimal [rad/s]."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is observed, the paper's sentence on it, whether it is true, and the numbers."""
+
+    subject: str
+    sentence: str
+    holds: bool
+    numbers: str
+
+
+def observe(
+    flights: Mapping[str, Flight], problem: AllocationProblem, waypoint: Waypoint
+) -> list[Observation]:
+    """Return the paper's three observations, as far as the methods they are about were flown."""
+    flown = {name: flight for name, flight in flights.items() if name in BUILT_IN}
+    made = []
+    if 'conventional' in flown:
+        made.append(_height(flown, waypoint))
+    if 'direct' in flown:
+        made.append(_maximum(flown['direct'], problem))
+    others = {name: flight for name, flight in flown.items() if name != 'direct'}
+    if others:
+        made.append(_hover(others, problem))
+    return made
+
+
+def _height(flown: Mapping[str, Flight], waypoint: Waypoint) -> Observation:
+    errors = {
+        name: abs(float((waypoint.position[2] - flight.position[steady(flight), 2]).mean()))
+        for name, flight in flown.items()
+    }
+    others = {name: error for name, error in errors.items() if name != 'conventional'}
+    return Observation(
+        'Height error in steady state',
+        'In steady state the conventional allocator has a nonzero height error'
+        + (', and no other method has one.' if others else '.'),
+        errors['conventional'] > HEIGHT_ERROR and max(others.values(), default=0.0) < HEIGHT_ERROR,
+        ', '.join(f'{name} {1e3 * error:.3f} mm' for name, error in errors.items()),
+    )
+
+
+def _maximum(flight: Flight, problem: AllocationProblem) -> Observation:
+    counts = at_bounds(flight, problem)[1][steady(flight)].sum(axis=1)
+    speeds = ', '.join(f'{speed:.1f}' for speed in flight.speeds[-1])
+    return Observation(
+        'Rotors at their maximum in steady state, with direct allocation',
+        'In steady state direct allocation has two rotors at their maximum.',
+        bool((counts == 2).all()),
+        f'{counts.min()} to {counts.max()} rotors; {speeds} rad/s at the end',
+    )
+
+
+def _hover(others: Mapping[str, Flight], problem: AllocationProblem) -> Observation:
+    hover = Exact(problem.vehicle).allocate(problem.hover).speeds
+    worst = {
+        name: float(np.abs(flight.speeds[steady(flight)] - hover).max())
+        for name, flight in others.items()
+    }
+    equal = float(np.ptp(hover)) < SPEED_ERROR
+    speed = f'at {hover.mean():.1f} rad/s' if equal else 'at its speed in least-norm hover'
+    return Observation(
+        'Rotor speeds in steady state, compared with hover of least norm',
+        f'In steady state all methods but direct allocation have each rotor {speed}.',
+        max(worst.values()) <= SPEED_ERROR,
+        'greatest deviation '
+        + ', '.join(f'{name} {error:.4f} rad/s' for name, error in worst.items()),
+    )

@@ -1,0 +1,72 @@
+"""The exact allocator's quadratic program as OSQP answers it: what the finish is needed for."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ca_ros.allocation import Allocation, Allocator, Status
+from ca_ros.arrays import Array
+from ca_ros.vehicle.vehicle import Vehicle
+
+
+class PlainOsqp(Allocator):
+    """Eqs. (20)-(22) by OSQP at its default tolerances, saturated.
+
+    For comparison only: nothing is done about what OSQP leaves undone.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+
+    Raises
+    ------
+    ValueError
+        If the package osqp is not installed.
+    """
+
+    SETTINGS: ClassVar[dict[str, Any]] = {}
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        super().__init__(vehicle)
+        try:
+            import osqp
+            import scipy.sparse
+        except ImportError:
+            raise ValueError('plain OSQP needs the package osqp (pip install osqp)') from None
+        n = vehicle.n
+        self._solver = osqp.OSQP()
+        self._solver.setup(
+            scipy.sparse.identity(n, format='csc'),
+            np.zeros(n),
+            scipy.sparse.csc_matrix(np.vstack([self.problem.gamma, np.eye(n)])),
+            *self._bounds(self.problem.hover),
+            verbose=False,
+            warm_starting=False,
+            **self.SETTINGS,
+        )
+        self._rho = float(self._solver.settings.rho)
+
+    def _bounds(self, u: Array) -> tuple[Array, Array]:
+        return np.concatenate([u, self.problem.lower]), np.concatenate([u, self.problem.upper])
+
+    def _allocate(self, u: Array) -> Allocation:
+        lower, upper = self._bounds(u)
+        # OSQP adapts rho and keeps it: the answer would depend on the wrenches before this one.
+        self._solver.update_settings(rho=self._rho)
+        self._solver.update(l=lower, u=upper)
+        wanted = np.asarray(self._solver.solve(raise_error=False).x, dtype=float)
+        if not np.isfinite(wanted).all():
+            return Allocation(
+                self.problem, u, self.problem.lower.copy(), Status.INEXACT, violation=np.inf
+            )
+        thrusts = self.problem.clip(wanted)
+        violation = float(np.abs(wanted - thrusts).max())
+        return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
+
+
+class TightOsqp(PlainOsqp):
+    """The same at tolerances of 1e-8, as tight as the paper's own."""
+
+    SETTINGS: ClassVar[dict[str, Any]] = {'eps_abs': 1e-8, 'eps_rel': 1e-8}

@@ -1,0 +1,72 @@
+"""The report: studies and benchmark on one page of HTML that needs nothing else."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import jinja2
+
+from ca_ros.evaluation.report.contents import KINDS, Chapter, ContentsError, chapter
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the report; return the exit code."""
+    options = _parse(sys.argv[1:] if argv is None else argv)
+    try:
+        chapters = [chapter(name, getattr(options, name)) for name in KINDS]
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text(page(options.title, chapters), encoding='utf-8')
+    except (ContentsError, OSError) as error:
+        print(f'report: {error}', file=sys.stderr)
+        return 1
+    absent = [f'--{each.name}' for each in chapters if each.start is None]
+    print(f'written: {options.out}' + (f' without {", ".join(absent)}' if absent else ''))
+    return 0
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='report',
+        description='Put the results of the studies and the benchmark on one page of HTML, with '
+        'all figures in it: it can be read without a network, and sent as a file.',
+        epilog='Figures are taken as SVG where there are such: make them with --figures svg.',
+    )
+    for name, kind in KINDS.items():
+        parser.add_argument(
+            f'--{name}', type=Path, metavar='DIR', help=f'folder of the results of {kind.program}'
+        )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=Path('report.html'),
+        metavar='FILE',
+        help='the page (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--title', default='Control allocation with ca_ros', help='of the page (%(default)s)'
+    )
+    options = parser.parse_args(argv)
+    if all(getattr(options, name) is None for name in KINDS):
+        parser.error(f'nothing to report: give {" or ".join(f"--{name} DIR" for name in KINDS)}')
+    return options
+
+
+def page(title: str, chapters: Sequence[Chapter]) -> str:
+    """Return the page of a report."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template = environment.get_template('page.html')
+    return template.render(title=title, chapters=chapters, version=version('ca_ros'))
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,1 @@
+"""Flights without ROS: controller, rigid body, closed loop, and what was flown."""

@@ -1,0 +1,114 @@
+"""The closed loop without ROS: controller, allocator and rigid body, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ca_ros.allocation import Allocator
+from ca_ros.arrays import Array
+from ca_ros.flight.controller import Controller, Waypoint
+from ca_ros.flight.record import Flight, steps
+from ca_ros.flight.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    NULL_STATE,
+    POSITION,
+    RigidBody,
+    velocity_in_body,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What takes the place of its predecessor in a closed loop, from a time of flight on.
+
+    Attributes
+    ----------
+    time : int
+        [ns]
+    controller, allocator, body, waypoint
+        None where nothing changes.
+    """
+
+    time: int
+    controller: Controller | None = None
+    allocator: Allocator | None = None
+    body: RigidBody | None = None
+    waypoint: Waypoint | None = None
+
+
+def fly(
+    controller: Controller,
+    allocator: Allocator,
+    body: RigidBody,
+    waypoint: Waypoint,
+    duration: float,
+    time_step: float = 0.01,
+    state: Array = NULL_STATE,
+    changes: Iterable[Change] = (),
+) -> Flight:
+    """Fly to a waypoint.
+
+    Parameters
+    ----------
+    controller : Controller
+    allocator : Allocator
+    body : RigidBody
+    waypoint : Waypoint
+    duration : float
+        [s]
+    time_step : float
+        Whole nanoseconds are used, as in the stamps of ROS [s].
+    state : (13,) array
+        Initial state, see `ca_ros.flight.rigid_body`.
+    changes : iterable of Change
+        Each takes effect at the first sample that is not before its time.
+
+    Returns
+    -------
+    Flight
+        One sample at each step up to `duration`.
+
+    Raises
+    ------
+    FloatingPointError
+        If it diverges, because of gains or steps that are too great.
+    """
+    states: list[Array] = []
+    velocities, commands = [], []
+    step_ns = round(time_step * 1e9)
+    time_step = step_ns / 1e9
+    pending = sorted(changes, key=lambda change: change.time, reverse=True)
+    for step in range(steps(duration, time_step) + 1):
+        while pending and pending[-1].time <= step * step_ns:
+            change = pending.pop()
+            controller = change.controller or controller
+            allocator = change.allocator or allocator
+            body = change.body or body
+            waypoint = change.waypoint or waypoint
+        velocity = velocity_in_body(state)
+        try:
+            wrench = controller.wrench(
+                state[POSITION], state[ATTITUDE], velocity, state[ANGULAR_VELOCITY], waypoint
+            )
+        except ValueError as error:
+            time = step * time_step
+            raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
+        speeds = allocator.allocate(wrench).speeds
+        states.append(state)
+        velocities.append(velocity)
+        commands.append(speeds)
+        state = body.step(state, speeds, time_step)
+    flown = np.array(states)
+    nanoseconds = np.arange(len(flown)) * step_ns
+    return Flight(
+        nanoseconds / 1e9,
+        flown[:, POSITION],
+        flown[:, ATTITUDE],
+        np.array(velocities),
+        flown[:, ANGULAR_VELOCITY],
+        np.array(commands),
+    )

@@ -1,0 +1,122 @@
+"""Figures of flights."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from ca_ros.arrays import Array
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.record import Flight
+from ca_ros.vehicle.vehicle import Vehicle
+
+COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
+
+STYLE: dict[Any, Any] = {
+    'font.size': 9,
+    'axes.grid': True,
+    'grid.alpha': 0.3,
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'legend.frameon': False,
+    'lines.linewidth': 1.4,
+}
+DASHED: dict[str, Any] = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
+"""Waypoints and bounds."""
+
+DASHES: Any = ('-', (0, (5, 1)), (0, (1, 1)))
+
+FORMATS: dict[str, dict[str, None]] = {
+    'png': {},
+    'svg': {'Date': None},
+    'pdf': {'CreationDate': None},
+}
+"""What figures can be written as, and the metadata without which they are the same each time."""
+
+
+def add_option(parser: argparse.ArgumentParser) -> None:
+    """Let a command line choose the formats of its figures."""
+    parser.add_argument(
+        '--figures',
+        type=formats,
+        default='png',
+        metavar='A,B',
+        help=f'formats of the figures: {", ".join(FORMATS)}',
+    )
+
+
+def formats(text: str) -> list[str]:
+    """Return the formats in a list such as png,svg; raise what argparse turns into a message."""
+    words = [word.strip() for word in text.split(',')]
+    for word in words:
+        if word not in FORMATS:
+            raise argparse.ArgumentTypeError(
+                f'{word!r} is no format of figures; there are {", ".join(FORMATS)}'
+            )
+    return list(dict.fromkeys(words))
+
+
+def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write a figure in each format, under a path to which the suffix is added."""
+    files = [path.with_name(f'{path.name}.{form}') for form in formats]
+    # Otherwise the names inside of an SVG file are drawn by lot, and fonts in a PDF file are of
+    # Type 3, which many publishers refuse.
+    with matplotlib.rc_context({'svg.hashsalt': path.name, 'pdf.fonttype': 42}):
+        for file, form in zip(files, formats, strict=True):
+            figure.savefig(file, dpi=200, metadata=FORMATS[form])
+    return files
+
+
+def line(i: int) -> dict[str, Any]:
+    """Return how line i is drawn; where there are more than colours, dashes tell them apart."""
+    return {'color': COLORS[i % len(COLORS)], 'linestyle': DASHES[i // len(COLORS) % len(DASHES)]}
+
+
+def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
+    """Draw position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.0, 7.5), layout='constrained')
+        position, attitude, speeds = figure.subplots(3, 1, sharex=True)
+        _lines(position, flight.time, flight.position, ('x', 'y', 'z'), 'position [m]')
+        for level in np.unique(waypoint.position):
+            position.axhline(level, **DASHED)
+        _lines(
+            attitude,
+            flight.time,
+            np.degrees(np.column_stack([flight.euler[:, :2], flight.heading])),
+            ('roll', 'pitch', 'heading'),
+            'angle [deg]',
+        )
+        attitude.axhline(np.degrees(waypoint.heading), **DASHED)
+        names = [f'rotor {i + 1}' for i in range(vehicle.n)]
+        _lines(speeds, flight.time, flight.speeds, names, 'rotor speed [rad/s]')
+        for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
+            speeds.axhline(bound, **DASHED)
+        speeds.set_xlabel('time [s]')
+        speeds.set_xlim(flight.time[0], flight.time[-1])
+    return figure
+
+
+def _lines(
+    axes: matplotlib.axes.Axes,
+    time: Array,
+    values: Array,
+    names: list[str] | tuple[str, ...],
+    label: str,
+) -> None:
+    for i, name in enumerate(names):
+        axes.plot(
+            time,
+            values[:, i],
+            label=name,
+            **line(i),
+        )
+    axes.set_ylabel(label)
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))

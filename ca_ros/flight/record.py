@@ -1,0 +1,97 @@
+"""A recorded flight."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ca_ros.arrays import Array
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.rigid_body import difference, heading, tilt
+
+
+def steps(duration: float, time_step: float) -> int:
+    """Return how many equal steps end within a duration [s]."""
+    return int(duration / time_step + 1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """K samples of a vehicle's state, and the rotor speeds that followed each.
+
+    Attributes
+    ----------
+    time : (K,) array
+        [s]
+    position : (K, 3) array
+        World frame [m].
+    attitude : (K, 4) array
+        Quaternions x, y, z, w, body to world.
+    velocity, angular_velocity : (K, 3) arrays
+        Body frame [m/s, rad/s].
+    speeds : (K, n) array
+        Rotor speeds from this sample to the next [rad/s].
+    """
+
+    time: Array
+    position: Array
+    attitude: Array
+    velocity: Array
+    angular_velocity: Array
+    speeds: Array
+
+    @property
+    def euler(self) -> Array:
+        """Roll, pitch, yaw (K, 3): Euler angles 123, about x, the new y, the new z [rad]."""
+        return Rotation.from_quat(self.attitude).as_euler('XYZ')
+
+    @property
+    def heading(self) -> Array:
+        """Heading (K,) [rad], see `ca_ros.flight.rigid_body.heading`."""
+        return heading(self.attitude)
+
+    @property
+    def tilt(self) -> Array:
+        """Angle (K,) between the body's z axis and the vertical [rad]."""
+        return tilt(self.attitude)
+
+    def missing(self, duration: float) -> int:
+        """Return how many samples are missing of a flight of so many seconds in equal steps."""
+        step = float(np.diff(self.time).min(initial=np.inf))
+        return steps(duration, step) + 1 - len(self.time)
+
+    def position_error(self, waypoint: Waypoint) -> float:
+        """Return the final distance to a waypoint [m]."""
+        return float(np.linalg.norm(self.position[-1] - waypoint.position))
+
+    def heading_error(self, waypoint: Waypoint) -> float:
+        """Return the final angle between the heading and that of a waypoint [rad]."""
+        return abs(float(difference(self.heading[-1], waypoint.heading)))
+
+    def columns(self) -> dict[str, Array]:
+        """Return the columns of `write_csv` by name, (K,) each."""
+        tables = {
+            ('t',): self.time[:, None],
+            ('x', 'y', 'z'): self.position,
+            ('roll', 'pitch', 'yaw'): self.euler,
+            tuple(f'speed_{i + 1}' for i in range(self.speeds.shape[1])): self.speeds,
+            ('heading', 'tilt'): np.column_stack([self.heading, self.tilt]),
+            ('qx', 'qy', 'qz', 'qw'): self.attitude,
+            ('vx', 'vy', 'vz'): self.velocity,
+            ('wx', 'wy', 'wz'): self.angular_velocity,
+        }
+        return {
+            name: table[:, i] for names, table in tables.items() for i, name in enumerate(names)
+        }
+
+    def write_csv(self, path: Path) -> None:
+        """Write one row a sample, every number to its last bit; SI units, angles in rad."""
+        columns = self.columns()
+        with path.open('w', newline='', encoding='utf-8') as file:
+            writer = csv.writer(file, lineterminator='\n')
+            writer.writerow(columns)
+            writer.writerows(np.column_stack(list(columns.values())).tolist())

@@ -1,0 +1,1 @@
+"""The control allocation problem: its data, the admissible set, priorities, the audit."""

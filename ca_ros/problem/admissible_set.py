@@ -1,0 +1,223 @@
+"""The admissible set: every wrench that the rotors can give within their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array, BoolArray
+from ca_ros.problem.prioritization import REVERSALS, Prioritization
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.solver.zonotope import Zonotope
+from ca_ros.vehicle.vehicle import Vehicle
+
+REACHED = 1e-9
+"""Share of the way to a reference that may be missing for it to be in the set."""
+
+
+class AdmissibleSet:
+    """The set A of Eq. (23): the zonotope that is the image of the box of thrusts under Gamma.
+
+    Parameters
+    ----------
+    vehicle : Vehicle or AllocationProblem
+
+    Attributes
+    ----------
+    reference : (m,) array
+        Hover if that is inside the set, otherwise the centre of the set [N, N m].
+
+    Raises
+    ------
+    ValueError
+        If the set has no volume: the rotors cannot command the axes independently.
+    """
+
+    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
+        self.problem = problem = (
+            vehicle if isinstance(vehicle, AllocationProblem) else AllocationProblem(vehicle)
+        )
+        inside = problem.reach(problem.center, problem.hover - problem.center, 2.0) > 1.0
+        self.reference = problem.hover if inside else problem.center
+        self._default_order = default_order(problem.axes)
+        self._prioritizations: dict[object, Prioritization] = {}
+
+    @property
+    def zonotope(self) -> Zonotope:
+        """The facets of the set; they are worked out when they are first needed."""
+        return self.problem.image
+
+    @property
+    def facets(self) -> tuple[Array, Array]:
+        """Outward unit normals (F, m) and offsets (F,): ``normals @ u <= offsets`` [N, N m]."""
+        return self.zonotope.facets
+
+    @property
+    def center(self) -> Array:
+        """Centre of symmetry (m,) [N, N m]."""
+        return self.problem.center
+
+    @property
+    def volume(self) -> float:
+        """Volume of the set; [N (N m)^3] for the usual four axes."""
+        return self.zonotope.volume
+
+    def margin(self, u: ArrayLike) -> Array:
+        """Return the signed distance of wrenches to the boundary, positive inside.
+
+        Parameters
+        ----------
+        u : (..., m) array
+            Wrenches [N, N m].
+
+        Returns
+        -------
+        (...) array
+            Least slack over the facets with unit normals [N, N m]: inside, the Euclidean distance
+            to the boundary.
+        """
+        return self.zonotope.margin(self.problem.check(u, batch=True))
+
+    def contains(self, u: ArrayLike, tolerance: float = 0.0) -> BoolArray:
+        """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
+        return self.margin(u) >= -tolerance
+
+    def scale(self, u: ArrayLike, about: ArrayLike | None = None) -> Array:
+        """Bring a wrench into the set along the straight line to a reference.
+
+        Parameters
+        ----------
+        u : (..., m) array
+            Wrenches [N, N m].
+        about : (m,) array, optional
+            A wrench in the set; by default `reference`.
+
+        Returns
+        -------
+        (..., m) array
+            `u` itself where it is in the set, otherwise the last point of the line from `about` to
+            `u` that is.
+
+        Raises
+        ------
+        ValueError
+            If `about` is outside the set.
+        """
+        return self.scale_levels(u, about)[0]
+
+    def scale_levels(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Like `scale`; return also the share (...) of the way to `u`, 1 where that is inside."""
+        u = self.problem.check(u, batch=True)
+        served, levels = self._serve(self.check_reference(about), u)
+        return served, levels.min(axis=-1)
+
+    def prioritize(
+        self,
+        u: ArrayLike,
+        order: Sequence[Sequence[str]] | None = None,
+        reversal: str = 'prevent',
+    ) -> Array:
+        """Bring a wrench into the set by giving up the less important axes first.
+
+        With the default order, roll and pitch get as much of their demand as is possible, in its
+        direction.  Then yaw keeps its sense: it is not reversed, exceeded or moved without demand
+        as long as thrust can pay for that.  Then thrust comes as near to its demand as that
+        leaves, and then yaw.  See `Prioritization` for other orders.
+
+        Parameters
+        ----------
+        u : (..., m) array
+            Wrenches [N, N m].
+        order : sequence of groups of axes, optional
+            By default roll and pitch together, before thrust, before yaw; lateral forces come
+            last.
+        reversal : 'prevent', 'avoid' or 'allow'
+            What the second group pays so that no lesser axis is reversed.  'prevent': as much as
+            that takes.  'avoid': no more than what lies between its demand and hover.  'allow':
+            nothing.
+
+        Returns
+        -------
+        (..., m) array
+            `u` itself where it is in the set, otherwise what is served.
+
+        Raises
+        ------
+        ValueError
+            If `order` is not a partition of the vehicle's axes, or there is no such `reversal`.
+        """
+        return self.prioritize_levels(u, order, reversal)[0]
+
+    def prioritize_levels(
+        self,
+        u: ArrayLike,
+        order: Sequence[Sequence[str]] | None = None,
+        reversal: str = 'prevent',
+    ) -> tuple[Array, Array]:
+        """Like `prioritize`; return also the share (..., m) of its demand that each axis got.
+
+        It is counted from hover: 0 for an axis that is reversed or does not move, 1 for one that
+        gets all of its demand or more.
+        """
+        return self._serve(self.check_order(order, reversal), self.problem.check(u, batch=True))
+
+    def _serve(self, serve: Prioritization, u: Array) -> tuple[Array, Array]:
+        """Return what is served of wrenches (..., m), which are served as they are in the set."""
+        served, levels = u.copy(), np.ones(u.shape)
+        if u.ndim == 1:
+            # A single wrench is not worth all facets.
+            thrusts = self.problem.least_norm.unbounded(u)
+            if (thrusts == self.problem.clip(thrusts)).all():
+                return served, levels
+            answer, levels = serve(u)
+            return (served if (levels == 1.0).all() else answer), levels
+        outside = self.zonotope.margin(served) < 0.0
+        if outside.any():
+            served[outside], levels[outside] = serve(served[outside])
+        return served, levels
+
+    def check_reference(self, about: ArrayLike | None) -> Prioritization:
+        """Return what scales about a reference; raise a ValueError if that is outside the set."""
+        start = self.reference if about is None else self.problem.check(about)
+        way = start - self.problem.center
+        if self.problem.reach(self.problem.center, way, 1.0) < 1.0 - REACHED:
+            raise ValueError(f'about: expected a wrench in the admissible set, got {start}')
+        everything = [list(range(len(self.problem.axes)))]
+        return Prioritization(self.problem, everything, start, begin=start)
+
+    def check_order(
+        self, order: Sequence[Sequence[str]] | None, reversal: str = 'prevent'
+    ) -> Prioritization:
+        """Return what serves an order; raise a ValueError if it or `reversal` is wrong."""
+        groups = self._default_order if order is None else tuple(tuple(group) for group in order)
+        if (groups, reversal) not in self._prioritizations:
+            if reversal not in REVERSALS:
+                raise ValueError(
+                    f'reversal: expected one of {", ".join(REVERSALS)}, got {reversal!r}'
+                )
+            if (
+                sorted(axis for group in groups for axis in group) != sorted(self.problem.axes)
+                or () in groups
+            ):
+                raise ValueError(
+                    f'order: expected groups in which each of {", ".join(self.problem.axes)} '
+                    f'stands once, got {order}'
+                )
+            rows = [[self.problem.axes.index(axis) for axis in group] for group in groups]
+            self._prioritizations[groups, reversal] = Prioritization(
+                self.problem, rows, reversal=reversal
+            )
+        return self._prioritizations[groups, reversal]
+
+    def sample(self, rng: np.random.Generator, size: int) -> Array:
+        """Draw wrenches (size, m) [N, N m] uniformly by volume."""
+        return self.zonotope.sample(rng, size)
+
+
+def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the default order of axes: roll and pitch, then thrust, yaw, and lateral forces."""
+    groups = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
+    present = (tuple(axis for axis in group if axis in axes) for group in groups)
+    return tuple(group for group in present if group)

@@ -1,0 +1,172 @@
+"""Priorities: what to give up first when a wrench is not attainable."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.problem.problem import AllocationProblem, lengths
+
+INSIDE = 0.99
+"""Greatest share of the way from the middle of the set to its boundary where a line may begin."""
+
+REVERSALS = ('prevent', 'avoid', 'allow')
+
+REST = 1e-9
+"""Distance from the reference, as a share of an axis's range, that counts as none."""
+
+LAG = 1e-3
+"""Least weight of an axis in its group, relative to the greatest."""
+
+ROUNDING = 1e-12
+"""Distance to the demand, as a share of an axis's range, that counts as none."""
+
+
+class Prioritization:
+    """Serve groups of axes in their order, and reverse no axis that a lesser one can pay for.
+
+    These quantities are served one after the other, each as far as those before it allow:
+
+    1. the first group: on the straight line from the reference to its demand, as far as possible;
+    2. the sense of the axes after the second group, in their order: between reference and demand,
+       or as near to that as possible, so that no axis is reversed, exceeded or moved without
+       demand (`reversal`);
+    3. the amount of each other group: as near to its demand as possible.
+
+    An axis that cannot be at its reference while those before it are, such as the yaw of a
+    hexarotor that lost a rotor, is lost: it has no sense, and gets what the others leave.
+
+    Every step is a linear program over the thrusts.  What is served is continuous in the demand.
+    In step 3 the axes of a group first get the same share of their demands, as great as possible,
+    and then, in their order, what else is possible.
+
+    Parameters
+    ----------
+    problem : AllocationProblem
+    groups : sequence of sequences of int
+        Rows of Gamma, the most important group first.
+    reference : (m,) array, optional
+        By default hover [N, N m].
+    reversal : 'prevent', 'avoid' or 'allow'
+        The axes of step 2.  'prevent': those after the second group, which pays for their sense
+        with as much as that takes.  'avoid': those of the second group too, which then pays only
+        with what lies between its demand and its reference.  'allow': none.
+    begin : (m,) array, optional
+        Attainable wrench where the line of step 1 begins.  By default it is the reference, moved
+        towards the middle of the set if that is outside the set or near its boundary.
+    """
+
+    def __init__(
+        self,
+        problem: AllocationProblem,
+        groups: Sequence[Sequence[int]],
+        reference: Array | None = None,
+        reversal: str = 'prevent',
+        begin: Array | None = None,
+    ) -> None:
+        self._problem = problem
+        self._first, *self._later = (list(group) for group in groups)
+        self._wrench = problem.hover if reference is None else reference
+        self._reference = problem.scaled(self._wrench).tolist()
+        sensed = {'avoid': self._later, 'prevent': self._later[1:], 'allow': []}[reversal]
+        self._senses: list[int] = []
+        # In the simplex the thrusts come before the rows of Gamma.
+        self._offset = len(problem.lower)
+        self._start, self._begin = problem.simplex.copy(), [0.0]
+        if len(self._first) > 1:
+            self._begin = (
+                self._inside() if begin is None else problem.scaled(begin)[self._first].tolist()
+            )
+            for row, value in zip(self._first, self._begin, strict=True):
+                self._start.push(self._offset + row, value)
+                self._start.release(self._offset + row)
+        rest = self._serve(self._reference)[self._offset :]
+        self._senses = [
+            row
+            for group in sensed
+            for row in group
+            if abs(rest[row] - self._reference[row]) <= REST
+        ]
+
+    def _inside(self) -> list[float]:
+        """Return where the line of the first group begins, inside of what is attainable of it."""
+        line, way = self._problem.simplex.copy(), [self._reference[row] for row in self._first]
+        for row in self._first:
+            line.release(self._offset + row)
+        size = max(map(abs, way)) or 1.0
+        length = line.add_ray(
+            [self._offset + row for row in self._first], [component / size for component in way]
+        )
+        line.push(length, size / INSIDE)
+        return [min(1.0, INSIDE * line.value[length] / size) * component for component in way]
+
+    def __call__(self, u: Array) -> tuple[Array, Array]:
+        """Return what is served of demands.
+
+        Parameters
+        ----------
+        u : (..., m) array
+            Demands [N, N m].
+
+        Returns
+        -------
+        served : (..., m) array
+            Attainable wrenches [N, N m].
+        levels : (..., m) array
+            Share of the way from the reference to the demand that each axis went: 0 if it is
+            reversed, 1 at the demand and beyond it.
+        """
+        problem, n = self._problem, self._offset
+        demands = u.reshape(-1, u.shape[-1])
+        values = [self._serve(goals) for goals in problem.scaled(demands).tolist()]
+        reaches = np.array(values).reshape(len(demands), n + demands.shape[1])
+        thrusts = problem.clip(problem.middle + problem.half_range * reaches[:, :n])
+        served = thrusts @ problem.gamma.T
+        # Pivots of almost symmetric vehicles are small and cost digits.
+        goals = problem.center + problem.extent * reaches[:, n:]
+        tolerances = problem.tolerance(goals)
+        for i in np.flatnonzero(lengths(goals - served) > 0.5 * tolerances):
+            settled = problem.least_norm.settle(thrusts[i], goals[i], 0.5 * tolerances[i])
+            served[i] = problem.gamma @ settled
+        ways = demands - self._wrench
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+            levels = np.clip(np.where(ways != 0.0, (served - self._wrench) / ways, 0.0), 0.0, 1.0)
+        levels[np.abs(served - demands) <= ROUNDING * problem.extent] = 1.0
+        return served.reshape(u.shape), levels.reshape(u.shape)
+
+    def _serve(self, goals: list[float]) -> list[float]:
+        """Return thrusts and wrench (n + m,) for a demand (m,), in the units of the simplex."""
+        simplex, offset, length = self._start.copy(), self._offset, -1
+        if len(self._first) == 1:
+            simplex.push(offset + self._first[0], goals[self._first[0]])
+        else:
+            ways = [goals[row] - at for row, at in zip(self._first, self._begin, strict=True)]
+            size = max(map(abs, ways)) or 1.0
+            length = simplex.add_ray(
+                [offset + row for row in self._first], [way / size for way in ways]
+            )
+            simplex.push(length, size)
+        for row in self._senses:
+            v, value = offset + row, simplex.value[offset + row]
+            low, high = sorted((goals[row], self._reference[row]))
+            if low <= value <= high or simplex.push(v, low if value < low else high):
+                simplex.lower[v], simplex.upper[v] = low, high
+        for group in self._later:
+            if len(group) > 1:
+                distances = [abs(goals[row] - self._reference[row]) for row in group]
+                longest = max(distances) or 1.0
+                lag = simplex.add_lag(
+                    [offset + row for row in group],
+                    [goals[row] for row in group],
+                    [max(distance / longest, LAG) for distance in distances],
+                )
+                simplex.push(lag, 0.0)
+            for row in group:
+                simplex.push(offset + row, goals[row])
+        if length >= 0:
+            share = simplex.value[length] / size
+            for row, at, way in zip(self._first, self._begin, ways, strict=True):
+                simplex.value[offset + row] = goals[row] if share == 1.0 else at + share * way
+        return simplex.value[: offset + len(goals)]

@@ -1,0 +1,183 @@
+"""The control allocation problem: the data by which every allocator is judged."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import hypot
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array, constant
+from ca_ros.solver.dual_newton import LeastNorm
+from ca_ros.solver.simplex import Simplex
+from ca_ros.solver.zonotope import Zonotope, spans
+from ca_ros.vehicle.effectiveness import control_allocation_matrix
+from ca_ros.vehicle.vehicle import Vehicle
+
+EXACT_TOLERANCE = 1e-12
+"""Residual of an exact allocation, relative to max(1, |u|)."""
+
+ABSURD = 1e100
+"""Beyond this a number is an error in the caller, and its square would not be finite [N, N m]."""
+
+
+def lengths(vectors: Array) -> Array:
+    """Return the Euclidean lengths (...) of vectors (..., m); for short ones the fastest."""
+    if vectors.ndim == 1:
+        return np.sqrt(vectors.dot(vectors))
+    return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
+
+
+class AllocationProblem:
+    """Find f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
+
+    It is judged by its mathematics alone: a vehicle that allocators would refuse, since it cannot
+    command every axis or hover, is a problem all the same.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+    axes : tuple of str
+        Names of the m components of u.
+    gamma : (m, n) array
+        Control allocation matrix.
+    lower, upper : (n,) arrays
+        Bounds of the thrusts [N].
+    hover : (m,) array
+        The wrench that carries the vehicle's weight, without torque [N, N m].
+    middle, half_range : (n,) arrays
+        Middles and half lengths of the ranges of thrust [N].
+    center : (m,) array
+        The wrench of the middles: the centre of the admissible set [N, N m].
+    extent : (m,) array
+        Half of the range of each component [N, N m].
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.axes = vehicle.axes
+        self.gamma = constant(control_allocation_matrix(vehicle))
+        self.lower = vehicle.thrust_min
+        self.upper = vehicle.thrust_max
+        self._shape = (len(self.axes),)
+        self.hover = constant([vehicle.weight * (axis == 'thrust') for axis in self.axes])
+        self.middle = constant((self.lower + self.upper) / 2.0)
+        self.half_range = constant((self.upper - self.lower) / 2.0)
+        self.center = constant(self.gamma @ self.middle)
+        self.extent = constant(np.abs(self.gamma * self.half_range).sum(axis=1))
+
+    @cached_property
+    def simplex(self) -> Simplex:
+        """Thrusts and wrench, counted from their middles in units of `half_range` and `extent`.
+
+        Raises
+        ------
+        ValueError
+            If the admissible set has no volume.
+        """
+        if not self.spans:
+            raise self._no_volume()
+        return Simplex(self.gamma * self.half_range / self.extent[:, None])
+
+    def scaled(self, u: Array) -> Array:
+        """Return wrenches (..., m) as the rows of `simplex`."""
+        return (u - self.center) / self.extent
+
+    def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
+        """Return the greatest t <= limit for which ``start + t direction`` is attainable.
+
+        Parameters
+        ----------
+        start, direction : (m,) arrays
+            `start` is in the admissible set [N, N m].
+        limit : float
+        """
+        line = self.simplex.copy()
+        rows = range(len(self.lower), len(self.lower) + len(self.axes))
+        for v, goal in zip(rows, self.scaled(start).tolist(), strict=True):
+            line.push(v, goal)
+            line.release(v)
+        way = direction / self.extent
+        size = float(np.abs(way).max()) or 1.0
+        length = line.add_ray(rows, (way / size).tolist())
+        line.push(length, limit * size)
+        return line.value[length] / size
+
+    @property
+    def n(self) -> int:
+        """Number of rotors."""
+        return self.vehicle.n
+
+    @cached_property
+    def image(self) -> Zonotope:
+        """The admissible set A of Eq. (23).
+
+        Raises
+        ------
+        ValueError
+            If it has no volume: the rotors cannot command the axes independently.
+        """
+        if not self.spans:
+            raise self._no_volume()
+        return Zonotope(self.center, self.gamma * self.half_range)
+
+    @cached_property
+    def spans(self) -> bool:
+        """Whether the admissible set has a volume."""
+        return spans(self.gamma * self.half_range)
+
+    def _no_volume(self) -> ValueError:
+        return ValueError(
+            'the admissible set has no volume: the rotors cannot command '
+            f'{", ".join(self.axes)} independently (ca_ros.audit tells which they can)'
+        )
+
+    @cached_property
+    def least_norm(self) -> LeastNorm:
+        """The quadratic program of Eqs. (20)-(22)."""
+        return LeastNorm(self.gamma, self.lower, self.upper)
+
+    def multipliers(self, u: Array) -> Array:
+        """Return the multipliers (m,) of that program for a wrench (m,) in the admissible set."""
+        return self.least_norm.solve(u, float(self.tolerance(u)))[1]
+
+    def check(self, u: ArrayLike, batch: bool = False) -> Array:
+        """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.
+
+        Raises
+        ------
+        ValueError
+            If the shape is wrong or a component is not finite.
+        """
+        try:
+            wrench = np.array(u, float)
+        except (TypeError, ValueError):
+            raise ValueError(
+                f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {u!r}'
+            ) from None
+        if wrench.shape == self._shape:
+            # Of a single wrench Python tells faster than NumPy that there is nothing wrong.
+            if hypot(*wrench.tolist()) <= ABSURD:
+                return wrench
+        elif not (batch and wrench.shape[-1:] == self._shape):
+            expected = f'(..., {len(self.axes)})' if batch else f'({len(self.axes)},)'
+            raise ValueError(
+                f'wrench: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}'
+            )
+        sound = np.abs(wrench) <= ABSURD
+        if not sound.all():
+            bad = np.argwhere(~sound)[0]
+            raise ValueError(
+                f'wrench: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers '
+                f'up to {ABSURD:g}'
+            )
+        return wrench
+
+    def clip(self, thrusts: Array) -> Array:
+        """Return thrusts (..., n) within their bounds, Eq. (13)."""
+        return np.minimum(np.maximum(thrusts, self.lower), self.upper)
+
+    def tolerance(self, u: Array) -> Array:
+        """Return the residual (...) up to which wrenches (..., m) count as exact [N, N m]."""
+        return EXACT_TOLERANCE * np.maximum(1.0, lengths(u))

@@ -1,0 +1,1 @@
+"""Solvers that know no vehicle: quadratic and linear programs with bounds, zonotopes."""

@@ -1,1 +1,0 @@
-"""The paper's tables and figures, and the same of one's own vehicle and methods."""

@@ -1,0 +1,1 @@
+"""A vehicle: its geometry and rotors, the control allocation matrix, its parameter files."""

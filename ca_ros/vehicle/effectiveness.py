@@ -1,0 +1,42 @@
+"""The control allocation matrix: what the thrusts of the rotors do to the body."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.parameters import AXES
+
+if TYPE_CHECKING:
+    from ca_ros.vehicle.vehicle import Vehicle
+
+
+def rotor_wrenches(vehicle: Vehicle) -> Array:
+    """Return force and torque about the centre of mass per unit of thrust, Eqs. (5)-(6).
+
+    Returns
+    -------
+    (6, n) array
+        Rows force x, y, z [N/N] and torque x, y, z [N m/N] in the body frame, for axes in any
+        direction.
+    """
+    k = vehicle.torque_coefficient / vehicle.thrust_coefficient
+    torques = (
+        np.cross(vehicle.arms, vehicle.rotor_axes)
+        + (vehicle.spins * k)[:, None] * vehicle.rotor_axes
+    )
+    return np.vstack([vehicle.rotor_axes.T, torques.T])
+
+
+def control_allocation_matrix(vehicle: Vehicle) -> Array:
+    """Return Gamma of u = Gamma f, Eqs. (8)-(9).
+
+    Returns
+    -------
+    (m, n) array
+        One row for each of the vehicle's commanded axes; for the usual four, thrust [N/N] and
+        torque x, y, z [N m/N], u = (thrust, tau_x, tau_y, tau_z).
+    """
+    return rotor_wrenches(vehicle)[[AXES.index(axis) for axis in vehicle.axes]]
