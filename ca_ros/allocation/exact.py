@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.solver.critical_region import AffineLaw
@@ -29,9 +29,6 @@ POLICIES = {
 SOLVERS = ('newton', 'osqp')
 
 EXACT = Status.EXACT
-
-NEAR = 1e-4
-"""Share of an axis's range by which a wrench may be missed and still turn out to be attainable."""
 
 BATCH_MIN = 16
 """From so many wrenches on a batch is faster than one wrench after the other."""
@@ -107,8 +104,8 @@ class Exact(Allocator):
         thrusts = laws.find(u)
         if thrusts is not None and (laws.proven or self._judge(u, thrusts, LAW_SHARE)):
             return Allocation(self.problem, u, thrusts, EXACT)
-        served, levels = self._attainable(u)
-        if self._near(served, u):
+        served, levels, reached = self._attainable(u)
+        if reached:
             thrusts, attained = self._solve(u)
             if attained:
                 return Allocation(self.problem, u, thrusts, EXACT)
@@ -119,11 +116,6 @@ class Exact(Allocator):
         if not attained:
             status = Status.INEXACT
         return Allocation(self.problem, u, thrusts, status, float(levels.min()))
-
-    def _near(self, served: Array, u: Array) -> BoolArray:
-        """Tell which of the wrenches (..., m) may be attainable, by what is served of them."""
-        distances = np.abs(served - u) / self.problem.extent
-        return np.asarray(distances.max(axis=-1) <= NEAR)
 
     def _solve(self, u: Array) -> tuple[Array, bool]:
         """Return the least thrusts for a wrench, and whether it is attainable."""
@@ -158,13 +150,10 @@ class Exact(Allocator):
         inside, outside = left[~beyond], left[beyond]
         thrusts[inside] = self._laws.find_or_learn_batch(demands[inside])
         if self.policy != 'reject':
-            served, shares = self._attainable(demands[outside])
+            served, shares, reached = self._attainable(demands[outside])
             levels[outside], status[outside] = shares.min(axis=-1), POLICIES[self.policy]
             thrusts[outside] = self._laws.find_or_learn_batch(served)
-            outside = outside[
-                ~self._judge(served, thrusts[outside], LAW_SHARE)
-                | self._near(served, demands[outside])
-            ]
+            outside = outside[~self._judge(served, thrusts[outside], LAW_SHARE) | reached]
         inside = inside[~self._judge(demands[inside], thrusts[inside], LAW_SHARE)]
         # What is not clear, as on the boundary, is looked at one by one.
         for i in [*inside, *outside]:

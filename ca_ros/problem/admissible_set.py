@@ -168,14 +168,15 @@ class AdmissibleSet:
         served, levels = u.copy(), np.ones(u.shape)
         if u.ndim == 1:
             # A single wrench is not worth all facets.
-            thrusts = self.problem.least_norm.unbounded(u)
-            if (thrusts == self.problem.clip(thrusts)).all():
+            if self.problem.attains_unbounded(u):
                 return served, levels
-            answer, levels = serve(u)
-            return (served if (levels == 1.0).all() else answer), levels
+            answer = serve(u)
+            if answer.reached and self.problem.attains(u):
+                return served, levels
+            return answer.wrenches, answer.levels
         outside = self.zonotope.margin(served) < 0.0
         if outside.any():
-            served[outside], levels[outside] = serve(served[outside])
+            served[outside], levels[outside], _ = serve(served[outside])
         return served, levels
 
     def check_reference(self, about: ArrayLike | None) -> Prioritization:

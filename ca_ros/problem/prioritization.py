@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.solver.simplex import Simplex
 
 INSIDE = 0.99
 """Greatest share of the way from the middle of the set to its boundary where a line may begin."""
@@ -20,8 +22,27 @@ REST = 1e-9
 LAG = 1e-3
 """Least weight of an axis in its group, relative to the greatest."""
 
-ROUNDING = 1e-12
-"""Distance to the demand, as a share of an axis's range, that counts as none."""
+DOUBT = 10.0
+"""Multiple of what the simplex doubts by which a demand may be missed and count as served."""
+
+
+class Served(NamedTuple):
+    """What `Prioritization` makes of demands.
+
+    Attributes
+    ----------
+    wrenches : (..., m) array
+        Attainable wrenches [N, N m].
+    levels : (..., m) array
+        Share of the way from the reference to the demand that each axis went: 0 if it is
+        reversed, 1 at the demand and beyond it.
+    reached : (...) array of bool
+        Whether the demand itself is served, up to rounding errors.
+    """
+
+    wrenches: Array
+    levels: Array
+    reached: BoolArray
 
 
 class Prioritization:
@@ -82,7 +103,7 @@ class Prioritization:
             for row, value in zip(self._first, self._begin, strict=True):
                 self._start.push(self._offset + row, value)
                 self._start.release(self._offset + row)
-        rest = self._serve(self._reference)[self._offset :]
+        rest = self._serve(self._reference).value[self._offset :]
         self._senses = [
             row
             for group in sensed
@@ -102,26 +123,13 @@ class Prioritization:
         line.push(length, size / INSIDE)
         return [min(1.0, INSIDE * line.value[length] / size) * component for component in way]
 
-    def __call__(self, u: Array) -> tuple[Array, Array]:
-        """Return what is served of demands.
-
-        Parameters
-        ----------
-        u : (..., m) array
-            Demands [N, N m].
-
-        Returns
-        -------
-        served : (..., m) array
-            Attainable wrenches [N, N m].
-        levels : (..., m) array
-            Share of the way from the reference to the demand that each axis went: 0 if it is
-            reversed, 1 at the demand and beyond it.
-        """
+    def __call__(self, u: Array) -> Served:
+        """Return what is served of demands (..., m) [N, N m]."""
         problem, n = self._problem, self._offset
         demands = u.reshape(-1, u.shape[-1])
-        values = [self._serve(goals) for goals in problem.scaled(demands).tolist()]
-        reaches = np.array(values).reshape(len(demands), n + demands.shape[1])
+        ends = [self._serve(goals) for goals in problem.scaled(demands).tolist()]
+        reaches = np.array([end.value[: n + demands.shape[1]] for end in ends])
+        reaches = reaches.reshape(len(demands), n + demands.shape[1])
         thrusts = problem.clip(problem.middle + problem.half_range * reaches[:, :n])
         served = thrusts @ problem.gamma.T
         # Pivots of almost symmetric vehicles are small and cost digits.
@@ -133,11 +141,14 @@ class Prioritization:
         ways = demands - self._wrench
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             levels = np.clip(np.where(ways != 0.0, (served - self._wrench) / ways, 0.0), 0.0, 1.0)
-        levels[np.abs(served - demands) <= ROUNDING * problem.extent] = 1.0
-        return served.reshape(u.shape), levels.reshape(u.shape)
+        doubts = np.array([end.doubt for end in ends]).reshape(-1, 1)
+        near = np.abs(served - demands) <= DOUBT * doubts * problem.extent
+        levels[near] = 1.0
+        reached = np.asarray(near.all(axis=-1)).reshape(u.shape[:-1])
+        return Served(served.reshape(u.shape), levels.reshape(u.shape), reached)
 
-    def _serve(self, goals: list[float]) -> list[float]:
-        """Return thrusts and wrench (n + m,) for a demand (m,), in the units of the simplex."""
+    def _serve(self, goals: list[float]) -> Simplex:
+        """Return the simplex, thrusts before wrench, for a demand (m,) in its units."""
         simplex, offset, length = self._start.copy(), self._offset, -1
         if len(self._first) == 1:
             simplex.push(offset + self._first[0], goals[self._first[0]])
@@ -169,4 +180,4 @@ class Prioritization:
             share = simplex.value[length] / size
             for row, at, way in zip(self._first, self._begin, ways, strict=True):
                 simplex.value[offset + row] = goals[row] if share == 1.0 else at + share * way
-        return simplex.value[: offset + len(goals)]
+        return simplex

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant
-from ca_ros.solver.dual_newton import LeastNorm
+from ca_ros.solver.dual_newton import DualNewton
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, spans
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
@@ -109,6 +109,15 @@ class AllocationProblem:
         """Number of rotors."""
         return self.vehicle.n
 
+    def attains(self, u: Array) -> bool:
+        """Tell whether a wrench (m,) is attainable, up to `tolerance`."""
+        return self.least_norm.solve(u, float(self.tolerance(u))).attained
+
+    def attains_unbounded(self, u: Array) -> bool:
+        """Tell whether the pseudo-inverse gives thrusts for a wrench (m,) within the bounds."""
+        thrusts = self.least_norm.unbounded(u)
+        return bool((thrusts == self.clip(thrusts)).all())
+
     @cached_property
     def image(self) -> Zonotope:
         """The admissible set A of Eq. (23).
@@ -134,9 +143,9 @@ class AllocationProblem:
         )
 
     @cached_property
-    def least_norm(self) -> LeastNorm:
+    def least_norm(self) -> DualNewton:
         """The quadratic program of Eqs. (20)-(22)."""
-        return LeastNorm(self.gamma, self.lower, self.upper)
+        return DualNewton(self.gamma, self.lower, self.upper)
 
     def multipliers(self, u: Array) -> Array:
         """Return the multipliers (m,) of that program for a wrench (m,) in the admissible set."""

@@ -26,7 +26,7 @@ ROUNDING = 16 * float(np.finfo(float).eps)
 
 
 class Solution(NamedTuple):
-    """What `LeastNorm.solve` has found.
+    """What `DualNewton.solve` has found.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Solution(NamedTuple):
     relaxed: bool
 
 
-class LeastNorm:
+class DualNewton:
     """Solve ``min |f|^2`` subject to ``A f = u`` and ``lower <= f <= upper``, Eqs. (20)-(22).
 
     The cost is separable, so for multipliers y of the equation the best thrusts are ``f(y) =

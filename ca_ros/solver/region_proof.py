@@ -8,11 +8,11 @@ import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.solver.critical_region import AffineLaw
-from ca_ros.solver.dual_newton import FLAT, STEEP, LeastNorm
+from ca_ros.solver.dual_newton import FLAT, STEEP, DualNewton
 
 
-def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) -> AffineLaw | None:
-    """Return the law of the region around a solution of the quadratic program of `LeastNorm`.
+def explicit_law(least_norm: DualNewton, multipliers: Array, tolerance: float) -> AffineLaw | None:
+    """Return the law of the region around a solution of the quadratic program of `DualNewton`.
 
     While the same rotors are at the same bounds, the multipliers y are affine in u, and with them
     ``z = A^T y`` and the thrusts ``clip(z)``: one step of Newton's method with the active set
@@ -21,7 +21,7 @@ def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) ->
 
     Parameters
     ----------
-    least_norm : LeastNorm
+    least_norm : DualNewton
     multipliers : (m,) array
         Of the solution.
     tolerance : float
@@ -47,7 +47,7 @@ def explicit_law(least_norm: LeastNorm, multipliers: Array, tolerance: float) ->
     return replace(law, proven=_error(law, matrix, free, thrusts) <= tolerance)
 
 
-def _free(least_norm: LeastNorm, z: Array) -> BoolArray | None:
+def _free(least_norm: DualNewton, z: Array) -> BoolArray | None:
     """Return rotors that serve all axes: those that are free at z, and more where these do not.
 
     On the boundary of the admissible set the free rotors leave axes unserved, and along such an

@@ -38,6 +38,9 @@ class Simplex:
         The variables: n entries of x, m of y, and what `add_ray` adds.
     lower, upper : lists of float
         Their bounds.
+    doubt : float
+        How much further variables might have been pushed, but for `ZERO` and for rounding errors
+        that pivots magnify.
     """
 
     def __init__(self, matrix: Array) -> None:
@@ -48,6 +51,7 @@ class Simplex:
         self.value = [0.0] * (n + m)
         self.lower = [-1.0] * n + [-float('inf')] * m
         self.upper = [1.0] * n + [float('inf')] * m
+        self.doubt = SLACK
 
     def copy(self) -> Simplex:
         """Return an independent copy."""
@@ -55,6 +59,7 @@ class Simplex:
         other._rates = [row[:] for row in self._rates]
         other._basic, other._nonbasic = self._basic[:], self._nonbasic[:]
         other.value, other.lower, other.upper = self.value[:], self.lower[:], self.upper[:]
+        other.doubt = self.doubt
         return other
 
     def push(self, v: int, goal: float) -> bool:
@@ -92,6 +97,13 @@ class Simplex:
                         # The first that moves v, not the fastest: so the method cannot cycle.
                         break
             if k < 0:
+                rates = zip(self._rates[r], self._nonbasic, strict=True)
+                self.doubt += sum(
+                    abs(rate)
+                    * min((upper[x] - value[x] if rate * left > 0.0 else value[x] - lower[x]), 2.0)
+                    for rate, x in rates
+                    if abs(rate) <= ZERO
+                )
                 return False
             blocked, reached = self._move(k, left / self._rates[r][k], goal, v)
             if reached:
@@ -218,6 +230,7 @@ class Simplex:
         row = self._rates[r]
         pivot = row[k]
         inverse = 1.0 / pivot
+        self.doubt = max(self.doubt, SLACK * abs(inverse))
         fresh = [-rate * inverse for rate in row]
         fresh[k] = inverse
         self._rates[r] = fresh

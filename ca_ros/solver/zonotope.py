@@ -22,9 +22,6 @@ FLAT = 1e-9
 ROUNDING = 1e-12
 """Relative size below which a component that should be zero is rounding."""
 
-PULLS = 50
-"""Limit of the projections on facets in `pull`; where few facets are near, few are needed."""
-
 TILES_MAX = 1_000_000
 
 CHOICES_MAX = 1_000_000
@@ -69,7 +66,6 @@ class Zonotope:
         self.sides = self.normals @ generators
         # With what is rounded off below: no point of the set may be outside of its facets.
         self.widths = np.abs(self.sides).sum(axis=1)
-        self._shifts = self.sides @ generators.T / np.square(self.sides).sum(axis=1)[:, None]
         self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
         self._spans = np.abs(self.normals) @ extent
         for array in (self.center, self.generators, self.normals, self.sides, self.widths):
@@ -86,56 +82,10 @@ class Zonotope:
         heights = (u - self.center) @ self.normals.T
         return (self.widths - np.abs(heights)).min(axis=-1)
 
-    def pull(self, u: Array) -> Array:
-        """Return points (..., m) of the set near those that are outside by rounding errors.
-
-        One facet after the other is moved to, each time with the least change of s: where some
-        generators are much longer than others, the least change of u would get nowhere.
-        """
-        for _ in range(PULLS):
-            heights = (u - self.center) @ self.normals.T
-            excess = np.abs(heights) - self.widths
-            worst = excess.argmax(axis=-1)[..., None]
-            most = np.take_along_axis(excess, worst, axis=-1)
-            if (most <= 1e-15 * self.widths[worst]).all():
-                break
-            side = np.sign(np.take_along_axis(heights, worst, axis=-1))
-            u = u - side * np.maximum(most, 0.0) * self._shifts[worst[..., 0]]
-        return u
-
     def slanted(self, rates: Array, directions: Array) -> BoolArray:
         """Tell which rates ``directions @ normals.T`` (..., k) are more than rounding errors."""
         size = np.abs(directions / self._extent).max(axis=-1)
         return np.abs(rates) > (ROUNDING * size)[..., None] * self._spans
-
-    def reach(self, start: Array, direction: Array) -> Array:
-        """Return the greatest t >= 0 (...) with ``start + t direction`` in the set.
-
-        `start` (..., m) is in it; t is infinite where `direction` (..., m) is nought.
-        """
-        heights, rates = (start - self.center) @ self.normals.T, direction @ self.normals.T
-        slacks = np.maximum(self.widths - np.sign(rates) * heights, 0.0)
-        moving = self.slanted(rates, direction)
-        speeds = np.where(moving, np.abs(rates), 1.0)
-        with np.errstate(over='ignore'):
-            return np.where(moving, slacks / speeds, np.inf).min(axis=-1)
-
-    def section(self, u: Array) -> tuple[Array, Array]:
-        """Return least and greatest last coordinates (...) with the others of u (..., m)."""
-        slopes, halves = self._last_coordinate
-        middles = (u - self.center)[..., :-1] @ slopes
-        low, high = (middles - halves).max(axis=-1), (middles + halves).min(axis=-1)
-        # A section of no length may come out reversed by a rounding error.
-        return np.minimum(low, high) + self.center[-1], np.maximum(low, high) + self.center[-1]
-
-    @cached_property
-    def _last_coordinate(self) -> tuple[Array, Array]:
-        """The pairs of facets as bounds of the last coordinate: of its middle, and its reach."""
-        slanted = self.slanted(self.normals[:, -1], np.eye(len(self.center))[-1])
-        rates = self.normals[slanted, -1]
-        return -(self.normals[slanted, :-1] / rates[:, None]).T, self.widths[slanted] / np.abs(
-            rates
-        )
 
     @cached_property
     def tiles(self) -> tuple[Array, Array, Array]:
