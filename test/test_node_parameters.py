@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle, make_allocator
-from ca_ros.parameters import PARAMETERS, REQUIRED
+from ca_ros.schema import PARAMETERS, REQUIRED
 from ca_ros.vehicle.files import load
 from ros import Graph
 from test_node_allocator import HOVER, Client, some_wrenches, twin

@@ -7,7 +7,7 @@ import yaml
 
 from ca_ros import ParameterError, Vehicle, make_allocator
 from ca_ros.evaluation.cases import Case
-from ca_ros.parameters import PARAMETERS, check
+from ca_ros.schema import PARAMETERS, check
 from ca_ros.vehicle.files import NoSectionError, load
 
 NAN, INFINITY, MISSING = float('nan'), float('inf'), object()
