@@ -11,8 +11,8 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.options import options_from_parameters
+from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.problem.audit import audit
-from ca_ros.schema import PARAMETERS
 from ca_ros.vehicle.files import load
 from ca_ros.vehicle.parameters import AXES
 from ros import BEST_EFFORT, RELIABLE, Graph
@@ -288,7 +288,7 @@ def test_wrong_parameters_are_refused_with_a_reason_and_the_old_ones_stay(client
 
 
 def test_what_is_built_in_is_read_only(client):
-    fixed = [name for name, parameter in PARAMETERS.items() if not parameter.mutable]
+    fixed = [name for name, parameter in ALLOCATOR.items() if not parameter.mutable]
     assert {'vehicle.mass', 'rotors.positions', 'rotors.spins', 'rotors.speed_max'} <= set(fixed)
     results = client.parameters.set(dict(zip(fixed, client.parameters.get(*fixed), strict=True)))
     assert [result.reason for result in results if result.successful] == []

@@ -110,8 +110,8 @@ class Controller:
     Raises
     ------
     ValueError
-        If `order` is not a partition of the vehicle's axes, there is no such `reversal`, or the
-        vehicle's admissible set has no volume.
+        If `order` does not name each of the vehicle's axes once, there is no such `reversal`, or
+        the vehicle's admissible set has no volume.
     """
 
     def __init__(

@@ -12,6 +12,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -286,6 +287,19 @@ class VehicleNode(Node):
         self._dropped_before = dropped
         self._notes = notes
         self._diagnostics.publish()
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters, as rclpy does, all or none.
+
+        Raises
+        ------
+        ParameterNotDeclaredException
+            If the node does not declare one of them; unlike rclpy's, it names them.
+        """
+        unknown = [change.name for change in parameter_list if not self.has_parameter(change.name)]
+        if unknown:
+            raise ParameterNotDeclaredException(unknown)
+        return super().set_parameters_atomically(parameter_list)
 
     def _consider(self, changes: list[Parameter]) -> SetParametersResult:
         ours = {change.name: change.value for change in changes if change.name in self.declared}

@@ -130,8 +130,8 @@ class AdmissibleSet:
         u : (..., m) array
             Wrenches [N, N m].
         order : sequence of groups of axes, optional
-            By default roll and pitch together, before thrust, before yaw; lateral forces come
-            last.
+            The most important first, such as ``['roll pitch', 'thrust', 'yaw']``; by default
+            `ORDER`.  Axes that the vehicle does not command are left out.
         reversal : 'prevent', 'avoid' or 'allow'
             What the second group pays so that no lesser axis is reversed.  'prevent': as much as
             that takes.  'avoid': no more than what lies between its demand and hover.  'allow':
@@ -145,7 +145,8 @@ class AdmissibleSet:
         Raises
         ------
         ValueError
-            If `order` is not a partition of the vehicle's axes, or there is no such `reversal`.
+            If `order` does not name each of the vehicle's axes once, or there is no such
+            `reversal`.
         """
         return self.prioritize_levels(u, order, reversal)[0]
 
@@ -189,7 +190,7 @@ class AdmissibleSet:
     def check_order(
         self, order: Sequence[Sequence[str]] | None, reversal: str = 'prevent'
     ) -> Prioritization:
-        """Return what serves an order; raise a ValueError if it or `reversal` is wrong."""
+        """Return the prioritization of an order; raise a ValueError if an argument is wrong."""
         key = (None if order is None else tuple(map(tuple, order))), reversal
         if key not in self._prioritizations:
             if reversal not in REVERSALS:

@@ -28,9 +28,7 @@ ROUNDING = 1e-12
 """Distance to the demand, as a share of an axis's range, that counts as none."""
 
 
-def groups_of(
-    order: str | Sequence[str | Sequence[str]], axes: Sequence[str]
-) -> tuple[tuple[str, ...], ...]:
+def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of an order without the axes that a vehicle does not command.
 
     Parameters
