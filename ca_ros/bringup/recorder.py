@@ -45,7 +45,7 @@ class Recorder(Node):
             event_callbacks=PublisherEventCallbacks(matched=self._greet),
         )
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
-        self._clients = {
+        self._parameter_clients = {
             node: self.create_client(GetParameters, f'{node}/get_parameters') for node in ASKED
         }
         self._asked = dict.fromkeys(ASKED, -REPEAT)
@@ -102,9 +102,10 @@ class Recorder(Node):
             lacking.append('command/pose')
         if not any(len(sample) == 5 for sample in self._samples.values()):
             lacking.append('motor_speed')
-        for node in ASKED.keys() - self._told:
-            lacking.append(f'{node}/get_parameters')
-            self._ask(node)
+        for node in ASKED:
+            if node not in self._told:
+                lacking.append(f'{node}/get_parameters')
+                self._ask(node)
         return lacking
 
     def others(self, own: int = 0) -> list[str]:
@@ -113,7 +114,7 @@ class Recorder(Node):
         return [topic for topic in topics if self.count_publishers(topic) > own]
 
     def _ask(self, node: str) -> None:
-        client = self._clients[node]
+        client = self._parameter_clients[node]
         if monotonic() > self._asked[node] + REPEAT and client.service_is_ready():
             self._asked[node] = monotonic()
             request = GetParameters.Request(names=ASKED[node])
