@@ -1,9 +1,11 @@
 """Control allocation of multirotors: from a wrench to rotor speeds."""
 
+import ca_ros.nodes.parameters  # noqa: F401 - with it `schema.PARAMETERS` is complete
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status, make_allocator
-from ca_ros.parameters import ParameterError
+from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
+from ca_ros.schema import ParameterError
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -13,6 +15,7 @@ __all__ = [
     'Allocation',
     'Allocator',
     'Audit',
+    'CaRosError',
     'ParameterError',
     'Status',
     'Vehicle',

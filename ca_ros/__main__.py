@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.parameters import ParameterError
 from ca_ros.problem import audit_command
+from ca_ros.schema import ParameterError
 from ca_ros.vehicle.files import config_directory
 from ca_ros.vehicle.vehicle import Vehicle
 

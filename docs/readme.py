@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ca_ros.parameters import PARAMETERS, REQUIRED, Parameter
+from ca_ros.schema import PARAMETERS, REQUIRED, Parameter
 
 README = Path(__file__).resolve().parent.parent / 'README.md'
 

@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 
 from ca_ros import ParameterError, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import AllocationProblem
-from ca_ros.parameters import AXES
+from ca_ros.vehicle.parameters import AXES
 
 settings.register_profile(
     'ca_ros', max_examples=50, deadline=None, derandomize=True, database=None, print_blob=False,

@@ -85,11 +85,14 @@ def shell(place, graph, script):
 
 
 def write(place, block):
-    """Write a block into its file, or as the last entry into the dict that is there."""
+    """Write a block into its file: imports after the first, entries at the end of a dict."""
     path = place / block.mark.rpartition(' ')[2]
     text = block.text
     if block.mark.startswith('insert '):
-        text = path.read_text(encoding='utf-8').replace('\n}\n', f'\n{text}}}\n', 1)
+        old = path.read_text(encoding='utf-8')
+        first = 'from __future__ import annotations\n'
+        text = (old.replace(first, f'{first}{text}', 1) if text.startswith('from ')
+                else old.replace('\n}\n', f'\n{text}}}\n', 1))
     path.write_text(text, encoding='utf-8')
 
 
@@ -140,10 +143,9 @@ def test_links_within_the_repository_lead_somewhere():
 
 @pytest.mark.slow
 def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
-    [source, line] = [
-        block for block in blocks('CONTRIBUTING.md') if block.mark.startswith(('file', 'insert'))]
-    write(clone, source)
-    write(clone, line)
+    for block in blocks('CONTRIBUTING.md'):
+        if block.mark.startswith(('file', 'insert')):
+            write(clone, block)
     out = shell(clone, graph, """
         python -c "from ca_ros import ALLOCATORS; print(*ALLOCATORS)"
         python docs/readme.py --check

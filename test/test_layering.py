@@ -87,6 +87,11 @@ def test_every_module_but_the_nodes_imports_without_ros(tmp_path):
     assert modules <= set(result.stdout.split())
 
 
+def test_a_method_imports_its_solver_when_it_needs_it(tmp_path):
+    result = run(tmp_path, 'import ca_ros', (*ROS, 'scipy', 'osqp'))
+    assert result.returncode == 0, result.stderr
+
+
 def test_the_nodes_do_not():
     # Otherwise the tests beside this one would prove nothing.
     result = run(None, NODES)

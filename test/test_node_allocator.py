@@ -9,11 +9,12 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
+from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.options import options_from_parameters
-from ca_ros.methods import METHODS
-from ca_ros.parameters import AXES, PARAMETERS
+from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import load
+from ca_ros.vehicle.parameters import AXES
 from ros import BEST_EFFORT, RELIABLE, Graph
 
 VEHICLE = Vehicle.load('hexarotor')
@@ -194,7 +195,7 @@ def test_no_finite_wrench_ends_the_node(graph):
 
 def test_the_method_can_be_set_on_the_running_node(graph):
     client = start(graph)
-    for method in METHODS:
+    for method in ALLOCATORS:
         [result] = client.parameters.set({'allocation.method': method})
         assert result.successful, result.reason
         client.twin = twin(method)
@@ -261,8 +262,8 @@ def test_health_can_be_set_on_the_running_node(graph):
 
 
 REFUSED = [
-    ({'allocation.method': 'magic'}, ['allocation.method', 'magic', *METHODS]),
-    ({'allocation.method': 1.0}, ['allocation.method', *METHODS]),
+    ({'allocation.method': 'magic'}, ['allocation.method', 'magic', *ALLOCATORS]),
+    ({'allocation.method': 1.0}, ['allocation.method', *ALLOCATORS]),
     ({'rotors.health': [1.0] * 5}, ['rotors.health', '6', '5']),
     ({'rotors.health': [1.0, 1.0, 1.0, 1.5, 1.0, 1.0]}, ['rotors.health[3]', '1.5']),
     ({'rotors.health': [-0.5, 1.0, 1.0, 1.0, 1.0, 1.0]}, ['rotors.health[0]', '-0.5']),
@@ -287,7 +288,7 @@ def test_wrong_parameters_are_refused_with_a_reason_and_the_old_ones_stay(client
 
 
 def test_what_is_built_in_is_read_only(client):
-    fixed = [name for name, parameter in PARAMETERS.items() if not parameter.mutable]
+    fixed = [name for name, parameter in ALLOCATOR.items() if not parameter.mutable]
     assert {'vehicle.mass', 'rotors.positions', 'rotors.spins', 'rotors.speed_max'} <= set(fixed)
     results = client.parameters.set(dict(zip(fixed, client.parameters.get(*fixed), strict=True)))
     assert [result.reason for result in results if result.successful] == []

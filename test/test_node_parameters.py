@@ -15,13 +15,14 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle, make_allocator
-from ca_ros.parameters import PARAMETERS, REQUIRED
+from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, SIMULATOR
+from ca_ros.schema import PARAMETERS, REQUIRED
 from ca_ros.vehicle.files import load
 from ros import Graph
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 from test_parameters import SECTIONS, sections
 
-NODES = 'allocator', 'simulator', 'controller'
+NODES = {'allocator': ALLOCATOR, 'simulator': SIMULATOR, 'controller': CONTROLLER}
 SHIPPED = {
     name: value for name, value in {
         **{name: parameter.default for name, parameter in PARAMETERS.items()},
@@ -160,18 +161,27 @@ def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_p
 
 
 @pytest.mark.parametrize('node', NODES)
-def test_a_name_that_may_be_anothers_is_said(graph, node):
+def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
     process = graph.start_silent(
         node, '--vehicle', 'hexarotor', '--ros-args', '-p', 'camera.exposure:=3',
         '-p', 'foo:=1.0', '-p', 'use_sim_time:=true',
-        '-p', 'qos_overrides./clock.subscription.depth:=1')
-    graph.connect(node)
+        '-p', 'qos_overrides./clock.subscription.depth:=1',
+        *(word for name, value in SHIPPED.items()
+          for word in ('-p', f'{name}:={json.dumps(value)}')))
+    parameters = graph.connect(node)
+    # A node declares what it uses, and no more.
+    assert parameters.get(*NODES[node]) == [SHIPPED[name] for name in NODES[node]]
+    others = [name for name in SHIPPED if name not in NODES[node]]
+    results = parameters.set({name: SHIPPED[name] for name in others})
+    assert [name for name, result in zip(others, results, strict=True)
+            if result.successful or f"'{name}'" not in result.reason] == []
     _, err = graph.end(process, signal.SIGINT)
     [line] = [line for line in err.splitlines() if 'camera.exposure' in line]
     assert 'foo' in line
     assert 'WARN' in line
     assert 'use_sim_time' not in err
     assert 'qos_overrides' not in err
+    assert [name for name in SHIPPED if name in line] == []
 
 
 # On the running node
@@ -185,16 +195,16 @@ def client():
         yield Client(graph)
 
 
-@pytest.mark.parametrize('name', [name for name in PARAMETERS if PARAMETERS[name].mutable])
+@pytest.mark.parametrize('name', [name for name in ALLOCATOR if ALLOCATOR[name].mutable])
 def test_a_wrong_value_on_the_running_node_is_refused_with_the_reason(client, name):
-    before, speeds = client.parameters.get(*PARAMETERS), client.ask(HOVER)
+    before, speeds = client.parameters.get(*ALLOCATOR), client.ask(HOVER)
     for value, word in wrong_values(name):
         [result] = client.parameters.set({name: value})
         assert not result.successful, value
         assert name in result.reason
         assert word in result.reason
         assert len(result.reason.splitlines()) == 1
-    assert client.parameters.get(*PARAMETERS) == before
+    assert client.parameters.get(*ALLOCATOR) == before
     assert client.ask(HOVER).tobytes() == speeds.tobytes()
 
 
@@ -211,12 +221,12 @@ def test_a_list_that_ros_takes_for_a_string_is_refused_with_what_would_be_right(
     {'rotors.health': None}, {'allocation.method': None},
     {'allocation.method': 'direct', 'use_sim_time': 5}])
 def test_what_cannot_be_set_changes_nothing_now_or_later(client, values):
-    before, speeds = client.parameters.get(*PARAMETERS), client.ask(HOVER)
+    before, speeds = client.parameters.get(*ALLOCATOR), client.ask(HOVER)
     result = client.parameters.set_atomically(values)
     assert not result.successful
     assert result.reason
     assert client.parameters.set_atomically({'use_sim_time': False}).successful
-    assert client.parameters.get(*PARAMETERS) == before
+    assert client.parameters.get(*ALLOCATOR) == before
     assert client.ask(HOVER).tobytes() == speeds.tobytes()
     assert client.diagnose()[1]['method'] == 'exact'
 

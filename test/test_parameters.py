@@ -1,14 +1,25 @@
 """Vehicle files: a fault is reported in one line that names the file, the key and the fault."""
 
+import math
 from copy import deepcopy
+from inspect import signature
 
 import pytest
 import yaml
 
-from ca_ros import ParameterError, Vehicle, make_allocator
+from ca_ros import ALLOCATORS, CaRosError, ParameterError, Vehicle, make_allocator
+from ca_ros.allocation.parameters import ALLOCATION
 from ca_ros.evaluation.cases import Case
-from ca_ros.parameters import PARAMETERS, check
+from ca_ros.flight.parameters import CONTROLLER
+from ca_ros.flight.parameters import SIMULATOR as PHYSICS
+from ca_ros.nodes.parameters import ALLOCATOR as ALLOCATOR_NODE
+from ca_ros.nodes.parameters import CONTROLLER as CONTROLLER_NODE
+from ca_ros.nodes.parameters import NODE
+from ca_ros.nodes.parameters import SIMULATOR as SIMULATOR_NODE
+from ca_ros.problem.prioritization import ORDER
+from ca_ros.schema import PARAMETERS, MissingParameterError, check, complete
 from ca_ros.vehicle.files import NoSectionError, load
+from ca_ros.vehicle.parameters import VEHICLE
 
 NAN, INFINITY, MISSING = float('nan'), float('inf'), object()
 
@@ -278,6 +289,47 @@ def test_every_parameter_is_described_with_its_default(name):
 def test_a_name_that_looks_like_one_of_ours_is_not_passed_over(name):
     with pytest.raises(ParameterError, match=f'{name}: no such parameter .did you mean'):
         Vehicle.from_parameters({**load('hexarotor'), name: 1.0})
+
+
+def test_each_room_has_a_table_and_they_stand_in_the_order_of_the_rooms():
+    tables = VEHICLE, ALLOCATION, CONTROLLER, PHYSICS, NODE
+    assert list(PARAMETERS) == [name for table in tables for name in table]
+    declared = set().union(ALLOCATOR_NODE, CONTROLLER_NODE, SIMULATOR_NODE)
+    assert declared == PARAMETERS.keys()
+
+
+def test_a_table_is_completed_from_a_file_of_more():
+    given = {**load('hexarotor'), 'controller.speed_max': 2.0}
+    assert complete(given, CONTROLLER).keys() == CONTROLLER.keys()
+    assert complete({'controller.speed_max': 2.0}, CONTROLLER)['controller.speed_max'] == 2.0
+    for wrong in ({'vehicle.mass': -1.0}, {'allocation.method': 'magic'}, {'vehicle.masss': 1.0}):
+        with pytest.raises(ParameterError, match=next(iter(wrong))):
+            complete({**given, **wrong}, CONTROLLER)
+
+
+@pytest.mark.parametrize('method', ALLOCATORS)
+def test_the_defaults_of_a_method_are_those_of_its_parameters(method):
+    options = signature(ALLOCATORS[method]).parameters
+    for name, parameter in ALLOCATORS[method].parameters.items():
+        default = ORDER if options[name].default is None else options[name].default
+        groups = [' '.join(group) for group in ORDER]
+        assert parameter.default == (groups if default is ORDER else default)
+        assert check(name, parameter.default, ALLOCATORS[method].parameters) is not None
+
+
+def test_a_method_checks_its_options_as_its_parameters():
+    for wrong in ({'policy': 'hope'}, {'solver': 'magic'}, {'slack': 0.5}, {'slack': math.nan}):
+        [(name, value)] = wrong.items()
+        with pytest.raises(ParameterError, match=f'^{name}: must be .*, got {value!r}$'):
+            make_allocator('exact', Vehicle.load('hexarotor'), **wrong)
+
+
+def test_errors_have_one_base():
+    assert issubclass(MissingParameterError, ParameterError)
+    assert issubclass(ParameterError, CaRosError)
+    assert issubclass(ParameterError, ValueError)
+    with pytest.raises(CaRosError, match='nowhere'):
+        Vehicle.load('nowhere')
 
 
 def test_a_name_for_another_node_is_left_alone():

@@ -204,7 +204,17 @@ def test_the_first_group_is_not_touched_by_the_demands_after_it(data):
     np.testing.assert_allclose(*served, rtol=0.0, atol=1e-9 * (1.0 + np.linalg.norm(served[0])))
 
 
+def test_an_order_may_be_of_words_and_name_axes_that_the_vehicle_does_not_command():
+    u = [9.81, 3.0, 0.0, 1.0]
+    admissible = AdmissibleSet(HEXAROTOR)
+    served = admissible.prioritize(u, [['roll', 'pitch'], ['thrust'], ['yaw']])
+    for order in (None, ['roll pitch', 'thrust', 'yaw'], [['roll', 'pitch'], 'thrust', 'yaw'],
+                  ['roll pitch', 'force_x force_y', 'thrust', ['yaw']]):
+        np.testing.assert_array_equal(admissible.prioritize(u, order), served)
+
+
 @pytest.mark.parametrize('order', [
+    ['roll', 'pitch', 'thrust'], ['roll pitch', 'thrust', 'yaw', ''], 'roll pitch thrust',
     [['roll', 'pitch'], ['thrust']], [['roll'], ['roll', 'pitch'], ['thrust'], ['yaw']],
     [['roll', 'pitch'], ['thrust'], ['yaw'], ['lift']], [['roll', 'pitch', 'thrust', 'yaw'], []],
     []])

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.conventional import Conventional
+from ca_ros.allocation.direct import Direct
+from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.powerless import Powerless
+from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.methods import METHODS
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
-
-def _class(place: str) -> type[Allocator]:
-    module, _, name = place.partition(':')
-    found: type[Allocator] = getattr(import_module(module), name)
-    return found
-
-
-ALLOCATORS = {name: _class(place) for name, place in METHODS.items()}
-"""The methods by name."""
+ALLOCATORS: dict[str, type[Allocator]] = {
+    'exact': Exact,
+    'pseudo_inverse': PseudoInverse,
+    'conventional': Conventional,
+    'direct': Direct,
+}
+"""The allocation methods by name, in the order of the paper's Table 1."""
 
 
 def make_allocator(

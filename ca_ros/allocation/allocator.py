@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +13,7 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle
 
 CHUNK = 16384
@@ -21,7 +24,8 @@ class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle.
 
     A method is a subclass with `_allocate`.  The answer depends on the wrench alone, not on those
-    before it.
+    before it.  A method of `ALLOCATORS` whose options are parameters of the nodes declares them in
+    `parameters`: the option ``slack`` of the method ``exact`` is ``allocation.exact.slack``.
 
     Parameters
     ----------
@@ -33,6 +37,8 @@ class Allocator(ABC):
     ParameterError
         If the vehicle cannot command every axis and hover, and its `lost_axes` is 'refuse'.
     """
+
+    parameters: ClassVar[Mapping[str, Parameter]] = {}
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         self.problem = (

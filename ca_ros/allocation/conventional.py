@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,6 +11,7 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import ABSURD, AllocationProblem
+from ca_ros.schema import Parameter
 from ca_ros.solver.critical_region import AffineLaw
 from ca_ros.solver.region_memory import AffineLaws
 from ca_ros.vehicle.vehicle import Vehicle
@@ -36,6 +39,23 @@ class Conventional(Allocator):
     ValueError
         If an option has the wrong shape, or Q is not symmetric and positive semidefinite.
     """
+
+    parameters: ClassVar = {
+        'weight': Parameter(
+            'Q of the conventional allocator, Eq. (18): q of q I, the diagonal, or the matrix by '
+            'rows',
+            array=True,
+            default=1e-4,
+            mutable=True,
+        ),
+        'reference': Parameter(
+            'f_ref of the conventional allocator, Eq. (18): hover thrusts, or none (zero)',
+            str,
+            default='hover',
+            choices=('hover', 'zero'),
+            mutable=True,
+        ),
+    }
 
     def __init__(
         self,

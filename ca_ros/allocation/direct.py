@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
 
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
@@ -118,7 +117,10 @@ class Direct(Allocator):
         return self.problem.least_norm.settle(thrusts, u, tolerance)
 
     def _cheapest(self, u: Array) -> Array | None:
-        """Return what the solver finds, if anything."""
+        """Return the thrusts that HiGHS finds, if any."""
+        # Imported here: SciPy's optimizers take most of the time of `import ca_ros`.
+        from scipy.optimize import linprog
+
         gamma = self.problem.gamma
         size = np.linalg.norm(gamma, axis=1)
         tolerance = 1e-10

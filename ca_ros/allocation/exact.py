@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +13,9 @@ from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.prioritization import ORDER, REVERSALS
 from ca_ros.problem.problem import EXACT_TOLERANCE
+from ca_ros.schema import Parameter, check
 from ca_ros.solver.critical_region import AffineLaw
 from ca_ros.solver.dual_newton import Solution
 from ca_ros.solver.region_memory import AffineLaws
@@ -24,16 +27,12 @@ POLICIES = {
     'scale': Status.SCALED,
     'reject': Status.REJECTED,
 }
-"""What a policy makes of a wrench outside of the admissible set."""
-
-SOLVERS = ('newton', 'osqp')
+"""The status of a wrench outside of the admissible set, by policy."""
 
 EXACT = Status.EXACT
 
 BATCH_MIN = 16
 """From so many wrenches on a batch is faster than one wrench after the other."""
-
-SLACK_MAX = 1e-2
 
 LAW_SHARE = 0.5
 """Of the tolerance, that a law may use up; the rest is for those who sum up in another order."""
@@ -60,7 +59,6 @@ class Exact(Allocator):
     solver : 'newton' or 'osqp'
         Where the solution begins: at the pseudo-inverse, or at OSQP's answer.  It ends at the same
         thrusts, to rounding.
-
     slack : float
         Where facets of the admissible set are almost parallel, because the vehicle is symmetric
         but for the digits of its file, an attainable wrench u may be missed by up to
@@ -71,6 +69,47 @@ class Exact(Allocator):
     ValueError
         If an option is wrong, the vehicle's admissible set has no volume, or OSQP is not there.
     """
+
+    parameters: ClassVar = {
+        'policy': Parameter(
+            'what the exact allocator serves for a wrench that is not attainable',
+            str,
+            default='prioritize',
+            choices=tuple(POLICIES),
+            mutable=True,
+        ),
+        'order': Parameter(
+            'priorities of prioritize: groups of axes, the most important first',
+            str,
+            array=True,
+            default=[' '.join(group) for group in ORDER],
+            mutable=True,
+        ),
+        'reversal': Parameter(
+            'what the second group of the order gives up so that no lesser axis is reversed. '
+            'prevent: as much as that takes; avoid: no more than down or up to hover; allow: '
+            'nothing',
+            str,
+            default='prevent',
+            choices=REVERSALS,
+            mutable=True,
+        ),
+        'slack': Parameter(
+            'share of a wrench, or of 1 N or 1 N m, by which it may be missed where the vehicle '
+            'is symmetric but for the digits of its file',
+            default=1e-9,
+            minimum=0.0,
+            maximum=1e-2,
+            mutable=True,
+        ),
+        'solver': Parameter(
+            'where the solution begins: at the pseudo-inverse, or at the answer of OSQP',
+            str,
+            default='newton',
+            choices=('newton', 'osqp'),
+            mutable=True,
+        ),
+    }
 
     def __init__(
         self,
@@ -83,11 +122,8 @@ class Exact(Allocator):
         slack: float = 1e-9,
     ) -> None:
         super().__init__(vehicle)
-        for name, value, choices in (('policy', policy, POLICIES), ('solver', solver, SOLVERS)):
-            if value not in choices:
-                raise ValueError(f'{name}: expected one of {", ".join(choices)}, got {value!r}')
-        if not (isinstance(slack, (int, float)) and 0.0 <= slack <= SLACK_MAX):
-            raise ValueError(f'slack: expected a number from 0 to {SLACK_MAX:g}, got {slack!r}')
+        for name, value in (('policy', policy), ('solver', solver), ('slack', slack)):
+            check(name, value, self.parameters)
         self.slack = slack
         self.policy, self.order, self.reversal, self.about = policy, order, reversal, about
         self.admissible = AdmissibleSet(self.problem)

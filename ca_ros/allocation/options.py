@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ca_ros.allocation import AllocationProblem, Allocator, make_allocator
-from ca_ros.parameters import AXES, ParameterError
+from ca_ros.problem.prioritization import groups_of
+from ca_ros.schema import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -53,16 +54,10 @@ def order_from_parameters(
     ParameterError
         If the priorities do not name each axis once.
     """
-    name = 'allocation.exact.order'
-    groups = parameters[name]
-    words = [group.split() for group in ([groups] if isinstance(groups, str) else groups)]
-    flat = [axis for group in words for axis in group]
-    if len(set(flat)) < len(flat) or not set(axes) <= set(flat) <= set(AXES):
-        raise ParameterError(
-            f'{name}: expected groups in which each of {", ".join(axes)} stands once, got {groups}'
-        )
-    kept = (tuple(axis for axis in group if axis in axes) for group in words)
-    return tuple(group for group in kept if group)
+    try:
+        return groups_of(parameters['allocation.exact.order'], axes)
+    except ValueError as error:
+        raise ParameterError(f'allocation.exact.{error}') from None
 
 
 def allocator_from_parameters(

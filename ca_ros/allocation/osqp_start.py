@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
@@ -28,6 +27,7 @@ class OsqpStart:
     def __init__(self, problem: AllocationProblem) -> None:
         try:
             import osqp
+            import scipy.sparse
         except ImportError:
             raise ValueError(
                 "solver: 'osqp' needs the package osqp (pip install osqp); "

@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
+from ca_ros.errors import CaRosError
 from ca_ros.nodes.messages import nanoseconds, speeds_stamp
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 
@@ -42,7 +43,7 @@ INFINITE = (9223372036, 854775807)
 """RMW_DURATION_INFINITE [s, ns]."""
 
 
-class BagError(RuntimeError):
+class BagError(CaRosError, RuntimeError):
     """The bag cannot be written."""
 
 

@@ -26,20 +26,20 @@ from rclpy.validate_namespace import validate_namespace
 from tqdm import tqdm
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.bringup.bag import Bag, BagError
+from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.deadline import Patience
 from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.bringup.link_faults import LINKS
 from ca_ros.bringup.options import commands, options_as_parameters, parse
 from ca_ros.bringup.processes import Processes, note_signals
 from ca_ros.bringup.recorder import Recorder
-from ca_ros.bringup.rotor_health import RotorHealth, RotorHealthError
+from ca_ros.bringup.rotor_health import RotorHealth
+from ca_ros.errors import CaRosError
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import draw_flight, save
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.nodes.executable import RCLError, in_one_line
-from ca_ros.parameters import ParameterError
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
@@ -49,7 +49,7 @@ LOOK_AROUND = 0.5
 """Time to look for other nodes before the start, and between later looks [s]."""
 
 
-class Stopped(Exception):
+class Stopped(CaRosError):
     """The flight was ended before its time."""
 
 
@@ -107,13 +107,13 @@ def _bringup(options: argparse.Namespace) -> int:
     except RCLError as error:
         print(f'bringup: {in_one_line(error)}', file=sys.stderr)
         return 1
-    except (ParameterError, BagError, OSError, ValueError) as error:
+    except (CaRosError, OSError, ValueError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
     waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
     try:
         flight, wall, respawned, parameters = _fly(options, nodes, waypoint, interrupts, bag)
-    except (Stopped, BagError, RotorHealthError) as stopped:
+    except CaRosError as stopped:
         print(f'bringup: {stopped}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
     vehicle = Vehicle.from_parameters(parameters)
@@ -214,7 +214,7 @@ def _fly(
                         )
 
             wait(lambda: recorder.missing() + (bag.missing() if bag else []))
-            parameters = recorder.parameters or {}
+            parameters = recorder.parameters
             for name, value in options_as_parameters(options).items():
                 if parameters[name] != value:
                     raise Stopped(

@@ -10,7 +10,7 @@ from heapq import heappop, heappush
 from math import copysign, inf, nan
 from typing import Any, Generic, TypeVar
 
-from ca_ros.parameters import Parameter, ParameterError, complete
+from ca_ros.schema import Parameter, ParameterError, complete
 
 Message = TypeVar('Message')
 
@@ -154,7 +154,7 @@ def links(given: Mapping[str, Any]) -> dict[str, Faults]:
     ParameterError
         If a name or a value is wrong; the message names it.
     """
-    p: dict[str, Any] = complete(given, FAULTS)
+    p: dict[str, Any] = complete(given, FAULTS, FAULTS)
     topics, corruptions = _words(p.pop('topics')), _words(p.pop('corruptions'))
     if not topics or len(set(topics)) < len(topics):
         raise ParameterError(f'topics: expected different topics, got {topics}')

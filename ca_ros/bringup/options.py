@@ -9,14 +9,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import full_name, renamed
 from ca_ros.bringup.fault_proxy import remaps
 from ca_ros.bringup.link_faults import FAULTS
 from ca_ros.flight.plots import add_option
 from ca_ros.flight.rotor_failures import add_options as add_failure_options
 from ca_ros.flight.rotor_failures import failures_of
-from ca_ros.methods import METHODS
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
+from ca_ros.nodes.parameters import NODE
 
 NODES = ('controller', 'allocator', 'simulator')
 """In the order in which they end: no command may come from a loop that is half stopped."""
@@ -32,13 +33,13 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         '--method',
-        choices=METHODS,
+        choices=ALLOCATORS,
         help="allocation method (default: the parameter file's)",
         default=argparse.SUPPRESS,
     )
     parser.add_argument(
         '--mode',
-        choices=('realtime', 'lockstep'),
+        choices=NODE['mode'].choices,
         help="follow the clock, or step as fast as possible (default: the parameter file's)",
         default=argparse.SUPPRESS,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from time import monotonic
 from typing import Any
 
@@ -18,13 +19,17 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.link_faults import LINKS
 from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.parameters import SIMULATOR
 from ca_ros.flight.record import Flight
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.nodes.qos import COMMAND, LOCKSTEP_DEPTH
-from ca_ros.parameters import PARAMETERS
 
 REPEAT = 2.0
 """Time after which parameters are asked for again [s]: DDS may lose an early answer."""
+
+ASKED = {'allocator': list(ALLOCATOR), 'simulator': list(SIMULATOR)}
+"""The parameters that each node is asked for."""
 
 
 class Recorder(Node):
@@ -40,10 +45,13 @@ class Recorder(Node):
             event_callbacks=PublisherEventCallbacks(matched=self._greet),
         )
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
-        self._client = self.create_client(GetParameters, 'allocator/get_parameters')
-        self._asked = -REPEAT
-        self.parameters: dict[str, Any] | None = None
-        """Those of the running allocator, once it has told them."""
+        self._parameter_clients = {
+            node: self.create_client(GetParameters, f'{node}/get_parameters') for node in ASKED
+        }
+        self._asked = dict.fromkeys(ASKED, -REPEAT)
+        self._told: set[str] = set()
+        self.parameters: dict[str, Any] = {}
+        """The parameters `ASKED` of the running nodes that have answered."""
         self.restart()
 
     def restart(self) -> None:
@@ -94,9 +102,10 @@ class Recorder(Node):
             lacking.append('command/pose')
         if not any(len(sample) == 5 for sample in self._samples.values()):
             lacking.append('motor_speed')
-        if self.parameters is None:
-            lacking.append('allocator/get_parameters')
-            self._ask()
+        for node in ASKED:
+            if node not in self._told:
+                lacking.append(f'{node}/get_parameters')
+                self._ask(node)
         return lacking
 
     def others(self, own: int = 0) -> list[str]:
@@ -104,15 +113,17 @@ class Recorder(Node):
         topics = map(self.resolve_topic_name, [*self._links, 'motor_speed'])
         return [topic for topic in topics if self.count_publishers(topic) > own]
 
-    def _ask(self) -> None:
-        if monotonic() > self._asked + REPEAT and self._client.service_is_ready():
-            self._asked = monotonic()
-            request = GetParameters.Request(names=list(PARAMETERS))
-            self._client.call_async(request).add_done_callback(self._receive_parameters)
+    def _ask(self, node: str) -> None:
+        client = self._parameter_clients[node]
+        if monotonic() > self._asked[node] + REPEAT and client.service_is_ready():
+            self._asked[node] = monotonic()
+            request = GetParameters.Request(names=ASKED[node])
+            client.call_async(request).add_done_callback(partial(self._receive_parameters, node))
 
-    def _receive_parameters(self, answer: Any) -> None:
+    def _receive_parameters(self, node: str, answer: Any) -> None:
         values = map(parameter_value_to_python, answer.result().values)
-        self.parameters = dict(zip(PARAMETERS, values, strict=True))
+        self.parameters.update(zip(ASKED[node], values, strict=True))
+        self._told.add(node)
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors begin to turn."""

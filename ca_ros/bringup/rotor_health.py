@@ -13,6 +13,7 @@ from rclpy.task import Future
 
 from ca_ros.bringup.deadline import Patience
 from ca_ros.bringup.options import NODES
+from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -23,7 +24,7 @@ AGAIN = 2.0
 """After this time without an answer a node is asked once more [s]."""
 
 
-class RotorHealthError(Exception):
+class RotorHealthError(CaRosError):
     """Rotor failures cannot be flown: the vehicle has no such rotor, or a node refuses them."""
 
 

@@ -24,8 +24,8 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.plots import add_option
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.parameters import PARAMETERS, ParameterError, complete
 from ca_ros.problem.audit import accept, audit
+from ca_ros.schema import PARAMETERS, ParameterError, complete
 from ca_ros.vehicle.files import load, read_value
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ca_ros.allocation import ALLOCATORS as METHODS
 from ca_ros.arrays import Array
 from ca_ros.bringup.processes import start
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
-from ca_ros.methods import METHODS
 
 PATIENCE = 30.0
 """Time that a flight has to end after it was interrupted [s]."""

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 
 from ca_ros.allocation.options import order_from_parameters
+from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.arrays import Array
+from ca_ros.flight.parameters import CONTROLLER
 from ca_ros.flight.rigid_body import cross, difference, heading, rotation_matrix
-from ca_ros.parameters import AXES, ParameterError, complete
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.schema import ParameterError, complete
+from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 LIFT_MIN = 0.3
@@ -39,7 +42,7 @@ class Gains:
     @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Gains:
         """Take them from parameters by name; raise a ParameterError that names a fault."""
-        p: dict[str, Any] = complete(given)
+        p: dict[str, Any] = complete(given, CONTROLLER)
         return cls(
             **{
                 name: _three(f'controller.{name}', p[f'controller.{name}'])
@@ -107,8 +110,8 @@ class Controller:
     Raises
     ------
     ValueError
-        If `order` is not a partition of the vehicle's axes, there is no such `reversal`, or the
-        vehicle's admissible set has no volume.
+        If `order` does not name each of the vehicle's axes once, there is no such `reversal`, or
+        the vehicle's admissible set has no volume.
     """
 
     def __init__(
@@ -135,7 +138,7 @@ class Controller:
         ParameterError
             If a parameter is wrong; it is named.
         """
-        p: dict[str, Any] = complete(given)
+        p: dict[str, Any] = complete(given, {**PRIORITIES, **CONTROLLER})
         return cls(
             vehicle,
             Gains.from_parameters(p),

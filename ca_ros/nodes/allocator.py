@@ -29,13 +29,14 @@ from ca_ros.nodes.messages import (
     wrench_numbers,
     wrong_frame,
 )
+from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
-from ca_ros.parameters import AXES
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.problem import ABSURD
 from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.parameters import AXES
 
 LAST_WORD = 2.0
 """How long the node waits at its end for the motors to have its last word [s]."""
@@ -50,6 +51,7 @@ class Allocator(VehicleNode):
     When commands cease, the timeout action goes out in their place until they return.
     """
 
+    declared = ALLOCATOR
     method: Method
 
     def __init__(self, name: str) -> None:

@@ -19,16 +19,18 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
+from ca_ros.nodes.parameters import CONTROLLER
 from ca_ros.nodes.qos import COMMAND
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog
-from ca_ros.parameters import AXES
 from ca_ros.problem.audit import Audit
+from ca_ros.vehicle.parameters import AXES
 
 
 class Controller(VehicleNode):
     """Answers each state, pose and velocity of one stamp, with command/wrench."""
 
+    declared = CONTROLLER
     law: Law
 
     def __init__(self, name: str) -> None:

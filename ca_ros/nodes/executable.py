@@ -25,7 +25,7 @@ from ca_ros import arguments
 from ca_ros.arguments import full_name, renamed
 from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
-from ca_ros.parameters import PARAMETERS, MissingParameterError, ParameterError, check
+from ca_ros.schema import PARAMETERS, MissingParameterError, ParameterError, check
 from ca_ros.signals import ending_signals
 from ca_ros.vehicle.files import NoSectionError, find, load, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle

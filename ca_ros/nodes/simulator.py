@@ -27,6 +27,7 @@ from ca_ros.nodes.messages import (
     stamp,
     state_messages,
 )
+from ca_ros.nodes.parameters import SIMULATOR
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
@@ -55,6 +56,7 @@ class Simulator(VehicleNode):
     parameter changes, so that other parameters can be set at a defined time.
     """
 
+    declared = SIMULATOR
     body: RigidBody
 
     def __init__(self, name: str) -> None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import Any, ClassVar
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -23,10 +24,12 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.parameters import NODE
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.watchdog import TICK
-from ca_ros.parameters import PARAMETERS, REQUIRED, MissingParameterError, complete
 from ca_ros.problem.audit import Audit, accept
+from ca_ros.schema import PARAMETERS, REQUIRED, MissingParameterError, complete
+from ca_ros.schema import Parameter as Declared
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -36,9 +39,6 @@ SIZE_MAX = 16384
 """Of a stream's message [bytes]: 2000 rotor speeds."""
 
 RMWError = rclpy_implementation.RMWError
-
-BUILT_FROM = ('vehicle.', 'rotors.', 'allocation.', 'controller.')
-"""The parameters that `VehicleNode.build` looks at."""
 
 
 def explicit(profile: QoSProfile) -> QoSProfile:
@@ -75,8 +75,15 @@ def mismatch(
 
 
 class VehicleNode(Node):
-    """A node with the vehicle's parameters, rebuilt when they change, all or nothing."""
+    """A node with parameters of a vehicle, rebuilt as a whole when they change.
 
+    Attributes
+    ----------
+    declared : mapping
+        The parameters that the node declares, a table of `ca_ros.nodes.parameters`.
+    """
+
+    declared: ClassVar[Mapping[str, Declared]]
     audit: Audit | None = None
 
     def __init__(self, name: str) -> None:
@@ -89,7 +96,7 @@ class VehicleNode(Node):
         self._notes: list[tuple[bytes, str]] = []
         self._dropped_before = 0
         given = {}
-        for key, parameter in PARAMETERS.items():
+        for key, parameter in self.declared.items():
             descriptor = ParameterDescriptor(
                 description=parameter.description,
                 additional_constraints=parameter.range(),
@@ -100,15 +107,18 @@ class VehicleNode(Node):
             given[key] = self.declare_parameter(key, default, descriptor).value
         given.update({key: override.value for key, override in self._parameter_overrides.items()})
         try:
-            self.parameters = complete(given)
+            self.parameters = complete(given, self.declared)
         except MissingParameterError as error:
             name = self.get_fully_qualified_name()
             raise MissingParameterError(f'{error}; looked for by the node {name}') from None
-        # Files from `ros2 param dump` have those of rclpy's own topics.
+        # The file of a vehicle has the parameters of all its nodes, and a file from
+        # `ros2 param dump` has those of rclpy's topics.
         strangers = [
             key
             for key in self._parameter_overrides
-            if not self.has_parameter(key) and not key.startswith('qos_overrides.')
+            if key not in PARAMETERS
+            and not self.has_parameter(key)
+            and not key.startswith('qos_overrides.')
         ]
         if strangers:
             self.get_logger().warning(f'no parameters of this node: {", ".join(strangers)}')
@@ -141,7 +151,7 @@ class VehicleNode(Node):
         self.audit = report
 
     def build(self, parameters: dict[str, Any]) -> Any:
-        """Make what `adopt` will take over, of the parameters in `BUILT_FROM`.
+        """Make what `adopt` will take over, of the parameters that are not in `NODE`.
 
         Raises
         ------
@@ -278,17 +288,30 @@ class VehicleNode(Node):
         self._notes = notes
         self._diagnostics.publish()
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters, as rclpy does, all or none.
+
+        Raises
+        ------
+        ParameterNotDeclaredException
+            If the node does not declare one of them; unlike rclpy's, it names them.
+        """
+        unknown = [change.name for change in parameter_list if not self.has_parameter(change.name)]
+        if unknown:
+            raise ParameterNotDeclaredException(unknown)
+        return super().set_parameters_atomically(parameter_list)
+
     def _consider(self, changes: list[Parameter]) -> SetParametersResult:
-        ours = {change.name: change.value for change in changes if change.name in PARAMETERS}
+        ours = {change.name: change.value for change in changes if change.name in self.declared}
         if not ours:
             return SetParametersResult(successful=True)
         # However many changes a client asks for, commands and timers wait for one at most.
         if isinstance(self.executor, Executor):
             self.executor.spin_streams(0.0)
         try:
-            parameters = complete({**self.parameters, **ours})
-            # Learned laws are not to be forgotten, and the motors not kept waiting, for nothing.
-            anew = any(name.startswith(BUILT_FROM) for name in ours)
+            parameters = complete({**self.parameters, **ours}, self.declared)
+            # A rebuild delays the motors and forgets critical regions.
+            anew = any(name not in NODE for name in ours)
             self._candidate = parameters, self.build(parameters) if anew else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))

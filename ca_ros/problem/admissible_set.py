@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.prioritization import REVERSALS, Prioritization
+from ca_ros.problem.prioritization import ORDER, REVERSALS, Prioritization, groups_of
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
@@ -41,7 +41,6 @@ class AdmissibleSet:
         )
         inside = problem.reach(problem.center, problem.hover - problem.center, 2.0) > 1.0
         self.reference = problem.hover if inside else problem.center
-        self._default_order = default_order(problem.axes)
         self._prioritizations: dict[object, Prioritization] = {}
 
     @property
@@ -131,8 +130,8 @@ class AdmissibleSet:
         u : (..., m) array
             Wrenches [N, N m].
         order : sequence of groups of axes, optional
-            By default roll and pitch together, before thrust, before yaw; lateral forces come
-            last.
+            The most important first, such as ``['roll pitch', 'thrust', 'yaw']``; by default
+            `ORDER`.  Axes that the vehicle does not command are left out.
         reversal : 'prevent', 'avoid' or 'allow'
             What the second group pays so that no lesser axis is reversed.  'prevent': as much as
             that takes.  'avoid': no more than what lies between its demand and hover.  'allow':
@@ -146,7 +145,8 @@ class AdmissibleSet:
         Raises
         ------
         ValueError
-            If `order` is not a partition of the vehicle's axes, or there is no such `reversal`.
+            If `order` does not name each of the vehicle's axes once, or there is no such
+            `reversal`.
         """
         return self.prioritize_levels(u, order, reversal)[0]
 
@@ -191,34 +191,19 @@ class AdmissibleSet:
     def check_order(
         self, order: Sequence[Sequence[str]] | None, reversal: str = 'prevent'
     ) -> Prioritization:
-        """Return what serves an order; raise a ValueError if it or `reversal` is wrong."""
-        groups = self._default_order if order is None else tuple(tuple(group) for group in order)
-        if (groups, reversal) not in self._prioritizations:
+        """Return the prioritization of an order; raise a ValueError if an argument is wrong."""
+        key = (None if order is None else tuple(map(tuple, order))), reversal
+        if key not in self._prioritizations:
             if reversal not in REVERSALS:
                 raise ValueError(
                     f'reversal: expected one of {", ".join(REVERSALS)}, got {reversal!r}'
                 )
-            if (
-                sorted(axis for group in groups for axis in group) != sorted(self.problem.axes)
-                or () in groups
-            ):
-                raise ValueError(
-                    f'order: expected groups in which each of {", ".join(self.problem.axes)} '
-                    f'stands once, got {order}'
-                )
-            rows = [[self.problem.axes.index(axis) for axis in group] for group in groups]
-            self._prioritizations[groups, reversal] = Prioritization(
-                self.problem, rows, reversal=reversal
-            )
-        return self._prioritizations[groups, reversal]
+            axes = self.problem.axes
+            groups = groups_of(ORDER if order is None else order, axes)
+            rows = [[axes.index(axis) for axis in group] for group in groups]
+            self._prioritizations[key] = Prioritization(self.problem, rows, reversal=reversal)
+        return self._prioritizations[key]
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Draw wrenches (size, m) [N, N m] uniformly by volume."""
         return self.zonotope.sample(rng, size)
-
-
-def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the default order of axes: roll and pitch, then thrust, yaw, and lateral forces."""
-    groups = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
-    present = (tuple(axis for axis in group if axis in axes) for group in groups)
-    return tuple(group for group in present if group)

@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.parameters import PARAMETERS, ParameterError
 from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.schema import ParameterError
+from ca_ros.vehicle.parameters import VEHICLE
 from ca_ros.vehicle.vehicle import Vehicle
 
-LOST_AXES = PARAMETERS['allocation.lost_axes'].choices
+LOST_AXES = VEHICLE['allocation.lost_axes'].choices
 
 EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
 """The axes that are given up, in this order, for the sake of the others."""

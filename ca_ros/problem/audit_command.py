@@ -10,8 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ca_ros.parameters import ParameterError
 from ca_ros.problem.audit import Audit, accept, audit, lift, unit
+from ca_ros.schema import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
 Number = TypeVar('Number', int, float)

@@ -10,9 +10,13 @@ import numpy as np
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem, lengths
 from ca_ros.solver.simplex import Simplex
+from ca_ros.vehicle.parameters import AXES
 
 INSIDE = 0.99
 """Greatest share of the way from the middle of the set to its boundary where a line may begin."""
+
+ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
+"""The default order: groups of axes, the most important first."""
 
 REVERSALS = ('prevent', 'avoid', 'allow')
 
@@ -43,6 +47,32 @@ class Served(NamedTuple):
     wrenches: Array
     levels: Array
     reached: BoolArray
+
+
+def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the groups of an order without the axes that a vehicle does not command.
+
+    Parameters
+    ----------
+    order : sequence of groups of axes
+        The most important group first, as words or sequences: ``['roll pitch', 'thrust', 'yaw']``.
+    axes : sequence of str
+        The axes that the vehicle commands.
+
+    Raises
+    ------
+    ValueError
+        If an axis is missing, stands twice or is unknown, or a group is empty.
+    """
+    listed = [order] if isinstance(order, str) else order
+    groups = [tuple(group.split() if isinstance(group, str) else group) for group in listed]
+    flat = [axis for group in groups for axis in group]
+    if len(set(flat)) < len(flat) or () in groups or not set(axes) <= set(flat) <= set(AXES):
+        raise ValueError(
+            f'order: expected groups in which each of {", ".join(axes)} stands once, got {order}'
+        )
+    kept = (tuple(axis for axis in group if axis in axes) for group in groups)
+    return tuple(group for group in kept if group)
 
 
 class Prioritization:

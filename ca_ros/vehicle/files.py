@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from ca_ros.parameters import ParameterError, Value, complete
+from ca_ros.schema import ParameterError, Value, complete
 
 DEPTH_MAX = 20
 """How deep lists and mappings may be nested in a YAML text."""

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant
-from ca_ros.parameters import AXES, ParameterError, complete
+from ca_ros.schema import ParameterError, complete
 from ca_ros.vehicle.files import load
+from ca_ros.vehicle.parameters import AXES, VEHICLE
 
 HEALTH_MIN = 1e-9
 """A rotor whose health is below this counts as lost."""
@@ -51,7 +52,8 @@ class Vehicle:
     health : (n,) array
         Thrust delivered over thrust expected, in [0, 1]; below `HEALTH_MIN` the rotor is lost.
     axes : tuple of str
-        The components of the wrench that are commanded, in the order of `ca_ros.parameters.AXES`.
+        The components of the wrench that are commanded, in the order of
+        `ca_ros.vehicle.parameters.AXES`.
     lost_axes : 'refuse' or 'drop'
         What allocators do if the rotors cannot command every axis and hover: see
         `ca_ros.problem.audit.accept`.
@@ -108,7 +110,7 @@ class Vehicle:
         ParameterError
             In one line that names the key and the fault.
         """
-        p: dict[str, Any] = complete(given)
+        p: dict[str, Any] = complete(given, VEHICLE)
         positions = _rows('rotors.positions', p['rotors.positions'])
         n = len(positions)
         rotor_axes = _rows('rotors.axes', p['rotors.axes'])

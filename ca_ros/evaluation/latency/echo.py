@@ -12,7 +12,7 @@ from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.parameters import AXES
+from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 

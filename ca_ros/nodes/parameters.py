@@ -1,0 +1,90 @@
+"""The parameters of the nodes: those of all nodes, and the table that each node declares."""
+
+from __future__ import annotations
+
+from ca_ros.allocation.parameters import ALLOCATION, PRIORITIES
+from ca_ros.flight import parameters as flight
+from ca_ros.schema import Parameter, declare
+from ca_ros.vehicle.parameters import VEHICLE
+
+NODE = {
+    'mode': Parameter(
+        'realtime: the simulator follows the clock; lockstep: it steps once per command',
+        str,
+        default='realtime',
+        choices=('realtime', 'lockstep'),
+    ),
+    'command_timeout': Parameter(
+        'time without a command after which the timeout action begins [s]',
+        default=0.1,
+        positive=True,
+        mutable=True,
+    ),
+    'timeout_action': Parameter(
+        'what the rotors do until commands return: idle: their least speeds; stop: stand still; '
+        'hold: keep the last speeds',
+        str,
+        default='idle',
+        choices=('idle', 'stop', 'hold'),
+        mutable=True,
+    ),
+    'command_frame': Parameter(
+        'body frame, of wrenches and body velocities; messages in another frame are dropped, '
+        'those without a frame are served',
+        str,
+        default='base_link',
+        mutable=True,
+    ),
+    'world_frame': Parameter(
+        'frame of poses and waypoints, with the same rule', str, default='map', mutable=True
+    ),
+    'command_age_max': Parameter(
+        'greatest age, or lead, of a wrench by ROS time; older ones are dropped; 0: no limit [s]',
+        default=0.0,
+        minimum=0.0,
+        mutable=True,
+    ),
+    'command_order': Parameter(
+        'wrenches that are older than their predecessor: any: served; newer: dropped',
+        str,
+        default='any',
+        choices=('any', 'newer'),
+        mutable=True,
+    ),
+    'simulator.real_time_factor': Parameter(
+        'simulated time that passes in a second, in mode realtime; stamps follow the clock only '
+        'at 1 [s/s]',
+        default=1.0,
+        minimum=0.01,
+        maximum=10.0,
+    ),
+    'simulator.hold_at': Parameter(
+        'time of the simulation at which it waits in mode lockstep, until this is set to a later '
+        'time, or to 0 for none [s]',
+        default=0.0,
+        minimum=0.0,
+        mutable=True,
+    ),
+}
+"""What the nodes add to the parameters of the rooms below; a change of these rebuilds nothing."""
+
+declare(NODE)
+
+
+def _node(*names: str) -> dict[str, Parameter]:
+    return {name: NODE[name] for name in ('mode', 'command_timeout', 'command_frame', *names)}
+
+
+ALLOCATOR = {
+    **VEHICLE,
+    **ALLOCATION,
+    **_node('timeout_action', 'command_age_max', 'command_order'),
+}
+
+CONTROLLER = {**VEHICLE, **PRIORITIES, **flight.CONTROLLER, **_node('world_frame')}
+
+SIMULATOR = {
+    **VEHICLE,
+    **flight.SIMULATOR,
+    **_node('timeout_action', 'world_frame', 'simulator.real_time_factor', 'simulator.hold_at'),
+}

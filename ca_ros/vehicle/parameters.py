@@ -1,0 +1,66 @@
+"""The parameters of a vehicle: its mass, its rotors and the axes that it commands."""
+
+from __future__ import annotations
+
+from ca_ros.schema import Parameter, declare
+
+AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
+
+VEHICLE = {
+    'vehicle.name': Parameter(
+        'name of the vehicle, the hardware_id of its diagnostics', str, default='multirotor'
+    ),
+    'vehicle.mass': Parameter('mass [kg]', positive=True),
+    'vehicle.gravity': Parameter('local gravity [m/s^2]', positive=True, default=9.81),
+    'vehicle.inertia': Parameter(
+        'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz or the matrix row by row',
+        array=True,
+    ),
+    'vehicle.center_of_mass': Parameter(
+        'centre of mass in the body frame [m]', array=True, default=[0.0, 0.0, 0.0]
+    ),
+    'rotors.positions': Parameter(
+        'x, y, z of each rotor in the body frame, forward-left-up [m]', array=True
+    ),
+    'rotors.axes': Parameter(
+        'direction of thrust of all rotors, or of each', array=True, default=[0.0, 0.0, 1.0]
+    ),
+    'rotors.spins': Parameter(
+        'sense of rotation of each rotor, seen against its thrust from above',
+        str,
+        array=True,
+        choices=('cw', 'ccw'),
+    ),
+    'rotors.thrust_coefficient': Parameter(
+        'k_f, thrust over squared speed [kg m]', array=True, positive=True
+    ),
+    'rotors.torque_coefficient': Parameter(
+        'k_tau, reaction torque over squared speed [kg m^2]', array=True, minimum=0.0
+    ),
+    'rotors.speed_min': Parameter('lower bound of the speed [rad/s]', array=True, minimum=0.0),
+    'rotors.speed_max': Parameter('upper bound of the speed [rad/s]', array=True, positive=True),
+    'rotors.health': Parameter(
+        'thrust delivered over thrust expected: 1 sound, 0 (or below 1e-9) lost',
+        array=True,
+        default=1.0,
+        minimum=0.0,
+        maximum=1.0,
+        mutable=True,
+    ),
+    'allocation.axes': Parameter(
+        'the components of the wrench that are commanded',
+        str,
+        array=True,
+        default=['thrust', 'roll', 'pitch', 'yaw'],
+        choices=AXES,
+    ),
+    'allocation.lost_axes': Parameter(
+        'refuse: do not start unless the rotors can command every axis and hover; drop: start '
+        'all the same, without the lost axes (nodes always drop axes that are lost in flight)',
+        str,
+        default='refuse',
+        choices=('refuse', 'drop'),
+    ),
+}
+
+declare(VEHICLE)
