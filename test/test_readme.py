@@ -1,4 +1,4 @@
-"""README says what the code does."""
+"""README and the table of parameters say what the code does."""
 
 import subprocess
 import sys
