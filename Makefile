@@ -7,11 +7,13 @@ ifdef ROS_DISTRO
 venv_options := --system-site-packages
 extras.test := [test]
 extras.benchmark := [peers]
+extras.docs := [docs]
 else
 # The wheels bring Fast DDS alone, and no module from elsewhere may come before theirs.
 extras.demo := [ros,bag]
 extras.test := [ros,test]
 extras.benchmark := [ros,peers]
+extras.docs := [ros,docs]
 unexport PYTHONPATH RMW_IMPLEMENTATION
 ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # This shell comes from a Python with such wheels of its own, and would pass on its libraries.
@@ -39,14 +41,15 @@ fault = $(or \
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600
 
-.PHONY: help demo test soak benchmark readme venv clean
+.PHONY: help demo test soak benchmark readme docs venv clean
 
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test       lint, types and tests'
 	@echo 'make benchmark  time everything beside other solvers, for minutes; fills README'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
-	@echo 'make readme     write anew what README shows: example, parameters, picture'
+	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
+	@echo 'make docs       the pages and the API reference as HTML, in out/docs'
 	@echo 'make venv       only set up .venv, with the rclpy of ROS 2 Jazzy'
 	@echo 'make clean      remove .venv, out and all that builds and tests leave'
 	@echo 'PYTHON=python3.12 and the like choose the Python, 3.10 to 3.14.'
@@ -68,9 +71,23 @@ soak: .venv/.test
 
 readme: demo
 	.venv/bin/python docs/readme.py
+	.venv/bin/python docs/architecture.py
 	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
 	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
 	.venv/bin/python docs/failure.py
+	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \
+	    --animate --out out/animation
+	cp out/animation/animation.gif docs
+
+docs: .venv/.docs
+	rm -rf out/docs out/docs-source
+	mkdir -p out/docs-source
+	cp docs/*.md docs/*.png docs/*.gif docs/conf.py out/docs-source
+	sed 's#](docs/#](#g' README.md | cat - docs/index.md > out/docs-source/index.md
+	.venv/bin/python -m sphinx.ext.apidoc -q --separate --module-first \
+	    -o out/docs-source/api ca_ros
+	.venv/bin/python -m sphinx -q -W --keep-going -b html out/docs-source out/docs
+	@echo 'Written: out/docs/index.html'
 
 venv: .venv/.demo
 	@echo 'Ready: . .venv/bin/activate'
@@ -87,7 +104,7 @@ steps := -e 's/^Collecting \([A-Za-z0-9._-]*\).*/  fetching \1/p' \
   -e '/^ERROR/,$$p' -e '/^ *error:/,$$p'
 
 # Pip takes half-installed packages for whole, so what was interrupted starts again from nothing.
-.venv/.demo .venv/.test .venv/.benchmark: .venv/.$(kind) setup.py setup.cfg
+.venv/.demo .venv/.test .venv/.benchmark .venv/.docs: .venv/.$(kind) setup.py setup.cfg
 	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes:'
 	@rm $<
 	@{ .venv/bin/python -m pip install --progress-bar off -e '.$(extras$(suffix $@))' 2>&1 && \

@@ -51,6 +51,8 @@ setup(
         'solvers': solvers,
         # What `benchmark` compares with, wheels for CPython 3.10 to 3.14 all of them.
         'peers': peers,
+        # What `make docs` builds the pages with.
+        'docs': ['sphinx>=7.2', 'myst-parser>=3.0', 'numpydoc>=1.7'],
         # Here and not in tests_require, with which colcon would run no test at all. The checkers
         # are held back because each new series of theirs finds fault with what passed before.
         'test': [

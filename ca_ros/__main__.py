@@ -16,8 +16,8 @@ from ca_ros.vehicle.files import config_directory
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = {
-    'README.md': 'how to run it, topics, parameters, results',
-    'docs/': 'how the exact allocator works, guides, reproduction of the paper',
+    'README.md': 'how to run it, comparison, results',
+    'docs/': 'guides, topics, parameters, how the exact allocator works',
     'examples/': 'from rotor speeds to Gazebo, PX4 and ros2_control',
 }
 

@@ -1,4 +1,4 @@
-"""Copy the tables of a full benchmark into README and docs/performance.md, between their marks."""
+"""Copy the tables of a full benchmark into docs/performance.md, and a few rows into README."""
 
 import json
 import re
@@ -8,12 +8,12 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
 README, PAGE, FIGURE = DOCS.parent / 'README.md', DOCS / 'performance.md', DOCS / 'benchmark.png'
-FIRST = '## Percentiles'
-"""The first section of benchmark.md that is not for README."""
+SHOWN, COLUMNS = ('`clipped_pinv`', '`exact`', '`daqp_reused`', '`osqp`'), 5
+"""Rows and number of columns of the table of times that README shows."""
 
 
 def filled(text: str, content: str) -> str:
-    """Return a page with what stands between its marks made anew."""
+    """Return a page with the part between its marks replaced."""
     new, count = re.subn(
         r'(<!-- benchmark -->\n).*?(<!-- end of benchmark -->)',
         lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
@@ -25,6 +25,14 @@ def filled(text: str, content: str) -> str:
     return new
 
 
+def summary(body: str) -> str:
+    """Return a few rows of the table of times per call."""
+    section = body.partition('## Times per call')[2].partition('\n## ')[0]
+    table = [line.split('|')[1:-1] for line in section.splitlines() if line.startswith('|')]
+    rows = [*table[:2], *(row for row in table[2:] if row[0].strip() in SHOWN)]
+    return '\n'.join(f'|{"|".join(row[:COLUMNS])}|' for row in rows)
+
+
 def main(folder: Path) -> None:
     """Take benchmark.json, benchmark.md and benchmark.png from a folder."""
     if json.loads((folder / 'benchmark.json').read_text(encoding='utf-8'))['settings']['quick']:
@@ -32,7 +40,7 @@ def main(folder: Path) -> None:
     report = (folder / 'benchmark.md').read_text(encoding='utf-8').strip()
     body = report.partition('\n')[2].strip()
     pages = {
-        README: body.partition(FIRST)[0],
+        README: summary(body),
         PAGE: f'![Times per call, and against the number of rotors]({FIGURE.name})\n\n{body}',
     }
     texts = {

@@ -1,6 +1,6 @@
-"""Write what README says of the code: the table of parameters, the output of the example.
+"""Regenerate the output of README's example and the table of docs/parameters.md.
 
-With --check nothing is written, and the exit code says whether README is up to date.
+With --check nothing is written; the exit code says whether both pages are up to date.
 """
 
 import re
@@ -10,10 +10,11 @@ from pathlib import Path
 
 from ca_ros.schema import PARAMETERS, REQUIRED, Parameter
 
-README = Path(__file__).resolve().parent.parent / 'README.md'
+DOCS = Path(__file__).resolve().parent
+PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
-ALLOWED = {'allocation.method': 'a [method](#the-problem)'}
-"""What is said here of values that another table lists, or `python -m ca_ros` does."""
+ALLOWED = {'allocation.method': 'a [method](#methods)'}
+"""Links to values that another table lists."""
 
 
 def table() -> str:
@@ -42,7 +43,7 @@ def printed(code: str) -> str:
 
 
 def fresh(text: str) -> str:
-    """Return README with its generated parts made anew."""
+    """Return a page with its generated parts replaced."""
     text = re.sub(
         r'(<!-- prints -->\n```python\n(.*?)```\n\n```text\n)(.*?)(```)',
         lambda match: match[1] + printed(match[2]) + match[4],
@@ -57,9 +58,19 @@ def fresh(text: str) -> str:
     )
 
 
+def main() -> None:
+    """Write the pages, or check them."""
+    stale = []
+    for page in PAGES:
+        old = page.read_text(encoding='utf-8')
+        new = fresh(old)
+        if new != old:
+            stale.append(page.name)
+            if sys.argv[1:] != ['--check']:
+                page.write_text(new, encoding='utf-8')
+    if stale and sys.argv[1:] == ['--check']:
+        sys.exit(f'not up to date: {", ".join(stale)}; run make readme')
+
+
 if __name__ == '__main__':
-    old = README.read_text(encoding='utf-8')
-    new = fresh(old)
-    if sys.argv[1:] == ['--check']:
-        sys.exit(None if new == old else 'README.md is not up to date: run make readme')
-    README.write_text(new, encoding='utf-8')
+    main()

@@ -597,10 +597,14 @@ def test_a_full_run_fills_the_pages_between_their_marks_and_a_quick_one_does_not
     for text in (readme, performance):
         assert text.startswith('Before.\n\n<!-- benchmark -->\n')
         assert text.endswith('\n<!-- end of benchmark -->\n\nAfter.\n')
-        assert '### Times per call' in text
+        assert '\n| `exact` |' in text
         assert 'old' not in text.split()
+    assert '### Times per call' in performance
     assert '### Batches' in performance
-    assert '### Batches' not in readme
+    # README has a few rows and columns of one table.
+    rows = [line for line in readme.splitlines() if line.startswith('|')]
+    assert 3 < len(rows) < 8
+    assert {line.count('|') for line in rows} == {6}
     assert '](benchmark.png)' in performance
     assert (tmp_path / 'docs' / 'benchmark.png').is_file()
 

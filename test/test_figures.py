@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 from matplotlib import image
 from matplotlib.colors import to_rgb
+from PIL import Image
 
+from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, Curves, animate
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.flight_metrics import margins, torque_errors
+from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import COLORS, FORMATS, draw_flight, formats, save
 from ca_ros.flight.record import Flight
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from strategies import FLEET
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0))
@@ -69,3 +75,32 @@ def test_formats_are_a_list_of_known_ones():
     for wrong in ('', 'gif', 'png,'):
         with pytest.raises(argparse.ArgumentTypeError, match='png, svg, pdf'):
             formats(wrong)
+
+
+# The animation
+
+def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
+    case, failures = Case.load('hexarotor'), RotorFailures((RotorFailure(1, 0.8),), 0.1)
+    flights, curves = {}, {}
+    for method in ('exact', 'fixed_pseudo_inverse'):
+        changes = case.failing(method, failures)
+        flight = flights[method] = fly(
+            case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes)
+        told = flight, case.controller(), WAYPOINT, changes
+        curves[method] = Curves(margins(*told), torque_errors(*told))
+    path = tmp_path / 'animation.gif'
+    animate(path, flights, curves, case.vehicle, WAYPOINT, failures)
+    with Image.open(path) as film:
+        assert film.n_frames == 15
+        assert film.info['loop'] == 0
+        lost = []
+        for i in range(film.n_frames):
+            film.seek(i)
+            frame = np.asarray(film.convert('RGB')) / 255.0
+            # The left half of the part above the plots; vehicle, thrusts and front are drawn.
+            scene = frame[: int(0.6 * frame.shape[0]), : frame.shape[1] // 2]
+            assert all(pixels_of(scene, color) > 100 for color in (BODY, THRUST, FRONT)), i
+            lost.append(pixels_of(scene, LOST) > 100)
+    # 12.5 frames a second: the frame at 0.8 s is the eleventh.
+    assert lost == [False] * 10 + [True] * 5
+    assert path.stat().st_size < 500_000

@@ -18,10 +18,11 @@ from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
 from ca_ros.arguments import split
+from ca_ros.evaluation.animation import Curves, animate
 from ca_ros.evaluation.cases import Case, parser, positive
 from ca_ros.evaluation.dynamic_report import observation_lines, report, table
 from ca_ros.evaluation.flight_figures import draw, draw_failure
-from ca_ros.evaluation.flight_metrics import margins, metrics
+from ca_ros.evaluation.flight_metrics import margins, metrics, torque_errors
 from ca_ros.evaluation.interrupts import interrupts
 from ca_ros.evaluation.observations import observe
 from ca_ros.evaluation.paper_table import of_the_paper
@@ -88,6 +89,9 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         dest='over_ros',
         action='store_true',
         help='fly over the ROS nodes, in lockstep: the same flights, to the last bit',
+    )
+    made.add_argument(
+        '--animate', action='store_true', help='write animation.gif too: the flights as a film'
     )
     add_options(made)
     own, ros = split(argv)
@@ -169,11 +173,17 @@ def _write(
     (options.out / 'dynamic.json').write_text(text, encoding='utf-8')
     (options.out / 'dynamic.md').write_text(report(figures), encoding='utf-8')
     draw(options.out, flights, case.vehicle, WAYPOINT, options.figures)
-    if options.fail:
-        found = {
-            name: margins(flight, controller, WAYPOINT, changes[name])
-            for name, flight in flights.items()
+    asked = {
+        name: (flight, controller, WAYPOINT, changes[name]) for name, flight in flights.items()
+    }
+    if options.animate:
+        curves = {
+            name: Curves(margins(*each), torque_errors(*each)) for name, each in asked.items()
         }
+        path = options.out / 'animation.gif'
+        animate(path, flights, curves, case.vehicle, WAYPOINT, failures)
+    if options.fail:
+        found = {name: margins(*each) for name, each in asked.items()}
         moments = [time / 1e9 for time in failures.times()]
         with matplotlib.rc_context(STYLE):
             figure = draw_failure(flights, found, case.vehicle, WAYPOINT, moments)

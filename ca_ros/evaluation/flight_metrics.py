@@ -161,6 +161,19 @@ def margins(
     return found
 
 
+def torque_errors(
+    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = ()
+) -> Array:
+    """Return the length (K,) of the difference of commanded and delivered torque [N m]."""
+    found = []
+    for part, pilot, vehicle in legs(flight, controller, changes):
+        given = vehicle.thrusts(flight.speeds[part]) @ control_allocation_matrix(pilot.vehicle).T
+        torques = [axis not in FORCES for axis in pilot.vehicle.axes]
+        missed = (demands(flight, pilot, waypoint, part) - given)[:, torques]
+        found.append(np.linalg.norm(missed, axis=1))
+    return np.concatenate(found)
+
+
 def _longest(vectors: Array) -> float:
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
 

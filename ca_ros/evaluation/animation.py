@@ -1,0 +1,226 @@
+"""An animation of flights with rotor failures: one column a method, as a GIF file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from ca_ros.arrays import Array
+from ca_ros.evaluation.figure_style import title
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.plots import COLORS, DASHED, STYLE
+from ca_ros.flight.record import Flight
+from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.vehicle.vehicle import Vehicle
+
+FRAMES_PER_SECOND = 12.5
+"""GIF files store the duration of a frame in hundredths of a second."""
+
+LEAD = 1.0
+"""Time before the first failure at which the animation starts [s]."""
+
+PAUSE = 1.5
+"""Time for which the last frame is shown [s]."""
+
+TITLES = {
+    'pseudo_inverse': 'clipped pseudo-inverse',
+    'fixed_pseudo_inverse': 'clipped pseudo-inverse, computed once',
+}
+BODY, THRUST, LOST, FRONT = '#404040', COLORS[0], COLORS[1], COLORS[2]
+SHADES = {'#000000': 12, BODY: 6, THRUST: 6, LOST: 6, FRONT: 6}
+"""Colours of the palette, and in how many steps each fades to white."""
+
+CIRCLE = np.linspace(0.0, 2.0 * np.pi, 33)
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """What is plotted below a vehicle.
+
+    Attributes
+    ----------
+    margin : (K,) array
+        Margin of the commanded wrenches in the set that the rotors physically have [N, N m].
+    torque_error : (K,) array
+        Length of the difference of commanded and delivered torque [N m].
+    """
+
+    margin: Array
+    torque_error: Array
+
+
+def animate(
+    path: Path,
+    flights: Mapping[str, Flight],
+    curves: Mapping[str, Curves],
+    vehicle: Vehicle,
+    waypoint: Waypoint,
+    failures: RotorFailures,
+) -> None:
+    """Write an animation of flights, in real time, as a GIF file.
+
+    Each column shows the vehicle, with the thrust of each rotor as an arrow, and the curves over
+    time. The view follows the vehicle; all columns have one scale. A vehicle that falls below
+    the height of its start after a failure stays there as it is.
+
+    Parameters
+    ----------
+    path : Path
+        Existing files are overwritten.
+    flights : mapping of str to Flight
+        By method.
+    curves : mapping of str to Curves
+    vehicle : Vehicle
+        As it is at the start.
+    waypoint : Waypoint
+    failures : RotorFailures
+    """
+    moments = [time / 1e9 for time in failures.times()]
+    end = max(float(flight.time[-1]) for flight in flights.values())
+    start = max(0.0, min(moments) - LEAD) if moments else 0.0
+    grounds = {name: _ground(flight, moments) for name, flight in flights.items()}
+    frames = []
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(4.0 * len(flights), 6.0), dpi=100)
+        canvas: Any = FigureCanvasAgg(figure)
+        scenes = _scenes(figure, len(flights))
+        cursors = _plots(figure, flights, curves, grounds, moments, (start, end))
+        for time in np.arange(start, end, 1.0 / FRAMES_PER_SECOND):
+            for scene, (name, flight) in zip(scenes, flights.items(), strict=True):
+                k = min(int(np.searchsorted(flight.time, time + 1e-9)) - 1, grounds[name])
+                health = failures.physical(vehicle.health, round(time * 1e9))
+                _draw_vehicle(scene, flight, k, vehicle.with_health(health), waypoint)
+                scene.set_title(TITLES.get(name, title(name)), fontsize='x-large', pad=14.0)
+                tilt = f'tilt {np.degrees(flight.tilt[k]):2.0f}°'
+                height = f'height {flight.position[k, 2]:.2f} m'
+                caption = 'on the ground' if k == grounds[name] else f'{height}   {tilt}'
+                scene.text2D(
+                    0.5, 1.0, caption, transform=scene.transAxes, ha='center', fontsize='large'
+                )
+                for cursor, values in cursors[name]:
+                    cursor.set_data([flight.time[k]], [values[k]])
+            canvas.draw()
+            frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert('RGB'))
+    _write(path, frames)
+
+
+def _ground(flight: Flight, moments: Sequence[float]) -> int:
+    """Return the sample at which a vehicle falls below its start after a failure, or none: K."""
+    low = flight.position[:, 2] < flight.position[0, 2] - 0.05
+    found = np.flatnonzero(low & (flight.time > min(moments, default=np.inf)))
+    return int(found[0]) if len(found) else len(flight.time)
+
+
+def _scenes(figure: Figure, count: int) -> list[Any]:
+    """Return the 3-D axes, side by side."""
+    grid = figure.add_gridspec(1, count, left=0.07, right=0.99, bottom=0.4, top=0.91, wspace=0.06)
+    return [
+        figure.add_subplot(grid[0, i], projection='3d', computed_zorder=False)
+        for i in range(count)
+    ]
+
+
+def _plots(
+    figure: Figure,
+    flights: Mapping[str, Flight],
+    curves: Mapping[str, Curves],
+    grounds: Mapping[str, int],
+    moments: Sequence[float],
+    limits: tuple[float, float],
+) -> dict[str, list[tuple[Any, Array]]]:
+    """Draw the curves; return the marker of the present time on each, and the values."""
+    grid = figure.add_gridspec(
+        2, len(flights), left=0.1, right=0.98, bottom=0.09, top=0.38, hspace=0.3, wspace=0.1
+    )
+    axes = grid.subplots(sharex=True, sharey='row', squeeze=False)
+    cursors: dict[str, list[tuple[Any, Array]]] = {}
+    for (name, flight), column in zip(flights.items(), axes.T, strict=True):
+        cursors[name] = []
+        part = slice(0, grounds[name] + 1)
+        for plot, values in zip(
+            column, (curves[name].margin, curves[name].torque_error), strict=True
+        ):
+            plot.plot(flight.time[part], values[part], color='black')
+            plot.axhline(0.0, **DASHED)
+            for moment in moments:
+                plot.axvline(moment, color=LOST, linestyle=':', linewidth=1.2)
+            [cursor] = plot.plot([], [], 'o', color=THRUST, markersize=8, clip_on=False, zorder=5)
+            cursors[name].append((cursor, values))
+        column[-1].set_xlabel('time [s]')
+    axes[0, 0].set_ylabel('margin\n[N, N m]')
+    axes[1, 0].set_ylabel('torque error\n[N m]')
+    axes[0, 0].set_xlim(limits)
+    figure.align_ylabels(axes[:, 0])
+    return cursors
+
+
+def _draw_vehicle(axes: Any, flight: Flight, k: int, vehicle: Vehicle, waypoint: Waypoint) -> None:
+    """Draw a vehicle at sample k: arms, rotor disks, thrusts, waypoint and path."""
+    axes.clear()
+    arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
+    radius, reach = 0.42 * arm * min(1.0, 6.0 / vehicle.n), 1.5 * arm
+    place, turn = flight.position[k], Rotation.from_quat(flight.attitude[k]).as_matrix().T
+    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.22)
+    axes.view_init(elev=18.0, azim=-62.0)
+    for name, axis, middle in zip('xyz', (axes.xaxis, axes.yaxis, axes.zaxis), place, strict=True):
+        low, high = middle - reach, middle + reach
+        ticks = np.arange(np.ceil(low * 2.0), high * 2.0) / 2.0
+        axes.set(**{f'{name}lim': (low, high), f'{name}ticks': ticks, f'{name}ticklabels': []})
+        axis.set_tick_params(length=0)
+        axis.set_pane_color('white')
+
+    path = flight.position[: k + 1]
+    path = np.where(np.all(np.abs(path - place) < reach, axis=1)[:, None], path, np.nan)
+    axes.plot(*path.T, color='0.6', linewidth=1.2)
+    if np.all(np.abs(waypoint.position - place) < reach):
+        axes.plot(*waypoint.position[:, None], '+', color='black', markersize=12, mew=2.0)
+
+    hubs = place + vehicle.arms @ turn
+    greatest = float(vehicle.with_health(np.ones(vehicle.n)).thrusts(vehicle.speed_max).max())
+    shares = vehicle.thrusts(flight.speeds[k]) / greatest
+    rotor_axes = vehicle.rotor_axes @ turn
+    for hub, axis, share, health in zip(hubs, rotor_axes, shares, vehicle.health, strict=True):
+        color = LOST if health < 1.0 else BODY
+        axes.plot(*np.transpose([place, hub]), color=BODY, linewidth=3.0)
+        axes.plot(*_disk(hub, axis, radius).T, color=color, linewidth=1.8)
+        if health < 1.0:
+            axes.plot(*hub[:, None], 'x', color=LOST, markersize=12, mew=3.0)
+        if share > 0.0:
+            push = 1.5 * arm * share * axis
+            axes.quiver(*hub, *push, color=THRUST, linewidth=2.8, arrow_length_ratio=0.25)
+    front = place + 0.4 * arm * turn[0]
+    axes.plot(*np.transpose([place, front]), color=FRONT, linewidth=6.0)
+
+
+def _disk(center: Array, axis: Array, radius: float) -> Array:
+    """Return the circle (33, 3) about a centre, at a right angle to an axis."""
+    one = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
+    one /= np.linalg.norm(one)
+    two = np.cross(axis, one)
+    return center + radius * (np.outer(np.cos(CIRCLE), one) + np.outer(np.sin(CIRCLE), two))
+
+
+def _write(path: Path, frames: Sequence[Image.Image]) -> None:
+    """Write frames with one palette, which keeps the colours and a third of the size."""
+    palette = Image.new('P', (1, 1))
+    colors = [
+        [round(255.0 * (1.0 - share * (1.0 - part))) for part in to_rgb(color)]
+        for color, steps in SHADES.items()
+        for share in np.arange(steps + 1) / steps
+    ]
+    palette.putpalette([part for color in colors for part in color])
+    first, *others = (
+        frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
+    )
+    durations = [round(1000.0 / FRAMES_PER_SECOND)] * len(others) + [round(1000.0 * PAUSE)]
+    first.save(path, save_all=True, append_images=others, duration=durations, loop=0)
