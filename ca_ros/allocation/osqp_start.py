@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
@@ -33,6 +32,8 @@ class OsqpStart:
                 "solver: 'osqp' needs the package osqp (pip install osqp); "
                 "'newton' gives the same answers without it"
             ) from None
+        import scipy.sparse
+
         m, n = problem.gamma.shape
         self._lower, self._upper = problem.lower, problem.upper
         self._size = m
