@@ -5,12 +5,13 @@ PYTHON ?= python3
 ifdef ROS_DISTRO
 # Where ROS is sourced it provides rclpy, and the wheels must stay away.
 venv_options := --system-site-packages
+extras.demo := [studies]
 extras.test := [test]
 extras.benchmark := [peers]
 extras.docs := [docs]
 else
 # The wheels bring Fast DDS alone, and no module from elsewhere may come before theirs.
-extras.demo := [ros,bag]
+extras.demo := [ros,bag,studies]
 extras.test := [ros,test]
 extras.benchmark := [ros,peers]
 extras.docs := [ros,docs]

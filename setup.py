@@ -7,6 +7,8 @@ solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
+# What `ca_ros.evaluation` and the plot of bringup need, and no node.
+studies = ['matplotlib>=3.6', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
 
 setup(
     name=package,
@@ -32,10 +34,6 @@ setup(
         'scipy>=1.11',
         'osqp>=1.0',
         'PyYAML>=6.0',
-        'matplotlib>=3.6',
-        'tqdm>=4.66',
-        'Jinja2>=3.1',
-        'mistune>=3.0',
     ],
     extras_require={
         # ROS 2 Jazzy for machines without it. Where ROS is installed, rclpy comes from there:
@@ -49,8 +47,9 @@ setup(
         # Bags of flights, without a ROS installation.
         'bag': bag,
         'solvers': solvers,
+        'studies': studies,
         # What `benchmark` compares with, wheels for CPython 3.10 to 3.14 all of them.
-        'peers': peers,
+        'peers': [*peers, *studies],
         # What `make docs` builds the pages with.
         'docs': ['sphinx>=7.2', 'myst-parser>=3.0', 'numpydoc>=1.7'],
         # Here and not in tests_require, with which colcon would run no test at all. The checkers
@@ -70,19 +69,20 @@ setup(
             'wheel',
             *bag,
             *peers,
+            *studies,
         ],
     },
     entry_points={
         'console_scripts': [
             'allocator = ca_ros.nodes.allocator:main',
-            'benchmark = ca_ros.evaluation.benchmark.benchmark:main',
+            'benchmark = ca_ros.evaluation.commands:benchmark',
             'bringup = ca_ros.bringup.bringup:main',
             'controller = ca_ros.nodes.controller:main',
-            'dynamic_study = ca_ros.evaluation.dynamic_study:main',
+            'dynamic_study = ca_ros.evaluation.commands:dynamic_study',
             'fault_proxy = ca_ros.bringup.fault_proxy:main',
-            'report = ca_ros.evaluation.report.report:main',
+            'report = ca_ros.evaluation.commands:report',
             'simulator = ca_ros.nodes.simulator:main',
-            'static_study = ca_ros.evaluation.static_study:main',
+            'static_study = ca_ros.evaluation.commands:static_study',
         ],
     },
 )

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.evaluation.commands import COMMANDS
 from ca_ros.problem import audit_command
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.files import config_directory
@@ -69,7 +70,9 @@ def installed() -> tuple[str, dict[str, str]]:
         (point for point in package.entry_points if point.group == 'console_scripts'),
         key=lambda point: point.name,
     )
-    return package.version, {point.name: summary(point.module) for point in programs}
+    return package.version, {
+        point.name: summary(COMMANDS.get(point.name, point.module)) for point in programs
+    }
 
 
 def summary(module: str) -> str:

@@ -6,15 +6,18 @@ import signal
 import struct
 import sys
 import time
+from contextlib import ExitStack, contextmanager
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, Wrench, WrenchStamped
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
-from ros import BEST_EFFORT, RELIABLE, Diagnostics, counts
+from ros import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
@@ -32,19 +35,14 @@ OUTPUTS = {
     'simulator': (TwistStamped, 'local_position/velocity_body'),
     'controller': (WrenchStamped, 'command/wrench')}
 HOVER, BEYOND = 9.81, 1e3
-NOWHERE = 'no publisher and no subscription of the test'
 
 
-class Node:
-    """A node, what it says of itself, and a publisher of what it listens to."""
+class Said:
+    """What a node says of itself."""
 
-    def __init__(self, graph, name, *options, qos=RELIABLE):
-        self.graph, self.name = graph, f'/{name}'
-        self.process = graph.start_silent(name, '--vehicle', 'hexarotor', '--ros-args', *options)
-        self.diagnostics = Diagnostics(graph)
-        if qos is not NOWHERE:
-            self.stream = graph.publisher(*STREAMS[name], qos)
-        graph.connect(name)
+    def __init__(self, graph, name, namespace='', diagnostics=None):
+        self.graph, self.kind, self.name = graph, name, f'{namespace}/{name}'
+        self.diagnostics = diagnostics or Diagnostics(graph)
 
     def wait(self, level, words, what=lambda values: True):
         """Wait until the newest level is this, and its message has these words; return values."""
@@ -59,6 +57,16 @@ class Node:
             if status.name.startswith(f'{self.name[1:]}: ')
             and (array.header.stamp.sec, array.header.stamp.nanosec) > (begun.sec, begun.nanosec)]
 
+
+class Node(Said):
+    """A node of a test's own, and a publisher of what it listens to."""
+
+    def __init__(self, graph, name, *options):
+        super().__init__(graph, name)
+        self.process = graph.start_silent(name, '--vehicle', 'hexarotor', '--ros-args', *options)
+        self.stream = graph.publisher(*STREAMS[name])
+        graph.connect(name)
+
     def send(self, thrust):
         """Send a thrust [N] to an allocator."""
         message = WrenchStamped()
@@ -71,17 +79,152 @@ def fly(node, thrust=HOVER):
     return node.graph.node.create_timer(0.02, lambda: node.send(thrust))
 
 
-@pytest.mark.parametrize('name', SUBJECTS)
-def test_each_node_says_once_a_second_what_it_is_about(graph, name):
-    node = Node(graph, name)
-    graph.spin_until(lambda: len(node.diagnostics.all(node.name)) >= 4, 'four diagnoses')
-    for array in node.diagnostics.arrays:
-        [status] = array.status
-        assert status.name == f'{name}: {SUBJECTS[name]}'
-        assert status.hardware_id == 'hexarotor'
-        assert array.header.stamp.sec > 0
-    assert {level for level, _, _ in node.diagnostics.all(node.name)} == {STALE}
+# All three nodes at once, each in a namespace of its own, at rest
 
+@pytest.fixture(scope='module')
+def nodes():
+    """Return a node of each kind, which no other publisher or subscription knows."""
+    with Graph() as graph:
+        diagnostics = Diagnostics(graph)
+        for name in SUBJECTS:
+            graph.start(
+                name, '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:=/{name}s',
+                '-p', 'mode:=lockstep')
+        nodes = [Said(graph, name, f'/{name}s', diagnostics) for name in SUBJECTS]
+        for node in nodes:
+            node.wait(STALE, '')
+        yield nodes
+
+
+@contextmanager
+def ends(nodes, make, topics):
+    """Make an end of a topic of each node; return the topics' full names, end it at last.
+
+    `make` takes a node of ROS, the topic's type and its name, and returns what is to be destroyed.
+    """
+    ros = nodes[0].graph.node
+    names = [f'/{node.kind}s/{topics[node.kind][1]}' for node in nodes]
+    made = [
+        make(ros, topics[node.kind][0], name) for node, name in zip(nodes, names, strict=True)]
+    try:
+        yield names
+    finally:
+        for end in made:
+            if isinstance(end, Publisher):
+                ros.destroy_publisher(end)
+            else:
+                ros.destroy_subscription(end)
+
+
+def reliable(ros, kind, topic):
+    return ros.create_publisher(kind, topic, RELIABLE)
+
+
+def best_effort(ros, kind, topic):
+    return ros.create_publisher(kind, topic, BEST_EFFORT)
+
+
+def another_type(ros, kind, topic):
+    return ros.create_publisher(Wrench, topic, RELIABLE)
+
+
+def transient_local(ros, kind, topic):
+    return ros.create_subscription(kind, topic, [].append, TRANSIENT_LOCAL)
+
+
+def test_each_node_says_once_a_second_what_it_is_about(nodes):
+    for node in nodes:
+        node.graph.spin_until(
+            lambda node=node: len(node.diagnostics.all(node.name)) >= 4, 'four diagnoses')
+        arrays = [
+            array for array in node.diagnostics.arrays
+            if any(status.name.startswith(f'{node.name[1:]}: ') for status in array.status)]
+        for array in arrays:
+            [status] = array.status
+            assert status.name == f'{node.name[1:]}: {SUBJECTS[node.kind]}'
+            assert status.hardware_id == 'hexarotor'
+        times = [array.header.stamp.sec + array.header.stamp.nanosec / 1e9 for array in arrays]
+        assert times[0] > 0.0
+        # More than once a second on a change alone.
+        steps = np.diff(times)[[a.status[0].message == b.status[0].message
+                                for a, b in itertools.pairwise(arrays)]]
+        assert np.median(steps) > 0.9
+
+
+@pytest.mark.parametrize('topics', [STREAMS, OUTPUTS], ids=['input', 'output'])
+def test_a_second_publisher_is_said_until_it_goes(nodes, topics):
+    graph = nodes[0].graph
+    with ExitStack() as stack:
+        # Of what it publishes itself, a node is the first publisher.
+        for _ in range(2 if topics is STREAMS else 1):
+            names = stack.enter_context(ends(nodes, reliable, topics))
+        # The nodes learn of them when we do, or so.
+        graph.spin_until(
+            lambda: all(graph.node.count_publishers(name) == 2 for name in names),
+            'second publishers')
+        begun = graph.node.get_clock().now().to_msg()
+        for node, name in zip(nodes, names, strict=True):
+            node.wait(WARN, f'2 publishers on {name}')
+            # By the node's own clock, which says something each second: within two.
+            said = node.said_since(begun)
+            first = next(i for i, status in enumerate(said) if status.level == WARN)
+            assert first <= 2
+    for node in nodes:
+        node.wait(STALE, '')
+
+
+@pytest.mark.parametrize(('make', 'what', 'kinds'), [
+    (best_effort, 'quality', SUBJECTS), (another_type, 'type', ['allocator'])])
+def test_a_publisher_that_does_not_match_is_said(nodes, make, what, kinds):
+    some = [node for node in nodes if node.kind in kinds]
+    with ends(some, make, STREAMS) as names:
+        for node, name in zip(some, names, strict=True):
+            node.wait(WARN, f'{name} offers another {what}')
+    for node in some:
+        node.wait(STALE, '')
+
+
+def test_a_subscriber_that_does_not_match_is_said(nodes):
+    with ends(nodes, transient_local, OUTPUTS) as names:
+        for node, name in zip(nodes, names, strict=True):
+            node.wait(WARN, f'{name} asks for another quality of service: ')
+    for node in nodes:
+        node.wait(STALE, '')
+
+
+def large(kind):
+    """Return a message for a node that is too large, as CDR."""
+    if kind == 'simulator':
+        # 5000 entries of the layout and no speeds, for which rclpy would take long.
+        entry = struct.pack('<IIII', 1, 0, 1, 1)
+        return b'\0\1\0\0' + struct.pack('<I', 5000) + 5000 * entry + struct.pack('<II', 0, 0)
+    message = STREAMS[kind][0]()
+    message.header.frame_id = 40000 * 'x'
+    return serialize_message(message)
+
+
+def test_large_messages_are_dropped_and_counted_before_they_are_converted(nodes):
+    ros = nodes[0].graph.node
+    streams = [
+        reliable(ros, STREAMS[node.kind][0], f'/{node.kind}s/{STREAMS[node.kind][1]}')
+        for node in nodes]
+    messages = [large(node.kind) for node in nodes]
+
+    def send():
+        for stream, message in zip(streams, messages, strict=True):
+            stream.publish(message)
+
+    timer = ros.create_timer(0.1, send)
+    for node in nodes:
+        node.wait(WARN, 'dropped in a second', lambda values: 'dropped: size' in values)
+    ros.destroy_timer(timer)
+    for stream in streams:
+        ros.destroy_publisher(stream)
+    for node in nodes:
+        node.wait(STALE, '')
+
+
+# Nodes of a test's own
 
 def test_the_name_is_that_of_the_node_in_its_namespace_and_the_hardware_is_the_vehicle(graph):
     graph.start(
@@ -142,23 +285,6 @@ def test_the_allocator_counts_by_reason(graph):
         'received': 18, 'served': 7, 'exact': 3, 'prioritized': 4,
         'dropped: numbers': 5, 'dropped: frame': 6}
     assert {key: account[key] for key in expected} == expected
-
-
-@pytest.mark.parametrize('name', SUBJECTS)
-def test_large_messages_are_dropped_and_counted_before_they_are_converted(graph, name):
-    node = Node(graph, name)
-    node.wait(STALE, '')
-    if name == 'simulator':
-        # 5000 entries of the layout and no speeds; as CDR, for rclpy would take long.
-        entry = struct.pack('<IIII', 1, 0, 1, 1)
-        large = b'\0\1\0\0' + struct.pack('<I', 5000) + 5000 * entry + struct.pack('<II', 0, 0)
-    else:
-        message = STREAMS[name][0]()
-        message.header.frame_id = 40000 * 'x'
-        large = serialize_message(message)
-    timer = graph.node.create_timer(0.1, lambda: node.stream.publish(large))
-    node.wait(WARN, 'dropped in a second', lambda values: 'dropped: size' in values)
-    timer.cancel()
 
 
 def test_commands_that_a_newer_one_replaced_are_counted(graph):
@@ -259,47 +385,6 @@ def test_states_that_cease_are_an_error_of_the_controller(graph):
     node.wait(OK, 'under way')
     timer.cancel()
     node.wait(ERROR, 'no state')
-
-
-@pytest.mark.parametrize('ends', [STREAMS, OUTPUTS], ids=['input', 'output'])
-@pytest.mark.parametrize('name', SUBJECTS)
-def test_a_second_publisher_is_said_until_it_goes(graph, name, ends):
-    node = Node(graph, name)
-    kind, topic = ends[name]
-    node.wait(STALE, '')
-    second = graph.node.create_publisher(kind, topic, RELIABLE)
-    # The node learns of it when we do, or so.
-    graph.spin_until(lambda: graph.node.count_publishers(topic) == 2, 'a second publisher')
-    begun = graph.node.get_clock().now().to_msg()
-    node.wait(WARN, f'2 publishers on /{topic}')
-    # By the node's own clock, which says something each second: it has noticed within two.
-    assert len(node.said_since(begun)) <= 3
-    graph.node.destroy_publisher(second)
-    node.wait(STALE, '')
-
-
-@pytest.mark.parametrize(('name', 'what'), [*(
-    (name, 'quality') for name in SUBJECTS), ('allocator', 'type')])
-def test_a_publisher_that_does_not_match_is_said(graph, name, what):
-    node = Node(graph, name, '-p', 'mode:=lockstep', qos=NOWHERE)
-    kind, topic = STREAMS[name]
-    node.wait(STALE, '')
-    wrong = graph.node.create_publisher(
-        *(kind, topic, BEST_EFFORT) if what == 'quality' else (Wrench, topic, RELIABLE))
-    node.wait(WARN, f'/{topic} offers another {what}')
-    graph.node.destroy_publisher(wrong)
-    node.wait(STALE, '')
-
-
-@pytest.mark.parametrize('name', SUBJECTS)
-def test_a_subscriber_that_does_not_match_is_said(graph, name):
-    node = Node(graph, name)
-    kind, topic = OUTPUTS[name]
-    node.wait(STALE, '')
-    wrong = graph.node.create_subscription(kind, topic, [].append, TRANSIENT_LOCAL)
-    node.wait(WARN, f'/{topic} asks for another quality of service: ')
-    graph.node.destroy_subscription(wrong)
-    node.wait(STALE, '')
 
 
 CURIOUS = """

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from ros import executable
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(
     path.relative_to(ROOT).as_posix()
@@ -23,6 +25,22 @@ NOT_HERE = {
     'run by .ci/run': 'no more: .ci/run does it, in a fresh clone',
 }
 """Marks of blocks that are not run here, and what they would need."""
+
+LONG = bool(os.environ.get('CA_ROS_LONG'))
+
+SHORT = {
+    'benchmark': '--samples 10',
+    'bringup': '--duration 6',
+    'dynamic_study': '--duration 3',
+}
+"""What a command without this option gets, so that it takes seconds; CA_ROS_LONG=1: nothing."""
+
+SHORTEN = """#!/bin/bash
+case " $* " in
+    *' {option} '*) exec '{program}' "$@" ;;
+    *) exec '{program}' "$@" {given} ;;
+esac
+"""
 
 FENCE = re.compile(
     r'(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w+)\n(?P<text>.*?)^```$'
@@ -41,7 +59,7 @@ class Block:
     @property
     def runs(self):
         """Whether it is to be run here."""
-        long = self.mark == 'long' and os.environ.get('CA_ROS_LONG')
+        long = self.mark == 'long' and LONG
         return self.kind in ('sh', 'python') and (long or self.mark not in NOT_HERE)
 
 
@@ -64,12 +82,19 @@ def clone(tmp_path):
     activate = place / '.venv' / 'bin' / 'activate'
     activate.parent.mkdir(parents=True)
     activate.touch()
+    for name, given in ({} if LONG else SHORT).items():
+        file = activate.with_name(name)
+        file.write_text(SHORTEN.format(
+            option=given.split()[0], given=given, program=executable(name)), encoding='utf-8')
+        file.chmod(0o755)
     return place
 
 
 def environment(place, graph):
     """Return what a shell in an activated clone would have."""
-    paths = [sysconfig.get_path('scripts'), str(Path(sys.executable).parent), os.environ['PATH']]
+    paths = [
+        str(place / '.venv' / 'bin'), sysconfig.get_path('scripts'),
+        str(Path(sys.executable).parent), os.environ['PATH']]
     return os.environ | {
         'PATH': os.pathsep.join(paths), 'PYTHONPATH': str(place),
         'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg'}
@@ -153,7 +178,7 @@ def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
         static_study --samples 20 --out out/static
         dynamic_study --duration 1 --out out/dynamic
         bringup --mode lockstep --method mean --duration 1 --waypoint 0 0 0 --heading 0 --out out/f
-        benchmark --quick --no-nodes --samples 10 --out out/benchmark
+        benchmark --quick --no-nodes --out out/benchmark
         """)
     assert 'mean' in out.splitlines()[0].split()
     for name in ('static/static.json', 'dynamic/dynamic.json', 'benchmark/benchmark.json'):

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from ca_ros.evaluation.commands import COMMANDS, STUDIES
+
 BLOCK = """
 import sys
 from importlib import import_module
@@ -17,7 +19,7 @@ from pkgutil import walk_packages
 class Blocker(MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
         if name.split('.')[0] in BLOCKED:
-            raise ImportError(f'{name} is blocked')
+            raise ModuleNotFoundError(f'{name} is blocked', name=name)
 
 
 sys.meta_path.insert(0, Blocker())
@@ -99,12 +101,63 @@ def test_the_nodes_do_not():
     assert 'is blocked' in result.stderr
 
 
-@pytest.mark.parametrize('blocked', [ROS, (*ROS, 'osqp', 'matplotlib', 'tqdm')])
+@pytest.mark.parametrize('blocked', [ROS, (*ROS, 'osqp', *STUDIES)])
 def test_the_example_of_the_contract_runs_without_ros(tmp_path, blocked):
     result = run(tmp_path, EXAMPLE, blocked)
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == [
         'exact', 'pseudo_inverse', 'conventional', 'direct', '(4,', '6)', 'EXACT', '(2,', '6)']
+
+
+# What a node starts with
+
+IMPORTED = """
+import sys
+
+import MODULE
+
+print(*sorted({name.partition('.')[0] for name in sys.modules}))
+"""
+HEAVY = {'scipy', 'osqp', *STUDIES, 'pandas'}
+"""Packages that take longer to import than all else: imported by the functions that need them."""
+
+
+@pytest.mark.parametrize('module', ['ca_ros', *(
+    f'ca_ros.nodes.{node}' for node in ('allocator', 'controller', 'simulator'))])
+def test_what_is_not_needed_is_not_imported(module):
+    result = subprocess.run(
+        [sys.executable, '-c', IMPORTED.replace('MODULE', module)], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert 'numpy' in result.stdout.split()
+    assert not HEAVY & set(result.stdout.split())
+
+
+FLIGHT = """
+from ca_ros.bringup.bringup import main
+from ca_ros.nodes import allocator, controller, simulator
+
+raise SystemExit(main(['--mode', 'lockstep', '--duration', '1', '--waypoint', '0', '0', '0',
+    '--heading', '0', '--out', 'out']))
+"""
+
+
+def test_bringup_flies_without_the_studies_packages_and_says_that_there_is_no_plot(
+        graph, tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    result = run(tmp_path, FLIGHT, STUDIES)
+    assert result.returncode == 0, result.stderr
+    assert "no plot       needs matplotlib: pip install 'ca_ros[studies]'" in result.stdout
+    assert [file.name for file in (tmp_path / 'out').iterdir()] == ['flight.csv']
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_a_command_without_its_packages_names_their_extra_in_one_line(tmp_path, command):
+    script = f'from ca_ros.evaluation.commands import {command} as c; raise SystemExit(c())'
+    result = run(tmp_path, script, STUDIES)
+    assert (result.returncode, result.stdout) == (1, '')
+    [line] = result.stderr.splitlines()
+    assert line.startswith(f'{command}: needs ')
+    assert line.endswith(": pip install 'ca_ros[studies]'")
 
 
 def test_without_osqp_its_start_is_refused_and_osqp_named(tmp_path):

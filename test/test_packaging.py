@@ -1,5 +1,6 @@
 """The source distribution and the wheel, built from a copy, are complete and work."""
 
+import ast
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ import pytest
 
 from ca_ros import ALLOCATORS
 from ca_ros.__main__ import installed, summary
+from ca_ros.evaluation.commands import STUDIES
 from ca_ros.vehicle.files import config_directory
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -153,6 +155,25 @@ def test_the_pythons_agree():
     assert tested.replace("'", '').split(', ') == allowed.split()
     for page in (makefile, *pages):
         assert set(re.findall(r'3\.\d+ to 3\.\d+', page)) == {f'{first} to {last}'}
+
+
+def test_pip_and_rosdep_install_the_same():
+    """Nodes need the same of both; package.xml adds what the studies need, as it says."""
+    setup = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
+    lists = {
+        node.targets[0].id: node.value for node in setup.body if isinstance(node, ast.Assign)
+    } | {word.arg: word.value for node in ast.walk(setup) if isinstance(node, ast.Call)
+         for word in node.keywords}
+    needed, studies = (
+        {re.split('[^a-z0-9]', requirement.lower())[0]
+         for requirement in ast.literal_eval(lists[name])}
+        for name in ('install_requires', 'studies'))
+    package = ElementTree.parse(ROOT / 'package.xml')
+    keys = {key.text.removeprefix('python3-').replace('yaml', 'pyyaml')
+            for key in package.iter('exec_depend') if key.text.startswith('python3-')}
+    assert keys == (needed - {'osqp'}) | studies
+    assert studies == set(STUDIES)
+    assert needed == {'numpy', 'scipy', 'osqp', 'pyyaml'}
 
 
 def test_the_versions_agree():

@@ -36,6 +36,11 @@ class Direct(Allocator):
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
+        # Imported here: it takes longer than all else that a node imports, and only this method
+        # needs it.
+        from scipy.optimize import linprog
+
+        self._linprog = linprog
         # Multiples of the golden ratio, less whole numbers: as far from each other as can be.
         self.cost = 1.0 + np.arange(1, vehicle.n + 1) * GOLDEN % 1.0
         self._image = self.problem.image
@@ -119,12 +124,11 @@ class Direct(Allocator):
     def _cheapest(self, u: Array) -> Array | None:
         """Return the thrusts that HiGHS finds, if any."""
         # Imported here: SciPy's optimizers take most of the time of `import ca_ros`.
-        from scipy.optimize import linprog
 
         gamma = self.problem.gamma
         size = np.linalg.norm(gamma, axis=1)
         tolerance = 1e-10
-        solution = linprog(
+        solution = self._linprog(
             self.cost,
             A_eq=gamma / size[:, None],
             b_eq=u / size,

@@ -33,6 +33,8 @@ class OsqpStart:
                 "solver: 'osqp' needs the package osqp (pip install osqp); "
                 "'newton' gives the same answers without it"
             ) from None
+        import scipy.sparse
+
         m, n = problem.gamma.shape
         self._lower, self._upper = problem.lower, problem.upper
         self._size = m

@@ -23,7 +23,6 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
-from tqdm import tqdm
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.bag import Bag
@@ -119,12 +118,12 @@ def _bringup(options: argparse.Namespace) -> int:
     vehicle = Vehicle.from_parameters(parameters)
     reached = _report(options.failures, parameters['mode'], vehicle, waypoint, flight, wall)
     try:
-        flight.write_csv(options.out / 'flight.csv')
+        files = [options.out / 'flight.csv']
+        flight.write_csv(files[0])
         figure = draw_flight(flight, vehicle, waypoint)
-        files = [
-            options.out / 'flight.csv',
-            *save(figure, options.out / 'flight', options.figures),
-        ]
+        files += save(figure, options.out / 'flight', options.figures)
+    except ModuleNotFoundError as missing:
+        print(f"  no plot       needs {missing.name}: pip install 'ca_ros[studies]'")
     except OSError as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
@@ -196,7 +195,7 @@ def _fly(
                         processes.restart('controller')
                         recorder.restart()
                         anew = ', and the controller too: the flight begins anew, from rest'
-                    tqdm.write(
+                    print(
                         f'bringup: the {name} ended with exit code {code} and is started again'
                         f'{anew}',
                         file=sys.stderr,
@@ -225,27 +224,20 @@ def _fly(
             rotors.update(None, spin)
             recorder.send(waypoint)
             began = time.monotonic()
-            with tqdm(
-                total=options.duration,
-                unit='s',
-                desc='flight',
-                disable=not sys.stderr.isatty(),
-                bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s',
-            ) as bar:
-                progress, patience = 0.0, Patience(START_TIMEOUT)
-                while progress < options.duration:
-                    spin()
-                    rotors.update(recorder.elapsed_ns, spin)
-                    if recorder.waiting and not recorder.missing():
-                        recorder.send(waypoint)
-                    if recorder.elapsed != progress:
-                        bar.update(min(recorder.elapsed, options.duration) - bar.n)
-                        progress, patience = recorder.elapsed, Patience(START_TIMEOUT)
-                    elif patience.over():
-                        raise Stopped(
-                            f'the flight has stood still at {progress:.2f} s '
-                            f'for {START_TIMEOUT:g} s'
-                        )
+            progress, patience = 0.0, Patience(START_TIMEOUT)
+            while progress < options.duration:
+                spin()
+                rotors.update(recorder.elapsed_ns, spin)
+                if recorder.waiting and not recorder.missing():
+                    recorder.send(waypoint)
+                if recorder.elapsed != progress:
+                    progress, patience = recorder.elapsed, Patience(START_TIMEOUT)
+                    _show(progress, options.duration)
+                elif patience.over():
+                    raise Stopped(
+                        f'the flight has stood still at {progress:.2f} s '
+                        f'for {START_TIMEOUT:g} s'
+                    )
             if bag:
                 end = recorder.end(options.duration)
                 wait(lambda: bag.behind(end))
@@ -258,6 +250,13 @@ def _fly(
         executor.shutdown()
         recorder.destroy_node()
         rclpy.try_shutdown()
+
+
+def _show(progress: float, duration: float) -> None:
+    """Show on a terminal how far the flight is [s]; the next line that is printed replaces it."""
+    if sys.stderr.isatty():
+        text = f'flight: {min(progress, duration):.1f} of {duration:.1f} s'
+        print(text, end='\r', file=sys.stderr, flush=True)
 
 
 def _report(

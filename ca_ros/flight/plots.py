@@ -5,16 +5,19 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
 from ca_ros.vehicle.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    # bringup flies without matplotlib.
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 """The palette of Okabe and Ito, which colour-blind readers can tell apart."""
@@ -65,6 +68,8 @@ def formats(text: str) -> list[str]:
 
 def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
     """Write a figure in each format, under a path to which the suffix is added."""
+    import matplotlib
+
     files = [path.with_name(f'{path.name}.{form}') for form in formats]
     # Otherwise the names inside of an SVG file are drawn by lot, and fonts in a PDF file are of
     # Type 3, which many publishers refuse.
@@ -81,6 +86,9 @@ def line(i: int) -> dict[str, Any]:
 
 def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
     """Draw position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.0, 7.5), layout='constrained')
         position, attitude, speeds = figure.subplots(3, 1, sharex=True)
@@ -105,7 +113,7 @@ def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
 
 
 def _lines(
-    axes: matplotlib.axes.Axes,
+    axes: Axes,
     time: Array,
     values: Array,
     names: list[str] | tuple[str, ...],

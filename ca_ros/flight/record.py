@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Waypoint
@@ -47,6 +46,8 @@ class Flight:
     @property
     def euler(self) -> Array:
         """Roll, pitch, yaw (K, 3): Euler angles 123, about x, the new y, the new z [rad]."""
+        from scipy.spatial.transform import Rotation
+
         return Rotation.from_quat(self.attitude).as_euler('XYZ')
 
     @property
