@@ -189,13 +189,12 @@ def rows_table() -> str:
     )
     gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
     demands = np.column_stack([4.0 * rows[:, 3], rows[:, :3]])
-    yaw_first = [('roll', 'pitch'), ('yaw',), ('thrust',)]
     served = {
         f'`exact`, `{reversal}`': admissible.prioritize(demands, reversal=reversal)
         for reversal in REVERSALS
     }
-    served['`exact`, yaw before thrust, `allow`'] = admissible.prioritize(
-        demands, yaw_first, 'allow'
+    served['`exact`, yaw before thrust'] = admissible.prioritize(
+        demands, ['roll pitch', 'yaw', 'thrust']
     )
     for i, name in enumerate(('no airmode', 'roll-pitch airmode', 'roll-pitch-yaw airmode')):
         served[f'PX4, {name}'] = rows[:, 4 + 4 * i : 8 + 4 * i] @ gamma.T

@@ -43,7 +43,7 @@ class Judge:
     """
 
     def __init__(self, vehicle):
-        self.gamma = control_allocation_matrix(vehicle)
+        self.axes, self.gamma = vehicle.axes, control_allocation_matrix(vehicle)
         self.low, self.high = vehicle.thrust_min, vehicle.thrust_max
         self.hover = np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes])
         self.half = np.abs(self.gamma * (self.high - self.low)).sum(axis=1) / 2.0
@@ -92,14 +92,17 @@ class Judge:
             end = begin + min(1.0, self.along(first, begin, way)) * way
             rounding = SLACK * self.half[first]
             self.limits[first] = np.column_stack([end - rounding, end + rounding])
-        senses = {'avoid': later, 'prevent': later[1:], 'allow': []}[reversal]
-        for row in [row for group in senses for row in group if row not in lost]:
+        rows = [row for group in later for row in group if row not in lost]
+        senses = {'prevent': [row for row in rows if self.axes[row] != 'thrust'],
+                  'avoid': rows, 'allow': []}[reversal]
+        for row in senses:
             ends = np.sort([[u[row], self.hover[row]]])
             self.approach([row], ends[:, 0], ends[:, 1], np.ones(1))
         for group in later:
             if len(group) > 1:
                 ways = np.abs(u[group] - self.hover[group]) / self.half[group]
-                weights = np.maximum(ways / (ways.max() or 1.0), 1e-3) * self.half[group]
+                weights = np.maximum(ways, 1e-3)
+                weights = np.maximum(weights / weights.max(), 1e-6) * self.half[group]
                 self.approach(group, u[group], u[group], weights)
             for row in group:
                 self.approach([row], u[[row]], u[[row]], np.ones(1))

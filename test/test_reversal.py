@@ -147,7 +147,7 @@ def test_the_rows_of_px4():
     assert off == {'allow': 16, 'avoid': 0, 'prevent': 0}
     # PX4's airmode of roll and pitch gives up 7.04.
     assert sacrificed['prevent'] < 6.4
-    # With yaw before thrust and nothing paid for the sense of thrust, it is PX4's full airmode.
-    served = admissible.prioritize(demands, [('roll', 'pitch'), ('yaw',), ('thrust',)], 'allow')
+    # With yaw before thrust it is PX4's full airmode.
+    served = admissible.prioritize(demands, ['roll pitch', 'yaw', 'thrust'])
     full = ROWS[:, 12:] @ control_allocation_matrix(UNIT_QUADROTOR).T
     np.testing.assert_allclose(served, full, rtol=0.0, atol=1e-6)

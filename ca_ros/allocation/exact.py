@@ -86,7 +86,7 @@ class Exact(Allocator):
             mutable=True,
         ),
         'reversal': Parameter(
-            'what the second group of the order gives up so that no lesser axis is reversed. '
+            'what thrust gives up so that no axis after the first group is reversed. '
             'prevent: as much as that takes; avoid: no more than down or up to hover; allow: '
             'nothing',
             str,

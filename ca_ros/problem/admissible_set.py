@@ -133,9 +133,9 @@ class AdmissibleSet:
             The most important first, such as ``['roll pitch', 'thrust', 'yaw']``; by default
             `ORDER`.  Axes that the vehicle does not command are left out.
         reversal : 'prevent', 'avoid' or 'allow'
-            What the second group pays so that no lesser axis is reversed.  'prevent': as much as
-            that takes.  'avoid': no more than what lies between its demand and hover.  'allow':
-            nothing.
+            What thrust gives up so that no axis after the first group is reversed.  'prevent': as
+            much as that takes.  'avoid': no more than what lies between its demand and hover.
+            'allow': nothing.
 
         Returns
         -------

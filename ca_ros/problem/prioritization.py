@@ -24,6 +24,9 @@ REST = 1e-9
 """Distance from the reference, as a share of an axis's range, that counts as none."""
 
 LAG = 1e-3
+"""Least weight of an axis in its group, as a share of its range."""
+
+LAG_RATIO = 1e-6
 """Least weight of an axis in its group, relative to the greatest."""
 
 DOUBT = 10.0
@@ -81,13 +84,13 @@ class Prioritization:
     These quantities are served one after the other, each as far as those before it allow:
 
     1. the first group: on the straight line from the reference to its demand, as far as possible;
-    2. the sense of the axes after the second group, in their order: between reference and demand,
-       or as near to that as possible, so that no axis is reversed, exceeded or moved without
+    2. the sense of the other axes, in their order: each is between its reference and its demand,
+       or as near to that as possible, so that it is not reversed, exceeded or moved without
        demand (`reversal`);
     3. the amount of each other group: as near to its demand as possible.
 
-    An axis that cannot be at its reference while those before it are, such as the yaw of a
-    hexarotor that lost a rotor, is lost: it has no sense, and gets what the others leave.
+    An axis is lost if it cannot be at its reference while the axes before it are at theirs, such
+    as the yaw of a hexarotor that lost a rotor.  Step 2 leaves lost axes out.
 
     Every step is a linear program over the thrusts.  What is served is continuous in the demand.
     In step 3 the axes of a group first get the same share of their demands, as great as possible,
@@ -101,9 +104,9 @@ class Prioritization:
     reference : (m,) array, optional
         By default hover [N, N m].
     reversal : 'prevent', 'avoid' or 'allow'
-        The axes of step 2.  'prevent': those after the second group, which pays for their sense
-        with as much as that takes.  'avoid': those of the second group too, which then pays only
-        with what lies between its demand and its reference.  'allow': none.
+        The axes of step 2.  'prevent': all but thrust, which pays for the sense of the others as
+        much as that takes.  'avoid': thrust too, which then pays only with what lies between its
+        demand and its reference.  'allow': none.
     begin : (m,) array, optional
         Attainable wrench where the line of step 1 begins.  By default it is the reference, moved
         towards the middle of the set if that is outside the set or near its boundary.
@@ -121,7 +124,12 @@ class Prioritization:
         self._first, *self._later = (list(group) for group in groups)
         self._wrench = problem.hover if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
-        sensed = {'avoid': self._later, 'prevent': self._later[1:], 'allow': []}[reversal]
+        later = [row for group in self._later for row in group]
+        sensed = {
+            'prevent': [row for row in later if problem.axes[row] != 'thrust'],
+            'avoid': later,
+            'allow': [],
+        }[reversal]
         self._senses: list[int] = []
         # In the simplex the thrusts come before the rows of Gamma.
         self._offset = len(problem.lower)
@@ -133,13 +141,8 @@ class Prioritization:
             for row, value in zip(self._first, self._begin, strict=True):
                 self._start.push(self._offset + row, value)
                 self._start.release(self._offset + row)
-        rest = self._serve(self._reference).value[self._offset :]
-        self._senses = [
-            row
-            for group in sensed
-            for row in group
-            if abs(rest[row] - self._reference[row]) <= REST
-        ]
+        rest = self._serve(self._reference)[0].value[self._offset :]
+        self._senses = [row for row in sensed if abs(rest[row] - self._reference[row]) <= REST]
 
     def _inside(self) -> list[float]:
         """Return where the line of the first group begins, inside of what is attainable of it."""
@@ -158,7 +161,7 @@ class Prioritization:
         problem, n = self._problem, self._offset
         demands = u.reshape(-1, u.shape[-1])
         ends = [self._serve(goals) for goals in problem.scaled(demands).tolist()]
-        reaches = np.array([end.value[: n + demands.shape[1]] for end in ends])
+        reaches = np.array([end.value[: n + demands.shape[1]] for end, _ in ends])
         reaches = reaches.reshape(len(demands), n + demands.shape[1])
         thrusts = problem.clip(problem.middle + problem.half_range * reaches[:, :n])
         served = thrusts @ problem.gamma.T
@@ -171,15 +174,21 @@ class Prioritization:
         ways = demands - self._wrench
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             levels = np.clip(np.where(ways != 0.0, (served - self._wrench) / ways, 0.0), 0.0, 1.0)
-        doubts = np.array([end.doubt for end in ends]).reshape(-1, 1)
+        if len(self._first) > 1 and self._begin == [self._reference[row] for row in self._first]:
+            levels[:, self._first] = np.array([share for _, share in ends])[:, None]
+        doubts = np.array([end.doubt for end, _ in ends]).reshape(-1, 1)
         near = np.abs(served - demands) <= DOUBT * doubts * problem.extent
         levels[near] = 1.0
         reached = np.asarray(near.all(axis=-1)).reshape(u.shape[:-1])
         return Served(served.reshape(u.shape), levels.reshape(u.shape), reached)
 
-    def _serve(self, goals: list[float]) -> Simplex:
-        """Return the simplex, thrusts before wrench, for a demand (m,) in its units."""
-        simplex, offset, length = self._start.copy(), self._offset, -1
+    def _serve(self, goals: list[float]) -> tuple[Simplex, float]:
+        """Serve a demand (m,) in the units of the simplex.
+
+        Return the simplex, with the thrusts before the wrench, and the share of its line that the
+        first group went.
+        """
+        simplex, offset, length, share = self._start.copy(), self._offset, -1, 1.0
         if len(self._first) == 1:
             simplex.push(offset + self._first[0], goals[self._first[0]])
         else:
@@ -197,11 +206,11 @@ class Prioritization:
         for group in self._later:
             if len(group) > 1:
                 distances = [abs(goals[row] - self._reference[row]) for row in group]
-                longest = max(distances) or 1.0
+                longest = max(*distances, LAG)
                 lag = simplex.add_lag(
                     [offset + row for row in group],
                     [goals[row] for row in group],
-                    [max(distance / longest, LAG) for distance in distances],
+                    [max(max(each, LAG) / longest, LAG_RATIO) for each in distances],
                 )
                 simplex.push(lag, 0.0)
             for row in group:
@@ -210,4 +219,4 @@ class Prioritization:
             share = simplex.value[length] / size
             for row, at, way in zip(self._first, self._begin, ways, strict=True):
                 simplex.value[offset + row] = goals[row] if share == 1.0 else at + share * way
-        return simplex
+        return simplex, share

@@ -18,7 +18,7 @@ FLAT = 1e-8
 STEEP = 2e4
 """Multipliers beyond this, in units of the greatest thrust, belong to facets almost parallel."""
 
-SOFT = 0.3
+SOFT = 0.05
 """Multiple of `STEEP` at which a relaxed solution misses the wrench by all that it may."""
 
 ROUNDING = 16 * float(np.finfo(float).eps)
