@@ -16,6 +16,7 @@ from ca_ros.arrays import Array
 from ca_ros.flight.parameters import CONTROLLER
 from ca_ros.flight.rigid_body import cross, difference, heading, rotation_matrix
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.prioritization import REVERSAL
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.schema import ParameterError, complete
 from ca_ros.vehicle.parameters import AXES
@@ -104,7 +105,7 @@ class Controller:
     gains : Gains
     order : sequence of groups of axes, optional
         Priorities, see `AdmissibleSet.prioritize`.
-    reversal : 'avoid', 'prevent' or 'allow'
+    reversal : 'prevent', 'avoid' or 'allow'
         See `AdmissibleSet.prioritize`.
 
     Raises
@@ -119,7 +120,7 @@ class Controller:
         vehicle: Vehicle,
         gains: Gains,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = 'avoid',
+        reversal: str = REVERSAL,
     ) -> None:
         self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
         self.problem = AllocationProblem(vehicle)
