@@ -117,14 +117,14 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
         number = nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         raise ParameterError(expected) from None
-    if isfinite(number) and abs(number) > LARGEST:
-        raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {number:g}')
     if (
         not isfinite(number)
         or not parameter.minimum <= number <= parameter.maximum
         or (parameter.positive and number <= 0.0)
     ):
         raise ParameterError(expected)
+    if abs(number) > LARGEST:
+        raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {number:g}')
     return number
 
 

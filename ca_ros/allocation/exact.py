@@ -13,7 +13,7 @@ from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.prioritization import ORDER, REVERSALS
+from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS
 from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.schema import Parameter, check
 from ca_ros.solver.critical_region import AffineLaw
@@ -90,7 +90,7 @@ class Exact(Allocator):
             'prevent: as much as that takes; avoid: no more than down or up to hover; allow: '
             'nothing',
             str,
-            default='prevent',
+            default=REVERSAL,
             choices=REVERSALS,
             mutable=True,
         ),
@@ -118,7 +118,7 @@ class Exact(Allocator):
         order: Sequence[Sequence[str]] | None = None,
         about: ArrayLike | None = None,
         solver: str = 'newton',
-        reversal: str = 'prevent',
+        reversal: str = REVERSAL,
         slack: float = 1e-9,
     ) -> None:
         super().__init__(vehicle)

@@ -16,6 +16,7 @@ from ca_ros.arrays import Array
 from ca_ros.flight.parameters import CONTROLLER
 from ca_ros.flight.rigid_body import cross, difference, heading, rotation_matrix
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.prioritization import REVERSAL
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.schema import ParameterError, complete
 from ca_ros.vehicle.parameters import AXES
@@ -119,7 +120,7 @@ class Controller:
         vehicle: Vehicle,
         gains: Gains,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = 'prevent',
+        reversal: str = REVERSAL,
     ) -> None:
         self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
         self.problem = AllocationProblem(vehicle)

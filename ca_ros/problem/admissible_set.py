@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.prioritization import ORDER, REVERSALS, Prioritization, groups_of
+from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS, Prioritization, groups_of
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
@@ -116,7 +116,7 @@ class AdmissibleSet:
         self,
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = 'prevent',
+        reversal: str = REVERSAL,
     ) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
 
@@ -154,7 +154,7 @@ class AdmissibleSet:
         self,
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = 'prevent',
+        reversal: str = REVERSAL,
     ) -> tuple[Array, Array]:
         """Like `prioritize`; return also the share (..., m) of its demand that each axis got.
 
@@ -189,7 +189,7 @@ class AdmissibleSet:
         return Prioritization(self.problem, everything, start, begin=start)
 
     def check_order(
-        self, order: Sequence[Sequence[str]] | None, reversal: str = 'prevent'
+        self, order: Sequence[Sequence[str]] | None, reversal: str = REVERSAL
     ) -> Prioritization:
         """Return the prioritization of an order; raise a ValueError if an argument is wrong."""
         key = (None if order is None else tuple(map(tuple, order))), reversal

@@ -19,6 +19,8 @@ ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 """The default order: groups of axes, the most important first."""
 
 REVERSALS = ('prevent', 'avoid', 'allow')
+REVERSAL = 'prevent'
+"""The default."""
 
 REST = 1e-9
 """Distance from the reference, as a share of an axis's range, that counts as none."""
@@ -117,7 +119,7 @@ class Prioritization:
         problem: AllocationProblem,
         groups: Sequence[Sequence[int]],
         reference: Array | None = None,
-        reversal: str = 'prevent',
+        reversal: str = REVERSAL,
         begin: Array | None = None,
     ) -> None:
         self._problem = problem
