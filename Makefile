@@ -39,6 +39,9 @@ fault = $(or \
   $(if $(ROS_DISTRO)$(filter Linux_x86_64,$(shell uname -sm | tr ' ' _)),,\
     rclpy has wheels for x86-64 Linux only: install ROS 2 Jazzy here and source it))
 
+# Tests of nodes mostly wait: two for each processor.
+workers = $(shell expr 2 '*' $$(nproc))
+
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600
 
@@ -61,7 +64,7 @@ demo: .venv/.demo
 test: .venv/.test
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m mypy
-	.venv/bin/python -m pytest --numprocesses auto --dist worksteal
+	.venv/bin/python -m pytest --numprocesses $(workers) --dist worksteal
 
 benchmark: .venv/.benchmark
 	.venv/bin/benchmark --out out/benchmark

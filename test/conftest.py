@@ -34,3 +34,12 @@ def graph():
 
     with Graph() as graph:
         yield graph
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark the tests that have a graph of their own: they start processes, which takes seconds."""
+    for item in items:
+        if 'graph' in item.fixturenames and not item.get_closest_marker('slow'):
+            item.add_marker('nodes')
+            item.add_marker('slow')

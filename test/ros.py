@@ -30,6 +30,9 @@ from ca_ros.bringup.deadline import Patience
 DEADLINE = 240.0
 """When something that has not happened is held to be never going to [s]."""
 
+FIRST_PAUSE, LAST_PAUSE = 0.25, 2.0
+"""Between repetitions of a message that may have been lost, or of which the answer was [s]."""
+
 SLOW_MOTION = 0.1
 """Real time factor at which a loop of nodes keeps up even where it is starved of processors."""
 
@@ -181,15 +184,15 @@ class Graph:
         return parameters
 
     def spin_until(self, condition, what, repeat=None, deadline=DEADLINE):
-        """Spin until a condition holds; `repeat` is called at first and now and then."""
-        patience, again = Patience(deadline), time.monotonic()
+        """Spin until a condition holds; `repeat` is called at first and ever more rarely."""
+        patience, again, pause = Patience(deadline), time.monotonic(), FIRST_PAUSE
         while not condition():
             ended = {k: p.returncode for k, p in self._processes.items() if p.poll() is not None}
             assert not ended, f'{what}: waited for in vain, exit codes: {ended}'
             assert not patience.over(), f'{what}: not within {deadline:g} s'
             if repeat and time.monotonic() >= again:
                 repeat()
-                again = time.monotonic() + 2.0
+                again, pause = time.monotonic() + pause, min(2.0 * pause, LAST_PAUSE)
             self._executor.spin_once(timeout_sec=0.1)
 
 

@@ -1,6 +1,6 @@
 """The allocator's end, of whatever kind: its last word reaches the motors.
 
-CA_ROS_ENDS says how many allocators each signal ends (default 5).
+CA_ROS_ENDS says how many allocators each signal ends (default 2).
 """
 
 import os
@@ -15,7 +15,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ros import BEST_EFFORT, RELIABLE, Graph, executable
 
-ENDS = int(os.environ.get('CA_ROS_ENDS', '5'))
+ENDS = int(os.environ.get('CA_ROS_ENDS', '2'))
 AT_ONCE = 5
 """So many allocators run side by side."""
 

@@ -1,6 +1,6 @@
 """Commands that cease, in the allocator and in the simulator.
 
-CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (default 15).
+CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (default 6).
 """
 
 import math
@@ -26,7 +26,7 @@ from ca_ros.evaluation.benchmark.environment import stolen
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ros import Diagnostics, counts
 
-TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '15'))
+TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '6'))
 TIMEOUT = 0.05
 """[s]"""
 
