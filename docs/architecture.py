@@ -1,10 +1,9 @@
-"""Write the tree of the package into docs/architecture.md: one line a file, from its docstring.
+"""Write the tree of the package, and what its rooms import, into docs/architecture.md.
 
 With --check nothing is written; the exit code says whether the page is up to date.
 """
 
 import ast
-import re
 import sys
 from pathlib import Path
 
@@ -39,18 +38,47 @@ def place(name: str) -> int:
     return WAY.index(name) if name in WAY else len(WAY)
 
 
-def fresh(text: str) -> str:
-    """Return the page with its tree replaced."""
-    tree = '\n'.join(line.rstrip() for line in lines(PACKAGE))
-    new, count = re.subn(
-        r'(<!-- tree -->\n).*?(<!-- end of tree -->)',
-        lambda found: f'{found[1]}\n```text\n{tree}\n```\n\n{found[2]}',
-        text,
-        flags=re.DOTALL,
+def imports(room: str) -> set[str]:
+    """Return the other rooms that a room imports."""
+    found = set()
+    for file in (PACKAGE / room).rglob('*.py'):
+        for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+            if not isinstance(node, (ast.Import, ast.ImportFrom)):
+                continue
+            names = [alias.name for alias in node.names]
+            if isinstance(node, ast.ImportFrom):
+                names = [f'{node.module}.{name}' for name in names]
+            parts = [name.split('.') for name in names]
+            found |= {part[1] for part in parts if part[0] == PACKAGE.name and len(part) > 1}
+    rooms = {file.parent.name for file in PACKAGE.glob('*/__init__.py')}
+    return (found & rooms) - {room}
+
+
+def drawing() -> list[str]:
+    """Return a table: a row for each room, a cross for each room that it imports."""
+    rooms = sorted(
+        (file.parent.name for file in PACKAGE.glob('*/__init__.py')),
+        key=lambda name: (place(name), name),
     )
-    if count != 1:
-        raise ValueError(f'expected one place that is marked for the tree, got {count}')
-    return new
+    head = ' '.join(f'{room:^{len(room)}}' for room in rooms)
+    rows = []
+    for room in rooms:
+        marks = ('x' if other in imports(room) else '.' for other in rooms)
+        row = ' '.join(f'{m:^{len(other)}}' for m, other in zip(marks, rooms, strict=True))
+        rows.append(f'{room:12} {row}')
+    return [f'{"imports":12} {head}', *rows]
+
+
+def fresh(text: str) -> str:
+    """Return the page with its generated parts replaced."""
+    for mark, content in (('tree', lines(PACKAGE)), ('imports', drawing())):
+        block = '\n'.join(line.rstrip() for line in content)
+        before, start, rest = text.partition(f'<!-- {mark} -->\n')
+        _, end, after = rest.partition(f'<!-- end of {mark} -->')
+        if not (start and end):
+            raise ValueError(f'{PAGE.name}: no place is marked for the {mark}')
+        text = f'{before}{start}\n```text\n{block}\n```\n\n{end}{after}'
+    return text
 
 
 def main() -> None:
