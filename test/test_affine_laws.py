@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import AdmissibleSet, Status
-from ca_ros import affine_laws as laws_module
 from ca_ros.allocation import allocator as allocator_module
 from ca_ros.allocation.exact import LAW_SHARE
 from ca_ros.problem.problem import EXACT_TOLERANCE
+from ca_ros.solver import region_memory as laws_module
 from strategies import FLEET, HEXAROTOR, build, demands, ring, vehicles
 from strategies import unaudited as make_allocator
 
