@@ -38,8 +38,8 @@ def graph():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark the tests that have a graph of their own: they start processes, which takes seconds."""
+    """Mark the tests that start nodes of their own, or wait for their diagnoses, as slow."""
     for item in items:
-        if 'graph' in item.fixturenames and not item.get_closest_marker('slow'):
+        if {'graph', 'nodes'} & {*item.fixturenames} and not item.get_closest_marker('slow'):
             item.add_marker('nodes')
             item.add_marker('slow')

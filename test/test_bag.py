@@ -22,6 +22,8 @@ pytest.importorskip('rosbags', reason="needs the extra 'bag'")
 make_reader = pytest.importorskip('mcap.reader', reason="needs the extra 'test'").make_reader
 DecoderFactory = pytest.importorskip('mcap_ros2.decoder').DecoderFactory
 
+pytestmark = pytest.mark.slow
+
 LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'
 DURATION = 3.0
 

@@ -537,6 +537,8 @@ def test_a_signal_ends_it_in_one_line(own, number):
     (own / 'ready.py').write_text("""
 import sys
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
+
+pytestmark = pytest.mark.slow
 class Ready(PseudoInverse):
     def allocate(self, u):
         print('ready', flush=True)

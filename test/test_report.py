@@ -17,6 +17,8 @@ from ca_ros.evaluation.benchmark import benchmark
 from ca_ros.evaluation.report.markdown import html
 from ca_ros.evaluation.report.report import main
 
+pytestmark = pytest.mark.slow
+
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
     'google-chrome')
 VOID = {'meta', 'link', 'img', 'br', 'hr'}

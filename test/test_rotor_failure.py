@@ -61,6 +61,8 @@ def away(flight, start=15.0):
 
 # Offline
 
+
+@pytest.mark.slow
 @pytest.mark.parametrize(('vehicle', 'rotor'), FLOWN)
 def test_a_vehicle_without_a_rotor_flies_on(vehicle, rotor):
     case = case_of(vehicle)
