@@ -50,7 +50,7 @@ SOAK ?= 600
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test       lint, types and tests'
-	@echo 'make benchmark  time everything beside other solvers, for minutes; fills README'
+	@echo 'make benchmark  time everything beside other solvers, for minutes; fills docs/performance.md'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
 	@echo 'make docs       the pages and the API reference as HTML, in out/docs'

@@ -14,6 +14,8 @@ html_theme_options = {
 # Headings have the anchors that they have on GitHub.
 myst_heading_anchors = 4
 autodoc_member_order = 'bysource'
+# Docstrings have the types, with shapes and units.
+autodoc_typehints = 'none'
 # Each object is described once, in the module that defines it.
 autodoc_default_options = {'ignore-module-all': True}
 numpydoc_show_class_members = False
