@@ -8,7 +8,7 @@ import time
 
 import psutil
 
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.processes import Processes, start
 from ros import DEADLINE
 
@@ -20,9 +20,9 @@ CHILD = [sys.executable, '-c',
 
 def until(condition):
     """Wait until a condition holds, and return what it is."""
-    patience = Patience(DEADLINE)
+    deadline = Deadline(DEADLINE)
     while not (value := condition()):
-        assert not patience.over()
+        assert not deadline.passed()
         time.sleep(0.01)
     return value
 

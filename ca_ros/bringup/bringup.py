@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.bag import Bag, BagError
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.bringup.link_faults import LINKS
 from ca_ros.bringup.options import commands, options_as_parameters, parse
@@ -203,12 +203,12 @@ def _fly(
                     )
 
             def wait(missing: Callable[[], list[str]]) -> None:
-                fewest, patience = inf, Patience(START_TIMEOUT)
+                fewest, deadline = inf, Deadline(START_TIMEOUT)
                 while topics := missing():
                     spin()
                     if len(topics) < fewest:
-                        fewest, patience = len(topics), Patience(START_TIMEOUT)
-                    elif patience.over():
+                        fewest, deadline = len(topics), Deadline(START_TIMEOUT)
+                    elif deadline.passed():
                         raise Stopped(
                             f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
                         )
@@ -232,7 +232,7 @@ def _fly(
                 disable=not sys.stderr.isatty(),
                 bar_format='{l_bar}{bar}| {n:.1f}/{total:.1f} s',
             ) as bar:
-                progress, patience = 0.0, Patience(START_TIMEOUT)
+                progress, deadline = 0.0, Deadline(START_TIMEOUT)
                 while progress < options.duration:
                     spin()
                     rotors.update(recorder.elapsed_ns, spin)
@@ -240,8 +240,8 @@ def _fly(
                         recorder.send(waypoint)
                     if recorder.elapsed != progress:
                         bar.update(min(recorder.elapsed, options.duration) - bar.n)
-                        progress, patience = recorder.elapsed, Patience(START_TIMEOUT)
-                    elif patience.over():
+                        progress, deadline = recorder.elapsed, Deadline(START_TIMEOUT)
+                    elif deadline.passed():
                         raise Stopped(
                             f'the flight has stood still at {progress:.2f} s '
                             f'for {START_TIMEOUT:g} s'

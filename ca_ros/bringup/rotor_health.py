@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.options import NODES
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.vehicle.vehicle import Vehicle
@@ -106,9 +106,9 @@ class RotorHealth:
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
     ) -> None:
         futures: list[Future] = []
-        patience, again = Patience(TIMEOUT), monotonic()
+        deadline, again = Deadline(TIMEOUT), monotonic()
         while not (done := [future for future in futures if future.done()]):
-            if patience.over():
+            if deadline.passed():
                 raise RotorHealthError(f'the {name} does not answer: {parameter} cannot be set')
             # An answer is lost if the node has not found our end yet.
             if monotonic() >= again:

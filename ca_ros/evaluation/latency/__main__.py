@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
 from tqdm import tqdm
 
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.processes import Processes, note_signals
 from ca_ros.evaluation.benchmark import loads
 from ca_ros.evaluation.latency.figures import (
@@ -138,13 +138,13 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
                     raise LatencyError(f'the {name} ended with exit code {code}')
 
             sides = [Side(node, kind, commands) for kind in KINDS]
-            patience = Patience(START_TIMEOUT)
+            deadline = Deadline(START_TIMEOUT)
             for side in sides:
                 # Who has found a node is not yet found by it: its first answers may go to nobody.
                 while not (side.there and side.ask(50.0, 10).answered):
                     watch()
                     time.sleep(0.05)
-                    if patience.over():
+                    if deadline.passed():
                         raise LatencyError(f'after {START_TIMEOUT:g} s no answer of {side.kind}')
             for side in sides:
                 # Laws are learned, caches are filled.
