@@ -1,4 +1,4 @@
-"""The bringup script: three nodes as processes, a flight, and what came of it."""
+"""The bringup script: starts the three nodes as processes, flies, and reports."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ import rclpy
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from rclpy.validate_namespace import validate_namespace
 from tqdm import tqdm
 
@@ -29,16 +30,16 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.bag import Bag, BagError
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.bringup.link_faults import LINKS
 from ca_ros.bringup.options import commands, options_as_parameters, parse
 from ca_ros.bringup.processes import Processes, note_signals
-from ca_ros.bringup.recorder import Recorder
+from ca_ros.bringup.recorder import LINKS, Recorder
 from ca_ros.bringup.rotor_health import RotorHealth, RotorHealthError
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import draw_flight, save
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.nodes.executable import RCLError, in_one_line
+from ca_ros.nodes.executable import in_one_line
+from ca_ros.nodes.rclpy_internals import RCLError
 from ca_ros.parameters import ParameterError
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
@@ -110,7 +111,8 @@ def _bringup(options: argparse.Namespace) -> int:
     except (ParameterError, BagError, OSError, ValueError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
-    waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
+    x, y, z = options.waypoint
+    waypoint = Waypoint.of(x, y, z, math.radians(options.heading))
     try:
         flight, wall, respawned, parameters = _fly(options, nodes, waypoint, interrupts, bag)
     except (Stopped, BagError, RotorHealthError) as stopped:
@@ -147,7 +149,7 @@ def _fly(
     links = [*LINKS]
     if options.faults is not None:
         links += [f'{PREFIX}{topic}' for topic in LINKS]
-    recorder = Recorder(options.namespace, links)
+    recorder = Recorder(links, namespace=options.namespace)
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
 
@@ -257,7 +259,7 @@ def _fly(
     finally:
         executor.shutdown()
         recorder.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
 
 def _report(

@@ -20,6 +20,7 @@ import numpy as np
 import rclpy
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from std_msgs.msg import Header
 from tqdm import tqdm
 
@@ -44,6 +45,8 @@ from ca_ros.vehicle.files import find, load
 from ca_ros.vehicle.vehicle import Vehicle
 
 COMMANDS = 1000
+
+MODULES = {'allocator': 'ca_ros.nodes.allocator', 'echo': 'ca_ros.evaluation.latency.echo'}
 
 
 def flown(name: str) -> list[bytes]:
@@ -115,7 +118,7 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
         kind: [
             sys.executable,
             '-m',
-            f'ca_ros.nodes.{kind}',
+            MODULES[kind],
             *ros,
             '-r',
             f'__ns:={NAMESPACE.format(kind=kind, pid=os.getpid())}',
@@ -170,7 +173,7 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
             return found
     finally:
         node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
 
 if __name__ == '__main__':

@@ -10,12 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH
 
 NAMESPACE = '/benchmark_{kind}_{pid}'
 
@@ -63,11 +62,11 @@ class Side:
         self.kind, self._commands = kind, [bytearray(command) for command in commands]
         place = NAMESPACE.format(kind=kind, pid=os.getpid())
         self.publisher = node.create_publisher(
-            WrenchStamped, f'{place}/command/wrench', offered('realtime')
+            WRENCH.kind, f'{place}/{WRENCH.name}', offered('realtime')
         )
         self._subscription = node.create_subscription(
-            Float64MultiArray,
-            f'{place}/command/motor_speed',
+            SPEED_COMMAND.kind,
+            f'{place}/{SPEED_COMMAND.name}',
             lambda _: None,
             # Every answer counts, also those that come in a bunch.
             requested('lockstep'),
@@ -126,7 +125,7 @@ class Side:
     def _take(self) -> int:
         """Return which command the next answer is for; -1 if there is none."""
         with self._subscription.handle:
-            taken = self._subscription.handle.take_message(Float64MultiArray, True)
+            taken = self._subscription.handle.take_message(SPEED_COMMAND.kind, True)
         if taken is None:
             return -1
         _, found, rest = bytes(taken[0]).partition(b'stamp ')
