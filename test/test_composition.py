@@ -21,38 +21,40 @@ from ros import DEADLINE
 from test_bringup import fly_offline
 
 DURATION = 6.0
-
-
-def overrides(**others):
-    """Return the parameters of the hexarotor in lockstep."""
-    values = load('hexarotor') | {'mode': 'lockstep'} | others
-    return [Parameter(name, value=value) for name, value in values.items()]
+METHODS = {'/uav1': 'exact', '/uav2': 'pseudo_inverse'}
+"""The allocation method of each vehicle, by namespace."""
 
 
 class Composition:
-    """The three nodes on one executor, in a context of their own, and a recorder beside them."""
+    """The nodes of two vehicles on one executor, and a recorder for each vehicle beside them."""
 
-    def __init__(self, graph, executor_class, namespace):
+    def __init__(self, graph, executor_class):
         self._ending = ExitStack()
         context = rclpy.Context()
         rclpy.init(
             args=[], context=context, domain_id=graph.domain,
             signal_handler_options=SignalHandlerOptions.NO)
         self._ending.callback(rclpy.shutdown, context=context)
-        self.executor = executor_class(context=context)
-        self._ending.callback(self.executor.shutdown)
-        given = {'context': context, 'namespace': namespace, 'use_global_arguments': False}
-        self.nodes = [
-            node_class(parameter_overrides=overrides(), **given)
-            for node_class in (ControllerNode, AllocatorNode, SimulatorNode)]
-        for node in self.nodes:
-            self._ending.callback(node.destroy_node)
-            self.executor.add_node(node)
-        self.recorder = Recorder(**given)
-        self._ending.callback(self.recorder.destroy_node)
-        self._client = SingleThreadedExecutor(context=context)
-        self._ending.callback(self._client.shutdown)
-        self._client.add_node(self.recorder)
+        self.executor, self._client = (
+            self._own(kind(context=context)) for kind in (executor_class, SingleThreadedExecutor))
+        self.nodes, self.recorders = [], []
+        for namespace, method in METHODS.items():
+            given = {'context': context, 'namespace': namespace, 'use_global_arguments': False}
+            values = load('hexarotor') | {'mode': 'lockstep', 'allocation.method': method}
+            overrides = [Parameter(name, value=value) for name, value in values.items()]
+            self.nodes += [
+                self._add(self.executor, node_class(parameter_overrides=overrides, **given))
+                for node_class in (ControllerNode, AllocatorNode, SimulatorNode)]
+            self.recorders.append(self._add(self._client, Recorder(**given)))
+
+    def _own(self, executor):
+        self._ending.callback(executor.shutdown)
+        return executor
+
+    def _add(self, executor, node):
+        self._ending.callback(node.destroy_node)
+        executor.add_node(node)
+        return node
 
     def __enter__(self):
         return self
@@ -61,28 +63,35 @@ class Composition:
         self._ending.close()
 
     def spin_until(self, condition, what):
+        """Spin until a condition holds for each recorder."""
         limit = Deadline(DEADLINE)
-        while not condition():
+        while not all(map(condition, self.recorders)):
             assert not limit.passed(), what
             self.executor.spin_once(timeout_sec=0.1)
-            if self.recorder.waiting:
+            if any(recorder.waiting for recorder in self.recorders):
                 self._client.spin_once(timeout_sec=0.0)
-            self.recorder.drain()
+            for recorder in self.recorders:
+                recorder.drain()
 
     def fly(self):
-        self.spin_until(lambda: not self.recorder.missing(), 'a complete loop')
-        self.recorder.send(Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0)))
-        self.spin_until(lambda: self.recorder.elapsed >= DURATION, 'a flight')
-        return self.recorder.flight(DURATION)
+        """Fly both vehicles to the paper's waypoint; return the flights."""
+        self.spin_until(lambda recorder: not recorder.missing(), 'complete loops')
+        for recorder in self.recorders:
+            recorder.send(Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0)))
+        self.spin_until(lambda recorder: recorder.elapsed >= DURATION, 'two flights')
+        return [recorder.flight(DURATION) for recorder in self.recorders]
 
 
 @pytest.mark.parametrize('executor_class', [Executor, SingleThreadedExecutor])
-def test_three_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
+def test_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
         graph, tmp_path, executor_class):
-    with Composition(graph, executor_class, '/uav1') as nodes:
-        assert [node.get_fully_qualified_name() for node in nodes.nodes] == [
-            '/uav1/controller', '/uav1/allocator', '/uav1/simulator']
-        flight = nodes.fly()
-    flight.write_csv(tmp_path / 'composed.csv')
-    fly_offline('exact', DURATION).write_csv(tmp_path / 'offline.csv')
-    assert (tmp_path / 'composed.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
+    with Composition(graph, executor_class) as composition:
+        assert [node.get_fully_qualified_name() for node in composition.nodes] == [
+            f'{namespace}/{name}' for namespace in METHODS
+            for name in ('controller', 'allocator', 'simulator')]
+        flights = composition.fly()
+    for flight, method in zip(flights, METHODS.values(), strict=True):
+        composed, offline = tmp_path / f'{method}.csv', tmp_path / f'{method}_offline.csv'
+        flight.write_csv(composed)
+        fly_offline(method, DURATION).write_csv(offline)
+        assert composed.read_bytes() == offline.read_bytes()

@@ -225,7 +225,7 @@ def test_nothing_flies_on_when_bringup_is_killed(graph, tmp_path):
 def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
     # Each start may take its time here.
     patient = (
-        'from ca_ros.nodes import bringup; bringup.Processes.STARTING = 1e6; '
+        'from ca_ros.bringup import bringup; bringup.Processes.STARTING = 1e6; '
         'bringup.START_TIMEOUT = 1e6; '
         'raise SystemExit(bringup.main())')
     flight = graph.start_silent(

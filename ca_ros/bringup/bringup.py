@@ -47,19 +47,18 @@ from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 START_TIMEOUT = 60.0
 LOOK_AROUND = 0.5
-"""Time to look for other nodes before the start, and between later looks [s]."""
+"""Time to discover other nodes before the start, and between later checks [s]."""
 
 
 class Stopped(Exception):
-    """The flight was ended before its time."""
+    """The flight ended early."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly; return 0 if the waypoint was reached."""
-    # Segments in shared memory, left behind by a killed process, would delay the next start by
-    # seconds.
+    # Shared memory that a killed process leaves behind delays the next start by seconds.
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
-    # The matrices are small, and the threads of BLAS would only wait for work.
+    # The matrices are too small for the threads of BLAS.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     options = parse(sys.argv[1:] if argv is None else argv)
     if options.out is not None:
@@ -72,13 +71,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _bringup(options)
     finally:
-        # Unless it holds a flight.
+        # This fails if the folder holds a flight.
         with suppress(OSError):
             options.out.rmdir()
 
 
 def _new_folder() -> Path:
-    """Make a folder in the current one that is not there yet."""
+    """Create a new folder in the current folder."""
     name = f'flight_{datetime.now():%Y-%m-%d_%H-%M-%S}'
     for i in count(1):
         folder = Path(name if i == 1 else f'{name}_{i}')
@@ -93,7 +92,7 @@ def _bringup(options: argparse.Namespace) -> int:
     try:
         nodes = commands(options)
         options.out.mkdir(parents=True, exist_ok=True)
-        # Not found out after the flight.
+        # Check this before the flight rather than after it.
         if not os.access(options.out, os.W_OK | os.X_OK):
             raise PermissionError(f'--out: {options.out} cannot be written to')
         validate_namespace(options.namespace)
@@ -153,7 +152,7 @@ def _fly(
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
 
-    def be_alone(own: int = 0) -> None:
+    def check_alone(own: int = 0) -> None:
         if others := recorder.others(own):
             raise Stopped(
                 f'other nodes publish on {", ".join(others)} in ROS domain '
@@ -165,8 +164,8 @@ def _fly(
         began = looked = time.monotonic()
         while time.monotonic() < began + LOOK_AROUND and not interrupts:
             executor.spin_once(timeout_sec=0.05)
-        be_alone()
-        # The bag is complete when the nodes have ended.
+        check_alone()
+        # The bag closes after the nodes have ended, and so is complete.
         with bag or nullcontext(), Processes(nodes) as processes:
             if bag:
                 bag.listen(options.namespace)
@@ -174,33 +173,34 @@ def _fly(
             def spin() -> None:
                 nonlocal looked
                 executor.spin_once(timeout_sec=0.1)
-                # DDS may take 3 s to find a node.  Nodes that were killed still seem to be there.
+                # Discovery may take 3 s.  After a respawn DDS still lists the killed node.
                 if time.monotonic() > looked + LOOK_AROUND and not processes.respawned:
                     looked = time.monotonic()
-                    be_alone(own=1)
+                    check_alone(own=1)
                 recorder.drain()
                 if bag:
                     bag.write()
                 if interrupts:
                     raise Stopped(f'interrupted by {signal.Signals(interrupts[0]).name}')
                 ended = processes.ended()
-                if ended and (not options.respawn or processes.hopeless()):
+                respawned = processes.respawn() if options.respawn else {}
+                if ended and (not options.respawn or processes.failed):
                     raise Stopped(
                         ', '.join(
                             f'the {name} ended with exit code {code}'
                             for name, code in ended.items()
                         )
                     )
-                for name, code in processes.respawn().items() if ended else ():
-                    anew = ''
+                for name, code in respawned.items():
+                    also = ''
                     if name == 'simulator':
-                        # So that nothing moves before the recorder sees it.
+                        # The vehicle must rest until the recorder is connected.
                         processes.restart('controller')
                         recorder.restart()
-                        anew = ', and the controller too: the flight begins anew, from rest'
+                        also = ', and the controller too: the flight begins anew, from rest'
                     tqdm.write(
                         f'bringup: the {name} ended with exit code {code} and is started again'
-                        f'{anew}',
+                        f'{also}',
                         file=sys.stderr,
                     )
 
@@ -211,9 +211,7 @@ def _fly(
                     if len(topics) < fewest:
                         fewest, deadline = len(topics), Deadline(START_TIMEOUT)
                     elif deadline.passed():
-                        raise Stopped(
-                            f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
-                        )
+                        raise Stopped(f'after {START_TIMEOUT:g} s no node on {", ".join(topics)}')
 
             wait(lambda: recorder.missing() + (bag.missing() if bag else []))
             parameters = recorder.parameters or {}
@@ -245,8 +243,7 @@ def _fly(
                         progress, deadline = recorder.elapsed, Deadline(START_TIMEOUT)
                     elif deadline.passed():
                         raise Stopped(
-                            f'the flight has stood still at {progress:.2f} s '
-                            f'for {START_TIMEOUT:g} s'
+                            f'the flight has stalled at {progress:.2f} s for {START_TIMEOUT:g} s'
                         )
             if bag:
                 end = recorder.end(options.duration)
@@ -302,7 +299,7 @@ def _report(
 
 
 def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mode: str) -> bool:
-    """Tell whether each rotor kept to its bounds as far as they were known: 0 of a lost one."""
+    """Return whether each rotor kept its bounds as known at the time: 0 for a lost rotor."""
     times = np.round(flight.time * 1e9)
     inside = np.ones(flight.speeds.shape, dtype=bool)
     for start in [0, *failures.times()]:
@@ -311,7 +308,7 @@ def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mo
         speeds = flight.speeds[later]
         inside[later] = _inside(speeds, believed)
         if mode == 'realtime':
-            # There the announcement takes its time.
+            # In real time the announcement takes effect with a delay.
             inside[later] |= _inside(speeds, vehicle)
     return bool(inside.all())
 

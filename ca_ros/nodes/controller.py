@@ -119,7 +119,7 @@ class ControllerNode(VehicleNode):
                 self.drop('state', f'state: {error}')
             return
         self._watchdog.feed()
-        self.counts['served' if first else 'served anew'] += 1
+        self.counts['served' if first else 'served again'] += 1
         header = Header(stamp=self._pose.header.stamp, frame_id=self.parameters['command_frame'])
         self._wrench.publish(wrench_message(wrench, header))
 

@@ -284,7 +284,7 @@ class VehicleNode(Node):
             self._diagnostics.update()
 
     def _look_around(self) -> None:
-        """Note publishers too many, mismatches of topics, and dropped messages."""
+        """Note surplus publishers, publishers and subscribers that cannot match, and drops."""
         notes = []
         for stream in self._streams:
             topic = stream.topic_name
@@ -320,8 +320,8 @@ class VehicleNode(Node):
         try:
             parameters = complete({**self.parameters, **ours})
             # A rebuild takes time and forgets the cached critical regions: only where necessary.
-            anew = any(name.startswith(BUILT_FROM) for name in ours)
-            self._candidate = parameters, self.build(parameters) if anew else self._built
+            rebuild = any(name.startswith(BUILT_FROM) for name in ours)
+            self._candidate = parameters, self.build(parameters) if rebuild else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

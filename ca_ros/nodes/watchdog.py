@@ -57,10 +57,10 @@ class Watchdog:
 
     def look(self) -> bool:
         """Return whether the timeout has passed, and remember it."""
-        # A command may have come and gone since the last look.
-        anew = self._missed != self._last
+        # A command may have arrived since the last look.
+        first = self._missed != self._last
         self.expired = self.over
-        self.begun = self.expired and anew
+        self.begun = self.expired and first
         self._missed = self._last if self.expired else None
         return self.expired
 

@@ -112,7 +112,7 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
     ros = ['--ros-args', '--params-file', str(find(options.vehicle).resolve())]
     # Between its blocks the allocator would tell the motors that commands have ceased.
     ros += ['-p', 'command_timeout:=1.0e6', '-p', 'mode:=realtime']
-    # Stamps are numbers here, and what is said of these nodes is not for whoever flies nearby.
+    # Stamps are numbers here; the diagnostics stay in the namespace.
     ros += ['-p', 'command_age_max:=0.0', '-r', '/diagnostics:=diagnostics']
     children = {
         kind: [

@@ -1,4 +1,4 @@
-"""The echo node: what a message costs before anything is allocated."""
+"""The echo node: the cost of a message without an allocation."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ca_ros.vehicle.vehicle import Vehicle
 class EchoNode(VehicleNode):
     """Answers each command/wrench with its numbers, as many as the vehicle has rotors.
 
-    It stands beside the allocator node in a benchmark: same messages, same quality of service,
-    same executor, same start.
+    A benchmark compares the allocator node with it: both have the same messages, quality of
+    service, executor and start.
     """
 
     def __init__(self, node_name: str = 'echo', **kwargs: Any) -> None:

@@ -93,7 +93,7 @@ def measure(
 
 
 def _ask(side: Side, rate: float, seconds: float, watch: Callable[[], None]) -> Block:
-    """Return a block with an answer in it: where the machine stood still throughout, the next."""
+    """Return a block with at least one answer; a block without one, from a stall, is repeated."""
     deadline = Deadline(START_TIMEOUT)
     while True:
         block = side.ask(rate, max(int(rate * seconds), 10))
