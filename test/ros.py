@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 
 DEADLINE = 240.0
 """When something that has not happened is held to be never going to [s]."""
@@ -114,8 +114,8 @@ class Graph:
 
     def outlive(self, process, deadline=DEADLINE):
         """Wait until a process of `start_silent` ends; return what it had to say."""
-        patience, output = Patience(deadline), None
-        while output is None and not patience.over():
+        limit, output = Deadline(deadline), None
+        while output is None and not limit.passed():
             with suppress(subprocess.TimeoutExpired):
                 output = process.communicate(timeout=0.1)
         if output is None:
@@ -185,11 +185,11 @@ class Graph:
 
     def spin_until(self, condition, what, repeat=None, deadline=DEADLINE):
         """Spin until a condition holds; `repeat` is called at first and ever more rarely."""
-        patience, again, pause = Patience(deadline), time.monotonic(), FIRST_PAUSE
+        limit, again, pause = Deadline(deadline), time.monotonic(), FIRST_PAUSE
         while not condition():
             ended = {k: p.returncode for k, p in self._processes.items() if p.poll() is not None}
             assert not ended, f'{what}: waited for in vain, exit codes: {ended}'
-            assert not patience.over(), f'{what}: not within {deadline:g} s'
+            assert not limit.passed(), f'{what}: not within {deadline:g} s'
             if repeat and time.monotonic() >= again:
                 repeat()
                 again, pause = time.monotonic() + pause, min(2.0 * pause, LAST_PAUSE)

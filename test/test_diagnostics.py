@@ -391,12 +391,12 @@ CURIOUS = """
 import sys
 from ca_ros.nodes import allocator
 
-class Curious(allocator.Allocator):
+class Curious(allocator.AllocatorNode):
     def observe(self, subject):
         super().observe(subject)
         self.create_timer(0.0002, self._look_around, clock=self.steady)
 
-sys.exit(allocator.run(Curious, ''))
+sys.exit(allocator.run('curious', Curious, ''))
 """
 """An allocator that looks at the other ends of its topics all the time."""
 

@@ -149,13 +149,13 @@ BROKEN = """
 import sys
 from ca_ros.nodes import allocator
 
-class Broken(allocator.Allocator):
+class Broken(allocator.AllocatorNode):
     def {method}(self, *arguments):
         if self._watchdog.awake and {condition}:
             raise RuntimeError('this is the bug')
         return super().{method}(*arguments)
 
-sys.exit(allocator.run(Broken, ''))
+sys.exit(allocator.run('broken', Broken, ''))
 """
 
 BUGS = {

@@ -236,3 +236,36 @@ def test_ros_is_imported_in_its_rooms_alone():
                 names = [a.name for a in node.names] if isinstance(node, ast.Import) else (
                     [node.module or ''] if isinstance(node, ast.ImportFrom) else [])
                 assert not [n for n in names if n.split('.')[0] in packages], file
+
+
+# ROS
+
+def nodes_of(file):
+    return list(ast.walk(ast.parse(file.read_text(encoding='utf-8'))))
+
+
+def test_the_private_names_of_rclpy_are_in_one_module():
+    files = [file for room in ('nodes', 'bringup', 'evaluation/latency')
+             for file in (PACKAGE / room).glob('*.py') if file.name != 'rclpy_internals.py']
+    assert len(files) > 20
+    assert [file for file in files if 'rclpy_implementation' in file.read_text()] == []
+    trees = {file: nodes_of(file) for file in files}
+    attributes = {
+        (file, node.attr, type(node.ctx)) for file, tree in trees.items() for node in tree
+        if isinstance(node, ast.Attribute) and node.attr.startswith('_')
+        and not node.attr.endswith('__')}
+    own = {name for _, name, context in attributes if context is ast.Store} | {
+        node.name for tree in trees.values() for node in tree if isinstance(node, ast.FunctionDef)}
+    assert [(file, name) for file, name, _ in attributes if name not in own] == []
+
+
+def test_the_names_of_topics_are_in_one_module():
+    topics = PACKAGE / 'nodes' / 'topics.py'
+    names = {
+        node.args[0].value for node in nodes_of(topics)
+        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'Topic'}
+    assert {'command/wrench', 'command/motor_speed', '/diagnostics', '~/residual'} <= names
+    names |= {name.replace('~', 'allocator') for name in names}
+    assert [
+        (file, node.value) for file in PACKAGE.rglob('*.py') if file != topics
+        for node in nodes_of(file) if isinstance(node, ast.Constant) and node.value in names] == []

@@ -72,7 +72,8 @@ node, answers = sys.argv[1], []
 module = import_module(f'ca_ros.nodes.{node}')
 for file in sys.argv[2:]:
     with contextlib.redirect_stderr(io.StringIO()) as said:
-        code = run(getattr(module, node.capitalize()), '', ['--ros-args', '--params-file', file])
+        node_class = getattr(module, f'{node.capitalize()}Node')
+        code = run(node, node_class, '', ['--ros-args', '--params-file', file])
     answers.append((code, said.getvalue()))
 json.dump(answers, sys.stdout)
 """

@@ -8,7 +8,7 @@ import time
 
 import psutil
 
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.processes import Processes, start
 from ros import DEADLINE
 
@@ -20,9 +20,9 @@ CHILD = [sys.executable, '-c',
 
 def until(condition):
     """Wait until a condition holds, and return what it is."""
-    patience = Patience(DEADLINE)
+    deadline = Deadline(DEADLINE)
     while not (value := condition()):
-        assert not patience.over()
+        assert not deadline.passed()
         time.sleep(0.01)
     return value
 
@@ -38,7 +38,7 @@ def test_what_is_killed_is_started_again_however_often(monkeypatch):
             assert processes.running['sleeper'].pid != victim.pid
             assert processes.respawned == {'sleeper': i}
             assert processes.ended() == {}
-        assert processes.hopeless() == []
+        assert processes.failed == []
         assert processes.running['other'] is other
     assert not any(psutil.pid_exists(p.pid) for p in processes.running.values())
 
@@ -52,15 +52,16 @@ def test_it_is_not_started_before_the_pause_is_over(monkeypatch):
         assert processes.ended() == {'sleeper': -signal.SIGKILL}
 
 
-def test_what_fails_again_and_again_at_its_start_is_hopeless(monkeypatch):
+def test_a_process_that_fails_again_and_again_at_its_start_is_given_up(monkeypatch):
     monkeypatch.setattr(Processes, 'PAUSE', 0.0)
     monkeypatch.setattr(Processes, 'STARTING', 1e6)
     with Processes({'failing': FAIL}) as processes:
-        for i in range(Processes.ATTEMPTS - 1):
+        for _ in range(Processes.ATTEMPTS - 1):
+            assert processes.failed == []
             assert until(processes.respawn) == {'failing': 3}
-            # The last may have failed by now as well.
-            assert i > 0 or processes.hopeless() == []
-        assert until(processes.hopeless) == ['failing']
+        until(processes.ended)
+        assert processes.respawn() == {}
+        assert processes.failed == ['failing']
 
 
 def test_what_fails_later_is_not(monkeypatch):
@@ -69,7 +70,7 @@ def test_what_fails_later_is_not(monkeypatch):
     with Processes({'failing': FAIL}) as processes:
         for _ in range(2 * Processes.ATTEMPTS):
             until(processes.respawn)
-        assert processes.hopeless() == []
+        assert processes.failed == []
 
 
 def test_nothing_is_left_of_what_a_killed_process_had_started(monkeypatch):
@@ -90,24 +91,6 @@ def gone(process):
         return True
 
 
-def test_what_ends_while_others_are_started_again_has_its_turn_later(monkeypatch):
-    monkeypatch.setattr(Processes, 'PAUSE', 0.0)
-    with Processes({'first': SLEEP, 'second': SLEEP}) as processes:
-        processes.running['first'].kill()
-        until(processes.ended)
-        note = processes._note
-
-        def late():
-            note()
-            processes.running['second'].kill()
-            processes.running['second'].wait()
-
-        monkeypatch.setattr(processes, '_note', late)
-        assert processes.respawn() == {'first': -signal.SIGKILL}
-        monkeypatch.undo()
-        assert until(processes.respawn) == {'second': -signal.SIGKILL}
-
-
 # Notes its own SIGTERM in a file, as a node sends its last command.
 LAST_COMMAND = """
 import pathlib, signal, sys
@@ -124,10 +107,11 @@ import os, sys, time
 from pathlib import Path
 from ca_ros.bringup.processes import Processes
 folder = Path(sys.argv[1])
+os.environ['TIED'] = str(folder)
 names = ('first', 'respawned')
 Processes.PAUSE = 0.0
-with Processes({name: [sys.executable, '-c', sys.argv[2], str(folder / name)] for name in names},
-               {'TIED': str(folder)}) as processes:
+with Processes({name: [sys.executable, '-c', sys.argv[2], str(folder / name)]
+                for name in names}) as processes:
     processes.running['respawned'].kill()
     while 'respawned' not in processes.respawn():
         time.sleep(0.01)

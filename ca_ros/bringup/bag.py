@@ -7,35 +7,22 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Float64MultiArray, Int8MultiArray
+from std_msgs.msg import Float64MultiArray
 
 from ca_ros.errors import CaRosError
+from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, speeds_stamp
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
+from ca_ros.nodes.topics import ROSOUT, type_name
 
-TOPICS: dict[str, Any] = {
-    'command/pose': PoseStamped,
-    'command/wrench': WrenchStamped,
-    'command/motor_speed': Float64MultiArray,
-    'motor_speed': Float64MultiArray,
-    'local_position/pose': PoseStamped,
-    'local_position/velocity_body': TwistStamped,
-    'allocator/allocated_wrench': WrenchStamped,
-    'allocator/residual': WrenchStamped,
-    'allocator/saturation': Int8MultiArray,
-    '/diagnostics': DiagnosticArray,
-    '/rosout': Log,
-}
-"""What is recorded; relative names are the vehicle's own, each with one publisher."""
+TOPICS: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
+"""The recorded topics; each of the relative ones has one publisher."""
 
-LOOP = tuple(TOPICS)[1:6]
-"""The topics on which a message comes with each step, with its stamp."""
+LOOP = tuple(topic.path for topic in topics.STREAMS)
+"""The topics that have a stamped message for each step."""
 
 LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 
@@ -53,7 +40,7 @@ class Bag:
     Parameters
     ----------
     path : Path
-        The folder to make.
+        The folder that is created.
 
     Attributes
     ----------
@@ -61,12 +48,12 @@ class Bag:
     counts : dict of str to int
         Messages written, by topic.
     lost : int
-        Messages on the vehicle's own topics that were sent but never came.
+        Messages on the vehicle's own topics that were sent but did not arrive.
 
     Raises
     ------
     BagError
-        If the folder is there already or cannot be made, or there is no `rosbags`.
+        If the folder exists or cannot be created, or `rosbags` is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -96,29 +83,29 @@ class Bag:
         self.close()
 
     def listen(self, namespace: str) -> None:
-        """Subscribe to all topics, with a node of its own that `write` serves, and no executor."""
+        """Subscribe to all topics, with a node that `write` serves without an executor."""
         self._node = Node(
             'bag', namespace=namespace, start_parameter_services=False, enable_rosout=False
         )
         for topic, kind in TOPICS.items():
-            # But for the depth this is also what the publishers offer.
+            # Except for the depth the publishers offer the same.
             qos = QoSProfile(
                 reliability=ReliabilityPolicy.RELIABLE,
                 history=HistoryPolicy.KEEP_LAST,
                 depth=LOCKSTEP_DEPTH,
-                durability=LATCHED if topic == '/rosout' else DurabilityPolicy.VOLATILE,
+                durability=LATCHED if topic == ROSOUT.path else DurabilityPolicy.VOLATILE,
             )
             subscription = self._node.create_subscription(kind, topic, print, qos, raw=True)
             self._subscriptions[topic] = subscription
             self._connections[topic] = self._writer.add_connection(
                 subscription.topic_name,
-                f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}',
+                type_name(kind),
                 typestore=self._types,
                 offered_qos_profiles=[_noted(qos)],
             )
 
     def missing(self) -> list[str]:
-        """Return the topics that nobody publishes yet."""
+        """Return the topics that have no publisher yet."""
         return [
             topic
             for topic, subscription in self._subscriptions.items()
@@ -126,10 +113,10 @@ class Bag:
         ]
 
     def write(self) -> None:
-        """Write all that has come since the last call, under the time at which it came."""
+        """Write the messages that arrived since the last call, with their times of arrival."""
         for topic, subscription in self._subscriptions.items():
             with subscription.handle:
-                # An executor would take several times as long for a message.
+                # An executor needs several times as long for a message.
                 while taken := subscription.handle.take_message(subscription.msg_type, True):
                     self._put(topic, *taken)
 
@@ -142,13 +129,13 @@ class Bag:
         self._newest[topic] = message
         if not topic.startswith('/'):
             before, number = self._sequence.get(topic), info['publication_sequence_number']
-            # A publisher that was started anew begins again at one.
+            # A restarted publisher counts from one again.
             if before is not None and number > before:
                 self.lost += number - before - 1
             self._sequence[topic] = number
 
     def behind(self, time: int) -> list[str]:
-        """Return the topics of the loop on which nothing as new as a stamp [ns] has come yet."""
+        """Return the topics of the loop whose newest message is older than a stamp [ns]."""
         return [topic for topic in LOOP if self._stamp(topic) < time]
 
     def _stamp(self, topic: str) -> int:
@@ -161,7 +148,7 @@ class Bag:
         return nanoseconds(message.header.stamp)
 
     def close(self) -> None:
-        """Write the rest and complete the file; a bag without any message is removed."""
+        """Write the rest and complete the file; remove a bag without messages."""
         try:
             self.write()
             if sum(self.counts.values()):
@@ -182,7 +169,7 @@ class Bag:
 
 
 def _noted(qos: QoSProfile) -> Any:
-    """Return a profile in the form that is written into a bag; the numbers are those of rmw."""
+    """Return a profile in the form of rosbags; the numbers are those of rmw."""
     from rosbags.interfaces import (
         Qos,
         QosDurability,

@@ -1,4 +1,4 @@
-"""The bringup script: three nodes as processes, a flight, and what came of it."""
+"""The bringup script: starts the three nodes as processes, flies, and reports."""
 
 from __future__ import annotations
 
@@ -22,42 +22,42 @@ import rclpy
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from rclpy.validate_namespace import validate_namespace
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.bag import Bag
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.bringup.link_faults import LINKS
 from ca_ros.bringup.options import commands, options_as_parameters, parse
 from ca_ros.bringup.processes import Processes, note_signals
-from ca_ros.bringup.recorder import Recorder
+from ca_ros.bringup.recorder import LINKS, Recorder
 from ca_ros.bringup.rotor_health import RotorHealth
 from ca_ros.errors import CaRosError
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import draw_flight, save
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.nodes.executable import RCLError, in_one_line
+from ca_ros.nodes.executable import in_one_line
+from ca_ros.nodes.rclpy_internals import RCLError
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 START_TIMEOUT = 60.0
 LOOK_AROUND = 0.5
-"""Time to look for other nodes before the start, and between later looks [s]."""
+"""Time to discover other nodes before the start, and between later checks [s]."""
 
 
 class Stopped(CaRosError):
-    """The flight was ended before its time."""
+    """The flight ended early."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly; return 0 if the waypoint was reached."""
-    # Segments in shared memory, left behind by a killed process, would delay the next start by
-    # seconds.
+    # Shared memory that a killed process leaves behind delays the next start by seconds.
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
-    # The matrices are small, and the threads of BLAS would only wait for work.
+    # The matrices are too small for the threads of BLAS.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     options = parse(sys.argv[1:] if argv is None else argv)
     if options.out is not None:
@@ -70,13 +70,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _bringup(options)
     finally:
-        # Unless it holds a flight.
+        # This fails if the folder holds a flight.
         with suppress(OSError):
             options.out.rmdir()
 
 
 def _new_folder() -> Path:
-    """Make a folder in the current one that is not there yet."""
+    """Create a new folder in the current folder."""
     name = f'flight_{datetime.now():%Y-%m-%d_%H-%M-%S}'
     for i in count(1):
         folder = Path(name if i == 1 else f'{name}_{i}')
@@ -91,7 +91,7 @@ def _bringup(options: argparse.Namespace) -> int:
     try:
         nodes = commands(options)
         options.out.mkdir(parents=True, exist_ok=True)
-        # Not found out after the flight.
+        # Check this before the flight rather than after it.
         if not os.access(options.out, os.W_OK | os.X_OK):
             raise PermissionError(f'--out: {options.out} cannot be written to')
         validate_namespace(options.namespace)
@@ -109,7 +109,8 @@ def _bringup(options: argparse.Namespace) -> int:
     except (CaRosError, OSError, ValueError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
-    waypoint = Waypoint.of(*options.waypoint, math.radians(options.heading))
+    x, y, z = options.waypoint
+    waypoint = Waypoint.of(x, y, z, math.radians(options.heading))
     try:
         flight, wall, respawned, parameters = _fly(options, nodes, waypoint, interrupts, bag)
     except CaRosError as stopped:
@@ -146,11 +147,11 @@ def _fly(
     links = [*LINKS]
     if options.faults is not None:
         links += [f'{PREFIX}{topic}' for topic in LINKS]
-    recorder = Recorder(options.namespace, links)
+    recorder = Recorder(links, namespace=options.namespace)
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
 
-    def be_alone(own: int = 0) -> None:
+    def check_alone(own: int = 0) -> None:
         if others := recorder.others(own):
             raise Stopped(
                 f'other nodes publish on {", ".join(others)} in ROS domain '
@@ -162,8 +163,8 @@ def _fly(
         began = looked = time.monotonic()
         while time.monotonic() < began + LOOK_AROUND and not interrupts:
             executor.spin_once(timeout_sec=0.05)
-        be_alone()
-        # The bag is complete when the nodes have ended.
+        check_alone()
+        # The bag closes after the nodes have ended, and so is complete.
         with bag or nullcontext(), Processes(nodes) as processes:
             if bag:
                 bag.listen(options.namespace)
@@ -171,46 +172,45 @@ def _fly(
             def spin() -> None:
                 nonlocal looked
                 executor.spin_once(timeout_sec=0.1)
-                # DDS may take 3 s to find a node.  Nodes that were killed still seem to be there.
+                # Discovery may take 3 s.  After a respawn DDS still lists the killed node.
                 if time.monotonic() > looked + LOOK_AROUND and not processes.respawned:
                     looked = time.monotonic()
-                    be_alone(own=1)
+                    check_alone(own=1)
                 recorder.drain()
                 if bag:
                     bag.write()
                 if interrupts:
                     raise Stopped(f'interrupted by {signal.Signals(interrupts[0]).name}')
                 ended = processes.ended()
-                if ended and (not options.respawn or processes.hopeless()):
+                respawned = processes.respawn() if options.respawn else {}
+                if ended and (not options.respawn or processes.failed):
                     raise Stopped(
                         ', '.join(
                             f'the {name} ended with exit code {code}'
                             for name, code in ended.items()
                         )
                     )
-                for name, code in processes.respawn().items() if ended else ():
-                    anew = ''
+                for name, code in respawned.items():
+                    also = ''
                     if name == 'simulator':
-                        # So that nothing moves before the recorder sees it.
+                        # The vehicle must rest until the recorder is connected.
                         processes.restart('controller')
                         recorder.restart()
-                        anew = ', and the controller too: the flight begins anew, from rest'
+                        also = ', and the controller too: the flight begins anew, from rest'
                     print(
                         f'bringup: the {name} ended with exit code {code} and is started again'
-                        f'{anew}',
+                        f'{also}',
                         file=sys.stderr,
                     )
 
             def wait(missing: Callable[[], list[str]]) -> None:
-                fewest, patience = inf, Patience(START_TIMEOUT)
+                fewest, deadline = inf, Deadline(START_TIMEOUT)
                 while topics := missing():
                     spin()
                     if len(topics) < fewest:
-                        fewest, patience = len(topics), Patience(START_TIMEOUT)
-                    elif patience.over():
-                        raise Stopped(
-                            f'after {START_TIMEOUT:g} s there is nobody on {", ".join(topics)}'
-                        )
+                        fewest, deadline = len(topics), Deadline(START_TIMEOUT)
+                    elif deadline.passed():
+                        raise Stopped(f'after {START_TIMEOUT:g} s no node on {", ".join(topics)}')
 
             wait(lambda: recorder.missing() + (bag.missing() if bag else []))
             parameters = recorder.parameters
@@ -224,18 +224,18 @@ def _fly(
             rotors.update(None, spin)
             recorder.send(waypoint)
             began = time.monotonic()
-            progress, patience = 0.0, Patience(START_TIMEOUT)
+            progress, deadline = 0.0, Deadline(START_TIMEOUT)
             while progress < options.duration:
                 spin()
                 rotors.update(recorder.elapsed_ns, spin)
                 if recorder.waiting and not recorder.missing():
                     recorder.send(waypoint)
                 if recorder.elapsed != progress:
-                    progress, patience = recorder.elapsed, Patience(START_TIMEOUT)
+                    progress, deadline = recorder.elapsed, Deadline(START_TIMEOUT)
                     _show(progress, options.duration)
-                elif patience.over():
+                elif deadline.passed():
                     raise Stopped(
-                        f'the flight has stood still at {progress:.2f} s '
+                        f'the flight has stalled at {progress:.2f} s '
                         f'for {START_TIMEOUT:g} s'
                     )
             if bag:
@@ -249,7 +249,7 @@ def _fly(
     finally:
         executor.shutdown()
         recorder.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
 
 def _show(progress: float, duration: float) -> None:
@@ -299,7 +299,7 @@ def _report(
 
 
 def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mode: str) -> bool:
-    """Tell whether each rotor kept to its bounds as far as they were known: 0 of a lost one."""
+    """Return whether each rotor kept its bounds as known at the time: 0 for a lost rotor."""
     times = np.round(flight.time * 1e9)
     inside = np.ones(flight.speeds.shape, dtype=bool)
     for start in [0, *failures.times()]:
@@ -308,7 +308,7 @@ def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mo
         speeds = flight.speeds[later]
         inside[later] = _inside(speeds, believed)
         if mode == 'realtime':
-            # There the announcement takes its time.
+            # In real time the announcement takes effect with a delay.
             inside[later] |= _inside(speeds, vehicle)
     return bool(inside.all())
 

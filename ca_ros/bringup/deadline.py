@@ -1,31 +1,32 @@
-"""A time limit that does not run out while the machine stands still."""
+"""A deadline that excludes stalls of the machine."""
 
 from __future__ import annotations
 
 import time
 
 
-class Patience:
-    """A time limit that runs only while it is looked at, as in a loop that polls.
+class Deadline:
+    """A time limit for a loop that polls; of a pause between two polls at most `POLL` counts.
 
-    Where the machine has stood still for a while, so has what is waited for.
+    A suspended or starved machine also stalls the process that is waited for, so a stall must not
+    use up the time limit.
 
     Parameters
     ----------
     limit : float
-        Time until it is over [s].
+        Time until the deadline [s].
     """
 
-    LOOK = 0.5
-    """Of the time between two looks no more than this counts [s]."""
+    POLL = 0.5
+    """Longest time between two polls that counts [s]."""
 
     def __init__(self, limit: float) -> None:
         self._left = limit
-        self._seen = time.monotonic()
+        self._polled = time.monotonic()
 
-    def over(self) -> bool:
-        """Look whether the time is over."""
+    def passed(self) -> bool:
+        """Poll: return whether the deadline has passed."""
         now = time.monotonic()
-        self._left -= min(now - self._seen, self.LOOK)
-        self._seen = now
+        self._left -= min(now - self._polled, self.POLL)
+        self._polled = now
         return self._left < 0.0

@@ -1,4 +1,4 @@
-"""The fault proxy node: passes messages on, but not all, not at once and not unharmed."""
+"""The fault proxy node: forwards messages with losses, delays and damage."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from math import inf
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
@@ -22,42 +22,30 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.bringup.link_faults import FAULTS, Faults, Link, corrupted, links
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.qos import COMMAND, offered
+from ca_ros.nodes.rclpy_internals import given_parameters
+from ca_ros.nodes.topics import DIAGNOSTICS, LINKS
 from ca_ros.nodes.vehicle_node import mismatch
-
-TYPES = {
-    'command/wrench': WrenchStamped,
-    'command/motor_speed': Float64MultiArray,
-    'local_position/pose': PoseStamped,
-    'local_position/velocity_body': TwistStamped,
-}
-
-RECEIVERS = {
-    'command/wrench': 'allocator',
-    'command/motor_speed': 'simulator',
-    'local_position/pose': 'controller',
-    'local_position/velocity_body': 'controller',
-}
-"""The nodes to remap: each reads the faulty topic in place of the topic."""
 
 PREFIX = 'faulty/'
 
 
 def remaps(node: str) -> list[str]:
     """Return the ROS arguments by which a node reads faulty topics in place of its own."""
-    topics = [topic for topic, receiver in RECEIVERS.items() if receiver == node]
+    topics = [topic.name for topic in LINKS if node in topic.subscribers]
     return [word for topic in topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
 
 
 _REMAPPED = '\n'.join(
-    f'  {node} --ros-args {" ".join(remaps(node))}' for node in dict.fromkeys(RECEIVERS.values())
+    f'  {node} --ros-args {" ".join(remaps(node))}'
+    for node in dict.fromkeys(node for topic in LINKS for node in topic.subscribers)
 )
 
-GUIDE = f"""The nodes that are to suffer read the faulty topics instead:
+GUIDE = f"""Remap the nodes that should read the faulty topics:
 
 {_REMAPPED}
 
-All of it at once: bringup --faults 'drop:=0.1 delay:=0.02'. In flight, to cut every link, or only
-the first, and to mend them:
+bringup does this for all nodes: bringup --faults 'drop:=0.1 delay:=0.02'. In flight, to cut all
+links, to cut only the first, and to restore them:
 
   ros2 param set /fault_proxy drop 1.0
   ros2 param set /fault_proxy drop '[1.0, 0.0, 0.0, 0.0]'
@@ -68,30 +56,31 @@ ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrid
 
 
 class FaultProxy(Node):
-    """Takes the messages of each topic and publishes what is left of them on faulty/topic."""
+    """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    def __init__(self, node_name: str = 'fault_proxy', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._links: dict[str, Link[Any]] = {}
         self._counts: dict[str, Counter[str]] = {}
         self._faults: dict[str, Faults] = {}
         self._in: dict[str, Subscription] = {}
         self._declare()
-        # It may add no faults of its own: every message in, and every message out.
+        # The deep queues of lockstep, so that the proxy itself loses no message.
         quality = offered('lockstep')
+        kinds = {topic.name: topic.kind for topic in LINKS}
         self._out = {
-            topic: self.create_publisher(TYPES[topic], f'{PREFIX}{topic}', quality)
+            topic: self.create_publisher(kinds[topic], f'{PREFIX}{topic}', quality)
             for topic in self._faults
         }
         for topic in self._faults:
             self._links[topic], self._counts[topic] = Link(), Counter()
             self._in[topic] = self.create_subscription(
-                TYPES[topic], topic, partial(self._take, topic), quality
+                kinds[topic], topic, partial(self._take, topic), quality
             )
         self._alarm = self.create_timer(1.0, self._pass_on, clock=self._steady)
         self._alarm.cancel()
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', COMMAND)
+        self._diagnostics = self.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
         self.create_timer(1.0, self._diagnose, clock=self._steady)
 
     def _declare(self) -> None:
@@ -104,7 +93,7 @@ class FaultProxy(Node):
                 dynamic_typing=True,
             )
             given[key] = self.declare_parameter(key, parameter.default, descriptor).value
-        for key in self._parameter_overrides:
+        for key in given_parameters(self):
             if key not in FAULTS and not key.startswith(ROS_PARAMETERS):
                 raise ValueError(f'{key}: no such parameter ({", ".join(FAULTS)})')
         self._adopt(given)
@@ -128,9 +117,10 @@ class FaultProxy(Node):
     def _accept(self, changes: list[Parameter]) -> None:
         self._adopt(self._changed(changes))
 
-    def close(self) -> None:
-        """Say what became of all messages."""
+    def destroy_node(self) -> None:
+        """Publish the final counts and destroy the node."""
         self._diagnose()
+        super().destroy_node()
 
     def _take(self, topic: str, message: Any) -> None:
         counts = self._counts[topic]
@@ -143,7 +133,7 @@ class FaultProxy(Node):
         self._pass_on()
 
     def _pass_on(self) -> None:
-        """Publish what is due, and set the alarm for what is not."""
+        """Publish the messages that are due, and set the timer for the next one."""
         for topic, link in self._links.items():
             for message in link.take(self._now()):
                 self._out[topic].publish(message)
@@ -159,7 +149,7 @@ class FaultProxy(Node):
         return self._steady.now().nanoseconds / 1e9
 
     def _diagnose(self) -> None:
-        """Publish the counts; that there are faults is a warning, lest they be forgotten."""
+        """Publish the counts; active faults are a warning, as a reminder."""
         message = DiagnosticArray()
         message.header.stamp = self.get_clock().now().to_msg()
         for topic, faults in self._faults.items():
@@ -198,7 +188,7 @@ def corrupt(message: Any, corruption: str, place: float) -> None:
 
 
 def _numbers(message: Any) -> list[tuple[Any, str]]:
-    """Return where a message's numbers are: submessages and names of fields."""
+    """Return the numbers of a message, as pairs of a submessage and a field's name."""
     found = []
     for name, kind in message.get_fields_and_field_types().items():
         value = getattr(message, name)
@@ -210,7 +200,7 @@ def _numbers(message: Any) -> list[tuple[Any, str]]:
 
 
 def _parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
-    """Read no arguments but ROS's; return those."""
+    """Return the arguments for ROS; the node has none of its own."""
     table = '\n'.join(
         f'  {name:<12} {parameter.description}; {parameter.range()}'
         for name, parameter in FAULTS.items()
@@ -229,9 +219,10 @@ def _parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
 def main() -> int:
     """Run the node."""
     return run(
+        'fault_proxy',
         FaultProxy,
-        f'Pass messages on, from TOPIC to {PREFIX}TOPIC, but not all, not at once and not\n'
-        'unharmed. The fate of a message depends on seed, topic and number alone.',
+        f'Forward messages from TOPIC to {PREFIX}TOPIC with losses, delays and damage. The fate\n'
+        'of a message depends on seed, topic and number alone.',
         parse=_parse,
     )
 

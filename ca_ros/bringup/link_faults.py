@@ -1,4 +1,4 @@
-"""The faults of a link: what becomes of each message on its way."""
+"""The faults of a link between nodes: losses, duplicates, delays, reordering, damage."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from heapq import heappop, heappush
 from math import copysign, inf, nan
 from typing import Any, Generic, TypeVar
 
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.nodes import topics
 from ca_ros.schema import Parameter, ParameterError, complete
 
 Message = TypeVar('Message')
 
-# Not nan and inf, which ROS would read as numbers.
+# Not nan and inf, which ROS reads as numbers.
 _OF_A_NUMBER = ('not_a_number', 'infinite', 'huge', 'sign')
 CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')
-"""One number is replaced, one is too many or missing, or the frame is another."""
+"""A number is replaced, a number is added or removed, or the frame is replaced."""
 
-LINKS = {
-    'command/wrench': (*_OF_A_NUMBER, 'frame'),
-    'command/motor_speed': (*_OF_A_NUMBER, 'length'),
-    'local_position/pose': (*_OF_A_NUMBER, 'frame'),
-    'local_position/velocity_body': (*_OF_A_NUMBER, 'frame'),
+LINKS: dict[str, tuple[str, ...]] = {
+    topic.name: (*_OF_A_NUMBER, 'length' if topic.kind is Float64MultiArray else 'frame')
+    for topic in topics.LINKS
 }
-"""The topics that join controller, allocator and simulator, and what can be wrong with each."""
+"""The corruptions of each topic: arrays have a length, the other types a frame."""
 
 HUGE = 1e12
 
@@ -40,17 +41,17 @@ def _time(description: str) -> Parameter:
 
 FAULTS: dict[str, Parameter] = {
     'topics': Parameter(
-        'the links to be faulty', str, array=True, default=list(LINKS), choices=tuple(LINKS)
+        'topics that are faulty', str, array=True, default=list(LINKS), choices=tuple(LINKS)
     ),
     'seed': Parameter('the fate of a message depends on seed, topic and number', default=0.0),
     'drop': _share('share of the messages that are lost'),
-    'duplicate': _share('share that comes twice'),
-    'reorder': _share('share that comes after the next one'),
+    'duplicate': _share('share that is sent twice'),
+    'reorder': _share('share that is sent after the next message'),
     'corrupt': _share('share that is damaged'),
-    'delay': _time('time that each message takes [s]'),
-    'jitter': _time('greatest random time on top of the delay [s]'),
+    'delay': _time('delay of each message [s]'),
+    'jitter': _time('greatest random addition to the delay [s]'),
     'corruptions': Parameter(
-        'kinds of damage, of which each topic has those that its type allows',
+        'kinds of damage; each topic has those that its type allows',
         str,
         array=True,
         default=list(CORRUPTIONS),
@@ -63,16 +64,16 @@ FAULTS: dict[str, Parameter] = {
 
 @dataclass(frozen=True)
 class Fate:
-    """What becomes of one message.
+    """The faults of one message.
 
     Attributes
     ----------
     copies : int
-        How often it comes: 0 if it is lost, 2 if it is duplicated.
+        How often it is sent: 0 if it is lost, 2 if it is duplicated.
     delay : float
-        After which time [s].
+        Time by which it is delayed [s].
     overtaken : bool
-        Whether it waits until the next message has come in, and then lets it go first.
+        Whether it is held back until the next message has been sent.
     corruption : str or None
         One of `CORRUPTIONS`.
     place : float
@@ -87,7 +88,7 @@ class Fate:
 
     @property
     def kinds(self) -> list[str]:
-        """In words, what happens to the message; nothing if the list is empty."""
+        """The names of the faults of the message."""
         if not self.copies:
             return ['dropped']
         kinds = {
@@ -122,8 +123,8 @@ class Faults:
     def fate(self, k: int) -> Fate:
         """Return the fate of message k, which does not depend on any other message.
 
-        Each fault has a draw of its own: what is lost at one rate is lost at every greater rate,
-        whatever the other faults are.
+        Each fault has its own random number, so a message that is lost at one rate is lost at
+        each greater rate, whatever the other faults are.
         """
         drop, duplicate, reorder, corrupt, kind, place, jitter = _draws(self.seed, self.topic, k)
         if drop < self.drop:
@@ -155,11 +156,11 @@ def links(given: Mapping[str, Any]) -> dict[str, Faults]:
         If a name or a value is wrong; the message names it.
     """
     p: dict[str, Any] = complete(given, FAULTS, FAULTS)
-    topics, corruptions = _words(p.pop('topics')), _words(p.pop('corruptions'))
-    if not topics or len(set(topics)) < len(topics):
-        raise ParameterError(f'topics: expected different topics, got {topics}')
+    names, corruptions = _words(p.pop('topics')), _words(p.pop('corruptions'))
+    if not names or len(set(names)) < len(names):
+        raise ParameterError(f'topics: expected different topics, got {names}')
     seed = p.pop('seed')
-    columns = {name: _one_each(name, value, len(topics)) for name, value in p.items()}
+    columns = {name: _one_each(name, value, len(names)) for name, value in p.items()}
     return {
         topic: Faults(
             topic,
@@ -167,7 +168,7 @@ def links(given: Mapping[str, Any]) -> dict[str, Faults]:
             corruptions=tuple(kind for kind in LINKS[topic] if kind in corruptions),
             **{name: column[i] for name, column in columns.items()},
         )
-        for i, topic in enumerate(topics)
+        for i, topic in enumerate(names)
     }
 
 
@@ -185,7 +186,7 @@ def _one_each(name: str, value: Any, n: int) -> list[float]:
 
 
 def corrupted(numbers: list[float], corruption: str, place: float) -> list[float]:
-    """Return what a corruption makes of a message's numbers."""
+    """Return the numbers of a message after a corruption."""
     if corruption == 'length':
         return numbers[:-1] if place < 0.5 and numbers else [*numbers, 0.0]
     if not numbers or corruption == 'frame':
@@ -202,7 +203,7 @@ def corrupted(numbers: list[float], corruption: str, place: float) -> list[float
 
 
 class Link(Generic[Message]):
-    """A wire on which messages wait for their time, and overtake each other."""
+    """A link that delays and reorders messages."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[float, int, Message]] = []
@@ -210,16 +211,16 @@ class Link(Generic[Message]):
         self._order = 0
 
     def __len__(self) -> int:
-        """Return how many messages are on their way."""
+        """Return the number of messages that are held back."""
         return len(self._waiting) + len(self._overtaken)
 
     @property
     def due(self) -> float:
-        """When the next message comes out [s]; infinity if none does by itself."""
+        """The time at which the next message is due [s]; infinity if there is none."""
         return self._waiting[0][0] if self._waiting else inf
 
     def put(self, message: Message, fate: Fate, now: float) -> None:
-        """Take a message at a time [s]; what it overtakes comes right after it."""
+        """Accept a message at a time [s]; the messages that it overtakes follow it."""
         due = now + fate.delay
         overtaken, self._overtaken = self._overtaken, []
         copies = [(due, message)] * fate.copies
@@ -230,7 +231,7 @@ class Link(Generic[Message]):
         self._send([(max(due, own), late) for own, late in overtaken])
 
     def take(self, now: float) -> list[Message]:
-        """Return the messages that have come out until a time [s]."""
+        """Return the messages that are due by a time [s]."""
         taken = []
         while self._waiting and self.due <= now:
             taken.append(heappop(self._waiting)[2])

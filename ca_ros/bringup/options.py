@@ -20,7 +20,7 @@ from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
 from ca_ros.nodes.parameters import NODE
 
 NODES = ('controller', 'allocator', 'simulator')
-"""In the order in which they end: no command may come from a loop that is half stopped."""
+"""In the order in which they end, so that a stopping loop sends no more commands."""
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -73,7 +73,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         '--respawn',
         action='store_true',
-        help='start a node that ends again; without its simulator the flight begins anew',
+        help='restart nodes that end; with a new simulator the flight starts over',
     )
     parser.add_argument(
         '--faults',
@@ -91,7 +91,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         default=argparse.SUPPRESS,
     )
     vehicle.add_argument(
-        '--params-file', metavar='FILE', help='the same, by path alone', default=argparse.SUPPRESS
+        '--params-file', metavar='FILE', help='a parameter file', default=argparse.SUPPRESS
     )
     parser.add_argument(
         '--namespace',
@@ -105,7 +105,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     options = parser.parse_args(own)
     options.failures = failures_of(options)
     if options.fail and options.respawn:
-        parser.error('--fail: not with --respawn, which begins the flight anew with sound rotors')
+        parser.error('--fail: not with --respawn, which starts the flight over with sound rotors')
     options.ros = ros
     for name in ('method', 'mode', 'out', 'bag', 'faults'):
         setattr(options, name, getattr(options, name, None))

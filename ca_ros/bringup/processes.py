@@ -1,4 +1,4 @@
-"""Child processes that are started together, watched, started again and stopped together."""
+"""Child processes: start, watch, restart and stop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from math import inf
 from typing import Any
 
 from ca_ros.signals import ending_signals
@@ -23,7 +22,7 @@ PR_SET_PDEATHSIG = 1
 def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
     """Start a child process in a session of its own; it gets SIGTERM when this process ends.
 
-    That holds however this process ends, be it by kill -9, and also while the child still starts.
+    This holds for every end of this process, also by kill -9, and while the child still starts.
     Linux sends the signal when the calling thread ends, so call this from the main thread.
 
     Parameters
@@ -35,7 +34,7 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
     prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
     def end_with_parent() -> None:
-        # A handler of the parent would take the signal and be gone with its program.
+        # The child has inherited a handler of the parent, which would ignore the signal.
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         # The parent may have ended before the call of prctl.
@@ -52,7 +51,7 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
 
 
 def note_signals() -> list[int]:
-    """Return a list in which signals to end are noted from now on: the children end first."""
+    """Return a list to which each ending signal is appended, so that the children end first."""
     received: list[int] = []
     for number in ending_signals():
         signal.signal(number, lambda signalled, _: received.append(signalled))
@@ -60,33 +59,34 @@ def note_signals() -> list[int]:
 
 
 class Processes:
-    """Named child processes, each in a group of its own: Ctrl-C reaches the parent alone.
-
-    They get SIGTERM when the parent ends without stopping them.
+    """Named child processes, each in a group of its own, so that Ctrl-C reaches only the parent.
 
     Parameters
     ----------
     commands : mapping of str to sequence of str
         Command lines by name, in the order in which they are started.
+
+    Attributes
+    ----------
+    running : dict of str to Popen
+    respawned : Counter of str
+        How often `respawn` has restarted each.
     """
 
-    PATIENCE = 5.0
+    ENDING = 5.0
     """Time that a process has to end after SIGTERM before it is killed [s]."""
 
     PAUSE = 0.5
-    """Time after which one that has ended is started again [s]."""
+    """Time between the end of a process and its respawn [s]."""
 
     STARTING = 10.0
-    """Time within which an end, other than on demand, is held to be a failed start [s]."""
+    """A process that ends within this time of its start has failed to start [s]."""
 
     ATTEMPTS = 3
-    """Failed starts in a row, after which there is no hope."""
+    """Failed starts in a row after which `respawn` gives up."""
 
-    def __init__(
-        self, commands: Mapping[str, Sequence[str]], environment: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
         self.commands = commands
-        self.environment = {**os.environ, **(environment or {})}
         self.running: dict[str, subprocess.Popen[Any]] = {}
         self.respawned: Counter[str] = Counter()
         self._started: dict[str, float] = {}
@@ -106,72 +106,63 @@ class Processes:
         self.stop()
 
     def ended(self) -> dict[str, int]:
-        """Return the exit codes of those that have ended, by name."""
+        """Return the exit codes of the processes that have ended, by name."""
         codes = {name: process.poll() for name, process in self.running.items()}
         return {name: code for name, code in codes.items() if code is not None}
 
-    def hopeless(self) -> list[str]:
-        """Return those that have ended again and again at their start."""
-        self._note()
-        return [name for name, count in self._failures.items() if count >= self.ATTEMPTS]
-
     def respawn(self) -> dict[str, int]:
-        """Start again those that ended a while ago; return their exit codes, by name."""
-        self._note()
-        before = time.monotonic() - self.PAUSE
-        # What ends only now is not noted yet.
-        codes = {
-            name: code
-            for name, code in self.ended().items()
-            if self._ended.get(name, inf) <= before
-        }
-        for name in codes:
-            self._kill(name)
-            self._start(name)
-            self.respawned[name] += 1
-        return codes
+        """Restart the processes that ended `PAUSE` ago; return their exit codes by name.
 
-    def _note(self) -> None:
-        """Judge the ends that are new."""
+        A process that has failed to start `ATTEMPTS` times in a row is in `failed` instead.
+        """
         now = time.monotonic()
+        codes = {}
         for name, code in self.ended().items():
             if name not in self._ended:
                 self._ended[name] = now
-                failed = now - self._started[name] < self.STARTING
-                on_demand = code in (0, -signal.SIGKILL)
-                self._failures[name] = self._failures[name] + 1 if failed and not on_demand else 0
+                # Exit code 0 and kill -9 are requests to end.
+                early = now - self._started[name] < self.STARTING
+                self._failures[name] += 1
+                if not early or code in (0, -signal.SIGKILL):
+                    self._failures[name] = 0
+            if name not in self.failed and now - self._ended[name] >= self.PAUSE:
+                self.restart(name)
+                self.respawned[name] += 1
+                codes[name] = code
+        return codes
 
-    def _start(self, name: str) -> None:
-        self.running[name] = start(self.commands[name], env=self.environment)
-        self._started[name] = time.monotonic()
-        self._ended.pop(name, None)
-
-    def _kill(self, name: str) -> None:
-        """Kill what is left of one, and of what it started."""
-        with suppress(ProcessLookupError):
-            os.killpg(self.running[name].pid, signal.SIGKILL)
-        self.running[name].wait()
+    @property
+    def failed(self) -> list[str]:
+        """The processes that `respawn` has given up."""
+        return [name for name, count in self._failures.items() if count >= self.ATTEMPTS]
 
     def restart(self, name: str) -> None:
-        """End one and start it again."""
+        """End a process with its descendants, and start it again."""
         self._end(name)
         self._start(name)
 
     def stop(self) -> None:
-        """End them all at once, lest one miss the other, and whatever they started."""
+        """End all processes at once, with their descendants."""
         self._end(*self.running)
+
+    def _start(self, name: str) -> None:
+        self.running[name] = start(self.commands[name])
+        self._started[name] = time.monotonic()
+        self._ended.pop(name, None)
 
     def _end(self, *names: str) -> None:
         for name in names:
             if self.running[name].poll() is None:
-                # Python answers SIGINT with a traceback as long as it is still importing.
+                # SIGTERM: Python answers SIGINT with a traceback while it imports.
                 self.running[name].terminate()
         for name in names:
+            process = self.running[name]
             try:
-                self.running[name].wait(self.PATIENCE)
+                process.wait(self.ENDING)
             except subprocess.TimeoutExpired:
                 print(
-                    f'{name} did not end within {self.PATIENCE:g} s and is killed',
-                    file=sys.stderr,
+                    f'{name} did not end within {self.ENDING:g} s and is killed', file=sys.stderr
                 )
-            self._kill(name)
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()

@@ -1,4 +1,4 @@
-"""The recorder: a node that sends the waypoint and gathers the flight."""
+"""The recorder: a node that sends the waypoint and records the flight."""
 
 from __future__ import annotations
 
@@ -17,30 +17,41 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.bringup.link_faults import LINKS
+from ca_ros.arrays import Array
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.parameters import SIMULATOR
 from ca_ros.flight.record import Flight
+from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
 from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.nodes.qos import COMMAND, LOCKSTEP_DEPTH
 
+LINKS = tuple(topic.name for topic in topics.LINKS)
+
 REPEAT = 2.0
-"""Time after which parameters are asked for again [s]: DDS may lose an early answer."""
+"""Period of requests for the parameters [s]: DDS may lose an early answer."""
 
 ASKED = {'allocator': list(ALLOCATOR), 'simulator': list(SIMULATOR)}
 """The parameters that each node is asked for."""
 
 
 class Recorder(Node):
-    """Gathers what the simulator publishes into samples, by their stamps."""
+    """Joins the messages of the simulator to samples, by their stamps.
 
-    def __init__(self, namespace: str, links: Iterable[str] = LINKS) -> None:
-        super().__init__('recorder', namespace=namespace)
+    Parameters
+    ----------
+    links : iterable of str
+        Topics that need a publisher and a subscriber before the flight starts.
+    """
+
+    def __init__(
+        self, links: Iterable[str] = LINKS, node_name: str = 'recorder', **kwargs: Any
+    ) -> None:
+        super().__init__(node_name, **kwargs)
         self._links = links
         self._waypoint = self.create_publisher(
-            PoseStamped,
-            'command/pose',
+            topics.WAYPOINT.kind,
+            topics.WAYPOINT.name,
             COMMAND,
             event_callbacks=PublisherEventCallbacks(matched=self._greet),
         )
@@ -55,7 +66,7 @@ class Recorder(Node):
         self.restart()
 
     def restart(self) -> None:
-        """Forget the flight, which begins anew, and what is still on its way of it."""
+        """Discard the flight, with the messages of it that are still in the queues."""
         self._goal: Waypoint | None = None
         for stream, _ in self._streams:
             self.destroy_subscription(stream)
@@ -65,30 +76,30 @@ class Recorder(Node):
             depth=LOCKSTEP_DEPTH,
         )
         self._streams = [
-            (self.create_subscription(kind, topic, receive, everything), receive)
-            for kind, topic, receive in (
-                (PoseStamped, 'local_position/pose', self._receive_pose),
-                (TwistStamped, 'local_position/velocity_body', self._receive_velocity),
-                (Float64MultiArray, 'motor_speed', self._receive_speeds),
+            (self.create_subscription(topic.kind, topic.name, receive, everything), receive)
+            for topic, receive in (
+                (topics.POSE, self._receive_pose),
+                (topics.VELOCITY, self._receive_velocity),
+                (topics.SPEEDS, self._receive_speeds),
             )
         ]
-        self._samples: dict[int, dict[str, np.ndarray]] = {}
+        self._samples: dict[int, dict[str, Array]] = {}
         self._start: int | None = None
         self._last: int | None = None
 
     def drain(self) -> None:
-        """Take all that has come; an executor would take several times as long for a message."""
+        """Take all messages; an executor needs several times as long for a message."""
         for stream, receive in self._streams:
             with stream.handle:
                 while taken := stream.handle.take_message(stream.msg_type, False):
                     receive(taken[0])
         if self._start is None and self._samples:
-            # Before the flight only the newest samples matter: one may become the first.
+            # Before the flight only the newest samples matter: one becomes the first.
             oldest = max(self._samples) - 1_000_000_000
             self._samples = {key: part for key, part in self._samples.items() if key >= oldest}
 
     def missing(self) -> list[str]:
-        """Return the links of the loop that are not there yet, in words."""
+        """Return the topics and services that are not connected yet."""
         ends = {
             topic: (self.count_publishers(topic), self.count_subscribers(topic))
             for topic in self._links
@@ -99,9 +110,9 @@ class Recorder(Node):
             if not (publishers and subscribers)
         ]
         if not self._waypoint.get_subscription_count():
-            lacking.append('command/pose')
+            lacking.append(topics.WAYPOINT.name)
         if not any(len(sample) == 5 for sample in self._samples.values()):
-            lacking.append('motor_speed')
+            lacking.append(topics.SPEEDS.name)
         for node in ASKED:
             if node not in self._told:
                 lacking.append(f'{node}/get_parameters')
@@ -110,8 +121,8 @@ class Recorder(Node):
 
     def others(self, own: int = 0) -> list[str]:
         """Return the topics of the loop on which more than `own` nodes publish."""
-        topics = map(self.resolve_topic_name, [*self._links, 'motor_speed'])
-        return [topic for topic in topics if self.count_publishers(topic) > own]
+        names = map(self.resolve_topic_name, [*self._links, topics.SPEEDS.name])
+        return [name for name in names if self.count_publishers(name) > own]
 
     def _ask(self, node: str) -> None:
         client = self._parameter_clients[node]
@@ -126,7 +137,7 @@ class Recorder(Node):
         self._told.add(node)
 
     def send(self, waypoint: Waypoint) -> None:
-        """Send the waypoint; the flight begins when the rotors begin to turn."""
+        """Send the waypoint; the flight starts when the rotors start."""
         self._goal = waypoint
         message = PoseStamped()
         message.header.stamp = self.get_clock().now().to_msg()
@@ -141,7 +152,7 @@ class Recorder(Node):
         return self._goal is None
 
     def _greet(self, event: QoSPublisherMatchedInfo) -> None:
-        """Send the waypoint to a controller that came later, or came back."""
+        """Send the waypoint to a controller that starts late or was restarted."""
         if self._goal is not None and event.current_count_change > 0:
             self.send(self._goal)
 
@@ -152,11 +163,11 @@ class Recorder(Node):
 
     @property
     def elapsed_ns(self) -> int | None:
-        """The same in nanoseconds; None before the flight."""
+        """`elapsed` in nanoseconds; None before the flight."""
         return None if self._start is None or self._last is None else self._last - self._start
 
     def end(self, duration: float) -> int:
-        """Return the stamp with which a flight that lasts `duration` [s] ends [ns]."""
+        """Return the stamp at which a flight of `duration` [s] ends [ns]."""
         return (self._start or 0) + round(duration * 1e9)
 
     def flight(self, duration: float) -> Flight:
@@ -192,7 +203,7 @@ class Recorder(Node):
             self._start = time if self._start is None else min(time, self._start)
         self._put(time, speeds=speeds)
 
-    def _put(self, time: int, **parts: np.ndarray) -> None:
+    def _put(self, time: int, **parts: Array) -> None:
         sample = self._samples.setdefault(time, {})
         sample.update(parts)
         if len(sample) == 5 and self._start is not None:

@@ -1,4 +1,4 @@
-"""Rotor failures of a flight over nodes: through their parameter rotors.health, at given times."""
+"""Rotor failures in flight: sets the parameter rotors.health of the nodes at given times."""
 
 from __future__ import annotations
 
@@ -11,34 +11,33 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.options import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.vehicle.vehicle import Vehicle
 
 TIMEOUT = 60.0
-"""When a node that has not taken a parameter is held to be never going to [s]."""
+"""Time limit for a node to accept a parameter [s]."""
 
-AGAIN = 2.0
-"""After this time without an answer a node is asked once more [s]."""
+REPEAT = 2.0
+"""Time without an answer after which a request is repeated [s]."""
 
 
 class RotorHealthError(CaRosError):
-    """Rotor failures cannot be flown: the vehicle has no such rotor, or a node refuses them."""
+    """The vehicle has no such rotor, or a node refuses the parameter."""
 
 
 class RotorHealth:
-    """Breaks rotors in the simulator, and tells controller and allocator.
+    """Fails rotors in the simulator, and announces that to controller and allocator.
 
-    In lockstep the simulator waits at each of these times (`simulator.hold_at`) until all nodes
-    concerned have answered, so that a flight is the same each time.  In real time it does not
-    wait: the parameters are set as soon as the time has come.
+    In lockstep the simulator waits at each of these times (`simulator.hold_at`) until the nodes
+    have answered, so that each flight is the same.  In real time it does not wait.
 
     Parameters
     ----------
     node : Node
-        In the namespace of the nodes, which are asked from it.
+        A node in the namespace of the three nodes, for the clients.
     failures : RotorFailures
     parameters : mapping
         The nodes' parameters by name.
@@ -67,20 +66,20 @@ class RotorHealth:
         )
 
     def missing(self) -> list[str]:
-        """Return the nodes whose parameters cannot be set yet, in words."""
+        """Return the services that are not ready yet."""
         return [
             client.srv_name for client in self._clients.values() if not client.service_is_ready()
         ]
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
-        """Do what is due.
+        """Set the parameters that are due.
 
         Parameters
         ----------
         elapsed : int or None
             Time of flight up to the last complete sample [ns]; None before the flight.
         spin : callable
-            Lets the node get the answers.
+            Spins the node once.
 
         Raises
         ------
@@ -107,16 +106,16 @@ class RotorHealth:
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
     ) -> None:
         futures: list[Future] = []
-        patience, again = Patience(TIMEOUT), monotonic()
+        deadline, again = Deadline(TIMEOUT), monotonic()
         while not (done := [future for future in futures if future.done()]):
-            if patience.over():
+            if deadline.passed():
                 raise RotorHealthError(f'the {name} does not answer: {parameter} cannot be set')
-            # An answer is lost if the node has not found our end yet.
+            # The answer is lost if the node has not discovered the client yet.
             if monotonic() >= again:
                 message = Parameter(parameter, value=value).to_parameter_msg()
                 request = SetParameters.Request(parameters=[message])
                 futures.append(self._clients[name].call_async(request))
-                again = monotonic() + AGAIN
+                again = monotonic() + REPEAT
             spin()
         (result,) = done[0].result().results
         if not result.successful:

@@ -1,4 +1,4 @@
-"""A console that nobody reads must not hold up the motors."""
+"""Standard streams that never block a node."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ STREAMS = (1, 2)
 def replace_closed() -> None:
     """Open /dev/null in place of standard streams that are closed.
 
-    Otherwise the next file or socket that is opened takes the number of the stream, and what is
-    written to the stream ends up in there.
+    Otherwise the next file or socket takes the number of the stream, and output to the stream
+    ends up in that file or socket.
     """
     opened = os.open(os.devnull, os.O_RDWR)
     while opened <= max(STREAMS):
@@ -27,18 +27,18 @@ def replace_closed() -> None:
 
 
 def never_wait() -> None:
-    """Lose what the console cannot take at once, rather than wait for it.
+    """Make standard output and error non-blocking: output that does not fit is lost.
 
-    A terminal that is stopped, a pipe that is full or a journal that hangs would otherwise hold up
-    a node in the middle of its next log message.  That is still on /rosout and in ROS's log file.
+    Otherwise a stopped terminal, a full pipe or a blocked journal would block a node at its next
+    log message.  Each log message is also on /rosout and in ROS's log file.
     """
     for stream in STREAMS:
-        # One that is closed takes everything, one of another user stays as it is.
+        # Closed streams need nothing; a stream of another user cannot be reopened.
         with suppress(OSError):
             if stat.S_ISSOCK(os.fstat(stream).st_mode):
                 os.set_blocking(stream, False)
             elif os.isatty(stream) or stat.S_ISFIFO(os.fstat(stream).st_mode):
-                # Whoever else writes to it goes on to wait, which only opening it anew leaves be.
+                # Opening it again leaves the stream of other processes blocking.
                 own = os.open(f'/proc/self/fd/{stream}', os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
                 os.dup2(own, stream)
                 os.close(own)

@@ -6,11 +6,11 @@ from math import hypot
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_msgs.msg import Header
 
-from ca_ros.flight.controller import Controller as Law
-from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.controller import Controller, Waypoint
+from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
@@ -27,39 +27,42 @@ from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.parameters import AXES
 
 
-class Controller(VehicleNode):
-    """Answers each state, pose and velocity of one stamp, with command/wrench."""
+class ControllerNode(VehicleNode):
+    """Answers each state, a pose and a velocity with the same stamp, with command/wrench."""
 
     declared = CONTROLLER
-    law: Law
+    controller: Controller
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, node_name: str = 'controller', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
         self._open = False
         self._watchdog = Watchdog()
-        super().__init__(name)
-        self._wrench = self.offer(WrenchStamped, 'command/wrench')
-        self.listen(PoseStamped, 'local_position/pose', self._receive_pose)
-        self.listen(TwistStamped, 'local_position/velocity_body', self._receive_velocity)
-        self.create_subscription(PoseStamped, 'command/pose', self._receive_waypoint, COMMAND)
+        self.configure()
+        self._wrench = self.offer(topics.WRENCH)
+        self.listen(topics.POSE, self._receive_pose)
+        self.listen(topics.VELOCITY, self._receive_velocity)
+        self.create_subscription(
+            topics.WAYPOINT.kind, topics.WAYPOINT.name, self._receive_waypoint, COMMAND
+        )
         self.observe('control')
 
-    def build(self, parameters: dict[str, Any]) -> tuple[Audit, Law]:
-        """Make the control law for the axes that the rotors can command."""
+    def build(self, parameters: dict[str, Any]) -> tuple[Audit, Controller]:
+        """Make the controller for the axes that the rotors can command."""
         report = self.audited(parameters)
-        return report, Law.from_parameters(report.vehicle, parameters)
+        return report, Controller.from_parameters(report.vehicle, parameters)
 
-    def adopt(self, built: tuple[Audit, Law]) -> None:
-        """Control with this law from the next state on."""
-        report, self.law = built
+    def adopt(self, built: tuple[Audit, Controller]) -> None:
+        """Use this controller from the next state on."""
+        report, self.controller = built
         self.note(report)
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
         self._watchdog.timeout = self.parameters['command_timeout']
 
     def levels(self) -> list[tuple[bytes, str]]:
-        """Return what is to be said of the node, with its levels."""
+        """Return the levels of the diagnostics with their messages."""
         levels = super().levels()
         if self._watchdog.expired:
             return [*levels, (ERROR, 'no state')]
@@ -67,7 +70,7 @@ class Controller(VehicleNode):
         return [*levels, (OK, 'under way') if self._watchdog.awake else (STALE, waiting)]
 
     def watch(self) -> None:
-        """Notice that no states come; in lockstep time may stand still."""
+        """Log when no states come; a lockstep may pause at will."""
         if self.mode == 'realtime' and self._watchdog.look() and self._watchdog.begun:
             self.get_logger().error(f'no state for {self._watchdog.timeout:g} s')
 
@@ -110,7 +113,7 @@ class Controller(VehicleNode):
                 return
         wrench = np.zeros(len(AXES))
         try:
-            wrench[self._rows] = self.law.wrench(
+            wrench[self._rows] = self.controller.wrench(
                 *pose_arrays(self._pose), *twist_arrays(self._velocity), self._waypoint
             )
         except ValueError as error:
@@ -118,12 +121,12 @@ class Controller(VehicleNode):
                 self.drop('state', f'state: {error}')
             return
         self._watchdog.feed()
-        self.counts['served' if first else 'served anew'] += 1
+        self.counts['served' if first else 'served again'] += 1
         header = Header(stamp=self._pose.header.stamp, frame_id=self.parameters['command_frame'])
         self._wrench.publish(wrench_message(wrench, header))
 
     def _wrong_frame(self, message: PoseStamped | TwistStamped, name: str) -> str | None:
-        """Return what is wrong with a message's frame, if anything, by the parameter of a name."""
+        """Return how a message's frame differs from the parameter of a name; None if it may."""
         fault = wrong_frame(message.header.frame_id, self.parameters[name])
         return f'{fault} (parameter {name})' if fault else None
 
@@ -131,7 +134,8 @@ class Controller(VehicleNode):
 def main() -> int:
     """Run the node."""
     return run(
-        Controller,
+        'controller',
+        ControllerNode,
         'Fly to a waypoint (command/pose): pose and velocity to a wrench (command/wrench).',
     )
 

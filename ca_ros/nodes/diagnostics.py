@@ -1,4 +1,4 @@
-"""A node's account of itself on /diagnostics (REP 107)."""
+"""The diagnostics of a node on /diagnostics (REP 107)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from ca_ros.nodes.qos import COMMAND
+from ca_ros.nodes.topics import DIAGNOSTICS
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -19,28 +20,27 @@ OK, WARN, ERROR, STALE = (
 )
 
 LATENCIES = 5000
-"""How many of the last latencies the percentiles are taken from."""
-
+"""The percentiles are those of so many last latencies."""
 
 SEVERITY = (OK, STALE, WARN, ERROR)
-"""Which of several levels is to be published: a fault rather than the absence of news."""
+"""Order of the levels, of which the worst is published: a fault outranks missing data."""
 
 
 class Diagnostics:
-    """A status that is published when it is asked for, or has changed.
+    """A status that is published on demand or on change.
 
     Parameters
     ----------
     node : Node
     subject : str
-        What of the node it is about.
+        The part of the node that the status describes.
     levels : callable
-        Returns levels with their messages, for instance ``[(WARN, 'two publishers')]``; the worst
-        are published.
+        Returns levels with their messages, for instance ``[(WARN, 'two publishers')]``; those of
+        the worst level are published.
     values : callable
-        Returns details by name.
+        Returns values by name.
     hardware_id : str
-        Which vehicle it is about.
+        Name of the vehicle.
     """
 
     def __init__(
@@ -54,17 +54,17 @@ class Diagnostics:
         self._node, self._levels, self._values = node, levels, values
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {subject}'
         self._hardware_id = hardware_id
-        self._said: tuple[bytes, str] | None = None
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', COMMAND)
+        self._published: tuple[bytes, str] | None = None
+        self._publisher = node.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
 
     def update(self) -> None:
         """Publish if level or message have changed."""
-        if self._status() != self._said:
+        if self._status() != self._published:
             self.publish()
 
     def publish(self) -> None:
-        """Publish level, message and details."""
-        self._said = level, message = self._status()
+        """Publish level, message and values."""
+        self._published = level, message = self._status()
         status = DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware_id
         )

@@ -6,7 +6,6 @@ import argparse
 import faulthandler
 import gc
 import json
-import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -16,15 +15,15 @@ from pathlib import Path
 
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
+from rclpy.utilities import remove_ros_args, try_shutdown
 
 from ca_ros import arguments
 from ca_ros.arguments import full_name, renamed
 from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
 from ca_ros.schema import PARAMETERS, MissingParameterError, ParameterError, check
 from ca_ros.signals import ending_signals
 from ca_ros.vehicle.files import NoSectionError, find, load, matches, read_value, read_yaml
@@ -36,22 +35,20 @@ ENDING_MAX = 60.0
 """How long a node may take to end [s]."""
 
 WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
-RCLError = rclpy_implementation.RCLError
-RCLInvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
 
 
 def in_one_line(error: Exception) -> str:
-    """Return an error of ROS without the places in its sources."""
+    """Return the message of a ROS error without file names and lines."""
     return str(error).split(', at ')[0].strip()
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return our own arguments and those for ROS, as ROS would take them.
+    """Split a command line into the node's own arguments and those for ROS.
 
     Raises
     ------
     ValueError
-        If ROS would not take them.
+        If ROS rejects its part.
     """
     try:
         remove_ros_args(args=['', *argv])
@@ -69,7 +66,7 @@ def vehicle_arguments(vehicle: str, node: str) -> list[str]:
         A shipped vehicle's name, or a path to a parameter file.
     node : str
         Full name of the node.  Where the file has no section for it, as the dump of another node
-        has none, it gets what `Vehicle.load` reads.
+        has none, the node gets what `Vehicle.load` reads.
 
     Raises
     ------
@@ -101,7 +98,7 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     )
     own, ros = split(argv)
     node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
-    # ROS ignores a -p of another type than the value in a parameter file, and does not say so.
+    # ROS silently ignores a -p whose type differs from that of the value in a parameter file.
     for option, rule in pairwise(ros):
         name, _, value = rule.partition(':=')
         owner, _, name = name.rpartition(':')
@@ -118,7 +115,7 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         )
     if vehicle is None:
         return ros
-    # Before the user's own files, which may then override single values of it.
+    # Before the files of the user, so that these can override single values.
     return [*vehicle_arguments(vehicle, node), *ros]
 
 
@@ -137,55 +134,68 @@ def _parameter_files(ros: Sequence[str]) -> str:
 
 
 def run(
-    node_class: type[Node],
+    name: str,
+    node_class: Callable[[str], Node],
     description: str,
     argv: Sequence[str] | None = None,
     parse: Callable[[str, str, Sequence[str]], list[str]] = parse,
 ) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 
-    The signals set a flag rather than end the context, so that the node can publish its last word.
+    The signals set a flag rather than shut the context down, so that the node can send its last
+    messages.
+
+    Parameters
+    ----------
+    name : str
+        Name of the executable and the node.
+    node_class : callable
+        Makes the node from its name.
+    description : str
+        For ``--help``.
+    argv : sequence of str, optional
+        The command line; default `sys.argv`.
+    parse : callable, optional
+        Returns the arguments for ROS from name, description and command line.
     """
     replace_closed()
-    prog = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', node_class.__name__).lower()
     stop: list[int] = []
 
     def end(received: int, _: object) -> None:
         stop.append(received)
-        # Should the middleware not let go, the process ends all the same, and shows where it was.
+        # If the middleware blocks, the process still ends, with a traceback.
         if sys.__stderr__ is not None:
             faulthandler.dump_traceback_later(ENDING_MAX, exit=True, file=sys.__stderr__)
 
     for number in ending_signals():
         signal.signal(number, end)
     if sys.__stderr__ is not None:
-        # Whoever wonders what a node is doing may ask.
+        # SIGUSR1 dumps the tracebacks of all threads.
         faulthandler.register(signal.SIGUSR1, file=sys.__stderr__)
     never_wait()
     with ExitStack() as ending:
-        ending.callback(rclpy.try_shutdown)
+        ending.callback(try_shutdown)
         ros: list[str] = []
         try:
-            ros = parse(prog, description, sys.argv[1:] if argv is None else argv)
+            ros = parse(name, description, sys.argv[1:] if argv is None else argv)
             rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
-            node = node_class(prog)
+            node = node_class(name)
         except MissingParameterError as error:
-            print(f'{prog}: {error} in {_parameter_files(ros)}', file=sys.stderr)
+            print(f'{name}: {error} in {_parameter_files(ros)}', file=sys.stderr)
             return 1
         except (ValueError, *WRONG_PARAMETER) as error:
-            print(f'{prog}: {error}', file=sys.stderr)
+            print(f'{name}: {error}', file=sys.stderr)
             return 1
         except RCLError as error:
-            print(f'{prog}: {in_one_line(error)}', file=sys.stderr)
+            print(f'{name}: {in_one_line(error)}', file=sys.stderr)
             return 1
         executor = Executor()
         executor.add_node(node)
-        ending.callback(node.destroy_node)
-        # Left to the interpreter's end, it may find its context gone.
+        # The interpreter's own end may destroy the context before the executor.
         ending.callback(executor.shutdown)
-        # However the node ends, be it by an exception: its last word goes out before all else.
-        ending.callback(node.close)
-        # What has been made so far stays: the garbage collector need not look at it again.
+        # However the node ends, also by an exception, its last messages go out first.
+        ending.callback(node.destroy_node)
+        # The garbage collector need not scan again what exists by now.
         gc.collect()
         gc.freeze()
         while not stop:

@@ -1,4 +1,4 @@
-"""The executor of the nodes."""
+"""An executor with one wait set for one thread."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Any
 
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy import executors
-from rclpy.clock import Clock, ClockType
-from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.service import Service
 from rclpy.subscription import Subscription
@@ -18,6 +20,8 @@ from rclpy.timer import Timer
 from rclpy.utilities import timeout_sec_to_nsec
 from rclpy.waitable import Waitable
 from rosgraph_msgs.msg import Clock as ClockMessage
+
+from ca_ros.nodes.rclpy_internals import WaitSet, guard_condition, takes_info
 
 
 def _convert_parameters(request: Any) -> None:
@@ -30,7 +34,7 @@ CONVERSIONS: dict[type, Callable[[Any], object]] = {
     SetParameters: _convert_parameters,
     SetParametersAtomically: _convert_parameters,
 }
-"""What rclpy's own callbacks begin with; they let an error pass, which would end the node."""
+"""Conversions with which rclpy's own callbacks begin; an error in one would end the node."""
 
 
 class Executor(executors.Executor):
@@ -38,23 +42,38 @@ class Executor(executors.Executor):
 
     Each turn serves one message of each subscription, the timers, the events and one request of
     each service, in this order.  A flood of messages thus delays a service by a turn, and a timer
-    knows of the messages that arrived before it was due.
+    runs after the messages that arrived before it was due.
 
     rclpy's SingleThreadedExecutor builds a wait set and a task for each callback, which takes
     longer than the callback of a command.  Its EventsExecutor queues an event for each message,
     including those that newer messages have replaced: it needs minutes to recover from a flood.
 
-    Clients, guard conditions and coroutines are not served; the nodes have none.
+    Clients, guard conditions and coroutines of nodes are not served.
+
+    Parameters
+    ----------
+    context : Context, optional
+        Of the nodes; default the global one.
     """
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, *, context: Context | None = None) -> None:
+        super().__init__(context=context)
         self._changed = True
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._subscriptions: list[Subscription] = []
+        self._subscriptions: list[tuple[Node, Subscription]] = []
         self._timers: list[Timer] = []
-        self._services: list[Service] = []
+        self._services: list[tuple[Node, Service]] = []
         self._waitables: list[Waitable] = []
+
+    def add_node(self, node: Node) -> bool:
+        """Serve a node from the next turn on."""
+        self._changed = True
+        return super().add_node(node)
+
+    def remove_node(self, node: Node) -> None:
+        """Serve a node no more from the next turn on."""
+        self._changed = True
+        super().remove_node(node)
 
     def wake(self) -> None:
         """Note that entities may have changed, and end the wait."""
@@ -75,13 +94,13 @@ class Executor(executors.Executor):
         # rcl removes what is not ready from a wait set, so it is filled again each turn.
         wait_set = self._wait_set
         wait_set.clear_entities()
-        wait_set.add_guard_condition(self._guard.handle)
-        for subscription in self._subscriptions:
+        wait_set.add_guard_condition(guard_condition(self).handle)
+        for _, subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
         for timer in self._timers:
             wait_set.add_timer(timer.handle)
         services = self._services if everything else []
-        for service in services:
+        for _, service in services:
             wait_set.add_service(service.handle)
         waitables = self._waitables if everything else []
         for waitable in waitables:
@@ -93,11 +112,10 @@ class Executor(executors.Executor):
         subscriptions = [s for i, s in enumerate(self._subscriptions) if ready('subscription', i)]
         services = [service for i, service in enumerate(services) if ready('service', i)]
         waitables = [waitable for waitable in waitables if waitable.is_ready(wait_set)]
-        for subscription in subscriptions:
+        for node, subscription in subscriptions:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken is not None and self._convertible(subscription.msg_type, taken[0]):
-                plain = subscription._callback_type is Subscription.CallbackType.MessageOnly
-                subscription.callback(*taken[:1] if plain else taken)
+            if taken is not None and self._convertible(node, subscription.msg_type, taken[0]):
+                subscription.callback(*taken if takes_info(subscription) else taken[:1])
         for timer in self._timers:
             if timer.handle.is_timer_ready():
                 timer.handle.call_timer()
@@ -106,21 +124,22 @@ class Executor(executors.Executor):
             task = Task(waitable.execute, (waitable.take_data(),), executor=self)
             task()
             task.result()
-        for service in services:
-            request, header = service.handle.service_take_request(service.srv_type.Request)
+        for node, service in services:
+            kind: Any = service.srv_type
+            request, header = service.handle.service_take_request(kind.Request)
             if header is not None:
-                response = service.srv_type.Response()
-                if self._convertible(service.srv_type, request):
+                response = kind.Response()
+                if self._convertible(node, kind, request):
                     response = service.callback(request, response)
                 service.send_response(response, header)
 
-    def _convertible(self, kind: type, message: Any) -> bool:
-        """Tell whether rclpy can convert a message or request; log it if not."""
+    def _convertible(self, node: Node, kind: Any, message: Any) -> bool:
+        """Return whether rclpy can convert a message or request; log it if not."""
         try:
             if kind in CONVERSIONS:
                 CONVERSIONS[kind](message)
         except ValueError as error:
-            self.get_nodes()[0].get_logger().warning(
+            node.get_logger().warning(
                 f'dropped: {kind.__name__}: {error}',
                 throttle_duration_sec=1.0,
                 throttle_time_source_type=self._steady,
@@ -131,11 +150,11 @@ class Executor(executors.Executor):
     def _gather(self) -> None:
         self._changed = False
         nodes = self.get_nodes()
-        self._subscriptions = [x for node in nodes for x in node.subscriptions]
+        self._subscriptions = [(node, x) for node in nodes for x in node.subscriptions]
         self._timers = [x for node in nodes for x in node.timers]
-        self._services = [x for node in nodes for x in node.services]
+        self._services = [(node, x) for node in nodes for x in node.services]
         self._waitables = [x for node in nodes for x in node.waitables]
-        self._wait_set = rclpy_implementation.WaitSet(
+        self._wait_set = WaitSet(
             len(self._subscriptions),
             1,
             len(self._timers),

@@ -44,7 +44,7 @@ def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
 
 
 def fill_speeds(message: Float64MultiArray, speeds: Array, time: int | None) -> Float64MultiArray:
-    """Fill a `speeds_message` once more, which takes a quarter of the time of a new one."""
+    """Fill a `speeds_message` again, in a quarter of the time of a new one."""
     message.data = array('d', speeds.tobytes())
     message.layout.dim[1].label = NO_STAMP if time is None else f'stamp {time}'
     return message
@@ -60,7 +60,7 @@ def speeds_stamp(message: Float64MultiArray) -> int | None:
 
 
 def answers_nothing(message: Float64MultiArray) -> bool:
-    """Tell whether a `speeds_message` is a timeout action or a last word."""
+    """Return whether a `speeds_message` is a timeout action or a last command."""
     return any(dimension.label == NO_STAMP for dimension in message.layout.dim)
 
 

@@ -3,11 +3,11 @@
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 LOCKSTEP_DEPTH = 2000
-"""In lockstep a recorder may fall behind by this many steps without losing one."""
+"""Steps by which a recorder may lag in lockstep without losing a message."""
 
 
 def offered(mode: str) -> QoSProfile:
-    """Return what publishers offer: reliable, so that all match, and only the newest message."""
+    """Return the QoS of publishers: reliable, which any subscriber matches, and depth 1."""
     depth = LOCKSTEP_DEPTH if mode == 'lockstep' else 1
     return QoSProfile(
         reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=depth
@@ -15,7 +15,7 @@ def offered(mode: str) -> QoSProfile:
 
 
 def requested(mode: str) -> QoSProfile:
-    """Return what subscribers of streams ask for: the newest message, in lockstep every one."""
+    """Return the QoS of subscribers of streams: the newest message, in lockstep each one."""
     if mode == 'lockstep':
         return offered(mode)
     return QoSProfile(
@@ -26,4 +26,4 @@ def requested(mode: str) -> QoSProfile:
 COMMAND = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1
 )
-"""Of rare commands, such as a waypoint, that must arrive."""
+"""QoS of rare messages that must arrive, such as a waypoint."""

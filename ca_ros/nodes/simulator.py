@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.duration import Duration
 from std_msgs.msg import Float64MultiArray
 
@@ -18,6 +17,7 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
     velocity_in_body,
 )
+from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
@@ -34,47 +34,47 @@ from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.vehicle.vehicle import Vehicle
 
 REPEAT = 0.2
-"""In lockstep a state that nobody has answered is published again after this time [s]."""
+"""In lockstep the node publishes an unanswered state again after this time [s]."""
 
 BACKLOG = LOCKSTEP_DEPTH // 4
-"""In lockstep, after so many steps, those who read along are given the time to catch up."""
+"""In lockstep the node waits for its subscribers after so many steps."""
 
-CATCH_UP = 2.0
-"""How much time at most [s]: one that has been killed will not."""
+CATCH_UP_MAX = 2.0
+"""Longest such wait [s]: a subscriber that was killed never acknowledges."""
 
 BEHIND_MAX = 0.5
 """In real time the simulation catches up with the clock if it is not more than this behind [s]."""
 
 
-class Simulator(VehicleNode):
+class SimulatorNode(VehicleNode):
     """Integrates the vehicle with explicit Euler steps.
 
-    It rests until the first command comes.  In real time it then keeps up with the steady clock
-    times a factor, using the last command.  Where it cannot, the vehicle's motion leaves time out,
-    but the stamps do not.  In lockstep it takes one step for each command that answers its present
-    state.  From the time `simulator.hold_at` of a lockstep on it publishes no state until that
-    parameter changes, so that other parameters can be set at a defined time.
+    The vehicle rests until the first command.  In real time the node then takes its steps by the
+    steady clock times a factor, with the last command.  Where it cannot keep up, it skips steps
+    of the motion but not of the stamps.  In lockstep it takes one step for each command that
+    answers its present state.  From the time `simulator.hold_at` of a lockstep on it publishes no
+    state until that parameter changes, so that other parameters can be set at a defined time.
     """
 
     declared = SIMULATOR
     body: RigidBody
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        lockstep = self.mode == 'lockstep'
         self._state = NULL_STATE
         self._watchdog = Watchdog()
-        self._held = False
-        super().__init__(name)
-        self._resting = True
+        self._held, self._resting = False, True
+        self.configure()
         self._command = np.zeros(self.body.vehicle.n)
         self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
         self._period_ns = round(self._step_ns / self.parameters['simulator.real_time_factor'])
-        self._time = 0 if self.mode == 'lockstep' else self.get_clock().now().nanoseconds
+        self._time = 0 if lockstep else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
-        self._pose = self.offer(PoseStamped, 'local_position/pose')
-        self._velocity = self.offer(TwistStamped, 'local_position/velocity_body')
-        self._speeds = self.offer(Float64MultiArray, 'motor_speed')
-        self.listen(Float64MultiArray, 'command/motor_speed', self._receive)
-        lockstep = self.mode == 'lockstep'
+        self._pose = self.offer(topics.POSE)
+        self._velocity = self.offer(topics.VELOCITY)
+        self._speeds = self.offer(topics.SPEEDS)
+        self.listen(topics.SPEED_COMMAND, self._receive)
         self._timer = self.create_timer(
             REPEAT if lockstep else self._period_ns / 1e9,
             self._repeat if lockstep else self._catch_up,
@@ -90,7 +90,7 @@ class Simulator(VehicleNode):
     def adopt(self, built: RigidBody) -> None:
         """Move like this body from the next step on."""
         self.body = built
-        # What another program has computed may be a rounding error beyond the bound.
+        # Other programs may exceed the bound by a rounding error.
         self._greatest = built.vehicle.speed_max * (1.0 + 1e-9)
         self._watchdog.timeout = self.parameters['command_timeout']
         self._hold_ns = round(self.parameters['simulator.hold_at'] * 1e9)
@@ -98,7 +98,7 @@ class Simulator(VehicleNode):
             self._publish()
 
     def levels(self) -> list[tuple[bytes, str]]:
-        """Return what is to be said of the node, with its levels."""
+        """Return the levels of the diagnostics with their messages."""
         levels = super().levels()
         if self._watchdog.expired:
             return [*levels, (ERROR, f'no command: {self.parameters["timeout_action"]}')]
@@ -143,7 +143,7 @@ class Simulator(VehicleNode):
                 self._wait_for_readers()
             self._timer.reset()
         else:
-            # An answer to a state that was repeated, and has been answered.
+            # A second answer to a state that was published again.
             self.counts['repeated'] += 1
 
     def _follow(self, speeds: Array) -> None:
@@ -152,12 +152,13 @@ class Simulator(VehicleNode):
         self.counts['served'] += 1
 
     def _wait_for_readers(self) -> None:
-        patience = Duration(seconds=CATCH_UP)
+        """Wait until the subscribers have acknowledged what was published."""
+        limit = Duration(seconds=CATCH_UP_MAX)
         publishers = self._speeds, self._pose, self._velocity
-        all(publisher.wait_for_all_acked(patience) for publisher in publishers)
+        all(publisher.wait_for_all_acked(limit) for publisher in publishers)
 
     def _repeat(self) -> None:
-        """Publish an unanswered state once more: whoever was not there may be now."""
+        """Publish an unanswered state again, for nodes that started late."""
         if self._resting:
             self._publish_speeds()
         self._publish()
@@ -222,7 +223,9 @@ class Simulator(VehicleNode):
 def main() -> int:
     """Run the node."""
     return run(
-        Simulator, 'Simulate the vehicle: rotor speeds (command/motor_speed) to pose and velocity.'
+        'simulator',
+        SimulatorNode,
+        'Simulate the vehicle: rotor speeds (command/motor_speed) to pose and velocity.',
     )
 
 

@@ -1,4 +1,4 @@
-"""What the three nodes have in common: the parameters of a vehicle, and being observed."""
+"""The base class of the nodes: parameters of a vehicle, streams, diagnostics."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from math import inf
 from time import monotonic
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.duration import Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterNotDeclaredException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -26,6 +26,8 @@ from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameters import NODE
 from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
+from ca_ros.nodes.topics import Topic, type_name
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.schema import PARAMETERS, REQUIRED, MissingParameterError, complete
@@ -33,16 +35,14 @@ from ca_ros.schema import Parameter as Declared
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
-"""Each event costs every command half a microsecond; `mismatch` says what rclpy's would."""
+"""Each event handler costs half a microsecond per command; `mismatch` replaces rclpy's."""
 
 SIZE_MAX = 16384
-"""Of a stream's message [bytes]: 2000 rotor speeds."""
-
-RMWError = rclpy_implementation.RMWError
+"""Largest message of a stream [bytes]: 2000 rotor speeds."""
 
 
 def explicit(profile: QoSProfile) -> QoSProfile:
-    """Return what decides about a match, with infinity for durations that are left open (zero)."""
+    """Return the policies that decide about a match; unset durations (zero) become infinite."""
     return QoSProfile(
         depth=1,
         reliability=profile.reliability,
@@ -61,12 +61,11 @@ def mismatch(
     offered: QoSProfile,
     requested: QoSProfile,
 ) -> str | None:
-    """Return why the two ends of a topic cannot match, if so.
+    """Return why a publisher and a subscription cannot match; None if they can.
 
-    That they have not matched says little: they may be about to.
+    The number of matches does not tell, because discovery takes time.
     """
-    kind = own.msg_type
-    if other.topic_type != f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}':
+    if other.topic_type != type_name(own.msg_type):
         return f'type: {other.topic_type}'
     compatibility, reason = qos_check_compatible(explicit(offered), explicit(requested))
     if compatibility == QoSCompatibility.ERROR:
@@ -75,7 +74,22 @@ def mismatch(
 
 
 class VehicleNode(Node):
-    """A node with parameters of a vehicle, rebuilt as a whole when they change.
+    """A node with the parameters of a vehicle.
+
+    A change of parameters takes effect completely or not at all.  The constructor of a subclass
+    calls `configure`, once all is there that its `build` and `adopt` use; then `offer` and
+    `listen` for its topics; and `observe` at its end.
+
+    Parameters
+    ----------
+    node_name : str
+    **kwargs
+        As for `rclpy.node.Node`: context, namespace, parameter_overrides and others.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is missing or wrong.
 
     Attributes
     ----------
@@ -84,17 +98,23 @@ class VehicleNode(Node):
     """
 
     declared: ClassVar[Mapping[str, Declared]]
-    audit: Audit | None = None
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    def __init__(self, node_name: str, **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        self.audit: Audit | None = None
         self.counts: Counter[str] = Counter()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._streams: list[Subscription] = []
         self._offers: list[Publisher] = []
-        self._said: dict[str, float] = {}
+        self._logged: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
         self._dropped_before = 0
+        self._candidate: tuple[dict[str, Any], Any] | None = None
+        self.parameters: dict[str, Any] = self._declare()
+        self.mode = str(self.parameters['mode'])
+
+    def _declare(self) -> dict[str, Any]:
+        """Declare the parameters and return their values by name."""
         given = {}
         for key, parameter in self.declared.items():
             descriptor = ParameterDescriptor(
@@ -105,44 +125,54 @@ class VehicleNode(Node):
             )
             default = None if parameter.default is REQUIRED else parameter.default
             given[key] = self.declare_parameter(key, default, descriptor).value
-        given.update({key: override.value for key, override in self._parameter_overrides.items()})
+        overrides = given_parameters(self)
+        given.update({key: override.value for key, override in overrides.items()})
         try:
-            self.parameters = complete(given, self.declared)
+            parameters = complete(given, self.declared)
         except MissingParameterError as error:
             name = self.get_fully_qualified_name()
             raise MissingParameterError(f'{error}; looked for by the node {name}') from None
-        # The file of a vehicle has the parameters of all its nodes, and a file from
-        # `ros2 param dump` has those of rclpy's topics.
-        strangers = [
+        # The file of a vehicle has the parameters of all its nodes, and files from
+        # `ros2 param dump` have those of rclpy's own topics.
+        unknown = [
             key
-            for key in self._parameter_overrides
+            for key in overrides
             if key not in PARAMETERS
             and not self.has_parameter(key)
             and not key.startswith('qos_overrides.')
         ]
-        if strangers:
-            self.get_logger().warning(f'no parameters of this node: {", ".join(strangers)}')
-        self._candidate: tuple[dict[str, Any], Any] | None = None
-        self.mode = str(self.parameters['mode'])
+        if unknown:
+            self.get_logger().warning(f'no parameters of this node: {", ".join(unknown)}')
+        return parameters
+
+    def configure(self) -> None:
+        """Build and adopt from the parameters, now and on each change of them."""
         self._built = self.build(self.parameters)
         self.adopt(self._built)
         self.add_on_set_parameters_callback(self._consider)
         self.add_post_set_parameters_callback(self._accept)
 
+    def destroy_node(self) -> None:
+        """Let the node send its last messages (`close`) and destroy it."""
+        try:
+            self.close()
+        finally:
+            super().destroy_node()
+
     def audited(self, parameters: dict[str, Any]) -> Audit:
-        """Return what the vehicle's rotors can command.
+        """Audit what the vehicle's rotors can command.
 
         Raises
         ------
         ParameterError
             If an axis or hover is lost at the start, and `allocation.lost_axes` is refuse.
         """
-        # In flight lost axes are given up; nothing is refused.
+        # A running node drops lost axes; only the start refuses them.
         lost_axes = None if self.audit is None else 'drop'
         return accept(Vehicle.from_parameters(parameters), lost_axes)
 
     def note(self, report: Audit) -> None:
-        """Keep an audit, and say it if it is another than before."""
+        """Keep an audit, and log it if it differs from the one before."""
         if str(report) != str(self.audit):
             if report.sound:
                 self.get_logger().info(f'audit: {report}')
@@ -151,26 +181,27 @@ class VehicleNode(Node):
         self.audit = report
 
     def build(self, parameters: dict[str, Any]) -> Any:
-        """Make what `adopt` will take over, of the parameters that are not in `NODE`.
+        """Return what `adopt` takes over, made from the parameters that are not in `NODE`.
 
         Raises
         ------
         ValueError
-            If they are wrong.
+            If the parameters are wrong.
         """
         raise NotImplementedError
 
     def adopt(self, built: Any) -> None:
-        """Take over what `build` made, between two messages."""
+        """Take over what `build` returned; called between two messages."""
         raise NotImplementedError
 
-    def listen(self, kind: type, topic: str, receive: Callable[[Any], None]) -> None:
-        """Subscribe to a stream that one publisher should send.
+    def listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
+        """Subscribe to a stream that should have one publisher.
 
-        Messages of more than `SIZE_MAX` bytes are dropped before they are converted.  Messages
-        that were lost on their way, or replaced by a newer one before the node could take them,
-        are counted while one publisher sends.
+        Messages of more than `SIZE_MAX` bytes are dropped before conversion.  While there is one
+        publisher, the node counts the messages that were lost in transport or replaced by a newer
+        message before it took them.
         """
+        kind, name = topic.kind, topic.name
         newest = 0
 
         def take(data: bytes, about: dict[str, Any]) -> None:
@@ -178,16 +209,16 @@ class VehicleNode(Node):
             number = about.get('publication_sequence_number') or 0
             lost = number - newest - 1
             if newest and lost > 0 and stream.get_publisher_count() == 1:
-                self.counts[f'lost: {topic}'] += lost
+                self.counts[f'lost: {name}'] += lost
             newest = number
             fault, message = None, None
             if len(data) > SIZE_MAX:
-                fault = 'size', f'{len(data)} bytes on {topic}: expected up to {SIZE_MAX}'
+                fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
             else:
                 try:
                     message = deserialize_message(data, kind)
                 except RMWError:
-                    fault = 'bytes', f'{len(data)} bytes on {topic} are no {kind.__name__}'
+                    fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
             if fault:
                 self.counts['received'] += 1
                 self.drop(*fault)
@@ -200,8 +231,9 @@ class VehicleNode(Node):
 
         stream = self.create_subscription(
             kind,
-            topic,
-            take,
+            name,
+            # rclpy's annotation leaves out callbacks that take the information, too.
+            cast('Callable[[bytes], None]', take),
             requested(self.mode),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(
@@ -210,47 +242,47 @@ class VehicleNode(Node):
         )
         self._streams.append(stream)
 
-    def offer(self, kind: type, topic: str) -> Publisher:
-        """Create the publisher of a stream that nobody else should send."""
+    def offer(self, topic: Topic) -> Publisher:
+        """Create the publisher of a stream; it should be the only one."""
         publisher = self.create_publisher(
-            kind, topic, offered(self.mode), event_callbacks=NO_EVENTS
+            topic.kind, topic.name, offered(self.mode), event_callbacks=NO_EVENTS
         )
         self._offers.append(publisher)
         return publisher
 
     def drop(self, reason: str, what: str) -> None:
-        """Count a message that is not served, and say why now and then."""
+        """Count a message that is not served, and log the reason, rate limited."""
         self.counts[f'dropped: {reason}'] += 1
         self.complain(reason, f'dropped: {what}')
 
     def complain(self, reason: str, what: str) -> None:
-        """Log a warning, for each reason once a second at most; the system's clock may jump."""
+        """Log a warning, for each reason once a second at most, by the steady clock."""
         now = monotonic()
-        if now >= self._said.get(reason, -inf) + 1.0:
-            self._said[reason] = now
+        if now >= self._logged.get(reason, -inf) + 1.0:
+            self._logged[reason] = now
             self.get_logger().warning(what)
 
     def observe(self, subject: str) -> None:
-        """Begin to give account of the node on /diagnostics: once a second, and on change."""
+        """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
         self._looked = monotonic()
         vehicle = str(self.parameters['vehicle.name'])
         self._diagnostics = Diagnostics(self, subject, self.levels, self.values, vehicle)
         self.create_timer(TICK, self._tick, clock=self.steady)
 
     def levels(self) -> list[tuple[bytes, str]]:
-        """Return what is to be said of the node, with its levels."""
+        """Return the levels of the diagnostics with their messages."""
         lost = self.audit is not None and not self.audit.sound
         return self._notes + ([(ERROR, str(self.audit))] if lost else [])
 
     def values(self) -> dict[str, object]:
-        """Return details of the node by name."""
+        """Return the values of the diagnostics by name."""
         return dict(self.counts)
 
     def watch(self) -> None:
-        """Look at what does not come by itself; called every `TICK` seconds."""
+        """Check the timeouts; called every `TICK` seconds."""
 
     def close(self) -> None:
-        """Say the last word before the node ends."""
+        """Send the last messages; called before the node is destroyed."""
 
     def _tick(self) -> None:
         now = monotonic()
@@ -262,7 +294,7 @@ class VehicleNode(Node):
             self._diagnostics.update()
 
     def _look_around(self) -> None:
-        """Note who is at the other ends of the topics, and whether something was dropped."""
+        """Note surplus publishers, publishers and subscribers that cannot match, and drops."""
         notes = []
         for stream in self._streams:
             topic = stream.topic_name
@@ -305,14 +337,14 @@ class VehicleNode(Node):
         ours = {change.name: change.value for change in changes if change.name in self.declared}
         if not ours:
             return SetParametersResult(successful=True)
-        # However many changes a client asks for, commands and timers wait for one at most.
+        # A client may ask for many changes at once; commands and timers wait for one at most.
         if isinstance(self.executor, Executor):
             self.executor.spin_streams(0.0)
         try:
             parameters = complete({**self.parameters, **ours}, self.declared)
-            # A rebuild delays the motors and forgets critical regions.
-            anew = any(name not in NODE for name in ours)
-            self._candidate = parameters, self.build(parameters) if anew else self._built
+            # A rebuild takes time and forgets the cached critical regions: only where necessary.
+            rebuild = any(name not in NODE for name in ours)
+            self._candidate = parameters, self.build(parameters) if rebuild else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -1,4 +1,4 @@
-"""What the rotors are told when commands cease."""
+"""The watchdog for commands, and the rotor speeds of the timeout actions."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ca_ros.arrays import Array
 from ca_ros.vehicle.vehicle import Vehicle
 
 TICK = 0.02
-"""How often watchdogs are looked at, and the timeout action is repeated [s]."""
+"""Period of the check of watchdogs and of the timeout action [s]."""
 
 
 class Watchdog:
-    """Watches for commands that cease, by the steady clock: ROS time may stand still or jump.
+    """Expires when commands cease, by the steady clock, since ROS time may pause or jump.
 
-    It sleeps until the first command: nothing has been started that would have to be stopped.
+    It is asleep until the first command: before that the rotors rest.
 
     Attributes
     ----------
     timeout : float
-        Time without a command after which it is over [s].
+        Longest time without a command [s].
     expired : bool
-        Whether it was over when last looked at.
+        Whether it had expired at the last look.
     begun : bool
-        Whether that was so for the first time since the last command.
+        Whether that look was the first with this result since the last command.
     """
 
     def __init__(self, timeout: float = 0.0) -> None:
@@ -41,26 +41,26 @@ class Watchdog:
 
     @property
     def over(self) -> bool:
-        """Whether the time is over; once it has been, only a command ends that."""
+        """Whether the timeout has passed; once seen, only a command resets it."""
         if self._last is None:
             return False
         return self._missed == self._last or monotonic() - self._last > self.timeout
 
     def wake(self) -> None:
-        """Take note that somebody commands, though it is nothing that can be served."""
+        """Wake up by a command that cannot be served."""
         if not self.awake:
             self.feed()
 
     def feed(self) -> None:
-        """Take note of a command."""
+        """Note a command."""
         self._last = monotonic()
 
     def look(self) -> bool:
-        """Tell whether the time is over, and remember it."""
-        # A command may have come and gone since the last look.
-        anew = self._missed != self._last
+        """Return whether the timeout has passed, and remember it."""
+        # A command may have arrived since the last look.
+        first = self._missed != self._last
         self.expired = self.over
-        self.begun = self.expired and anew
+        self.begun = self.expired and first
         self._missed = self._last if self.expired else None
         return self.expired
 
@@ -71,7 +71,7 @@ def fallback(action: str, vehicle: Vehicle, last: Array) -> Array:
     Parameters
     ----------
     action : 'idle', 'stop' or 'hold'
-        The least speeds, rotors that stand still, or the speeds as they are.
+        The least speeds, zero, or the last speeds.
     vehicle : Vehicle
     last : (n,) array
         The last speeds [rad/s].

@@ -20,10 +20,11 @@ import numpy as np
 import rclpy
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from std_msgs.msg import Header
 from tqdm import tqdm
 
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.processes import Processes, note_signals
 from ca_ros.evaluation.benchmark import loads
 from ca_ros.evaluation.latency.figures import (
@@ -44,6 +45,8 @@ from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 COMMANDS = 1000
+
+MODULES = {'allocator': 'ca_ros.nodes.allocator', 'echo': 'ca_ros.evaluation.latency.echo'}
 
 
 def flown(name: str) -> list[bytes]:
@@ -109,13 +112,13 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
     ros = ['--ros-args', '--params-file', str(find(options.vehicle).resolve())]
     # Between its blocks the allocator would tell the motors that commands have ceased.
     ros += ['-p', 'command_timeout:=1.0e6', '-p', 'mode:=realtime']
-    # Stamps are numbers here, and what is said of these nodes is not for whoever flies nearby.
+    # Stamps are numbers here; the diagnostics stay in the namespace.
     ros += ['-p', 'command_age_max:=0.0', '-r', '/diagnostics:=diagnostics']
     children = {
         kind: [
             sys.executable,
             '-m',
-            f'ca_ros.nodes.{kind}',
+            MODULES[kind],
             *ros,
             '-r',
             f'__ns:={NAMESPACE.format(kind=kind, pid=os.getpid())}',
@@ -138,13 +141,13 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
                     raise LatencyError(f'the {name} ended with exit code {code}')
 
             sides = [Side(node, kind, commands) for kind in KINDS]
-            patience = Patience(START_TIMEOUT)
+            deadline = Deadline(START_TIMEOUT)
             for side in sides:
                 # Who has found a node is not yet found by it: its first answers may go to nobody.
                 while not (side.there and side.ask(50.0, 10).answered):
                     watch()
                     time.sleep(0.05)
-                    if patience.over():
+                    if deadline.passed():
                         raise LatencyError(f'after {START_TIMEOUT:g} s no answer of {side.kind}')
             for side in sides:
                 # Laws are learned, caches are filled.
@@ -170,7 +173,7 @@ def _run(options: argparse.Namespace, commands: list[bytes], stop: list[int]) ->
             return found
     finally:
         node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""The echo node: what a message costs before anything is allocated."""
+"""The echo node: the cost of a message without an allocation."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from std_msgs.msg import Float64MultiArray
 
+from ca_ros.nodes import topics
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
 from ca_ros.nodes.qos import offered
@@ -16,19 +16,20 @@ from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 
-class Echo(VehicleNode):
+class EchoNode(VehicleNode):
     """Answers each command/wrench with its numbers, as many as the vehicle has rotors.
 
-    It stands beside the allocator node in a benchmark: same messages, same quality of service,
-    same executor, same start.
+    A benchmark compares the allocator node with it: both have the same messages, quality of
+    service, executor and start.
     """
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    def __init__(self, node_name: str = 'echo', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        self.configure()
         self._speeds = self.create_publisher(
-            Float64MultiArray, 'command/motor_speed', offered(self.mode)
+            topics.SPEED_COMMAND.kind, topics.SPEED_COMMAND.name, offered(self.mode)
         )
-        self.listen(WrenchStamped, 'command/wrench', self._serve)
+        self.listen(topics.WRENCH, self._serve)
 
     def build(self, parameters: dict[str, Any]) -> int:
         """Count the rotors."""
@@ -47,7 +48,11 @@ class Echo(VehicleNode):
 
 def main() -> int:
     """Run the node."""
-    return run(Echo, 'Answer wrenches (command/wrench) with their numbers (command/motor_speed).')
+    return run(
+        'echo',
+        EchoNode,
+        'Answer wrenches (command/wrench) with their numbers (command/motor_speed).',
+    )
 
 
 if __name__ == '__main__':

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.bringup.deadline import Patience
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.evaluation.latency.side import START_TIMEOUT, Block, LatencyError, Side
 
 KINDS = ('allocator', 'echo')
@@ -93,12 +93,12 @@ def measure(
 
 
 def _ask(side: Side, rate: float, seconds: float, watch: Callable[[], None]) -> Block:
-    """Return a block with an answer in it: where the machine stood still throughout, the next."""
-    patience = Patience(START_TIMEOUT)
+    """Return a block with at least one answer; a block without one, from a stall, is repeated."""
+    deadline = Deadline(START_TIMEOUT)
     while True:
         block = side.ask(rate, max(int(rate * seconds), 10))
         watch()
-        if block.answered or patience.over():
+        if block.answered or deadline.passed():
             return block
 
 

@@ -1,4 +1,4 @@
-"""One of the nodes that are asked, and what became of what it was asked."""
+"""The client of a measured node, and its latencies."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH
 
 NAMESPACE = '/benchmark_{kind}_{pid}'
 
 START_TIMEOUT = 30.0
-PATIENCE = 1.0
-"""When a command without an answer is lost [s]."""
+ANSWER_MAX = 1.0
+"""Time after which a command without an answer is lost [s]."""
 
 
 class LatencyError(RuntimeError):
@@ -30,7 +29,7 @@ class LatencyError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What became of K commands that were due at a rate.
+    """The latencies of K commands at a rate.
 
     Attributes
     ----------
@@ -39,7 +38,7 @@ class Block:
     delays : (K,) array
         From the time at which a command was due to its publishing [s].
     offered : float
-        The rate at which they really went out [Hz].
+        The achieved rate [Hz].
     """
 
     latencies: Array
@@ -53,23 +52,23 @@ class Block:
 
 
 class Side:
-    """One of the nodes, as who asks it sees it.
+    """The client of one of the nodes.
 
-    Bytes are sent and taken as they are, and taken without an executor: so the asking costs less
-    than the answering, and adds no wake-up of its own.
+    It sends and takes messages as bytes, without an executor, so that it costs less than the node
+    and adds no wake-up.
     """
 
     def __init__(self, node: Node, kind: str, commands: Sequence[bytes]) -> None:
         self.kind, self._commands = kind, [bytearray(command) for command in commands]
         place = NAMESPACE.format(kind=kind, pid=os.getpid())
         self.publisher = node.create_publisher(
-            WrenchStamped, f'{place}/command/wrench', offered('realtime')
+            WRENCH.kind, f'{place}/{WRENCH.name}', offered('realtime')
         )
         self._subscription = node.create_subscription(
-            Float64MultiArray,
-            f'{place}/command/motor_speed',
+            SPEED_COMMAND.kind,
+            f'{place}/{SPEED_COMMAND.name}',
             lambda _: None,
-            # Every answer counts, also those that come in a bunch.
+            # Every answer counts, also if several arrive at once.
             requested('lockstep'),
             raw=True,
         )
@@ -77,20 +76,20 @@ class Side:
 
     @property
     def there(self) -> bool:
-        """Whether both topics have found the node."""
+        """Whether both topics are matched with the node."""
         return bool(
             self.publisher.get_subscription_count() and self._subscription.get_publisher_count()
         )
 
     def ask(self, rate: float, count: int) -> Block:
-        """Send commands when they are due, whether or not others have been answered."""
+        """Send commands at a rate, without waiting for answers."""
         gc.collect()
         first = self._sent
         due, sent, answered = np.full((3, count), np.nan)
         due[:] = time.perf_counter() + np.arange(1, count + 1) / rate
-        end = due[-1] + PATIENCE
+        end = due[-1] + ANSWER_MAX
         k = 0
-        # Answers come in the order of the commands: with that to the last one, none is to come.
+        # Answers arrive in the order of the commands, so the last one ends the block.
         while np.isnan(answered[-1]) and (now := time.perf_counter()) < end:
             if k < count and now >= due[k]:
                 sent[k] = self._send()
@@ -100,13 +99,13 @@ class Side:
         return Block(answered - sent, sent - due, (count - 1) / (sent[-1] - sent[0]))
 
     def ask_in_turn(self, count: int, watch: Callable[[], None]) -> float:
-        """Send each command as soon as the one before is answered; return their rate [Hz]."""
+        """Send each command after the answer to the one before; return the rate [Hz]."""
         gc.collect()
         start = time.perf_counter()
         for _ in range(count):
             sent = now = self._send()
             while self._take() != self._sent - 1:
-                if time.perf_counter() > now + PATIENCE:
+                if time.perf_counter() > now + ANSWER_MAX:
                     watch()
                     now = time.perf_counter()
                     if now > sent + START_TIMEOUT:
@@ -114,7 +113,7 @@ class Side:
         return count / (time.perf_counter() - start)
 
     def _send(self) -> float:
-        """Send the next command; return when."""
+        """Send the next command; return the time [s]."""
         command = self._commands[self._sent % len(self._commands)]
         # The stamp follows the four bytes that say how the message is encoded.
         struct.pack_into('<iI', command, 4, 0, self._sent)
@@ -124,9 +123,9 @@ class Side:
         return now
 
     def _take(self) -> int:
-        """Return which command the next answer is for; -1 if there is none."""
+        """Return the number of the command that the next answer is for; -1 without answer."""
         with self._subscription.handle:
-            taken = self._subscription.handle.take_message(Float64MultiArray, True)
+            taken = self._subscription.handle.take_message(SPEED_COMMAND.kind, True)
         if taken is None:
             return -1
         _, found, rest = bytes(taken[0]).partition(b'stamp ')

@@ -1,0 +1,86 @@
+"""The topics: their names, their types, and which node publishes and subscribes to each.
+
+A new topic is a line here and the calls in its nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import Log
+from std_msgs.msg import Float64MultiArray, Int8MultiArray
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic.
+
+    Attributes
+    ----------
+    name : str
+        As the publisher gives it: relative to the namespace, to the node (``~/``), or absolute.
+    kind : type
+        Of its messages.
+    publisher : str
+        The node that publishes it; empty for topics that all nodes publish.
+    subscribers : tuple of str
+        The nodes of the loop that subscribe to it.
+    stream : bool
+        Whether each step of the loop has one message, with the stamp of the step.
+    """
+
+    name: str
+    kind: type[Any]
+    publisher: str = ''
+    subscribers: tuple[str, ...] = ()
+    stream: bool = False
+
+    @property
+    def path(self) -> str:
+        """The name as other nodes of the namespace use it."""
+        return self.name.replace('~', self.publisher)
+
+
+def type_name(kind: Any) -> str:
+    """Return the name of a message type in ROS, such as std_msgs/msg/Header."""
+    return f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
+
+
+WAYPOINT = Topic('command/pose', PoseStamped, 'recorder', ('controller',))
+WRENCH = Topic('command/wrench', WrenchStamped, 'controller', ('allocator',), stream=True)
+SPEED_COMMAND = Topic(
+    'command/motor_speed', Float64MultiArray, 'allocator', ('simulator',), stream=True
+)
+SPEEDS = Topic('motor_speed', Float64MultiArray, 'simulator', stream=True)
+POSE = Topic('local_position/pose', PoseStamped, 'simulator', ('controller',), stream=True)
+VELOCITY = Topic(
+    'local_position/velocity_body', TwistStamped, 'simulator', ('controller',), stream=True
+)
+ALLOCATED_WRENCH = Topic('~/allocated_wrench', WrenchStamped, 'allocator')
+RESIDUAL = Topic('~/residual', WrenchStamped, 'allocator')
+SATURATION = Topic('~/saturation', Int8MultiArray, 'allocator')
+DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray)
+ROSOUT = Topic('/rosout', Log)
+
+TOPICS = (
+    WAYPOINT,
+    WRENCH,
+    SPEED_COMMAND,
+    SPEEDS,
+    POSE,
+    VELOCITY,
+    ALLOCATED_WRENCH,
+    RESIDUAL,
+    SATURATION,
+    DIAGNOSTICS,
+    ROSOUT,
+)
+"""A bag records all of them."""
+
+STREAMS = tuple(topic for topic in TOPICS if topic.stream)
+
+LINKS = tuple(topic for topic in STREAMS if topic.subscribers)
+"""The streams that join controller, allocator and simulator."""

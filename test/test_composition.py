@@ -1,0 +1,97 @@
+"""Several nodes in one process, on one executor."""
+
+import math
+from contextlib import ExitStack
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from ca_ros.bringup.deadline import Deadline
+from ca_ros.bringup.recorder import Recorder
+from ca_ros.flight.controller import Waypoint
+from ca_ros.nodes.allocator import AllocatorNode
+from ca_ros.nodes.controller import ControllerNode
+from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.simulator import SimulatorNode
+from ca_ros.vehicle.files import load
+from ros import DEADLINE
+from test_bringup import fly_offline
+
+DURATION = 6.0
+METHODS = {'/uav1': 'exact', '/uav2': 'pseudo_inverse'}
+"""The allocation method of each vehicle, by namespace."""
+
+
+class Composition:
+    """The nodes of two vehicles on one executor, and a recorder for each vehicle beside them."""
+
+    def __init__(self, graph, executor_class):
+        self._ending = ExitStack()
+        context = rclpy.Context()
+        rclpy.init(
+            args=[], context=context, domain_id=graph.domain,
+            signal_handler_options=SignalHandlerOptions.NO)
+        self._ending.callback(rclpy.shutdown, context=context)
+        self.executor, self._client = (
+            self._own(kind(context=context)) for kind in (executor_class, SingleThreadedExecutor))
+        self.nodes, self.recorders = [], []
+        for namespace, method in METHODS.items():
+            given = {'context': context, 'namespace': namespace, 'use_global_arguments': False}
+            values = load('hexarotor') | {'mode': 'lockstep', 'allocation.method': method}
+            overrides = [Parameter(name, value=value) for name, value in values.items()]
+            self.nodes += [
+                self._add(self.executor, node_class(parameter_overrides=overrides, **given))
+                for node_class in (ControllerNode, AllocatorNode, SimulatorNode)]
+            self.recorders.append(self._add(self._client, Recorder(**given)))
+
+    def _own(self, executor):
+        self._ending.callback(executor.shutdown)
+        return executor
+
+    def _add(self, executor, node):
+        self._ending.callback(node.destroy_node)
+        executor.add_node(node)
+        return node
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._ending.close()
+
+    def spin_until(self, condition, what):
+        """Spin until a condition holds for each recorder."""
+        limit = Deadline(DEADLINE)
+        while not all(map(condition, self.recorders)):
+            assert not limit.passed(), what
+            self.executor.spin_once(timeout_sec=0.1)
+            if any(recorder.waiting for recorder in self.recorders):
+                self._client.spin_once(timeout_sec=0.0)
+            for recorder in self.recorders:
+                recorder.drain()
+
+    def fly(self):
+        """Fly both vehicles to the paper's waypoint; return the flights."""
+        self.spin_until(lambda recorder: not recorder.missing(), 'complete loops')
+        for recorder in self.recorders:
+            recorder.send(Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0)))
+        self.spin_until(lambda recorder: recorder.elapsed >= DURATION, 'two flights')
+        return [recorder.flight(DURATION) for recorder in self.recorders]
+
+
+@pytest.mark.parametrize('executor_class', [Executor, SingleThreadedExecutor])
+def test_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
+        graph, tmp_path, executor_class):
+    with Composition(graph, executor_class) as composition:
+        assert [node.get_fully_qualified_name() for node in composition.nodes] == [
+            f'{namespace}/{name}' for namespace in METHODS
+            for name in ('controller', 'allocator', 'simulator')]
+        flights = composition.fly()
+    for flight, method in zip(flights, METHODS.values(), strict=True):
+        composed, offline = tmp_path / f'{method}.csv', tmp_path / f'{method}_offline.csv'
+        flight.write_csv(composed)
+        fly_offline(method, DURATION).write_csv(offline)
+        assert composed.read_bytes() == offline.read_bytes()
