@@ -33,6 +33,7 @@ setup(
         'osqp>=1.0',
         'PyYAML>=6.0',
         'matplotlib>=3.6',
+        'pandas>=2.1',
         'tqdm>=4.66',
         'Jinja2>=3.1',
         'mistune>=3.0',

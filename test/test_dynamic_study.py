@@ -44,7 +44,7 @@ def study(tmp_path_factory):
 @pytest.fixture
 def plain(monkeypatch):
     """Draw no figures: they take longer than all the rest."""
-    monkeypatch.setattr(dynamic_study, 'draw', lambda *_: [])
+    monkeypatch.setattr(dynamic_study, 'draw', lambda *_: None)
 
 
 def test_the_paper_s_observations_hold(study):

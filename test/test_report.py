@@ -95,7 +95,8 @@ def test_it_has_the_numbers_of_the_studies(text, folders):
         assert promise['what'].replace('`', '') in page.cells
     assert f'{speed["calls"]["flight"]["exact"]["ratio"]["median"]:.3g}x' in page.words
     assert re.search(
-        r'static_study .*-p vehicle\.mass:=1\.1 --samples 30 --seed 7 --sampling volume', said)
+        r'static_study .*--param vehicle\.mass:=1\.1 --samples 30 --seed 7 --sampling volume',
+        said)
     for key, value in static['versions'].items():
         assert page.cells[page.cells.index(f'versions: {key}') + 1] == value
     assert page.cells[page.cells.index('rotors.speed_max') + 1] == '400.0'

@@ -1,4 +1,4 @@
-"""The figure of a benchmark: times per call, and how they grow with the rotors."""
+"""The plot of a benchmark: times per call, and how they grow with the rotors."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ca_ros.evaluation.figure_style import title
+from ca_ros.evaluation.plot_style import title
 from ca_ros.flight.plots import COLORS, DASHED, STYLE
 
 MARKERS = {'uniform': 'o', 'boundary': 's', 'flight': '^'}
 ROTORS = [4, 8, 16, 32]
 
 
-def draw(figures: Mapping[str, Any]) -> Figure:
+def draw(found: Mapping[str, Any]) -> Figure:
     """Draw a run as in benchmark.json; what was answered wrongly is hollow."""
     with matplotlib.rc_context(STYLE):
-        names = list(figures['contenders'])
+        names = list(found['contenders'])
         figure = Figure(figsize=(8.0, 1.4 + 0.26 * max(len(names), 9)), layout='constrained')
-        if not figures['growth']:
-            _draw_calls(figure.subplots(), figures['calls'], names)
+        if not found['growth']:
+            _draw_calls(figure.subplots(), found['calls'], names)
             return figure
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-        _draw_calls(left, figures['calls'], names)
-        _draw_growth(right, figures['growth'])
+        _draw_calls(left, found['calls'], names)
+        _draw_growth(right, found['growth'])
     return figure
 
 
