@@ -177,7 +177,7 @@ def test_another_vehicle_is_not_judged_by_the_paper(tmp_path):
     assert main(['--static', static, '--dynamic', dynamic, '--benchmark', speed,
                  '--out', str(out)]) == 0
     said = ''.join(Page(out.read_text(encoding='utf-8')).words)
-    said = said[said.index('Tables, figures and how'):]
+    said = said[said.index('Tables, plots and how'):]
     assert 'In steady state' in said
     for word in ('paper', 'hexarotor', 'promise', 'missed by the', 'holds: ', 'not hold'):
         assert word not in said.lower(), word
