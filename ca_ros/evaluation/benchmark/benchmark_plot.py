@@ -32,34 +32,23 @@ def draw(found: Mapping[str, Any]) -> Figure:
 
 
 def _draw_calls(axes: Axes, calls: Mapping[str, Any], names: list[str]) -> None:
-    for i, (load, marker) in enumerate(MARKERS.items()):
-        color = COLORS[i]
+    handles = []
+    for color, (load, marker) in zip(COLORS, MARKERS.items(), strict=False):
+        look: dict[str, Any] = {'color': color, 'marker': marker, 'linestyle': 'none'}
+        handles.append(Line2D([], [], label=load, **look))
         for row, name in enumerate(names):
             own = calls[load][name]
-            time = own['mean']
-            axes.plot(
-                [1e6 * time['low'], 1e6 * time['high']], [row, row], color=color, linewidth=1.0
-            )
-            axes.plot(
-                1e6 * time['median'],
-                row,
-                marker=marker,
-                color=color,
-                markerfacecolor=color if own['correct'] else 'white',
-                linestyle='none',
-            )
+            low, median, high = (1e6 * own['mean'][part] for part in ('low', 'median', 'high'))
+            axes.plot([low, high], [row, row], color=color, linewidth=1.0)
+            filling = color if own['correct'] else 'white'
+            axes.plot(median, row, **look, markerfacecolor=filling)
     axes.axvline(1e6 * calls['flight'][names[0]]['mean']['median'], **DASHED)
     axes.set_xscale('log')
     axes.set_yticks(range(len(names)), [title(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel('time per call [µs]')
-    looks: dict[str, dict[str, Any]] = {
-        load: {'marker': MARKERS[load], 'color': COLORS[i]} for i, load in enumerate(MARKERS)
-    }
-    looks['wrong'] = {'marker': 'D', 'color': 'grey', 'markerfacecolor': 'white'}
-    handles = [
-        Line2D([], [], linestyle='none', label=name, **look) for name, look in looks.items()
-    ]
+    look = {'color': 'grey', 'marker': 'D', 'markerfacecolor': 'white', 'linestyle': 'none'}
+    handles.append(Line2D([], [], label='wrong', **look))
     axes.legend(handles=handles, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=4)
 
 

@@ -54,6 +54,13 @@ class Peer:
     build: Callable[[Any, AllocationProblem, Settings], Call]
 
 
+def _set(options: Any, settings: Settings) -> Any:
+    """Set the attributes of a solver's options; return them."""
+    for name, value in settings.items():
+        setattr(options, name, value)
+    return options
+
+
 def _osqp(osqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     m, n = problem.gamma.shape
     low = np.concatenate([problem.image.center, problem.lower])
@@ -72,42 +79,31 @@ def _osqp(osqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     return call
 
 
-def _daqp_data(problem: AllocationProblem) -> tuple[Array, Array, Array, Array, Array, Any]:
+def _daqp(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     m, n = problem.gamma.shape
     # The first n rows are bounds; 5 marks an equality.
     low = np.concatenate([problem.lower, problem.image.center])
     high = np.concatenate([problem.upper, problem.image.center])
-    senses = np.array([0] * n + [5] * m, dtype=np.intc)
-    # It asks for arrays that can be written to.
-    return np.eye(n), np.zeros(n), problem.gamma.copy(), low, high, senses
+    sense = np.array([0] * n + [5] * m, dtype=np.intc)
+    # DAQP asks for arrays that can be written to.
+    data = np.eye(n), np.zeros(n), problem.gamma.copy()
 
-
-def _daqp(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
-    n = problem.gamma.shape[1]
-    hessian, cost, gamma, low, high, sense = _daqp_data(problem)
-
-    def call(u: Array) -> Any:
+    def one_shot(u: Array) -> Any:
         low[n:] = high[n:] = u
-        x, _, flag, _ = daqp.solve(hessian, cost, gamma, high, low, sense, **settings)
+        x, _, flag, _ = daqp.solve(*data, high, low, sense)
         return x if flag == 1 else None
 
-    return call
-
-
-def _daqp_reused(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
-    n = problem.gamma.shape[1]
-    hessian, cost, gamma, low, high, sense = _daqp_data(problem)
-    model = daqp.Model()
-    model.setup(hessian, cost, gamma, high.copy(), low.copy(), sense)
-    model.settings = dict(settings)
-
-    def call(u: Array) -> Any:
+    def reused(u: Array) -> Any:
         low[n:] = high[n:] = u
         model.update(bupper=high, blower=low)
         x, _, flag, _ = model.solve()
         return x if flag == 1 else None
 
-    return call
+    if not settings['workspace']:
+        return one_shot
+    model = daqp.Model()
+    model.setup(*data, high.copy(), low.copy(), sense)
+    return reused
 
 
 def _quadprog(quadprog: Any, problem: AllocationProblem, settings: Settings) -> Call:
@@ -131,8 +127,7 @@ def _quadprog(quadprog: Any, problem: AllocationProblem, settings: Settings) -> 
 def _piqp(piqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     n = problem.gamma.shape[1]
     solver = piqp.DenseSolver()
-    for name, value in settings.items():
-        setattr(solver.settings, name, value)
+    _set(solver.settings, settings)
     solver.setup(
         np.eye(n, order='F'),
         np.zeros(n),
@@ -154,8 +149,7 @@ def _proxqp(proxsuite: Any, problem: AllocationProblem, settings: Settings) -> C
     m, n = problem.gamma.shape
     proxqp = proxsuite.proxqp
     solver = proxqp.dense.QP(n, m, n, False, proxqp.dense.HessianType.Diagonal)
-    for name, value in settings.items():
-        setattr(solver.settings, name, value)
+    _set(solver.settings, settings)
     bounds = np.eye(n), problem.lower, problem.upper
     solver.init(np.eye(n), np.zeros(n), problem.gamma, problem.image.center, *bounds)
     solved = proxqp.PROXQP_SOLVED
@@ -170,9 +164,7 @@ def _proxqp(proxsuite: Any, problem: AllocationProblem, settings: Settings) -> C
 
 def _clarabel(clarabel: Any, problem: AllocationProblem, settings: Settings) -> Call:
     m, n = problem.gamma.shape
-    options = clarabel.DefaultSettings()
-    for name, value in settings.items():
-        setattr(options, name, value)
+    options = _set(clarabel.DefaultSettings(), settings)
     rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n), -np.eye(n)]))
     right = np.concatenate([problem.image.center, problem.upper, -problem.lower])
     cones = [clarabel.ZeroConeT(m), clarabel.NonnegativeConeT(2 * n)]
@@ -236,9 +228,12 @@ PEERS: dict[str, Peer] = {
         },
         _osqp,
     ),
-    'daqp': Peer('daqp', 'one-shot daqp.solve', {}, _daqp),
+    'daqp': Peer('daqp', 'one-shot daqp.solve', {'workspace': False}, _daqp),
     'daqp_reused': Peer(
-        'daqp', 'Model.update of both bounds, then solve in the same workspace', {}, _daqp_reused
+        'daqp',
+        'Model.update of both bounds, then solve in the same workspace',
+        {'workspace': True},
+        _daqp,
     ),
     'quadprog': Peer(
         'quadprog',
