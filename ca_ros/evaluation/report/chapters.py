@@ -6,9 +6,8 @@ import base64
 import json
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ca_ros.evaluation.report.markdown import html
 
@@ -17,6 +16,9 @@ Tiles = list[tuple[str, str]]
 
 MIMES = {'svg': 'image/svg+xml', 'png': 'image/png'}
 """Formats of plots that can be embedded, the better one first."""
+
+WIDE = ('slices', 'violations', 'position', 'failure', 'benchmark')
+"""Plots that need the whole width."""
 
 FACTS = ('seed', 'versions', 'machine', 'environment')
 """What a result depends on besides the parameters, as far as its JSON says it."""
@@ -71,28 +73,13 @@ def _share(verdicts: Any, what: str) -> Tiles:
     return [(f'{sum(verdicts)} of {len(verdicts)}', what)] if verdicts else []
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A kind of folder.
-
-    Attributes
-    ----------
-    title : str
-    program : str
-        The executable that makes it.
-    tiles : function
-        From its JSON to the numbers at its head and what they are.
-    captions : dict of str to str
-        Of plots, by file name without suffix, in the order in which they are shown.
-    wide : tuple of str
-        Those that need the whole width.
-    """
+class Kind(NamedTuple):
+    """A kind of folder: its captions are of plots, by file name without suffix, in their order."""
 
     title: str
     program: str
     tiles: Callable[[Metrics], Tiles]
     captions: Mapping[str, str]
-    wide: tuple[str, ...]
 
 
 KINDS = {
@@ -108,7 +95,6 @@ KINDS = {
             'violations': 'Where in the admissible set the pseudo-inverse violates the bounds '
             'before saturation, and how often, from the centre to the boundary.',
         },
-        ('slices', 'violations'),
     ),
     'dynamic': Kind(
         'Dynamic study',
@@ -123,14 +109,12 @@ KINDS = {
             'failure': 'Position, tilt, rotor speeds, and the margin of the commanded wrench in '
             'the admissible set of the rotors as they are. Failure and announcement are dotted.',
         },
-        ('position', 'failure'),
     ),
     'benchmark': Kind(
         'Benchmark',
         'benchmark',
         _benchmark_tiles,
         {'benchmark': 'Times per call on each load. Hollow markers: wrong answers.'},
-        ('benchmark',),
     ),
 }
 """The chapters of a report, in their order; the files of each have its name."""
@@ -173,7 +157,7 @@ def chapter(name: str, folder: Path | None) -> dict[str, Any]:
             'headings': headings,
             'tiles': kind.tiles(found),
             'pictures': [
-                (picture, caption, stem in kind.wide)
+                (picture, caption, stem in WIDE)
                 for stem, caption in kind.captions.items()
                 if (picture := _embedded(folder / stem))
             ],
