@@ -103,6 +103,9 @@ def test_the_rows_are_true(study):
 def test_the_figures_are_those_of_the_rows(study):
     rows, figures = rows_of(study), figures_of(study)
     assert (figures['samples'], figures['seed'], figures['sampling']) == (1000, 0, 'volume')
+    assert figures['command'] == [
+        'static_study', '--vehicle', 'hexarotor', '--methods', 'all', '--samples', '1000',
+        '--seed', '0', '--sampling', 'volume']
     assert {'python', 'numpy', 'scipy', 'ca_ros'} <= set(figures['versions'])
     assert {'processor', 'cores', 'system'} <= set(figures['machine'])
     assert set(figures['methods']) == set(ALLOCATORS)
