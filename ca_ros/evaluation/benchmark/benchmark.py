@@ -8,14 +8,12 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
 from ca_ros.arguments import split
@@ -116,29 +114,21 @@ def run(
         **{name: method(partial(case.allocator, name)) for name in methods},
         **others,
     }
-    calls = {}
-    for load, own in wrenches.items():
-        with _progress(f'calls, {load}', plan.repetitions) as update:
-            calls[load] = time_calls(problem, contenders, own, plan, options.seed, update)
+    calls = {
+        load: time_calls(problem, contenders, own, plan, options.seed)
+        for load, own in wrenches.items()
+    }
     rival = fastest_correct_peer(contenders, calls)
     # With other numbers of rotors it is the paper's vehicle, and the promises are for that one.
     paper = of_the_paper(case.parameters)
-    growth = {}
-    if paper:
-        with _progress('rotors', 2 * plan.repetitions) as update:
-            growth = time_growth(plan, rival, options.seed, update)
-    with _progress('batches', plan.rounds) as update:
-        allocators = {name: case.allocator(name) for name in dict.fromkeys(['exact', *methods])}
-        batch = time_batches(
-            admissible, allocators, contenders.get(rival or ''), plan, options.seed, update
-        )
-    with _progress('closed loop', plan.rounds) as update:
-        exact = case.allocator('exact')
-        loop = time_flights(exact, gains, wrenches['flight'], plan, options.seed, update)
-    with _progress('nodes', 1):
-        node: dict[str, Any] = {'absent': 'left out by --no-nodes'}
-        if not options.no_nodes:
-            node = time_node(case.name, options.quick)
+    growth = time_growth(plan, rival, options.seed) if paper else {}
+    allocators = {name: case.allocator(name) for name in dict.fromkeys(['exact', *methods])}
+    batch = time_batches(admissible, allocators, contenders.get(rival or ''), plan, options.seed)
+    exact = case.allocator('exact')
+    loop = time_flights(exact, gains, wrenches['flight'], plan, options.seed)
+    node: dict[str, Any] = {'absent': 'left out by --no-nodes'}
+    if not options.no_nodes:
+        node = time_node(case.name, options.quick)
     found: dict[str, Any] = {
         'command': command('benchmark', options),
         'settings': {
@@ -184,12 +174,6 @@ def run(
 def _saturated(exact: Allocator, wrenches: Array) -> float:
     """Return the share of wrenches at which a rotor is at a bound."""
     return float((exact.allocate_batch(wrenches).saturation != 0).any(axis=1).mean())
-
-
-@contextmanager
-def _progress(what: str, repetitions: int) -> Iterator[Callable[[], Any]]:
-    with tqdm(total=repetitions, desc=what, disable=not sys.stderr.isatty()) as bar:
-        yield bar.update
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:

@@ -25,9 +25,6 @@ from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
-Progress = Callable[[], Any]
-"""Called after each repetition."""
-
 CHECKED = 1000
 """Wrenches of a batch of which the answers are judged."""
 
@@ -44,17 +41,14 @@ def time_calls(
     wrenches: Array,
     plan: Plan,
     seed: int,
-    progress: Progress,
 ) -> dict[str, Any]:
     """Return metrics by contender for one load, wrenches (W, m) [N, N m]."""
     judge = Judge(problem, wrenches)
     tracks = {(name, problem.n): each.track(judge) for name, each in contenders.items()}
-    return {name: own[str(problem.n)] for name, own in _compete(tracks, plan, seed, progress)}
+    return {name: own[str(problem.n)] for name, own in _compete(tracks, plan, seed, 'calls')}
 
 
-def time_growth(
-    plan: Plan, rival: str | None, seed: int, progress: Progress
-) -> dict[str, dict[str, dict[str, Any]]]:
+def time_growth(plan: Plan, rival: str | None, seed: int) -> dict[str, dict[str, dict[str, Any]]]:
     """Return metrics of the baseline, `exact` and a peer by load, contender and rotors."""
     found = {}
     for load in ('uniform', 'flight'):
@@ -75,15 +69,15 @@ def time_growth(
             }
             judge = Judge(problem, wrenches)
             tracks.update({(name, n): each.track(judge) for name, each in contenders.items()})
-        found[load] = dict(_compete(tracks, plan, seed, progress))
+        found[load] = dict(_compete(tracks, plan, seed, 'rotors'))
     return found
 
 
 def _compete(
-    tracks: Mapping[Key, Track], plan: Plan, seed: int, progress: Progress
+    tracks: Mapping[Key, Track], plan: Plan, seed: int, what: str
 ) -> list[tuple[str, dict[str, Any]]]:
     """Return what benchmark.json holds of each contender by number of rotors."""
-    rows = measure(tracks, plan, seed, progress)
+    rows = measure(tracks, plan, seed, what)
     means = rows.pivot(index='repetition', columns=['contender', 'rotors'], values='mean').reindex(
         range(plan.repetitions)
     )
@@ -125,7 +119,6 @@ def time_batches(
     rival: Contender | None,
     plan: Plan,
     seed: int,
-    progress: Progress,
 ) -> dict[str, Any]:
     """Return times per uniform wrench: of `exact` for all sizes of batches.
 
@@ -144,7 +137,7 @@ def time_batches(
     if rival is not None:
         amounts['loop'] = min(plan.looped, len(wrenches))
         jobs['loop'] = partial(_loop, rival, wrenches[: amounts['loop']], problem.n)
-    times = rounds(jobs, plan.rounds, seed, progress) / pd.Series(amounts)
+    times = rounds(jobs, plan.rounds, seed, 'batches') / pd.Series(amounts)
     checked = wrenches[:CHECKED]
     answers = list(allocators['exact'].allocate_batch(checked).thrusts)
     found: dict[str, Any] = {
@@ -188,7 +181,7 @@ def _loop(rival: Contender, wrenches: Array, n: int) -> Array:
 
 
 def time_flights(
-    allocator: Allocator, gains: Gains, wrenches: Array, plan: Plan, seed: int, progress: Progress
+    allocator: Allocator, gains: Gains, wrenches: Array, plan: Plan, seed: int
 ) -> dict[str, Any]:
     """Return the time of an offline flight to the paper's waypoint, `plan.duration` long.
 
@@ -210,7 +203,7 @@ def time_flights(
                 clip(u)
 
     flight()
-    times = rounds({'flight': flight, 'clips': clips}, plan.rounds, seed, progress)
+    times = rounds({'flight': flight, 'clips': clips}, plan.rounds, seed, 'closed loop')
     units = times['clips'] / UNITS
     return {
         'duration': plan.duration,

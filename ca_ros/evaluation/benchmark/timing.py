@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import gc
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter, perf_counter_ns
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from tqdm import tqdm
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.benchmark.plan import Plan
@@ -52,7 +54,7 @@ def measure(
     tracks: Mapping[Key, Track],
     plan: Plan,
     seed: int,
-    progress: Callable[[], Any] = lambda: None,
+    what: str = 'calls',
 ) -> pd.DataFrame:
     """Time contenders against each other.
 
@@ -62,8 +64,8 @@ def measure(
     plan : Plan
     seed : int
         Of the order.
-    progress : callable
-        Called after each repetition.
+    what : str
+        Shown beside the progress.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def measure(
             note(key, -1, np.nan, np.nan, answers)
             wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * len(first))
             counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
-        for repetition in range(plan.repetitions):
+        for repetition in _progress(plan.repetitions, what):
             part = [key for key in tracks if takes_part(repetition, counts[key], plan.repetitions)]
             spent: dict[Key, int] = dict.fromkeys(part, 0)
             single: dict[Key, list[int]] = {key: [] for key in part}
@@ -107,7 +109,6 @@ def measure(
                 mean = spent[key] / 1e9 / len(rows[key])
                 p99 = float(np.percentile(single[key], 99)) / 1e9
                 note(key, repetition, mean, p99, given[key])
-            progress()
     return pd.DataFrame(found)
 
 
@@ -153,18 +154,22 @@ def rounds(
     jobs: Mapping[str, Callable[[], Any]],
     repetitions: int,
     seed: int,
-    progress: Callable[[], Any] = lambda: None,
+    what: str,
 ) -> pd.DataFrame:
     """Return the time of each job [s], a column a job, a row a repetition, shuffled in each."""
     chance, times = random.Random(seed), pd.DataFrame(columns=list(jobs), dtype=float)
-    for repetition in range(repetitions):
+    for repetition in _progress(repetitions, what):
         for name in chance.sample(list(jobs), len(jobs)):
             with without_garbage_collection():
                 start = perf_counter()
                 jobs[name]()
                 times.loc[repetition, name] = perf_counter() - start
-        progress()
     return times
+
+
+def _progress(repetitions: int, what: str) -> Iterable[int]:
+    """Count repetitions; show their progress on a terminal."""
+    return tqdm(range(repetitions), desc=what, disable=not sys.stderr.isatty())
 
 
 @contextmanager
