@@ -8,7 +8,7 @@ solvers = ['daqp', 'quadprog']
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
-studies = ['matplotlib>=3.6', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
+studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
 
 setup(
     name=package,

@@ -16,15 +16,13 @@ import pytest
 
 from ca_ros import ALLOCATORS, AdmissibleSet, Vehicle, make_allocator
 from ca_ros.evaluation.benchmark import benchmark, loads, node, timing
-from ca_ros.evaluation.benchmark.accuracy import Accuracy, Judge
 from ca_ros.evaluation.benchmark.benchmark import main
-from ca_ros.evaluation.benchmark.calls import compare
-from ca_ros.evaluation.benchmark.contenders import baseline, peer
-from ca_ros.evaluation.benchmark.environment import THREADS
-from ca_ros.evaluation.benchmark.growth import ring
-from ca_ros.evaluation.benchmark.peers import PEERS, Peer
+from ca_ros.evaluation.benchmark.loads import ring
+from ca_ros.evaluation.benchmark.peers import PEERS, Peer, baseline, peer
 from ca_ros.evaluation.benchmark.plan import QUICK
-from ca_ros.evaluation.benchmark.promises import Promise, promises
+from ca_ros.evaluation.benchmark.promises import compare, promise, promises
+from ca_ros.evaluation.environment import THREADS
+from ca_ros.evaluation.judge import Judge, verdict
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION
@@ -119,7 +117,7 @@ def test_ratios_are_those_of_the_repetitions(figures):
 
 def test_promises_are_judged_by_the_figures_of_the_run(figures):
     found = figures['promises']
-    assert found == [json.loads(json.dumps(each.figures())) for each in promises(figures)]
+    assert found == json.loads(json.dumps(promises(figures)))
     by_name = {each['what']: each for each in found}
     [flight] = [each for what, each in by_name.items() if what.startswith('`exact` on a flight')]
     assert flight['measured'] == figures['calls']['flight']['exact']['ratio']['median']
@@ -149,12 +147,12 @@ def test_what_is_missed_is_shown_as_missed(figures):
         'rates': {'250': {'ratio_p50': 1.1, 'ratio_p99': 1.4},
                   '1000': {'allocator': {'late': 1, 'sent': 2000}}},
         'sustained': {'ratio': 0.9}}
-    met = {each.what: each.met for each in promises(figures)}
+    met = {each['what']: each['met'] for each in promises(figures)}
     assert met['`exact` on a flight, in units of the clipped pseudo-inverse'] is False
     assert list(met.values())[-5:-1] == [True, False, True, True]
-    assert Promise('', 1.0, 1.0).met
-    assert Promise('', 1.0, 1.0, at_least=True).met
-    figures['promises'] = [each.figures() for each in promises(figures)]
+    assert promise('', 1.0, 1.0)['met']
+    assert promise('', 1.0, 1.0, at_least=True)['met']
+    figures['promises'] = promises(figures)
     assert '| at most 2 | 17 | **missed** |' in benchmark.summary(figures)
 
 
@@ -204,7 +202,7 @@ def test_loads_are_what_they_say(vehicle):
     parameters = parameters_of(vehicle)
     admissible = AdmissibleSet(Vehicle.load(vehicle))
     rng = np.random.default_rng(1)
-    assert np.all(admissible.margin(loads.uniform(admissible, rng, 200)) > 0.0)
+    assert np.all(admissible.margin(admissible.sample(rng, 200)) > 0.0)
 
     wrenches = loads.boundary(admissible, rng, 300)
     depth = gauge(admissible, wrenches) - 1.0
@@ -251,30 +249,28 @@ def test_the_ring_of_six_is_the_hexarotor_and_all_rings_give_the_same_thrust():
 @pytest.fixture
 def judge():
     admissible = AdmissibleSet(HEXAROTOR)
-    inside = loads.uniform(admissible, np.random.default_rng(0), 20)
+    inside = admissible.sample(np.random.default_rng(0), 20)
     outside = admissible.center + 2.0 * (loads.boundary(
         admissible, np.random.default_rng(0), 5) - admissible.center)
     return Judge(admissible.problem, np.concatenate([inside, outside]))
 
 
-def verdict(judge, answers):
-    worst = Accuracy()
-    judge.judge(worst, answers)
-    return worst
+def judged(judge, answers):
+    return verdict(judge.worst(answers), int(judge.attainable.sum()))
 
 
 def right(judge):
     exact = make_allocator('exact', HEXAROTOR)
-    return [*exact.allocate_batch(judge.wrenches[:20]).thrusts, *[None] * 5]
+    return [*exact.allocate_batch(judge.demands[:20]).thrusts, *[None] * 5]
 
 
 def test_right_answers_have_no_fault(judge):
-    found = verdict(judge, right(judge))
-    assert found.faults == []
-    assert found.wrenches == 20
-    assert found.error < 1e-12
-    assert found.violation == 0.0
-    assert 0.0 <= found.norm_excess < 1e-12
+    found = judged(judge, right(judge))
+    assert found['faults'] == []
+    assert found['attainable'] == 20
+    assert found['error'] < 1e-12
+    assert found['violation'] == 0.0
+    assert 0.0 <= found['norm_excess'] < 1e-12
 
 
 def spoilt(answers, number, change):
@@ -290,11 +286,11 @@ def spoilt(answers, number, change):
     (22, lambda f: np.full(6, 0.0), 'bounds'),
 ])
 def test_every_fault_is_found(judge, number, change, fault):
-    assert fault in verdict(judge, spoilt(right(judge), number, change)).faults
+    assert fault in judged(judge, spoilt(right(judge), number, change))['faults']
 
 
 def test_where_there_is_no_right_answer_thrusts_within_bounds_are_none_wrong(judge):
-    assert verdict(judge, spoilt(right(judge), 22, lambda f: np.full(6, 2.0))).faults == []
+    assert judged(judge, spoilt(right(judge), 22, lambda f: np.full(6, 2.0)))['faults'] == []
 
 
 def test_thrusts_that_are_not_the_least_are_found(judge):
@@ -303,10 +299,10 @@ def test_thrusts_that_are_not_the_least_are_found(judge):
     own = Judge(problem, problem.hover[None])
     null = np.linalg.svd(problem.gamma)[2][-1]
     least = np.full(6, problem.hover[0] / 6.0)
-    assert verdict(own, [least]).faults == []
-    found = verdict(own, [least + 0.1 * null])
-    assert found.faults == ['norm']
-    assert found.norm_excess == pytest.approx(
+    assert judged(own, [least])['faults'] == []
+    found = judged(own, [least + 0.1 * null])
+    assert found['faults'] == ['norm']
+    assert found['norm_excess'] == pytest.approx(
         np.linalg.norm(least + 0.1 * null) - np.linalg.norm(least))
 
 
@@ -316,21 +312,21 @@ def test_thrusts_that_are_not_the_least_are_found(judge):
 @pytest.mark.parametrize('vehicle', ['hexarotor', 'x8', 'asymmetric'])
 def test_a_peer_is_asked_the_right_question(name, vehicle):
     admissible = AdmissibleSet(FLEET[vehicle])
-    wrenches = loads.uniform(admissible, np.random.default_rng(0), 60)
-    call, worst = peer(name, admissible.problem).call, Accuracy()
+    wrenches = admissible.sample(np.random.default_rng(0), 60)
+    call, judge = peer(name, admissible.problem).call, Judge(admissible.problem, wrenches)
     for _ in range(2):
-        Judge(admissible.problem, wrenches).judge(worst, [np.array(call(u)) for u in wrenches])
-    if name == 'osqp':
-        # What its default tolerances are good for.
-        assert 1e-6 < worst.error < 0.1
-        assert worst.failures == 0
-    else:
-        assert worst.faults == [], worst
+        found = judged(judge, [np.array(call(u)) for u in wrenches])
+        if name == 'osqp':
+            # What its default tolerances are good for.
+            assert 1e-6 < found['error'] < 0.1
+            assert found['failures'] == 0
+        else:
+            assert found['faults'] == [], found
 
 
 def test_the_baseline_is_the_formula():
     problem = AdmissibleSet(HEXAROTOR).problem
-    wrenches = loads.uniform(AdmissibleSet(HEXAROTOR), np.random.default_rng(0), 50)
+    wrenches = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(0), 50)
     wanted = make_allocator('pseudo_inverse', HEXAROTOR).allocate_batch(wrenches).thrusts
     call = baseline(problem).call
     np.testing.assert_allclose([call(u) for u in wrenches], wanted, atol=1e-14)
@@ -350,43 +346,62 @@ class Asked:
         return self.answer
 
 
+class Noted:
+    """A judge that notes what it is given."""
+
+    def __init__(self, demands):
+        self.demands, self.answers = demands, []
+
+    def worst(self, answers):
+        self.answers.append([answer[0] for answer in answers])
+        return {'error': max(self.answers[-1])}
+
+
+def as_it_is(answer):
+    return answer
+
+
 def test_all_are_asked_the_same_and_every_answer_is_checked(monkeypatch):
     monkeypatch.setattr(timing, 'TURN', 4)
-    wrenches = np.arange(10.0)[:, None]
-    calls, checked = {'one': Asked(), 'two': Asked()}, []
-    times = timing.measure(
-        {name: timing.Track(call, wrenches, lambda answer: answer)
-         for name, call in calls.items()},
-        repetitions=3, least=3, budget=0.0, seed=0,
-        check=lambda name, answers: checked.append((name, [a[0] for a in answers])))
-    assert calls['one'].asked == calls['two'].asked
+    calls = {(name, 6): Asked() for name in ('one', 'two')}
+    judges = {key: Noted(np.arange(10.0)[:, None]) for key in calls}
+    rows = timing.measure(
+        {key: timing.Track(call, as_it_is, judges[key]) for key, call in calls.items()},
+        replace(TINY, repetitions=3, least=3, budget=0.0), seed=0)
+    one, two = calls.values()
+    assert one.asked == two.asked
     # Once before, then twice a repetition, with the wrench before each of three turns.
-    assert len(calls['one'].asked) == 10 + 3 * 2 * (10 + 3)
-    assert checked.count(('one', list(range(10)))) == checked.count(
-        ('two', list(range(10)))) == 1 + 3
-    assert len(checked) == 8
-    for own in times.values():
-        assert np.all(np.array(own.means) > 0.0)
-        assert np.all(np.array(own.p99s) > 0.0)
+    assert len(one.asked) == 10 + 3 * 2 * (10 + 3)
+    for judge in judges.values():
+        assert judge.answers == [list(range(10))] * (1 + 3)
+    assert sorted(zip(rows['contender'], rows['repetition'], strict=True)) == [
+        (name, repetition) for name in ('one', 'two') for repetition in (-1, 0, 1, 2)]
+    assert (rows['error'] == 9.0).all()
+    timed = rows[rows['repetition'] >= 0]
+    assert (timed[['mean', 'p99']] > 0.0).all(axis=None)
+    assert rows[rows['repetition'] < 0][['mean', 'p99']].isna().all(axis=None)
 
 
 def test_who_is_too_slow_for_all_repetitions_takes_part_in_some_evenly_spread():
     for count in range(1, 8):
-        part = [k for k in range(7) if timing._takes_part(k, count, 7)]
+        part = [k for k in range(7) if timing.takes_part(k, count, 7)]
         assert len(part) == count
         assert part[0] == 0
         gaps = np.diff([*part, 7])
         assert gaps.max() - gaps.min() <= 1
-    wrenches, answer = np.zeros((5, 1)), np.zeros(3)
-    times = timing.measure(
-        {'slow': timing.Track(lambda u: sum(range(20000)) and answer, wrenches, lambda a: a)},
-        repetitions=6, least=2, budget=1e-9, seed=0, check=lambda *_: None)
-    assert np.isfinite(times['slow'].means).tolist() == [True, False, False, True, False, False]
+    answer = np.zeros(3)
+    rows = timing.measure(
+        {('slow', 6): timing.Track(
+            lambda u: sum(range(20000)) and answer, as_it_is, Noted(np.zeros((5, 1))))},
+        replace(TINY, repetitions=6, least=2, budget=1e-9), seed=0)
+    assert rows['repetition'].tolist() == [-1, 0, 3]
 
 
-def test_ratios_leave_out_where_one_took_no_part():
-    assert timing.ratios([1.0, np.nan, 6.0], [2.0, 4.0, np.nan]) == [0.5]
+def test_a_spread_leaves_out_where_one_took_no_part():
     assert timing.spread([1.0, np.nan, 2.0, 3.0]) == {'low': 1.5, 'median': 2.0, 'high': 2.5}
+    one, other = ({'repetitions': each} for each in ([1.0, None, 6.0], [2.0, 4.0, None]))
+    assert compare({'one': one, 'other': other}, 'one', 'other') == 0.5
+    assert compare({'one': one}, 'one', 'other') is None
 
 
 # The nodes
@@ -422,7 +437,7 @@ def test_what_the_process_with_ros_measures_is_merged(tmp_path, with_ros, figure
     assert node.time_node('x8', False, latency(tmp_path))['settings']['words'] == [
         '--vehicle', 'x8']
     figures['node'] = found
-    text = benchmark.report(figures)
+    text = benchmark.document(figures)
     assert '| 250 Hz, allocator | 100 | 200 | 300 | 0 | 9 of 9 |' in text
     assert 'Highest sustained rate: 900 Hz, echo 1000 Hz, ratio 0.9.' in text
 
@@ -437,7 +452,7 @@ def test_a_failure_of_that_process_is_reported(tmp_path, with_ros, figures, faul
     found = node.time_node('hexarotor', True, latency(tmp_path, fault))
     assert re.search(words, found['error'])
     figures['node'] = found
-    assert f'**Not measured: {found["error"]}.**' in benchmark.report(figures)
+    assert f'**Not measured: {found["error"]}.**' in benchmark.document(figures)
 
 
 def test_without_ros_that_is_said(monkeypatch):

@@ -44,7 +44,7 @@ def study(tmp_path_factory):
 @pytest.fixture
 def plain(monkeypatch):
     """Draw no figures: they take longer than all the rest."""
-    monkeypatch.setattr(dynamic_study, 'draw', lambda *_: [])
+    monkeypatch.setattr(dynamic_study, 'draw', lambda *_: None)
 
 
 def test_the_paper_s_observations_hold(study):
@@ -249,6 +249,10 @@ def test_failures_are_flown_by_all_methods_and_drawn(failing):
     figures = figures_of(failing)
     assert figures['failures'][:4] == ['--fail', '1@4.0=0.0', '--fail', '2@4.5=0.9']
     assert figures['lost_axes'] == ['yaw']
+    again = dynamic_study._parse(figures['command'][1:])
+    assert [(each.rotor, each.time, each.health) for each in again.fail] == [
+        (1, 4.0, 0.0), (2, 4.5, 0.9)]
+    assert again.methods == 'exact,direct,conventional,fixed_pseudo_inverse'
     assert figures['observations'] == {}
     for name, found in figures['methods'].items():
         error = math.hypot(*(found['steady_state_error'][axis] for axis in 'xyz'))

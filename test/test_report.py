@@ -97,7 +97,8 @@ def test_it_has_the_numbers_of_the_studies(text, folders):
         assert promise['what'].replace('`', '') in page.cells
     assert f'{speed["calls"]["flight"]["exact"]["ratio"]["median"]:.3g}x' in page.words
     assert re.search(
-        r'static_study .*-p vehicle\.mass:=1\.1 --samples 30 --seed 7 --sampling volume', said)
+        r'static_study .*--param vehicle\.mass:=1\.1 --samples 30 --seed 7 --sampling volume',
+        said)
     for key, value in static['versions'].items():
         assert page.cells[page.cells.index(f'versions: {key}') + 1] == value
     assert page.cells[page.cells.index('rotors.speed_max') + 1] == '400.0'
@@ -178,7 +179,7 @@ def test_another_vehicle_is_not_judged_by_the_paper(tmp_path):
     assert main(['--static', static, '--dynamic', dynamic, '--benchmark', speed,
                  '--out', str(out)]) == 0
     said = ''.join(Page(out.read_text(encoding='utf-8')).words)
-    said = said[said.index('Tables, figures and how'):]
+    said = said[said.index('Tables, plots and how'):]
     assert 'In steady state' in said
     for word in ('paper', 'hexarotor', 'promise', 'missed by the', 'holds: ', 'not hold'):
         assert word not in said.lower(), word

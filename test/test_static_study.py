@@ -12,13 +12,12 @@ import pytest
 
 from ca_ros import ALLOCATORS, AdmissibleSet, Status, Vehicle
 from ca_ros.arguments import split
-from ca_ros.evaluation import static_run
+from ca_ros.evaluation import static_study
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.evaluation import evaluate
+from ca_ros.evaluation.judge import evaluate
 from ca_ros.evaluation.sampling import SAMPLINGS, gauge, samples
 from ca_ros.evaluation.sections import sections
 from ca_ros.evaluation.static_study import main
-from ca_ros.evaluation.summary import Times
 from ca_ros.vehicle.files import config_directory
 
 SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))
@@ -52,7 +51,7 @@ def study(tmp_path_factory):
 @pytest.fixture
 def plain(monkeypatch):
     """Draw no figures: they take longer than all the rest."""
-    monkeypatch.setattr(static_run, 'draw', lambda *_: [])
+    monkeypatch.setattr(static_study, 'draw', lambda *_: None)
 
 
 # The paper's table
@@ -104,6 +103,9 @@ def test_the_rows_are_true(study):
 def test_the_figures_are_those_of_the_rows(study):
     rows, figures = rows_of(study), figures_of(study)
     assert (figures['samples'], figures['seed'], figures['sampling']) == (1000, 0, 'volume')
+    assert figures['command'] == [
+        'static_study', '--vehicle', 'hexarotor', '--methods', 'all', '--samples', '1000',
+        '--seed', '0', '--sampling', 'volume']
     assert {'python', 'numpy', 'scipy', 'ca_ros'} <= set(figures['versions'])
     assert {'processor', 'cores', 'system'} <= set(figures['machine'])
     assert set(figures['methods']) == set(ALLOCATORS)
@@ -168,8 +170,8 @@ def test_a_sample_depends_on_seed_and_number_alone(sampling):
 
 
 def test_batches_give_what_single_calls_give(study, tmp_path, monkeypatch, plain):
-    monkeypatch.setattr(static_run, 'SINGLE_MAX', 100)
-    monkeypatch.setattr(static_run, 'BATCH', 250)
+    monkeypatch.setattr(static_study, 'SINGLE_MAX', 100)
+    monkeypatch.setattr(static_study, 'BATCH', 250)
     assert main(['--samples', '1000', '--out', str(tmp_path)]) == 0
     single, batch = rows_of(study), rows_of(tmp_path)
     assert [(row['sample'], row['method'], row['violated'], row['status']) for row in batch] == [
@@ -179,31 +181,6 @@ def test_batches_give_what_single_calls_give(study, tmp_path, monkeypatch, plain
     assert figures_of(tmp_path)['timing'] == 'batches of 250'
     # A wrench's time is its share of its batch.
     assert len({row['time'] for row in batch if row['method'] == 'exact'}) <= 4
-
-
-def test_memory_does_not_grow_with_the_samples(tmp_path, monkeypatch):
-    for name, value in (('SINGLE_MAX', 100), ('BATCH', 100), ('KEPT', 200)):
-        monkeypatch.setattr(static_run, name, value)
-    case = Case.load('hexarotor')
-    study = static_run.Study(case, case.allocators('pseudo_inverse'), 2000, 0, 'volume')
-    study.run(tmp_path, stop=[])
-    assert study.done == 2000
-    assert sum(len(part.demands) for part in study.kept['pseudo_inverse']) == 200
-    values, shares = study.summaries['pseudo_inverse'].times.distribution()
-    assert len(values) == len(shares) <= 20
-    assert shares[-1] == 1.0
-
-
-def test_percentiles_of_repeated_times():
-    times, values = Times(), []
-    rng = np.random.default_rng(0)
-    for size in (300, 17, 300, 1, 300):
-        values += [rng.uniform()] * size
-        times.add(np.array(values[-size:]))
-    found = times.figures()
-    assert found['median'] == np.median(values)
-    assert found['p99'] == np.percentile(values, 99)
-    assert found['mean'] == pytest.approx(np.mean(values))
 
 
 # Ctrl-C

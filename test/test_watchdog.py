@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.evaluation.benchmark.environment import stolen
+from ca_ros.evaluation.environment import stolen
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ros import Diagnostics, counts
 

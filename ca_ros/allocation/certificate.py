@@ -61,20 +61,18 @@ def _size(number: float | Array) -> str:
 def certify(problem: AllocationProblem, demand: Array, thrusts: Array) -> Certificate:
     """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m]."""
     wrench = thrusts @ problem.gamma.T
-    outside = np.abs(thrusts - problem.clip(thrusts)).max(axis=-1)
     rows = wrench.reshape(-1, wrench.shape[-1])
     multipliers = np.array([problem.multipliers(row) for row in rows]).reshape(wrench.shape)
-    least = problem.clip(multipliers @ problem.gamma)
     image = problem.image
     heights = (demand - image.center) @ image.normals.T
     slacks = image.widths - np.abs(heights)
     nearest = np.argmin(slacks, axis=-1)
     side = np.take_along_axis(np.sign(heights), nearest[..., None], axis=-1)
     return Certificate(
-        primal_residual=np.linalg.norm(demand - wrench, axis=-1),
-        bound_violation=outside,
+        primal_residual=np.linalg.norm(problem.residual(demand, thrusts), axis=-1),
+        bound_violation=problem.violation(thrusts),
         multipliers=multipliers,
-        kkt_residual=np.abs(thrusts - least).max(axis=-1),
+        kkt_residual=np.abs(thrusts - problem.least(multipliers)).max(axis=-1),
         margin=slacks.min(axis=-1),
         limit=np.sign(side * image.sides[nearest]).astype(np.int8),
     )

@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.figure_style import title
+from ca_ros.evaluation.plot_style import title
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import COLORS, DASHED, STYLE
 from ca_ros.flight.record import Flight

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from inspect import signature
@@ -17,8 +19,7 @@ import numpy as np
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.arrays import Array
-from ca_ros.evaluation.fixed_pseudo_inverse import FixedPseudoInverse
-from ca_ros.evaluation.plain_osqp import PlainOsqp, TightOsqp
+from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.plots import add_option
@@ -31,13 +32,6 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 BUILT_IN = tuple(ALLOCATORS)
 """Those of the package, the four of the paper in the order of its Table 1."""
-
-FOR_COMPARISON: dict[str, type[Allocator]] = {
-    'osqp_default': PlainOsqp,
-    'osqp_tight': TightOsqp,
-    'fixed_pseudo_inverse': FixedPseudoInverse,
-}
-"""Solvers without the finish of `exact`, and without failures; only studies know them."""
 
 
 def parser(prog: str, description: str) -> argparse.ArgumentParser:
@@ -86,6 +80,33 @@ def natural(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
     return int(text)
+
+
+def command(prog: str, options: argparse.Namespace) -> list[str]:
+    """Return the command that gives the same results: all options but the places of files."""
+    words = [prog]
+    for name, value in vars(options).items():
+        if name not in ('out', 'figures') and value is not None and value is not False:
+            for each in value if isinstance(value, list) else [value]:
+                words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]
+    return words
+
+
+@contextmanager
+def interrupts() -> Iterator[list[int]]:
+    """Collect SIGINT and SIGTERM in a list instead of stopping; a second one stops at once."""
+    received: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        received.append(number)
+        signal.signal(number, signal.SIG_DFL)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ COMMANDS = {
 }
 """The module of each command, which has the function main."""
 
-STUDIES = ('jinja2', 'matplotlib', 'mistune', 'tqdm')
+STUDIES = ('jinja2', 'matplotlib', 'mistune', 'pandas', 'tqdm')
 """The modules that the extra `studies` installs."""
 
 

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-import matplotlib
-import numpy as np
+import pandas as pd
 from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
 from ca_ros.arguments import split
 from ca_ros.evaluation.animation import Curves, animate
-from ca_ros.evaluation.cases import Case, parser, positive
-from ca_ros.evaluation.dynamic_report import observation_lines, report, table
-from ca_ros.evaluation.flight_figures import draw, draw_failure
+from ca_ros.evaluation.cases import Case, command, interrupts, parser, positive
+from ca_ros.evaluation.dynamic_plots import draw
+from ca_ros.evaluation.dynamic_tables import document, observation_lines, table
+from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.flight_metrics import margins, metrics, torque_errors
-from ca_ros.evaluation.interrupts import interrupts
 from ca_ros.evaluation.observations import observe
-from ca_ros.evaluation.paper_table import of_the_paper
-from ca_ros.evaluation.record import machine, versions
+from ca_ros.evaluation.paper import of_the_paper
 from ca_ros.evaluation.ros_flight import RosFlightError, check, fly_over_ros
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Waypoint
-from ca_ros.flight.plots import STYLE, save
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import add_options, arguments, failures_of
 from ca_ros.problem.audit import audit
@@ -49,23 +44,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         failures = failures_of(options)
         failures.check(case.vehicle.n)
         changes = {name: case.failing(name, failures) for name in allocators}
-        if options.over_ros:
+        if options.ros:
             check(list(allocators))
         options.out.mkdir(parents=True, exist_ok=True)
     except (ValueError, OSError) as error:
         print(f'dynamic_study: {error}', file=sys.stderr)
         return 1
     with interrupts() as stop:
-        # An error in a method of the user's own is to be seen whole.
+        # Errors in a method of the user's own are shown with their traceback.
         try:
             flights = _fly(case, allocators, changes, options, stop)
-            figures = _write(case, flights, changes, options) if flights else {}
+            found = _write(case, flights, changes, options) if flights else {}
         except (RosFlightError, FloatingPointError, OSError) as error:
             print(f'dynamic_study: {error}', file=sys.stderr)
             return 1
     if flights:
-        print(table(figures), *observation_lines(figures), sep='\n')
-        print(f'written: dynamic.csv, .json, .md and figures in {options.out}')
+        print(table(found), *observation_lines(found), sep='\n')
+        print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
     if len(flights) < len(allocators):
         print(
             f'dynamic_study: interrupted after {len(flights)} of {len(allocators)} flights',
@@ -79,14 +74,13 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     made = parser(
         'dynamic_study',
         'Fly to (1, 1, 1) m and 45 degrees with each method: dynamic.csv, dynamic.json, '
-        'dynamic.md and figures.',
+        'dynamic.md and plots.',
     )
     made.add_argument(
         '--duration', type=partial(positive, float), default=10.0, help='time of flight [s]'
     )
     made.add_argument(
         '--ros',
-        dest='over_ros',
         action='store_true',
         help='fly over the ROS nodes, in lockstep: the same flights, to the last bit',
     )
@@ -99,7 +93,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     if given := [word for word in ros if word in ('-p', '--param', '--params-file')]:
         # The nodes would fly something other than what the study judges.
         made.error(f'{given[0]} after --ros-args: give parameters by --vehicle and -p before it')
-    options.ros = ros
+    options.ros_arguments = ros
     return options
 
 
@@ -116,8 +110,8 @@ def _fly(
         allocators.items(), unit=' flights', disable=not sys.stderr.isatty()
     ):
         flight: Flight | None
-        if options.over_ros:
-            words = [*arguments(failures_of(options)), *options.ros]
+        if options.ros:
+            words = [*arguments(failures_of(options)), *options.ros_arguments]
             flight = fly_over_ros(case, name, WAYPOINT, options.duration, stop, words)
         else:
             flight = fly(
@@ -149,10 +143,11 @@ def _write(
     observations = (
         [] if options.fail else observe(flights, AllocationProblem(case.vehicle), WAYPOINT)
     )
-    figures = {
+    found = {
         'vehicle': case.name,
         'duration': options.duration,
-        'flown': 'over ROS nodes in lockstep' if options.over_ros else 'offline',
+        'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
+        'command': _command(options),
         'methods': {
             name: metrics(flight, controller, WAYPOINT, changes[name])
             for name, flight in flights.items()
@@ -168,39 +163,45 @@ def _write(
         'versions': versions(),
         'machine': machine(),
     }
-    write_csv(options.out / 'dynamic.csv', flights)
-    text = json.dumps(figures, indent=2) + '\n'
+    rows = pd.concat(
+        pd.DataFrame({'method': name, **flight.columns()}) for name, flight in flights.items()
+    )
+    rows.to_csv(options.out / 'dynamic.csv', index=False, lineterminator='\n')
+    text = json.dumps(found, indent=2) + '\n'
     (options.out / 'dynamic.json').write_text(text, encoding='utf-8')
-    (options.out / 'dynamic.md').write_text(report(figures), encoding='utf-8')
-    draw(options.out, flights, case.vehicle, WAYPOINT, options.figures)
+    (options.out / 'dynamic.md').write_text(document(found), encoding='utf-8')
     asked = {
         name: (flight, controller, WAYPOINT, changes[name]) for name, flight in flights.items()
     }
+    wanted = options.fail or options.animate
+    room = {name: margins(*each) for name, each in asked.items()} if wanted else {}
     if options.animate:
-        curves = {
-            name: Curves(margins(*each), torque_errors(*each)) for name, each in asked.items()
-        }
+        curves = {name: Curves(room[name], torque_errors(*each)) for name, each in asked.items()}
         path = options.out / 'animation.gif'
         animate(path, flights, curves, case.vehicle, WAYPOINT, failures)
-    if options.fail:
-        found = {name: margins(*each) for name, each in asked.items()}
-        moments = [time / 1e9 for time in failures.times()]
-        with matplotlib.rc_context(STYLE):
-            figure = draw_failure(flights, found, case.vehicle, WAYPOINT, moments)
-            save(figure, options.out / 'failure', options.figures)
-    return figures
+    moments = [time / 1e9 for time in failures.times()]
+    draw(
+        options.out,
+        flights,
+        case.vehicle,
+        WAYPOINT,
+        options.figures,
+        moments,
+        room if options.fail else {},
+    )
+    return found
 
 
-def write_csv(path: Path, flights: Mapping[str, Flight]) -> None:
-    """Write one row a method and sample, every number to its last bit; SI units."""
-    with path.open('w', encoding='utf-8', newline='') as file:
-        writer = csv.writer(file, lineterminator='\n')
-        for i, (name, flight) in enumerate(flights.items()):
-            columns = flight.columns()
-            if i == 0:
-                writer.writerow(['method', *columns])
-            rows = np.column_stack(list(columns.values())).tolist()
-            writer.writerows([name, *row] for row in rows)
+def _command(options: argparse.Namespace) -> list[str]:
+    own = {
+        name: value
+        for name, value in vars(options).items()
+        if name not in ('fail', 'announce', 'ros_arguments')
+    }
+    return [
+        *command('dynamic_study', argparse.Namespace(**own)),
+        *arguments(failures_of(options)),
+    ]
 
 
 if __name__ == '__main__':

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.evaluation.evaluation import FORCES
+from ca_ros.evaluation.judge import FORCES
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller, Waypoint
 from ca_ros.flight.record import Flight
@@ -50,7 +50,7 @@ def at_bounds(
 def metrics(
     flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = ()
 ) -> dict[str, Any]:
-    """Return the figures of a flight by name.
+    """Return the metrics of a flight by name.
 
     Parameters
     ----------

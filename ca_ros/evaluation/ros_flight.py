@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import signal
 import sys
@@ -12,11 +11,10 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
+import pandas as pd
 import yaml
 
 from ca_ros.allocation import ALLOCATORS as METHODS
-from ca_ros.arrays import Array
 from ca_ros.bringup.processes import start
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.controller import Waypoint
@@ -102,21 +100,13 @@ def fly_over_ros(
 
 def read_flight(path: Path) -> Flight:
     """Return the flight that `Flight.write_csv` wrote to a file, to the last bit."""
-    with path.open(newline='', encoding='utf-8') as file:
-        rows = csv.reader(file)
-        names = next(rows)
-        values = np.array([[float(word) for word in row] for row in rows])
-    table = dict(zip(names, values.T, strict=True))
-
-    def columns(*chosen: str) -> Array:
-        return np.column_stack([table[name] for name in chosen])
-
-    speeds = [name for name in names if name.startswith('speed_')]
-    return Flight(
-        table['t'],
-        columns('x', 'y', 'z'),
-        columns('qx', 'qy', 'qz', 'qw'),
-        columns('vx', 'vy', 'vz'),
-        columns('wx', 'wy', 'wz'),
-        columns(*speeds),
+    # pandas' own way to read numbers may be off in the last bit.
+    rows = pd.read_csv(path, dtype=str).astype(float)
+    names = (
+        ['x', 'y', 'z'],
+        ['qx', 'qy', 'qz', 'qw'],
+        ['vx', 'vy', 'vz'],
+        ['wx', 'wy', 'wz'],
+        [name for name in rows if name.startswith('speed_')],
     )
+    return Flight(rows['t'].to_numpy(), *(rows[chosen].to_numpy() for chosen in names))

@@ -1,4 +1,4 @@
-"""Plane sections of the admissible set, for figures."""
+"""Plane sections of the admissible set, for plots."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import HalfspaceIntersection
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.evaluation import FORCES
+from ca_ros.evaluation.judge import FORCES
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 LABELS = {

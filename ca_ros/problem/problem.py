@@ -187,6 +187,19 @@ class AllocationProblem:
         """Return thrusts (..., n) within their bounds, Eq. (13)."""
         return np.minimum(np.maximum(thrusts, self.lower), self.upper)
 
+    def residual(self, demands: Array, thrusts: Array) -> Array:
+        """Return demands (..., m) minus the wrenches that thrusts (..., n) give [N, N m]."""
+        # The last digits of a matrix product depend on the number of wrenches; these do not.
+        return demands - np.einsum('...j,kj->...k', thrusts, self.gamma)
+
+    def violation(self, thrusts: Array) -> Array:
+        """Return how far thrusts (..., n) are outside their bounds at most, (...) [N]."""
+        return np.abs(thrusts - self.clip(thrusts)).max(axis=-1)
+
+    def least(self, multipliers: Array) -> Array:
+        """Return the least-norm thrusts (..., n) that multipliers (..., m) stand for [N]."""
+        return self.clip(multipliers @ self.gamma)
+
     def tolerance(self, u: Array) -> Array:
         """Return the residual (...) up to which wrenches (..., m) count as exact [N, N m]."""
         return EXACT_TOLERANCE * np.maximum(1.0, lengths(u))

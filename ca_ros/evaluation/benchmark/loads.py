@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,6 +15,7 @@ from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains, Waypoint
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.vehicle.files import load
 from ca_ros.vehicle.vehicle import Vehicle
 
 LOADS = {
@@ -39,10 +42,8 @@ WAYPOINTS = (
 TIME_STEP = 0.01
 """Between two wrenches of a flight [s]."""
 
-
-def uniform(admissible: AdmissibleSet, rng: np.random.Generator, size: int) -> Array:
-    """Draw wrenches (size, m) uniformly by volume [N, N m]."""
-    return admissible.sample(rng, size)
+PAPER = 6
+"""Rotors of the paper's vehicle."""
 
 
 def boundary(admissible: AdmissibleSet, rng: np.random.Generator, size: int) -> Array:
@@ -71,7 +72,7 @@ def flight(vehicle: Vehicle, gains: Gains, size: int) -> Array:
 
 
 class _Recorder(Exact):
-    """The exact allocator, which here keeps what it was asked for."""
+    """The exact allocator, with a record of the wrenches that it was asked for."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         super().__init__(vehicle)
@@ -80,3 +81,21 @@ class _Recorder(Exact):
     def allocate(self, u: ArrayLike) -> Allocation:
         self.wrenches.append(np.array(u, dtype=float))
         return super().allocate(u)
+
+
+def ring(n: int) -> dict[str, Any]:
+    """Return the parameters of the paper's hexarotor with n rotors on its circle instead of six.
+
+    All n together give the thrust that the six give, so the admissible sets are much alike.
+    """
+    parameters: dict[str, Any] = dict(load('hexarotor'))
+    radius = float(np.linalg.norm(parameters['rotors.positions'][:2]))
+    angles = 2.0 * np.pi * np.arange(n) / n
+    circle = radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(n)])
+    parameters['rotors.positions'] = circle.ravel().tolist()
+    parameters['rotors.spins'] = ['cw', 'ccw'] * (n // 2)
+    for name in ('rotors.thrust_coefficient', 'rotors.torque_coefficient'):
+        parameters[name] *= PAPER / n
+    # The weight of the file is for six rotors; the exact allocator does not use it.
+    parameters['allocation.conventional.weight'] = 1e-4
+    return parameters

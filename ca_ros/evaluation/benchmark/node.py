@@ -36,10 +36,19 @@ def time_node(vehicle: str, quick: bool, command: Sequence[str] = COMMAND) -> di
         return {'absent': 'rclpy is not installed'}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'latency.json'
-        code, said = _run([*command, '--out', str(file), '--vehicle', vehicle], quick)
-        if code:
+        words = [*command, '--out', str(file), '--vehicle', vehicle, *['--quick'] * quick]
+        pipes = {'stdout': subprocess.DEVNULL, 'stderr': subprocess.PIPE, 'text': True}
+        with start(words, **pipes) as process:
+            try:
+                _, said = process.communicate()
+            except BaseException:
+                # The process has to end its nodes: it is asked to end, and waited for.
+                process.terminate()
+                process.communicate()
+                raise
+        if process.returncode:
             last = (said.strip().splitlines() or ['without a word'])[-1]
-            return {'error': f'exit code {code} of {command[-1]}: {last}'}
+            return {'error': f'exit code {process.returncode} of {command[-1]}: {last}'}
         try:
             found = json.loads(file.read_text(encoding='utf-8'))
         except (OSError, ValueError) as error:
@@ -47,21 +56,3 @@ def time_node(vehicle: str, quick: bool, command: Sequence[str] = COMMAND) -> di
     if not isinstance(found, dict) or not {'rates', 'sustained'} <= set(found):
         return {'error': f'{command[-1]} has left a result without rates and sustained'}
     return found
-
-
-def _run(command: list[str], quick: bool) -> tuple[int, str]:
-    """Return the exit code of a process and what it said on stderr."""
-    with start(
-        command + (['--quick'] if quick else []),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            _, said = process.communicate()
-        except BaseException:
-            # It has to end the nodes, so it is asked to, and waited for.
-            process.terminate()
-            process.communicate()
-            raise
-    return process.returncode, said

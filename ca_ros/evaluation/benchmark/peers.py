@@ -1,5 +1,6 @@
-"""The solvers of others on the exact allocator's quadratic program, each at its fastest.
+"""Contenders of a benchmark: our methods, and the solvers of others, each at its fastest.
 
+The others solve the exact allocator's quadratic program,
 ``min |f|^2 / 2`` subject to ``Gamma f = u`` and ``low <= f <= high``, Eqs. (20)-(22).  What does
 not depend on u is set up once, and each call changes u alone where the solver's interface allows
 it.  A call answers with the thrusts (n,), which may be a view of the solver's memory, or with None
@@ -12,12 +13,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from operator import attrgetter
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
+from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
+from ca_ros.evaluation.benchmark.timing import Track
+from ca_ros.evaluation.judge import Judge
 from ca_ros.problem.problem import AllocationProblem
 
 Call = Callable[[Array], Any]
@@ -47,16 +53,12 @@ class Peer:
     settings: Settings
     build: Callable[[Any, AllocationProblem, Settings], Call]
 
-    def call(self, problem: AllocationProblem) -> Call:
-        """Set the solver up; raise an ImportError if it is not installed."""
-        return self.build(import_module(self.package), problem, self.settings)
 
-    def version(self) -> str:
-        """Return the version that is installed."""
-        try:
-            return version(self.package)
-        except PackageNotFoundError:
-            return 'unknown'
+def _set(options: Any, settings: Settings) -> Any:
+    """Set the attributes of a solver's options; return them."""
+    for name, value in settings.items():
+        setattr(options, name, value)
+    return options
 
 
 def _osqp(osqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
@@ -77,42 +79,31 @@ def _osqp(osqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     return call
 
 
-def _daqp_data(problem: AllocationProblem) -> tuple[Array, Array, Array, Array, Array, Any]:
+def _daqp(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     m, n = problem.gamma.shape
     # The first n rows are bounds; 5 marks an equality.
     low = np.concatenate([problem.lower, problem.image.center])
     high = np.concatenate([problem.upper, problem.image.center])
-    senses = np.array([0] * n + [5] * m, dtype=np.intc)
-    # It asks for arrays that can be written to.
-    return np.eye(n), np.zeros(n), problem.gamma.copy(), low, high, senses
+    sense = np.array([0] * n + [5] * m, dtype=np.intc)
+    # DAQP asks for arrays that can be written to.
+    data = np.eye(n), np.zeros(n), problem.gamma.copy()
 
-
-def _daqp(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
-    n = problem.gamma.shape[1]
-    hessian, cost, gamma, low, high, sense = _daqp_data(problem)
-
-    def call(u: Array) -> Any:
+    def one_shot(u: Array) -> Any:
         low[n:] = high[n:] = u
-        x, _, flag, _ = daqp.solve(hessian, cost, gamma, high, low, sense, **settings)
+        x, _, flag, _ = daqp.solve(*data, high, low, sense)
         return x if flag == 1 else None
 
-    return call
-
-
-def _daqp_reused(daqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
-    n = problem.gamma.shape[1]
-    hessian, cost, gamma, low, high, sense = _daqp_data(problem)
-    model = daqp.Model()
-    model.setup(hessian, cost, gamma, high.copy(), low.copy(), sense)
-    model.settings = dict(settings)
-
-    def call(u: Array) -> Any:
+    def reused(u: Array) -> Any:
         low[n:] = high[n:] = u
         model.update(bupper=high, blower=low)
         x, _, flag, _ = model.solve()
         return x if flag == 1 else None
 
-    return call
+    if not settings['workspace']:
+        return one_shot
+    model = daqp.Model()
+    model.setup(*data, high.copy(), low.copy(), sense)
+    return reused
 
 
 def _quadprog(quadprog: Any, problem: AllocationProblem, settings: Settings) -> Call:
@@ -136,8 +127,7 @@ def _quadprog(quadprog: Any, problem: AllocationProblem, settings: Settings) -> 
 def _piqp(piqp: Any, problem: AllocationProblem, settings: Settings) -> Call:
     n = problem.gamma.shape[1]
     solver = piqp.DenseSolver()
-    for name, value in settings.items():
-        setattr(solver.settings, name, value)
+    _set(solver.settings, settings)
     solver.setup(
         np.eye(n, order='F'),
         np.zeros(n),
@@ -159,8 +149,7 @@ def _proxqp(proxsuite: Any, problem: AllocationProblem, settings: Settings) -> C
     m, n = problem.gamma.shape
     proxqp = proxsuite.proxqp
     solver = proxqp.dense.QP(n, m, n, False, proxqp.dense.HessianType.Diagonal)
-    for name, value in settings.items():
-        setattr(solver.settings, name, value)
+    _set(solver.settings, settings)
     bounds = np.eye(n), problem.lower, problem.upper
     solver.init(np.eye(n), np.zeros(n), problem.gamma, problem.image.center, *bounds)
     solved = proxqp.PROXQP_SOLVED
@@ -175,9 +164,7 @@ def _proxqp(proxsuite: Any, problem: AllocationProblem, settings: Settings) -> C
 
 def _clarabel(clarabel: Any, problem: AllocationProblem, settings: Settings) -> Call:
     m, n = problem.gamma.shape
-    options = clarabel.DefaultSettings()
-    for name, value in settings.items():
-        setattr(options, name, value)
+    options = _set(clarabel.DefaultSettings(), settings)
     rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n), -np.eye(n)]))
     right = np.concatenate([problem.image.center, problem.upper, -problem.lower])
     cones = [clarabel.ZeroConeT(m), clarabel.NonnegativeConeT(2 * n)]
@@ -241,9 +228,12 @@ PEERS: dict[str, Peer] = {
         },
         _osqp,
     ),
-    'daqp': Peer('daqp', 'one-shot daqp.solve', {}, _daqp),
+    'daqp': Peer('daqp', 'one-shot daqp.solve', {'workspace': False}, _daqp),
     'daqp_reused': Peer(
-        'daqp', 'Model.update of both bounds, then solve in the same workspace', {}, _daqp_reused
+        'daqp',
+        'Model.update of both bounds, then solve in the same workspace',
+        {'workspace': True},
+        _daqp,
     ),
     'quadprog': Peer(
         'quadprog',
@@ -277,3 +267,75 @@ PEERS: dict[str, Peer] = {
     ),
 }
 """The peers by name."""
+
+
+BASELINE = 'clipped_pinv'
+"""The clipped pseudo-inverse, in whose time all others are expressed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A way to answer a wrench.
+
+    Attributes
+    ----------
+    call : callable
+    kind : str
+        'baseline', 'method' of this package, or 'peer'.
+    about : mapping
+        What a call does, with which version and settings, and how long the set-up took [s].
+    """
+
+    call: Call
+    kind: str
+    about: Mapping[str, Any]
+
+    def track(self, judge: Judge) -> Track:
+        """Return the contender with the wrenches that it is to allocate."""
+        thrusts = attrgetter('thrusts') if self.kind == 'method' else lambda answer: answer
+        return Track(self.call, thrusts, judge)
+
+
+def baseline(problem: AllocationProblem) -> Contender:
+    """Return the clipped pseudo-inverse in bare NumPy: no checks, no result object."""
+    inverse, low, high = np.linalg.pinv(problem.gamma), problem.lower, problem.upper
+    minimum, maximum = np.minimum, np.maximum
+
+    def call(u: Array) -> Array:
+        return minimum(maximum(inverse @ u, low), high)
+
+    about = {'interface': 'np.minimum(np.maximum(inverse @ u, low), high)'}
+    return Contender(call, 'baseline', about)
+
+
+def method(make: Callable[[], Allocator]) -> Contender:
+    """Return a method of this package, or of the user's own."""
+    start = perf_counter()
+    allocator = make()
+    about = {'interface': 'allocate, checks and result included', 'setup': perf_counter() - start}
+    return Contender(allocator.allocate, 'method', about)
+
+
+def peer(name: str, problem: AllocationProblem) -> Contender:
+    """Return a solver of `PEERS`; raise an ImportError if it is not installed."""
+    found, start = PEERS[name], perf_counter()
+    call = found.build(import_module(found.package), problem, found.settings)
+    setup = perf_counter() - start
+    try:
+        installed = version(found.package)
+    except PackageNotFoundError:
+        installed = 'unknown'
+    about = {'package': found.package, 'version': installed, 'interface': found.interface}
+    return Contender(call, 'peer', {**about, 'settings': dict(found.settings), 'setup': setup})
+
+
+def peers(problem: AllocationProblem) -> tuple[dict[str, Contender], dict[str, str]]:
+    """Return the solvers that are installed, and of the others how to install them."""
+    there: dict[str, Contender] = {}
+    absent: dict[str, str] = {}
+    for name, found in PEERS.items():
+        try:
+            there[name] = peer(name, problem)
+        except ImportError:
+            absent[name] = f'pip install {found.package}'
+    return there, absent

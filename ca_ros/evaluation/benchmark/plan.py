@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-
-WORDS = {
-    'wrenches': 'wrenches of each load but the flight',
-    'flight': 'wrenches of the flight',
-    'repetitions': 'repetitions',
-    'least': 'repetitions at least of a slow contender',
-    'budget': 'seconds for a slow contender on a load',
-    'rotors': 'numbers of rotors',
-    'batches': 'batches of each size in a repetition',
-    'looped': 'wrenches of the loop beside the batches',
-    'rounds': 'repetitions of batches and flights',
-    'duration': 'seconds of the closed loop',
-}
-"""What the fields of a plan are."""
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The sizes of all parts; see `WORDS`."""
+    """The sizes of all parts of a benchmark.
+
+    Attributes
+    ----------
+    wrenches, flight : int
+        Wrenches of the flight, and of each other load.
+    repetitions, least : int
+        Repetitions; a slow contender takes part in `least` of them at least.
+    budget : float
+        Time of a slow contender on a load [s].
+    batches : mapping of int to int
+        Number of batches of each size in a repetition.
+    looped : int
+        Wrenches of the loop beside the batches.
+    rounds : int
+        Repetitions of batches and flights.
+    rotors : tuple of int
+    duration : float
+        Of the closed loop [s].
+    """
 
     wrenches: int
     flight: int
@@ -32,24 +37,15 @@ class Plan:
     batches: Mapping[int, int]
     looped: int
     rounds: int
-    rotors: tuple[int, ...] = field(default=(4, 6, 8, 12, 16, 24, 32))
+    rotors: tuple[int, ...] = (4, 6, 8, 12, 16, 24, 32)
     duration: float = 10.0
 
 
-FULL = Plan(
-    wrenches=1000,
-    flight=1000,
-    repetitions=41,
-    least=5,
-    budget=5.0,
-    batches={10_000: 100, 100_000: 10, 1_000_000: 1},
-    looped=100_000,
-    rounds=11,
-)
+FULL = Plan(1000, 1000, 41, 5, 5.0, {10_000: 100, 100_000: 10, 1_000_000: 1}, 100_000, 11)
 
-QUICK = Plan(
+QUICK = replace(
+    FULL,
     wrenches=100,
-    flight=1000,
     repetitions=31,
     least=2,
     budget=0.1,
@@ -57,4 +53,4 @@ QUICK = Plan(
     looped=5_000,
     rounds=3,
 )
-"""Everything, with less of each but the flight: a shorter one would be another one."""
+"""Less of everything but the flight, for a shorter flight would be another one."""

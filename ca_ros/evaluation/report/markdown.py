@@ -1,15 +1,12 @@
-"""Markdown to HTML that holds nothing but text, headings, lists, tables and code."""
+"""Markdown as HTML of text, headings, lists, tables and code alone, for the page of a report."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mistune
 from markupsafe import Markup, escape
-
-PARSE: Any = mistune.create_markdown(renderer='ast', plugins=['table'])
 
 BADGES = {'Holds: ': 'yes', 'Does not hold: ': 'no'}
 """Items of lists that begin so are verdicts."""
@@ -17,7 +14,67 @@ BADGES = {'Holds: ': 'yes', 'Does not hold: ': 'no'}
 SHORT = 24
 """Up to so many characters a cell of numbers stays in one line."""
 
-Token = Mapping[str, Any]
+
+class Renderer(mistune.HTMLRenderer):
+    """Renders no HTML of the text's own, and links and pictures as their text.
+
+    Parameters
+    ----------
+    anchor : str
+        What the anchors of the headings begin with.
+    """
+
+    def __init__(self, anchor: str) -> None:
+        super().__init__(escape=True)
+        self.anchor, self.headings = anchor, list[tuple[str, str]]()
+
+    def link(self, text: str, url: str, title: str | None = None) -> str:
+        """Return the text of a link: the page is to need nothing from elsewhere."""
+        return text
+
+    def image(self, text: str, url: str, title: str | None = None) -> str:
+        """Return the text of a picture."""
+        return text
+
+    def heading(self, text: str, level: int, **attrs: Any) -> str:
+        """Return a heading one level lower, as the page has two above; the title is left out."""
+        if level == 1:
+            return ''
+        words = Markup(text).striptags()
+        slug = re.sub(r'[^a-z0-9]+', '-', words.lower()).strip('-')
+        self.headings.append((f'{self.anchor}-{slug}', words))
+        return f'<h{level + 1} id="{self.anchor}-{slug}">{text}</h{level + 1}>\n'
+
+    def list_item(self, text: str) -> str:
+        """Return an item, with the look of a verdict if it is one."""
+        for beginning, badge in BADGES.items():
+            if Markup(text).striptags().startswith(beginning):
+                return f'<li class="{badge}">{text}</li>\n'
+        return f'<li>{text}</li>\n'
+
+    def table(self, text: str) -> str:
+        """Return a table; each cell knows its column's name, which a narrow screen shows."""
+        names = [Markup(name).striptags() for name in re.findall(r'<th.*?>(.*?)</th>', text)]
+
+        def labelled(row: re.Match[str]) -> str:
+            columns = iter(names)
+            return re.sub(
+                '<(t[hd]) ', lambda cell: f'{cell[0]}data-label="{escape(next(columns))}" ', row[0]
+            )
+
+        rows = re.sub('<tr.*?</tr>', labelled, text, flags=re.DOTALL)
+        return f'<div class="scroll"><table>\n{rows}</table></div>\n'
+
+    def table_row(self, text: str) -> str:
+        """Return a row; the paper's look different from ours."""
+        other = ' class="other"' if Markup(text).striptags().startswith('paper: ') else ''
+        return f'<tr{other}>{text}</tr>\n'
+
+    def table_cell(self, text: str, align: str | None = None, head: bool = False) -> str:
+        """Return a cell; those that are aligned to the right hold numbers."""
+        look = ' short' if len(Markup(text).striptags()) <= SHORT else ''
+        kind, number = 'th' if head else 'td', f'class="number{look}"' if align == 'right' else ''
+        return f'<{kind} {number}>{text}</{kind}>'
 
 
 def html(text: str, anchor: str) -> tuple[Markup, Markup, list[tuple[str, str]]]:
@@ -26,8 +83,6 @@ def html(text: str, anchor: str) -> tuple[Markup, Markup, list[tuple[str, str]]]
     Parameters
     ----------
     text : str
-        With one heading of the first level, or none.  HTML in it is shown as it is written, and
-        links as their text: the page is to need nothing from elsewhere.
     anchor : str
         What the anchors of its headings begin with.
 
@@ -38,112 +93,8 @@ def html(text: str, anchor: str) -> tuple[Markup, Markup, list[tuple[str, str]]]
     headings : list of (str, str)
         Anchor and text of each heading.
     """
-    tokens = [token for token in PARSE(text) if not _is_title(token)]
-    headings = [
-        (f'{anchor}-{_slug(_text(token))}', _text(token))
-        for token in tokens
-        if token['type'] == 'heading'
-    ]
-    anchors = iter(headings)
-    start: list[Markup] = []
-    rest: list[Markup] = []
-    for token in tokens:
-        if token['type'] == 'heading':
-            rest.append(_heading(token, next(anchors)[0]))
-        else:
-            (rest or start).append(_render(token))
-    return Markup('').join(start), Markup('').join(rest), headings
-
-
-def _is_title(token: Token) -> bool:
-    return bool(token['type'] == 'heading' and token['attrs']['level'] == 1)
-
-
-def _slug(text: str) -> str:
-    return re.sub(r'[^a-z0-9]+', '-', text.lower()).strip('-')
-
-
-def _heading(token: Token, anchor: str) -> Markup:
-    # The page has headings of two levels above these.
-    level = token['attrs']['level'] + 1
-    return Markup('<h{0} id="{1}">{2}</h{0}>\n').format(level, anchor, _inside(token))
-
-
-def _render(token: Token) -> Markup:
-    """Return a token as HTML; of a kind that is not known, its text."""
-    render = RENDER.get(token['type'], _inside)
-    return render(token)
-
-
-def _inside(token: Token) -> Markup:
-    if 'children' in token:
-        return Markup('').join(_render(child) for child in token['children'])
-    return escape(token.get('raw', ''))
-
-
-def _text(token: Token) -> str:
-    return _inside(token).striptags()
-
-
-def _wrapped(before: str, after: str) -> Callable[[Token], Markup]:
-    return lambda token: Markup(before) + _inside(token) + Markup(after)
-
-
-def _item(token: Token) -> Markup:
-    text = _text(token)
-    for beginning, badge in BADGES.items():
-        if text.startswith(beginning):
-            return Markup('<li class="{}">{}</li>\n').format(badge, _inside(token))
-    return Markup('<li>{}</li>\n').format(_inside(token))
-
-
-def _table(token: Token) -> Markup:
-    head, *bodies = token['children']
-    names = [_text(cell) for cell in head['children']]
-    rows = [row['children'] for body in bodies for row in body['children']]
-    return Markup(
-        '<div class="scroll"><table>\n<thead>{}</thead>\n<tbody>{}</tbody></table></div>\n'
-    ).format(
-        _row(head['children'], names, 'th'),
-        Markup('').join(_row(cells, names, 'td') for cells in rows),
-    )
-
-
-def _row(cells: Sequence[Token], names: Sequence[str], kind: str) -> Markup:
-    """Return a row; each cell knows the name of its column, which a narrow screen shows."""
-    parts = [
-        Markup('<{0} data-label="{1}"{2}>{3}</{0}>').format(
-            kind,
-            name,
-            _look(cell),
-            _inside(cell),
-        )
-        for cell, name in zip(cells, names, strict=False)
-    ]
-    quoted = ' class="other"' if cells and _text(cells[0]).startswith('paper: ') else ''
-    return Markup('<tr{}>{}</tr>\n').format(Markup(quoted), Markup('').join(parts))
-
-
-def _look(cell: Token) -> Markup:
-    if cell['attrs']['align'] != 'right':
-        return Markup('')
-    return Markup(' class="number{}"').format(' short' if len(_text(cell)) <= SHORT else '')
-
-
-RENDER: dict[str, Callable[[Token], Markup]] = {
-    'block_code': _wrapped('<pre><code>', '</code></pre>\n'),
-    'block_html': _wrapped('<p>', '</p>\n'),
-    'block_quote': _wrapped('<blockquote>', '</blockquote>\n'),
-    'codespan': _wrapped('<code>', '</code>'),
-    'emphasis': _wrapped('<em>', '</em>'),
-    'linebreak': lambda _: Markup('<br>'),
-    'list': lambda token: Markup('<{0}>\n{1}</{0}>\n').format(
-        'ol' if token['attrs']['ordered'] else 'ul', _inside(token)
-    ),
-    'list_item': _item,
-    'paragraph': _wrapped('<p>', '</p>\n'),
-    'softbreak': lambda _: Markup('\n'),
-    'strong': _wrapped('<strong>', '</strong>'),
-    'table': _table,
-    'thematic_break': lambda _: Markup('<hr>\n'),
-}
+    renderer = Renderer(anchor)
+    whole = str(mistune.create_markdown(renderer=renderer, plugins=['table'])(text))
+    first = re.search('<h[3-7] id=', whole)
+    end = first.start() if first else len(whole)
+    return Markup(whole[:end]), Markup(whole[end:]), renderer.headings

@@ -7,10 +7,11 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import jinja2
 
-from ca_ros.evaluation.report.contents import KINDS, Chapter, ContentsError, chapter
+from ca_ros.evaluation.report.chapters import KINDS, ChapterError, chapter
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -20,10 +21,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         chapters = [chapter(name, getattr(options, name)) for name in KINDS]
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text(page(options.title, chapters), encoding='utf-8')
-    except (ContentsError, OSError) as error:
+    except (ChapterError, OSError) as error:
         print(f'report: {error}', file=sys.stderr)
         return 1
-    absent = [f'--{each.name}' for each in chapters if each.start is None]
+    absent = [f'--{each["name"]}' for each in chapters if each['start'] is None]
     print(f'written: {options.out}' + (f' without {", ".join(absent)}' if absent else ''))
     return 0
 
@@ -32,8 +33,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='report',
         description='Put the results of the studies and the benchmark on one page of HTML, with '
-        'all figures in it: it can be read without a network, and sent as a file.',
-        epilog='Figures are taken as SVG where there are such: make them with --figures svg.',
+        'all plots in it: it can be read without a network, and sent as a file.',
+        epilog='Plots are taken as SVG where there are such: make them with --figures svg.',
     )
     for name, kind in KINDS.items():
         parser.add_argument(
@@ -55,7 +56,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-def page(title: str, chapters: Sequence[Chapter]) -> str:
+def page(title: str, chapters: Sequence[dict[str, Any]]) -> str:
     """Return the page of a report."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),

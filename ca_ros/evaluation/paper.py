@@ -1,4 +1,4 @@
-"""Table 1 of the paper, and why our figures differ from it."""
+"""Table 1 of the paper, and why our numbers differ from it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ROWS = {
         (1.7e-1, 1.1),
         (6.3e-2, 4.3e-1),
         (1.8e-5, 3.0e-4),
-        'Nothing is left open here but the draw: other samples, other figures within the standard '
+        'Nothing is left open here but the draw: other samples, other numbers within the standard '
         'error. That the paper draws uniformly by volume is concluded from this row.',
     ),
     'conventional': Row(
@@ -66,9 +66,9 @@ ROWS = {
 }
 
 
-def applies(figures: Mapping[str, Any]) -> bool:
+def applies(metrics: Mapping[str, Any]) -> bool:
     """Tell whether a study, as in static.json, is of the paper's vehicle and sampling."""
-    return figures['sampling'] == 'volume' and of_the_paper(figures['parameters'])
+    return metrics['sampling'] == 'volume' and of_the_paper(metrics['parameters'])
 
 
 def of_the_paper(parameters: Mapping[str, Any]) -> bool:
@@ -76,10 +76,10 @@ def of_the_paper(parameters: Mapping[str, Any]) -> bool:
     return _as_shipped(parameters, 'vehicle.', 'rotors.')
 
 
-def why(figures: Mapping[str, Any], method: str) -> str:
+def why(metrics: Mapping[str, Any], method: str) -> str:
     """Say why a study's row of a method differs from the paper's."""
     if method == 'conventional' and not _as_shipped(
-        figures['parameters'], 'allocation.conventional.'
+        metrics['parameters'], 'allocation.conventional.'
     ):
         return 'Q and f_ref are others here than in config/hexarotor.yaml.'
     return ROWS[method].why

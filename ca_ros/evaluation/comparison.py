@@ -1,4 +1,4 @@
-"""The exact allocator's quadratic program as OSQP answers it: what the finish is needed for."""
+"""Allocators that only the studies know, to compare the others with."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ca_ros.allocation import Allocation, Allocator, Status
+from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
 from ca_ros.vehicle.vehicle import Vehicle
 
 
+class FixedPseudoInverse(PseudoInverse):
+    """The clipped pseudo-inverse of all rotors, as in allocators that know no rotor failures.
+
+    The share of a lost rotor is clipped away, not given to the others.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        super().__init__(vehicle)
+        self.inverse = np.linalg.pinv(self.problem.gamma)
+
+
 class PlainOsqp(Allocator):
-    """Eqs. (20)-(22) by OSQP at its default tolerances, saturated.
-
-    For comparison only: nothing is done about what OSQP leaves undone.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
+    """Eqs. (20)-(22) by OSQP at its default tolerances, saturated; no refinement follows.
 
     Raises
     ------
@@ -70,3 +76,10 @@ class TightOsqp(PlainOsqp):
     """The same at tolerances of 1e-8, as tight as the paper's own."""
 
     SETTINGS: ClassVar[dict[str, Any]] = {'eps_abs': 1e-8, 'eps_rel': 1e-8}
+
+
+FOR_COMPARISON: dict[str, type[Allocator]] = {
+    'osqp_default': PlainOsqp,
+    'osqp_tight': TightOsqp,
+    'fixed_pseudo_inverse': FixedPseudoInverse,
+}

@@ -1,4 +1,4 @@
-"""Figures of the dynamic study, as Figures 2 to 4 of the paper."""
+"""Plots of the dynamic study, as Figures 2 to 4 of the paper."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.figure_style import coinciding, legend, sheet, title
 from ca_ros.evaluation.flight_metrics import steady
+from ca_ros.evaluation.plot_style import coinciding, legend, sheet, title
 from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import COLORS, DASHED, STYLE, line, save
 from ca_ros.flight.record import Flight
@@ -25,18 +25,38 @@ def draw(
     vehicle: Vehicle,
     waypoint: Waypoint,
     formats: Sequence[str],
-) -> list[Path]:
-    """Draw position, attitude and rotor_speeds into a folder; return the files."""
+    moments: Sequence[float] = (),
+    margins: Mapping[str, Array] | None = None,
+) -> None:
+    """Draw all plots of a dynamic study into a folder.
+
+    Parameters
+    ----------
+    out : Path
+    flights : mapping of str to Flight
+    vehicle : Vehicle
+        As it is at the start.
+    waypoint : Waypoint
+    formats : sequence of str
+    moments : sequence of float
+        When a rotor fails or a failure is announced [s]; dotted.
+    margins : mapping of str to (K,) array
+        Margin of the commanded wrenches in the set that the rotors physically have [N, N m];
+        draws the plot of the failure.
+    """
     with matplotlib.rc_context(STYLE):
-        figures = {
-            'position': draw_position(flights, waypoint),
-            'attitude': draw_attitude(flights, waypoint),
-            'rotor_speeds': draw_speeds(flights, vehicle),
+        plots = {
+            'position': _draw_position(flights, waypoint),
+            'attitude': _draw_attitude(flights, waypoint),
+            'rotor_speeds': _draw_speeds(flights, vehicle),
         }
-    return [file for name, drawn in figures.items() for file in save(drawn, out / name, formats)]
+        if margins:
+            plots['failure'] = _draw_failure(flights, margins, vehicle, waypoint, moments)
+        for name, plot in plots.items():
+            save(plot, out / name, formats)
 
 
-def draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
+def _draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     """Draw the position over time, and what is missing to the waypoint at the end."""
     figure, head, body = sheet(7.0, 5.4, len(flights))
     panels = body.subplots(3, 2, sharex='col', width_ratios=(3, 1))
@@ -59,7 +79,7 @@ def draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     return figure
 
 
-def draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
+def _draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     """Draw the attitude over time."""
     figure, head, body = sheet(7.0, 5.4, len(flights))
     panels = body.subplots(3, 1, sharex=True)
@@ -76,23 +96,13 @@ def draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     return figure
 
 
-def draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
+def _draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
     """Draw the rotor speeds, one panel a method."""
     rows, columns = -(-len(flights) // 2), 6 if vehicle.n % 6 == 0 else 4
     figure, head, body = sheet(7.0, 0.4 + 2.2 * rows, vehicle.n, columns)
     panels = body.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).flatten()
     for (name, flight), axes in zip(flights.items(), panels, strict=False):
-        for i in range(vehicle.n):
-            axes.plot(
-                flight.time,
-                flight.speeds[:, i],
-                label=f'rotor {i + 1}',
-                **line(i),
-                # By their symmetry rotors coincide: those below are wider.
-                linewidth=3.0 - 2.1 * i / vehicle.n,
-            )
-        for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
-            axes.axhline(bound, **DASHED)
+        _speeds(axes, flight, vehicle)
         axes.set_title(title(name), fontsize='medium')
         axes.margins(x=0.0)
     for axes in panels[: len(flights) : 2]:
@@ -106,26 +116,14 @@ def draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
     return figure
 
 
-def draw_failure(
+def _draw_failure(
     flights: Mapping[str, Flight],
     margins: Mapping[str, Array],
     vehicle: Vehicle,
     waypoint: Waypoint,
     moments: Sequence[float],
 ) -> Figure:
-    """Draw flights with rotor failures beside each other, one column a method.
-
-    Parameters
-    ----------
-    flights : mapping of str to Flight
-    margins : mapping of str to (K,) array
-        Margin of the commanded wrenches in the set that the rotors physically have [N, N m].
-    vehicle : Vehicle
-        As it is at the start.
-    waypoint : Waypoint
-    moments : sequence of float
-        When something fails or is announced [s]; dotted.
-    """
+    """Draw flights with rotor failures beside each other, one column a method."""
     columns = 6 if vehicle.n % 6 == 0 else 4
     figure, head, body = sheet(3.2 * len(flights) + 0.6, 7.6, vehicle.n, columns)
     rows = body.subplots(4, len(flights), sharex=True, sharey='row', squeeze=False)
@@ -139,11 +137,7 @@ def draw_failure(
         for level in np.unique(waypoint.position):
             position.axhline(level, **DASHED)
         tilt.plot(flight.time, np.degrees(flight.tilt), color='black')
-        for i in range(vehicle.n):
-            look = {**line(i), 'linewidth': 3.0 - 2.1 * i / vehicle.n}
-            speeds.plot(flight.time, flight.speeds[:, i], label=f'rotor {i + 1}', **look)
-        for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
-            speeds.axhline(bound, **DASHED)
+        _speeds(speeds, flight, vehicle)
         margin.plot(flight.time, margins[name], color='black')
         margin.axhline(0.0, **DASHED)
         for axes in column:
@@ -165,6 +159,15 @@ def draw_failure(
     rows[3, 0].set_ylim(lowest - 0.1 * highest, 1.1 * highest or 1.0)
     legend(head, rows[2, 0].get_lines()[: vehicle.n], columns)
     return figure
+
+
+def _speeds(axes: Axes, flight: Flight, vehicle: Vehicle) -> None:
+    """Draw the rotor speeds; symmetric rotors coincide, so those below are wider."""
+    for i in range(vehicle.n):
+        look = {**line(i), 'linewidth': 3.0 - 2.1 * i / vehicle.n}
+        axes.plot(flight.time, flight.speeds[:, i], label=f'rotor {i + 1}', **look)
+    for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
+        axes.axhline(bound, **DASHED)
 
 
 def _lines(axes: Axes, curves: Mapping[str, tuple[Array, Array]], goal: float | None) -> None:

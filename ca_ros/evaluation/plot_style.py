@@ -1,4 +1,4 @@
-"""How the methods look in all figures of the studies."""
+"""How the methods look in all plots of the studies."""
 
 from __future__ import annotations
 
