@@ -187,6 +187,8 @@ def test_failures_and_announcements_have_their_times():
 @pytest.mark.parametrize(('options', 'words'), [
     (['--fail', '1'], 'expected ROTOR@TIME'),
     (['--fail', '1@1', '--announce', 'soon'], "'soon' is neither a time"),
+    (['--fail', '1@1e300'], "'1@1e300': expected a time"),
+    (['--fail', '1@1', '--announce', '1e300'], "'1e300' is neither a time"),
     (['--fail', '1@1', '--announce', '-1'], "'-1' is neither a time"),
     (['--fail', '1@1', '--respawn'], 'not with --respawn'),
 ])

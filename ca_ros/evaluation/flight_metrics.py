@@ -73,7 +73,8 @@ def metrics(
     ways = {name: (left[:, i], float(left[0, i])) for i, name in enumerate('xyz')}
     turn = difference(waypoint.heading, flight.heading)
     ways['yaw'] = turn, float(turn[0])
-    effort, force, torque, bound = 0.0, 0.0, 0.0, []
+    # Of no rotors that can move, none is at a bound.
+    effort, force, torque, bound = 0.0, 0.0, 0.0, [np.zeros(0, bool)]
     intervals = np.append(np.diff(flight.time), 0.0)
     for part, pilot, vehicle in legs(flight, controller, changes):
         thrusts = vehicle.thrusts(flight.speeds[part])
@@ -98,7 +99,8 @@ def metrics(
             for name, (left, step) in ways.items()
         },
         'effort': effort,
-        'time_at_bound': float(np.concatenate(bound or [np.zeros(1, bool)]).mean()),
+        'time_at_bound': float(np.concatenate(bound).sum())
+        / max(1, sum(map(len, bound))),
         'worst_force_residual': force,
         'worst_torque_residual': torque,
         'greatest_tilt': float(flight.tilt.max()),

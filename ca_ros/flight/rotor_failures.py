@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import re
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from ca_ros.arrays import Array
+
+LATEST = 1e6
+"""Latest time of a failure or an announcement [s]."""
 
 ANNOUNCE = 0.1
 """Time from a failure to its announcement, unless another is given [s]."""
@@ -57,8 +59,8 @@ class RotorFailure:
             ) from None
         if rotor < 1:
             raise ValueError(f'{text!r}: rotors are numbered from 1 on')
-        if not (isfinite(time) and time >= 0.0):
-            raise ValueError(f'{text!r}: expected a time from 0 s on')
+        if not 0.0 <= time <= LATEST:
+            raise ValueError(f'{text!r}: expected a time from 0 to {LATEST:g} s')
         if not 0.0 <= health <= 1.0:
             raise ValueError(f'{text!r}: expected a health in [0, 1]')
         return cls(rotor, time, health)
@@ -167,6 +169,8 @@ def _delay(text: str) -> Any:
         seconds = float(text)
     except ValueError:
         seconds = -1.0
-    if not (isfinite(seconds) and seconds >= 0.0):
-        raise argparse.ArgumentTypeError(f'{text!r} is neither a time from 0 s on nor never')
+    if not 0.0 <= seconds <= LATEST:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is neither a time from 0 to {LATEST:g} s nor never'
+        )
     return seconds

@@ -24,7 +24,7 @@ LOADS = {
     'wrenches on the boundary, to rounding, a third inside and a third outside, by 1e-3, 1e-6 or '
     '1e-9 of the distance from the centre',
     'flight': 'as the controller asks for them, one after the other, in a flight to four '
-    'waypoints of which two are so far away that rotors saturate',
+    'waypoints of which three are so far away that rotors saturate',
 }
 """The loads, and what they are."""
 
@@ -34,10 +34,10 @@ DEPTHS = (1e-3, 1e-6, 1e-9)
 WAYPOINTS = (
     Waypoint.of(1.0, 1.0, 1.0, np.pi / 4.0),
     Waypoint.of(15.0, -10.0, 6.0, -2.0 * np.pi / 3.0),
-    Waypoint.of(-10.0, 5.0, 1.0, np.pi),
-    Waypoint.of(0.0, 0.0, 0.0, 0.0),
+    Waypoint.of(-20.0, 15.0, -10.0, np.pi / 3.0),
+    Waypoint.of(20.0, -15.0, 10.0, -np.pi / 2.0),
 )
-"""The paper's, two far away, and home."""
+"""The paper's, and three far away in turn."""
 
 TIME_STEP = 0.01
 """Between two wrenches of a flight [s]."""
