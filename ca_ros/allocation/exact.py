@@ -14,7 +14,7 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS
-from ca_ros.problem.problem import EXACT_TOLERANCE
+from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
 from ca_ros.schema import Parameter, check
 from ca_ros.solver.critical_region import AffineLaw
 from ca_ros.solver.dual_newton import Solution
@@ -143,7 +143,7 @@ class Exact(Allocator):
         served, levels, reached = self._attainable(u)
         if reached:
             thrusts, attained = self._solve(u)
-            if attained:
+            if attained or self._within_slack(u, served, thrusts):
                 return Allocation(self.problem, u, thrusts, EXACT)
         status = POLICIES[self.policy]
         if status is Status.REJECTED:
@@ -152,6 +152,13 @@ class Exact(Allocator):
         if not attained:
             status = Status.INEXACT
         return Allocation(self.problem, u, thrusts, status, float(levels.min()))
+
+    def _within_slack(self, u: Array, served: Array, thrusts: Array) -> bool:
+        """Tell whether u is attainable, as `served` proves, and missed by no more than `slack`."""
+        tolerance = self.problem.tolerance(u)
+        slack = tolerance / EXACT_TOLERANCE * self.slack
+        missed = lengths(u - self.problem.gamma @ thrusts)
+        return bool(lengths(served - u) <= tolerance and missed <= slack)
 
     def _solve(self, u: Array) -> tuple[Array, bool]:
         """Return the least thrusts for a wrench, and whether it is attainable."""

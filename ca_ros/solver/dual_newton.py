@@ -21,6 +21,9 @@ STEEP = 2e4
 SOFT = 0.05
 """Multiple of `STEEP` at which a relaxed solution misses the wrench by all that it may."""
 
+SAME = 1e-7
+"""Change of a thrust, in units of the greatest, that is not worth any slack."""
+
 ROUNDING = 16 * float(np.finfo(float).eps)
 """Share of |y| up to which thrusts that y determines are uncertain."""
 
@@ -117,8 +120,12 @@ class DualNewton:
             wider.matrix = np.hstack([self.matrix, rate * self._back])
             wider.lower = np.append(self.lower, np.full(m, -room / rate))
             wider.upper = np.append(self.upper, np.full(m, room / rate))
-            thrusts, y, _ = wider._solve(u, tolerance, None)
-            thrusts = thrusts[:n]
+            softer, after, _ = wider._solve(u, tolerance, None)
+            # On the boundary multipliers may be large, and the thrusts the same without slack.
+            greatest = float(np.abs(softer[:n] - thrusts).max())
+            relaxed = greatest > SAME * float(self.upper.max(initial=1.0))
+            if relaxed:
+                thrusts, y = softer[:n], after
         return Solution(thrusts, self.coordinates.T @ y, residual <= tolerance, relaxed)
 
     def _solve(
