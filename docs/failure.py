@@ -1,6 +1,6 @@
 """Fly every shipped vehicle with each of its rotors lost; fill the tables of docs/failure.md.
 
-Also draws its figure, by `dynamic_study`.  Takes about a minute.
+Also draws its figure, by `dynamic_study`.  Takes some minutes.
 """
 
 import re
