@@ -30,6 +30,8 @@ from ca_ros.vehicle.files import config_directory
 from ca_ros.vehicle.files import load as parameters_of
 from strategies import FLEET, HEXAROTOR
 
+pytestmark = pytest.mark.slow
+
 BENCHMARK = 'ca_ros.evaluation.benchmark.benchmark'
 SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))
 TINY = replace(
@@ -552,8 +554,6 @@ def test_a_signal_ends_it_in_one_line(own, number):
     (own / 'ready.py').write_text("""
 import sys
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
-
-pytestmark = pytest.mark.slow
 class Ready(PseudoInverse):
     def allocate(self, u):
         print('ready', flush=True)

@@ -21,6 +21,7 @@ from ca_ros.allocation import AllocationProblem
 from ca_ros.evaluation.cases import Case
 from ca_ros.problem.audit import INDEPENDENCE_MIN
 from ca_ros.vehicle.files import load
+from strategies import build, ring
 
 
 def without(vehicle, *rotors):
@@ -290,3 +291,15 @@ def test_next_to_no_rotors_are_reported_not_raised(pnpnpn, health):
     report = audit(pnpnpn.with_health(health))
     assert not report.sound
     assert 'cannot hover' in str(report)
+
+
+def test_a_vehicle_of_many_rotors_is_audited_without_its_facets():
+    # Of 190 rotors more than a million choices would have to be looked at for the hover margin.
+    many = build(ring(190, radius=2.0), 'PN' * 95, {'vehicle.mass': 50.0})
+    for vehicle in (many, without(many, 1, 2)):
+        report = audit(vehicle)
+        assert report.sound
+        assert 'hover margin' not in str(report)
+        assert 'around hover: thrust' in str(report)
+    with pytest.raises(ValueError, match='190 rotors and 4 axes'):
+        _ = audit(many).hover_margin

@@ -9,7 +9,7 @@ import json
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -109,10 +109,11 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     vehicle = parser.parse_args(own).vehicle
     if vehicle is None and '--params-file' not in ros:
         vehicle = DEFAULT_VEHICLE
-        print(
-            f"{prog}: no --vehicle and no --params-file: this is the paper's {vehicle}",
-            file=sys.stderr,
-        )
+        with suppress(OSError):
+            print(
+                f"{prog}: no --vehicle and no --params-file: this is the paper's {vehicle}",
+                file=sys.stderr,
+            )
     if vehicle is None:
         return ros
     # Before the files of the user, so that these can override single values.

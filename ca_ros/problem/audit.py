@@ -27,6 +27,9 @@ At 0.05 a command along the axis takes twenty times the thrusts that it would ta
 """
 
 
+CHOICES_TOLD = 2000
+"""Choices of rotors up to which facets take a millisecond, and the audit states the margin."""
+
 HOVER_ROUNDING = 1e-12
 """Share of the way from the middle of the set by which hover has to be inside."""
 
@@ -114,7 +117,8 @@ class Audit:
         if self.spin_torque:
             parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
         if self.keeps_hovering:
-            parts.append(f'hover margin {self.kept_hover_margin:.3g} [N, N m]')
+            if self.kept.facet_choices <= CHOICES_TOLD:
+                parts.append(f'hover margin {self.kept_hover_margin:.3g} [N, N m]')
             ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
             parts.append(f'around hover: {", ".join(ranges)}')
         else:

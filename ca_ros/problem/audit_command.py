@@ -109,7 +109,14 @@ def _row(report: Audit, axes: Sequence[str]) -> tuple[str, ...]:
     if not report.keeps_hovering:
         return lost, report.why_no_hover()
     ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
-    return lost, f'{report.kept_hover_margin:.3g}', *ends
+    return lost, _margin(report), *ends
+
+
+def _margin(report: Audit) -> str:
+    try:
+        return f'{report.kept_hover_margin:.3g}'
+    except ValueError:
+        return 'too many rotors'
 
 
 def _numbers(option: str, text: str, kind: Callable[[str], Number]) -> list[Number]:

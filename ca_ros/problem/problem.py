@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import hypot
+from math import comb, hypot
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,6 +130,11 @@ class AllocationProblem:
         if not self.spans:
             raise self._no_volume()
         return Zonotope(self.center, self.gamma * self.half_range)
+
+    @property
+    def facet_choices(self) -> int:
+        """Number of choices of m - 1 rotors, among which the facets of `image` are."""
+        return comb(len(self.lower), len(self.axes) - 1)
 
     @cached_property
     def spans(self) -> bool:

@@ -10,6 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 from ca_ros.nodes import topics
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
+from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.parameters import AXES
@@ -22,6 +23,8 @@ class EchoNode(VehicleNode):
     A benchmark compares the allocator node with it: both have the same messages, quality of
     service, executor and start.
     """
+
+    declared = ALLOCATOR
 
     def __init__(self, node_name: str = 'echo', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
