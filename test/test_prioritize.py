@@ -1,12 +1,14 @@
 """Priorities against an independent sequence of linear programs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ca_ros import AdmissibleSet, Status, control_allocation_matrix
+from ca_ros import AdmissibleSet, Status, Vehicle, control_allocation_matrix
 from ca_ros.problem.prioritization import REVERSALS
 from strategies import (
     FLEET,
@@ -288,3 +290,32 @@ def test_the_status_names_what_was_done(policy):
 def test_a_wrong_option_is_refused_at_once(options, words):
     with pytest.raises(ValueError, match=words):
         make_allocator('exact', HEXAROTOR, **options)
+
+
+@pytest.mark.parametrize('order', [
+    ['roll pitch', 'thrust yaw'], ['thrust', 'roll pitch yaw'], ['yaw', 'roll pitch thrust']])
+@pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'octorotor'])
+def test_near_hover_the_axes_of_a_later_group_share_without_a_jump(name, order):
+    # There the direction of the demand of a group is of no account: it may be any.
+    allocator = make_allocator('exact', FLEET[name], order=order)
+    hover, extent = allocator.problem.hover, allocator.problem.extent
+    rng, first = np.random.default_rng(0), order[0].split()
+    rows = [allocator.problem.axes.index(axis) for axis in first]
+    for _ in range(10):
+        u = hover.copy()
+        u[rows] += rng.uniform(-2.0, 2.0, len(rows)) * extent[rows]
+        near = u + 1e-9 * rng.normal(size=(8, len(u)))
+        thrusts = np.array([allocator.allocate(each).thrusts for each in [u, *near]])
+        assert np.ptp(thrusts, axis=0).max() < 1e-4
+
+
+def test_levels_of_scaling_are_the_share_of_the_line():
+    # One component of the way is next to nothing, and its quotient would be rounding.
+    vehicle = replace(Vehicle.load('hexarotor_tilted'), mass=10.0)
+    allocator = make_allocator('exact', vehicle, policy='scale')
+    u = np.array([-0.0039885, 0.0, 98.1, 0.0875, -0.3255988, -0.617299])
+    level = allocator.allocate(u).level
+    np.testing.assert_allclose(allocator.allocate_batch(np.tile(u, (20, 1))).level, level)
+    start = allocator.admissible.reference
+    np.testing.assert_allclose(
+        allocator.allocate(u).wrench, start + level * (u - start), rtol=0.0, atol=1e-9)

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
-from ca_ros.vehicle.files import config_directory
+from ca_ros.evaluation.benchmark.loads import WAYPOINTS
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
+from ca_ros.vehicle.files import config_directory, load
 from strategies import PARAMETERS, extreme
 
 WRENCHES = int(os.environ.get('CA_ROS_WRENCHES', '1000'))
@@ -100,6 +104,30 @@ def test_random_commands_on_every_shipped_vehicle(name, reversal):
     reach = 3.0 * problem.extent
     judge(vehicle, rng.uniform(
         problem.center - reach, problem.center + reach, (WRENCHES, len(reach))), JUDGED, reversal)
+
+
+class Asking(Controller):
+    """The controller, with a record of the wrenches that it wants before it gives way."""
+
+    def demand(self, *state):
+        """Record and return the wrench that the controller wants."""
+        self.asked = [*getattr(self, 'asked', []), super().demand(*state)]
+        return self.asked[-1]
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'octorotor', 'quadrotor'])
+def test_the_saturated_commands_of_the_flight_of_the_benchmark(name):
+    vehicle = Vehicle.load(name)
+    controller = Asking(vehicle, Gains.from_parameters(load(name)))
+    allocator, state = make_allocator('exact', vehicle), NULL_STATE
+    for waypoint in WAYPOINTS:
+        flight = fly(controller, allocator, RigidBody(vehicle), waypoint, 2.5, state=state)
+        velocity = rotation_matrix(flight.attitude[-1]) @ flight.velocity[-1]
+        state = np.concatenate([
+            flight.position[-1], velocity, flight.attitude[-1], flight.angular_velocity[-1]])
+    demands = np.array(controller.asked)
+    assert (~AdmissibleSet(vehicle).contains(demands, tolerance=ROUNDING)).sum() > 20
+    judge(vehicle, demands, JUDGED, 'prevent')
 
 
 def test_yaw_is_not_reversed_worked_out_by_hand():
