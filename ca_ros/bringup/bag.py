@@ -24,6 +24,9 @@ TOPICS: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPIC
 LOOP = tuple(topic.path for topic in topics.STREAMS)
 """The topics that have a stamped message for each step."""
 
+STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)
+"""`LOOP`, and what the allocator publishes of each command."""
+
 LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 
 INFINITE = (9223372036, 854775807)
@@ -135,8 +138,8 @@ class Bag:
             self._sequence[topic] = number
 
     def behind(self, time: int) -> list[str]:
-        """Return the topics of the loop whose newest message is older than a stamp [ns]."""
-        return [topic for topic in LOOP if self._stamp(topic) < time]
+        """Return the stamped topics whose newest message is older than a stamp [ns]."""
+        return [topic for topic in STAMPED if self._stamp(topic) < time]
 
     def _stamp(self, topic: str) -> int:
         if topic not in self._newest:
