@@ -15,7 +15,7 @@ from ca_ros.arrays import Array
 from ca_ros.evaluation.benchmark import loads
 from ca_ros.evaluation.benchmark.peers import BASELINE, Contender, baseline, method, peer
 from ca_ros.evaluation.benchmark.plan import Plan
-from ca_ros.evaluation.benchmark.timing import Key, Track, measure, rounds, spread
+from ca_ros.evaluation.benchmark.timing import Track, measure, rounds, spread
 from ca_ros.evaluation.judge import Judge, verdict
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains
@@ -52,7 +52,7 @@ def time_growth(plan: Plan, rival: str | None, seed: int) -> dict[str, dict[str,
     """Return metrics of the baseline, `exact` and a peer by load, contender and rotors."""
     found = {}
     for load in ('uniform', 'flight'):
-        tracks: dict[Key, Track] = {}
+        tracks: dict[tuple[str, int], Track] = {}
         for n in plan.rotors:
             parameters = loads.ring(n)
             vehicle = Vehicle.from_parameters(parameters)
@@ -74,7 +74,7 @@ def time_growth(plan: Plan, rival: str | None, seed: int) -> dict[str, dict[str,
 
 
 def _compete(
-    tracks: Mapping[Key, Track], plan: Plan, seed: int, what: str
+    tracks: Mapping[tuple[str, int], Track], plan: Plan, seed: int, what: str
 ) -> list[tuple[str, dict[str, Any]]]:
     """Return what benchmark.json holds of each contender by number of rotors."""
     rows = measure(tracks, plan, seed, what)

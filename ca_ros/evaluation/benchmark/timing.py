@@ -27,9 +27,6 @@ from ca_ros.evaluation.judge import AnswerError, Judge
 TURN = 250
 """Calls at a stretch."""
 
-_Key = tuple[str, int]
-"""A contender's name and the vehicle's number of rotors."""
-
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -51,7 +48,7 @@ class Track:
 
 
 def measure(
-    tracks: Mapping[_Key, Track],
+    tracks: Mapping[tuple[str, int], Track],
     plan: Plan,
     seed: int,
     what: str = 'calls',
@@ -77,7 +74,7 @@ def measure(
     rows = {key: list(track.judge.demands) for key, track in tracks.items()}
     chance, found = random.Random(seed), []
 
-    def note(key: _Key, repetition: int, mean: float, p99: float, answers: list[Any]) -> None:
+    def note(key: tuple[str, int], repetition: int, mean: float, p99: float, answers: list[Any]) -> None:
         try:
             worst = tracks[key].judge.worst(answers)
         except AnswerError as error:
@@ -95,9 +92,9 @@ def measure(
             counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
         for repetition in _progress(plan.repetitions, what):
             part = [key for key in tracks if takes_part(repetition, counts[key], plan.repetitions)]
-            spent: dict[_Key, int] = dict.fromkeys(part, 0)
-            single: dict[_Key, list[int]] = {key: [] for key in part}
-            given: dict[_Key, list[Any]] = {key: [] for key in part}
+            spent: dict[tuple[str, int], int] = dict.fromkeys(part, 0)
+            single: dict[tuple[str, int], list[int]] = {key: [] for key in part}
+            given: dict[tuple[str, int], list[Any]] = {key: [] for key in part}
             for key, before, turn in _turns(part, rows, chance):
                 spent[key] += _together(tracks[key].call, before, turn)
             for key, before, turn in _turns(part, rows, chance):
@@ -118,8 +115,8 @@ def takes_part(repetition: int, count: int, repetitions: int) -> bool:
 
 
 def _turns(
-    keys: Sequence[_Key], rows: Mapping[_Key, list[Array]], chance: random.Random
-) -> Iterator[tuple[_Key, Array, list[Array]]]:
+    keys: Sequence[tuple[str, int]], rows: Mapping[tuple[str, int], list[Array]], chance: random.Random
+) -> Iterator[tuple[tuple[str, int], Array, list[Array]]]:
     """Yield contender, the wrench before and the wrenches of each turn."""
     size = len(rows[keys[0]]) if keys else 0
     for start in range(0, size, TURN):
