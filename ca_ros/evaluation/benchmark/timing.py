@@ -74,7 +74,9 @@ def measure(
     rows = {key: list(track.judge.demands) for key, track in tracks.items()}
     chance, found = random.Random(seed), []
 
-    def note(key: tuple[str, int], repetition: int, mean: float, p99: float, answers: list[Any]) -> None:
+    def note(
+        key: tuple[str, int], repetition: int, mean: float, p99: float, answers: list[Any]
+    ) -> None:
         try:
             worst = tracks[key].judge.worst(answers)
         except AnswerError as error:
@@ -115,7 +117,9 @@ def takes_part(repetition: int, count: int, repetitions: int) -> bool:
 
 
 def _turns(
-    keys: Sequence[tuple[str, int]], rows: Mapping[tuple[str, int], list[Array]], chance: random.Random
+    keys: Sequence[tuple[str, int]],
+    rows: Mapping[tuple[str, int], list[Array]],
+    chance: random.Random,
 ) -> Iterator[tuple[tuple[str, int], Array, list[Array]]]:
     """Yield contender, the wrench before and the wrenches of each turn."""
     size = len(rows[keys[0]]) if keys else 0
