@@ -151,6 +151,7 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
     for out, err in said[:2]:
         assert out.startswith('flight of 0.10 s (lockstep, 11 samples'), out + err
         assert 'within bounds' in out
+        assert 'no --vehicle' not in err
     assert said[2][1].splitlines()[-1] == (
         'bringup: mode is realtime, not lockstep: see the ROS arguments')
     # A folder for what was flown without --out, and none for what was not.

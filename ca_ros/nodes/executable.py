@@ -24,7 +24,13 @@ from ca_ros.arguments import full_name, renamed
 from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
-from ca_ros.schema import PARAMETERS, MissingParameterError, ParameterError, check
+from ca_ros.schema import (
+    PARAMETERS,
+    REQUIRED,
+    MissingParameterError,
+    ParameterError,
+    check,
+)
 from ca_ros.signals import ending_signals
 from ca_ros.vehicle.files import NoSectionError, find, load, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle
@@ -99,15 +105,19 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     own, ros = split(argv)
     node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
     # ROS silently ignores a -p whose type differs from that of the value in a parameter file.
+    given = set()
     for option, rule in pairwise(ros):
         name, _, value = rule.partition(':=')
         owner, _, name = name.rpartition(':')
+        if option in ('-p', '--param'):
+            given.add(name)
         if option not in ('-p', '--param') or name not in PARAMETERS:
             continue
         if not owner or matches(f'/{owner.strip("/")}', node):
             check(name, read_value(name, value))
     vehicle = parser.parse_args(own).vehicle
-    if vehicle is None and '--params-file' not in ros:
+    required = {name for name, each in PARAMETERS.items() if each.default is REQUIRED}
+    if vehicle is None and '--params-file' not in ros and not required <= given:
         vehicle = DEFAULT_VEHICLE
         with suppress(OSError):
             print(
