@@ -7,6 +7,8 @@ import ast
 import sys
 from pathlib import Path
 
+from marks import filled
+
 DOCS = Path(__file__).resolve().parent
 PAGE, PACKAGE = DOCS / 'architecture.md', DOCS.parent / 'ca_ros'
 
@@ -73,11 +75,7 @@ def fresh(text: str) -> str:
     """Return the page with its generated parts replaced."""
     for mark, content in (('tree', lines(PACKAGE)), ('imports', drawing())):
         block = '\n'.join(line.rstrip() for line in content)
-        before, start, rest = text.partition(f'<!-- {mark} -->\n')
-        _, end, after = rest.partition(f'<!-- end of {mark} -->')
-        if not (start and end):
-            raise ValueError(f'{PAGE.name}: no place is marked for the {mark}')
-        text = f'{before}{start}\n```text\n{block}\n```\n\n{end}{after}'
+        text = filled(text, mark, f'```text\n{block}\n```')
     return text
 
 

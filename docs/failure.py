@@ -3,7 +3,6 @@
 Also draws its figure, by `dynamic_study`.  Takes some minutes.
 """
 
-import re
 import shutil
 import tempfile
 import warnings
@@ -12,6 +11,7 @@ from math import degrees, inf
 from pathlib import Path
 
 import numpy as np
+from marks import filled
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_study import main as dynamic_study
@@ -154,19 +154,6 @@ def delays_table() -> str:
             words.append(f'{how}{late}' if found.end <= THERE else 'falls')
         rows.append((f'`{name}`', *words))
     return table(('rotor 1 of', *(f'{d:g} s' if d else 'never' for d in delays)), rows)
-
-
-def filled(text: str, mark: str, content: str) -> str:
-    """Return a page with what stands between two marks replaced."""
-    new, count = re.subn(
-        rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
-        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
-        text,
-        flags=re.DOTALL,
-    )
-    if count != 1:
-        raise ValueError(f'expected one place that is marked for {mark}, got {count}')
-    return new
 
 
 def main() -> None:

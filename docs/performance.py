@@ -1,28 +1,16 @@
 """Copy the tables of a full benchmark into docs/performance.md, and a few rows into README."""
 
 import json
-import re
 import shutil
 import sys
 from pathlib import Path
+
+from marks import filled
 
 DOCS = Path(__file__).resolve().parent
 README, PAGE, FIGURE = DOCS.parent / 'README.md', DOCS / 'performance.md', DOCS / 'benchmark.png'
 SHOWN, COLUMNS = ('`clipped_pinv`', '`exact`', '`daqp_reused`', '`osqp`'), 5
 """Rows and number of columns of the table of times that README shows."""
-
-
-def filled(text: str, content: str) -> str:
-    """Return a page with the part between its marks replaced."""
-    new, count = re.subn(
-        r'(<!-- benchmark -->\n).*?(<!-- end of benchmark -->)',
-        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
-        text,
-        flags=re.DOTALL,
-    )
-    if count != 1:
-        raise ValueError(f'expected one place that is marked for the benchmark, got {count}')
-    return new
 
 
 def summary(body: str) -> str:
@@ -44,7 +32,9 @@ def main(folder: Path) -> None:
         PAGE: f'![Times per call, and against the number of rotors]({FIGURE.name})\n\n{body}',
     }
     texts = {
-        page: filled(page.read_text(encoding='utf-8'), content.strip().replace('## ', '### '))
+        page: filled(
+            page.read_text(encoding='utf-8'), 'benchmark', content.strip().replace('## ', '### ')
+        )
         for page, content in pages.items()
     }
     shutil.copyfile(folder / 'benchmark.png', FIGURE)

@@ -5,12 +5,12 @@ Flies saturating manoeuvres with every shipped vehicle.  Takes about two minutes
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from math import cos, pi, radians, sin
 from pathlib import Path
 
 import numpy as np
+from marks import filled
 from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
@@ -212,19 +212,6 @@ def rows_table() -> str:
         )
     titles = ('', 'roll and pitch missed', 'thrust', 'yaw', 'yaw off its sense')
     return table(titles, lines)
-
-
-def filled(text: str, mark: str, content: str) -> str:
-    """Return a page with what stands between two marks replaced."""
-    new, count = re.subn(
-        rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
-        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
-        text,
-        flags=re.DOTALL,
-    )
-    if count != 1:
-        raise ValueError(f'expected one place that is marked for {mark}, got {count}')
-    return new
 
 
 def main() -> None:

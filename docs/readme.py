@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from marks import filled
+
 from ca_ros.schema import PARAMETERS, REQUIRED, Parameter
 
 DOCS = Path(__file__).resolve().parent
@@ -50,12 +52,7 @@ def fresh(text: str) -> str:
         text,
         flags=re.DOTALL,
     )
-    return re.sub(
-        r'(<!-- parameters -->\n).*?(<!-- end of parameters -->)',
-        lambda match: f'{match[1]}\n{table()}\n\n{match[2]}',
-        text,
-        flags=re.DOTALL,
-    )
+    return filled(text, 'parameters', table()) if '<!-- parameters -->' in text else text
 
 
 def main() -> None:

@@ -25,6 +25,21 @@ def terminal():
     return screen, console
 
 
+def commands(graph):
+    """Return the answers of an allocator, and a function that sends a wrong and a good command."""
+    command = graph.publisher(WrenchStamped, 'command/wrench')
+    speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
+    graph.connect('/allocator')
+    wrong, good = WrenchStamped(), WrenchStamped()
+    wrong.wrench.force.z, good.wrench.force.z = float('nan'), 9.81
+
+    def send():
+        command.publish(wrong)
+        command.publish(good)
+
+    return speeds, send
+
+
 @pytest.mark.parametrize('make', [pipe, terminal])
 def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
     reader, console = make()
@@ -34,17 +49,8 @@ def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
             os.write(console, b'a line that nobody reads\n')
     os.set_blocking(console, True)
     graph.start('allocator', '--vehicle', 'hexarotor', stdout=console, stderr=console)
-    command = graph.publisher(WrenchStamped, 'command/wrench')
-    speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
-    graph.connect('/allocator')
-    wrong, good = WrenchStamped(), WrenchStamped()
     # Each kind of complaint is one more line that has nowhere to go.
-    wrong.wrench.force.z, good.wrench.force.z = float('nan'), 9.81
-
-    def send():
-        command.publish(wrong)
-        command.publish(good)
-
+    speeds, send = commands(graph)
     graph.spin_until(lambda: len(speeds) > 10, 'answers', repeat=send)
     # What others write to the same console waits for its reader as before.
     assert os.get_blocking(console)
@@ -56,16 +62,7 @@ def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
 def test_an_allocator_answers_where_standard_streams_are_closed(graph, closed):
     code = f'exec "$0" --vehicle hexarotor {closed}'
     process = graph.start('/bin/sh', '-c', code, str(executable('allocator')))
-    command = graph.publisher(WrenchStamped, 'command/wrench')
-    speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
-    graph.connect('/allocator')
-    wrong, good = WrenchStamped(), WrenchStamped()
-    wrong.wrench.force.z, good.wrench.force.z = float('nan'), 9.81
-
-    def send():
-        command.publish(wrong)
-        command.publish(good)
-
+    speeds, send = commands(graph)
     graph.spin_until(lambda: len(speeds) > 3, 'answers', repeat=send)
     # No socket has the number of a stream that others write to.
     assert os.readlink(f'/proc/{process.pid}/fd/2') == os.devnull

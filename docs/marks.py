@@ -1,0 +1,16 @@
+"""Fill the generated parts of pages, which stand between two comments, as `<!-- rows -->`."""
+
+import re
+
+
+def filled(text: str, mark: str, content: str) -> str:
+    """Return a page with what stands between two marks replaced."""
+    new, count = re.subn(
+        rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
+        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
+        text,
+        flags=re.DOTALL,
+    )
+    if count != 1:
+        raise ValueError(f'expected one place that is marked for {mark}, got {count}')
+    return new
