@@ -1,6 +1,6 @@
 from glob import glob
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 package = 'ca_ros'
 solvers = ['daqp', 'quadprog']
@@ -9,6 +9,20 @@ peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
+# The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
+parts = ('exact', 'least_norm', 'priorities', 'module')
+kernels = [
+    Extension(
+        f'{package}.kernel._{precision}',
+        [f'{package}/kernel/{part}.c' for part in parts],
+        depends=[f'{package}/kernel/{name}.h' for name in ('exact', 'numbers')],
+        define_macros=macros,
+        # No fused multiplications: all machines are to give the same bits.
+        extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off'],
+        optional=True,
+    )
+    for precision, macros in (('double', []), ('single', [('CA_FLOAT', None)]))
+]
 
 setup(
     name=package,
@@ -18,7 +32,8 @@ setup(
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',
     packages=find_packages(include=[package, f'{package}.*']),
-    package_data={package: ['py.typed', 'evaluation/report/page.html']},
+    package_data={package: ['py.typed', 'evaluation/report/page.html', 'kernel/*.[ch]']},
+    ext_modules=kernels,
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),

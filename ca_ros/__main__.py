@@ -7,10 +7,12 @@ import ast
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
+from os import environ
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.evaluation.commands import COMMANDS
+from ca_ros.kernel import load
 from ca_ros.problem import audit_command
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.files import config_directory
@@ -48,7 +50,11 @@ def overview() -> None:
         },
         'documentation, with the sources': DOCS,
     }
-    print(f'ca_ros {version} in {Path(__file__).parent}\nrclpy: {rclpy()}')
+    print(
+        f'ca_ros {version} in {Path(__file__).parent}\n'
+        f'rclpy: {rclpy()}\n'
+        f'exact allocator: {kernel()}'
+    )
     width = max(len(name) for lines in sections.values() for name in lines)
     for title, lines in sections.items():
         print(f'\n{title}:')
@@ -99,6 +105,14 @@ def vehicles() -> dict[str, str]:
         vehicle = Vehicle.load(file)
         found[file.stem] = f'{vehicle.n} rotors, {vehicle.mass:g} kg, {", ".join(vehicle.axes)}'
     return found
+
+
+def kernel() -> str:
+    """Say what the exact allocator runs on."""
+    if load() is None:
+        return 'NumPy; the kernel in C was not built: install a C compiler, then ca_ros again'
+    wanted = environ.get('CA_ROS_KERNEL')
+    return 'NumPy, by CA_ROS_KERNEL' if wanted == 'numpy' else 'the kernel in C'
 
 
 def rclpy() -> str:

@@ -12,12 +12,18 @@ from marks import filled
 DOCS = Path(__file__).resolve().parent
 PAGE, PACKAGE = DOCS / 'architecture.md', DOCS.parent / 'ca_ros'
 
-WAY = ('vehicle', 'solver', 'problem', 'allocation', 'flight', 'nodes', 'bringup', 'evaluation')
+WAY = (
+    'vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'nodes', 'bringup',
+    'evaluation',
+)
 """Rooms in the order in which they import each other; a room that is not here comes last."""
 
 
 def summary(file: Path) -> str:
     """Return the first line of a module's docstring, without its full stop."""
+    if file.suffix != '.py':
+        first = file.read_text(encoding='utf-8').partition('\n')[0]
+        return first.removeprefix('/* ').removesuffix(' */').removesuffix('.')
     text = ast.get_docstring(ast.parse(file.read_text(encoding='utf-8'))) or ''
     return text.partition('\n')[0].removesuffix('.')
 
@@ -26,7 +32,7 @@ def lines(folder: Path, depth: int = 0) -> list[str]:
     """Return one line for a folder and one for each module in it."""
     indent = '  ' * depth
     found = [f'{indent}{folder.name + "/":{28 - len(indent)}} {summary(folder / "__init__.py")}']
-    for file in sorted(folder.glob('*.py')):
+    for file in sorted([*folder.glob('*.py'), *folder.glob('*.[ch]')]):
         if file.name != '__init__.py':
             found.append(f'{indent}  {file.name:{26 - len(indent)}} {summary(file)}')
     rooms = [each for each in folder.iterdir() if (each / '__init__.py').exists()]

@@ -169,7 +169,8 @@ def test_without_osqp_its_start_is_refused_and_osqp_named(tmp_path):
 
 # Rooms
 
-ROOMS = ['vehicle', 'solver', 'problem', 'allocation', 'flight', 'nodes', 'bringup', 'evaluation']
+ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'nodes', 'bringup',
+         'evaluation']
 """From the first to the last on the way of a wrench: none imports a later one."""
 
 PACKAGE = Path(__file__).parent.parent / 'ca_ros'

@@ -16,9 +16,6 @@ from ca_ros.problem.problem import AllocationProblem, lengths
 from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle
 
-CHUNK = 16384
-"""Wrenches that are worked on at once: they fit into a processor's cache."""
-
 
 class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle.
@@ -39,6 +36,8 @@ class Allocator(ABC):
     """
 
     parameters: ClassVar[Mapping[str, Parameter]] = {}
+    engine: str = 'NumPy'
+    """What works out the thrusts."""
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         self.problem = (
@@ -72,17 +71,7 @@ class Allocator(ABC):
             raise ValueError(
                 f'wrenches: expected shape (N, {len(self.problem.axes)}), got {demands.shape}'
             )
-        if 0 < len(demands) <= CHUNK:
-            return self._allocate_batch(demands)
-        thrusts = np.empty((len(demands), self.problem.vehicle.n))
-        status = np.empty(len(demands), dtype=np.int8)
-        levels, violations = np.empty((2, len(demands)))
-        for first in range(0, len(demands), CHUNK):
-            part = slice(first, first + CHUNK)
-            chunk = self._allocate_batch(demands[part])
-            thrusts[part], status[part] = chunk.thrusts, chunk.status
-            levels[part], violations[part] = chunk.level, chunk.violation
-        return Allocation(self.problem, demands, thrusts, status, levels, violations)
+        return self._allocate_batch(demands)
 
     @abstractmethod
     def _allocate(self, u: Array) -> Allocation:

@@ -12,8 +12,6 @@ from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import ABSURD, AllocationProblem
 from ca_ros.schema import Parameter
-from ca_ros.solver.critical_region import AffineLaw
-from ca_ros.solver.region_memory import AffineLaws
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEPS_PER_ROTOR = 10
@@ -72,37 +70,10 @@ class Conventional(Allocator):
         if curvatures[0] < 1e-9 * curvatures[-1]:
             self.hessian += 1e-9 * curvatures[-1] / n * np.eye(n)
         self._pull = self.weight @ self.reference
-        self._laws = AffineLaws(vehicle.n, self._learn)
 
     def _allocate(self, u: Array) -> Allocation:
-        thrusts = self._laws.find_or_learn(u)
-        return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
-
-    def _allocate_batch(self, demands: Array) -> Allocation:
-        return self._batch(demands, self._laws.find_or_learn_batch(demands))
-
-    def _learn(self, u: Array) -> tuple[Array, AffineLaw]:
-        """Return the thrusts of least cost, and the law of their active set.
-
-        The free thrusts are where the cost has no slope; the others have a slope that presses them
-        to their bounds, which in units of thrust is z.
-        """
-        low, high = self.problem.lower, self.problem.upper
-        gamma, hessian = self.problem.gamma, self.hessian
         thrusts = self._solve(u)
-        free = (thrusts > low) & (thrusts < high)
-        ends = np.where(free, 0.0, thrusts)
-        slope, offset = np.zeros_like(gamma.T), ends.copy()
-        # Not by the inverse: where only the tie-break decides it would lose what that says.
-        right = np.column_stack([gamma.T, self._pull - hessian @ ends])[free]
-        solution = np.linalg.solve(hessian[np.ix_(free, free)], right)
-        slope[free], offset[free] = solution[:, :-1], solution[:, -1]
-        steepness = np.diag(hessian)[~free]
-        slope_left = (hessian @ slope - gamma.T)[~free]
-        offset_left = (hessian @ offset - self._pull)[~free]
-        slope[~free] = -slope_left / steepness[:, None]
-        offset[~free] -= offset_left / steepness
-        return thrusts, AffineLaw.of(slope, offset, free, thrusts, low, high)
+        return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _solve(self, u: Array) -> Array:
         """Minimise the cost by the primal active-set method, which ends after finitely many steps.

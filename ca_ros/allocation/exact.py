@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
+from os import sched_getaffinity
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.osqp_start import OsqpStart
+from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
+from ca_ros.kernel import INVALID, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS
-from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
+from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS, groups_of
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.schema import Parameter, check
-from ca_ros.solver.critical_region import AffineLaw
-from ca_ros.solver.dual_newton import Solution
-from ca_ros.solver.region_memory import AffineLaws
-from ca_ros.solver.region_proof import explicit_law
 from ca_ros.vehicle.vehicle import Vehicle
 
 POLICIES = {
@@ -31,11 +30,8 @@ POLICIES = {
 
 EXACT = Status.EXACT
 
-BATCH_MIN = 16
-"""From so many wrenches on a batch is faster than one wrench after the other."""
-
-LAW_SHARE = 0.5
-"""Of the tolerance, that a law may use up; the rest is for those who sum up in another order."""
+THREAD_MIN = 8192
+"""Wrenches of a batch for each thread, at least."""
 
 
 class Exact(Allocator):
@@ -43,10 +39,11 @@ class Exact(Allocator):
 
     ``min |f|^2`` subject to ``Gamma f = u`` and the bounds.  It is feasible for every u in the
     admissible set; outside, the policy names a wrench in the set, which is then allocated exactly.
+    Batches use all processors that the process may run on.
 
     Parameters
     ----------
-    vehicle : Vehicle
+    vehicle : Vehicle or AllocationProblem
     policy : 'prioritize', 'scale' or 'reject'
         What to serve for a wrench outside the admissible set: `AdmissibleSet.prioritize`,
         `AdmissibleSet.scale` or nothing.
@@ -58,11 +55,16 @@ class Exact(Allocator):
         Reference of 'scale' [N, N m].
     solver : 'newton' or 'osqp'
         Where the solution begins: at the pseudo-inverse, or at OSQP's answer.  It ends at the same
-        thrusts, to rounding.
+        thrusts, to rounding.  With 'osqp' the solver is the NumPy implementation.
     slack : float
         Where facets of the admissible set are almost parallel, because the vehicle is symmetric
         but for the digits of its file, an attainable wrench u may be missed by up to
         ``slack max(1, |u|)``, so that the thrusts do not jump [N, N m].
+
+    Attributes
+    ----------
+    engine : str
+        'C' if the kernel (`ca_ros.kernel`) solves the problem, or 'NumPy'.
 
     Raises
     ------
@@ -113,7 +115,7 @@ class Exact(Allocator):
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        vehicle: Vehicle | AllocationProblem,
         policy: str = 'prioritize',
         order: Sequence[Sequence[str]] | None = None,
         about: ArrayLike | None = None,
@@ -122,84 +124,77 @@ class Exact(Allocator):
         slack: float = 1e-9,
     ) -> None:
         super().__init__(vehicle)
-        for name, value in (('policy', policy), ('solver', solver), ('slack', slack)):
+        for name, value in (
+            ('policy', policy),
+            ('solver', solver),
+            ('slack', slack),
+            ('reversal', reversal),
+        ):
             check(name, value, self.parameters)
-        self.slack = slack
         self.policy, self.order, self.reversal, self.about = policy, order, reversal, about
-        self.admissible = AdmissibleSet(self.problem)
-        self._least_norm = self.problem.least_norm
-        self._laws = AffineLaws(vehicle.n, self._learn)
-        self._osqp = OsqpStart(self.problem) if solver == 'osqp' else None
-        # A wrong option is an error now, not at the first wrench that needs it.
-        scaling = self.admissible.check_reference(about)
-        priorities = self.admissible.check_order(order, reversal)
-        self._attainable = priorities if policy == 'prioritize' else scaling
+        self.slack = slack
+        problem = self.problem
+        self._n = problem.n
+        groups = groups_of(ORDER if order is None else order, problem.axes)
+        if about is not None:
+            self.admissible.check_reference(about)
+        kernel = chosen(problem.n, len(problem.axes)) if solver == 'newton' else None
+        status = POLICIES[policy]
+        if policy == 'prioritize':
+            reference, inside = problem.hover, False
+        else:
+            groups, reversal, inside = (problem.axes,), 'allow', True
+            reference = self.admissible.reference if about is None else problem.check(about)
+        options = (problem, groups, reversal, reference, inside, int(status), slack)
+        self.engine = 'C' if kernel else 'NumPy'
+        self._engine = (
+            kernel_for(kernel, *options) if kernel else NumpyEngine(*options, solver == 'osqp')
+        )
+
+    @cached_property
+    def admissible(self) -> AdmissibleSet:
+        """The set of attainable wrenches."""
+        return AdmissibleSet(self.problem)
+
+    def allocate(self, u: ArrayLike) -> Allocation:
+        """Allocate one wrench; see `Allocator.allocate`."""
+        try:
+            demand = np.array(u, float)
+            thrusts = np.empty(self._n)
+            answer = self._engine.allocate(demand, thrusts)
+        except (TypeError, ValueError):
+            # The check names what is wrong.
+            self.problem.check(u)
+            raise
+        if answer is None:
+            return Allocation(self.problem, demand, thrusts, EXACT)
+        if answer[0] == INVALID:
+            self.problem.check(u)
+        return Allocation(self.problem, demand, thrusts, Status(answer[0]), answer[1])
 
     def _allocate(self, u: Array) -> Allocation:
-        laws = self._laws
-        thrusts = laws.find(u)
-        if thrusts is not None and (laws.proven or self._judge(u, thrusts, LAW_SHARE)):
-            return Allocation(self.problem, u, thrusts, EXACT)
-        served, levels, reached = self._attainable(u)
-        if reached:
-            thrusts, attained = self._solve(u)
-            if attained or self._within_slack(u, served, thrusts):
-                return Allocation(self.problem, u, thrusts, EXACT)
-        status = POLICIES[self.policy]
-        if status is Status.REJECTED:
-            return Allocation(self.problem, u, self.problem.lower.copy(), status, 0.0)
-        thrusts, attained = self._solve(served)
-        if not attained:
-            status = Status.INEXACT
-        return Allocation(self.problem, u, thrusts, status, float(levels.min()))
-
-    def _within_slack(self, u: Array, served: Array, thrusts: Array) -> bool:
-        """Tell whether u is attainable, as `served` proves, and missed by no more than `slack`."""
-        tolerance = self.problem.tolerance(u)
-        slack = tolerance / EXACT_TOLERANCE * self.slack
-        missed = lengths(u - self.problem.gamma @ thrusts)
-        return bool(lengths(served - u) <= tolerance and missed <= slack)
-
-    def _solve(self, u: Array) -> tuple[Array, bool]:
-        """Return the least thrusts for a wrench, and whether it is attainable."""
-        start = None
-        if self._osqp is not None:
-            start = self._osqp.multipliers(u)
-        else:
-            thrusts = self._laws.find_or_learn(u)
-            if self._laws.proven or self._judge(u, thrusts, LAW_SHARE):
-                return thrusts, True
-        solution = self._least(u, start)
-        return solution.thrusts, solution.attained
-
-    def _learn(self, u: Array) -> tuple[Array, AffineLaw | None]:
-        solution = self._least(u)
-        law = explicit_law(self._least_norm, solution.multipliers, LAW_SHARE * EXACT_TOLERANCE)
-        return solution.thrusts, None if solution.relaxed else law
-
-    def _least(self, u: Array, start: Array | None = None) -> Solution:
-        tolerance = float(self.problem.tolerance(u))
-        slack = tolerance / EXACT_TOLERANCE * self.slack
-        return self._least_norm.solve(u, tolerance, start, slack)
+        return self.allocate(u)
 
     def _allocate_batch(self, demands: Array) -> Allocation:
-        if self._osqp is not None or len(demands) < BATCH_MIN:
-            return super()._allocate_batch(demands)
-        problem = self.problem
-        status, levels = np.zeros(len(demands), dtype=np.int8), np.ones(len(demands))
-        thrusts = self._laws.find_batch(demands)
-        left = np.flatnonzero(~self._judge(demands, thrusts, LAW_SHARE))
-        beyond = problem.image.margin(demands[left]) < 0.0
-        inside, outside = left[~beyond], left[beyond]
-        thrusts[inside] = self._laws.find_or_learn_batch(demands[inside])
-        if self.policy != 'reject':
-            served, shares, reached = self._attainable(demands[outside])
-            levels[outside], status[outside] = shares.min(axis=-1), POLICIES[self.policy]
-            thrusts[outside] = self._laws.find_or_learn_batch(served)
-            outside = outside[~self._judge(served, thrusts[outside], LAW_SHARE) | reached]
-        inside = inside[~self._judge(demands[inside], thrusts[inside], LAW_SHARE)]
-        # What is not clear, as on the boundary, is looked at one by one.
-        for i in [*inside, *outside]:
-            answer = self._allocate(demands[i])
-            thrusts[i], status[i], levels[i] = answer.thrusts, answer.status, answer.level
+        size = len(demands)
+        demands = np.ascontiguousarray(demands)
+        thrusts = np.empty((size, self._n))
+        status, levels = np.empty(size, dtype=np.int8), np.empty(size)
+        threads = min(len(sched_getaffinity(0)), size // THREAD_MIN)
+        ends = [i * size // max(threads, 1) for i in range(max(threads, 1) + 1)]
+
+        def work(first: int, last: int) -> None:
+            part = slice(first, last)
+            self._engine.allocate_batch(
+                demands[part], thrusts[part], status[part], levels[part], None
+            )
+
+        if threads > 1:
+            # Imported here: few programs allocate great batches.
+            from concurrent.futures import ThreadPoolExecutor
+
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(work, ends[:-1], ends[1:]))
+        elif size:
+            work(0, size)
         return self._batch(demands, thrusts, status, levels)

@@ -114,6 +114,7 @@ class AllocatorNode(VehicleNode):
         """Return the values of the diagnostics by name."""
         return {
             'method': self.parameters['allocation.method'],
+            'engine': self.method.engine,
             'audit': self.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
             **super().values(),

@@ -80,6 +80,23 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
     return tuple(group for group in kept if group)
 
 
+def sensed(groups: Sequence[Sequence[str]], reversal: str) -> list[str]:
+    """Return the axes that are not to be reversed if lesser ones can prevent it.
+
+    Parameters
+    ----------
+    groups : sequence of sequences of str
+        The axes of each group.
+    reversal : 'prevent', 'avoid' or 'allow'
+    """
+    later = [axis for group in groups[1:] for axis in group]
+    return {
+        'prevent': [axis for axis in later if axis != 'thrust'],
+        'avoid': later,
+        'allow': [],
+    }[reversal]
+
+
 class Prioritization:
     """Serve groups of axes in their order, and reverse no axis that a lesser one can pay for.
 
@@ -126,12 +143,8 @@ class Prioritization:
         self._first, *self._later = (list(group) for group in groups)
         self._wrench = problem.hover if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
-        later = [row for group in self._later for row in group]
-        sensed = {
-            'prevent': [row for row in later if problem.axes[row] != 'thrust'],
-            'avoid': later,
-            'allow': [],
-        }[reversal]
+        named = [[problem.axes[row] for row in group] for group in groups]
+        keeps = [problem.axes.index(axis) for axis in sensed(named, reversal)]
         self._senses: list[int] = []
         # In the simplex the thrusts come before the rows of Gamma.
         self._offset = len(problem.lower)
@@ -144,7 +157,7 @@ class Prioritization:
                 self._start.push(self._offset + row, value)
                 self._start.release(self._offset + row)
         rest = self._serve(self._reference)[0].value[self._offset :]
-        self._senses = [row for row in sensed if abs(rest[row] - self._reference[row]) <= REST]
+        self._senses = [row for row in keeps if abs(rest[row] - self._reference[row]) <= REST]
 
     def _inside(self) -> list[float]:
         """Return where the line of the first group begins, inside of what is attainable of it."""

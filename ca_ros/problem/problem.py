@@ -77,7 +77,7 @@ class AllocationProblem:
             If the admissible set has no volume.
         """
         if not self.spans:
-            raise self._no_volume()
+            raise self.no_volume()
         return Simplex(self.gamma * self.half_range / self.extent[:, None])
 
     def scaled(self, u: Array) -> Array:
@@ -128,7 +128,7 @@ class AllocationProblem:
             If it has no volume: the rotors cannot command the axes independently.
         """
         if not self.spans:
-            raise self._no_volume()
+            raise self.no_volume()
         return Zonotope(self.center, self.gamma * self.half_range)
 
     @property
@@ -141,7 +141,8 @@ class AllocationProblem:
         """Whether the admissible set has a volume."""
         return spans(self.gamma * self.half_range)
 
-    def _no_volume(self) -> ValueError:
+    def no_volume(self) -> ValueError:
+        """Return the error of a problem whose admissible set has no volume."""
         return ValueError(
             'the admissible set has no volume: the rotors cannot command '
             f'{", ".join(self.axes)} independently (ca_ros.audit tells which they can)'

@@ -112,7 +112,7 @@ class DualNewton:
         relaxed = residual <= tolerance < slack and float(np.linalg.norm(y)) > steep
         if relaxed:
             n, m = self.basis.shape
-            room = slack / (np.sqrt(m) * np.linalg.norm(self._back, 2))
+            room = slack / (np.sqrt(m) * np.linalg.norm(self._back))
             rate = np.sqrt(room / (SOFT * steep))
             # What may be missed of u is a further actuator for each axis.
             wider = copy(self)

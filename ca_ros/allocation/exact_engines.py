@@ -1,0 +1,146 @@
+"""What solves the exact allocator's problem: the kernel in C, or NumPy.
+
+Both have the methods of `ca_ros.kernel.Kernel`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ca_ros.allocation.osqp_start import OsqpStart
+from ca_ros.allocation.result import Status
+from ca_ros.arrays import Array, IntArray
+from ca_ros.kernel import Kernel
+from ca_ros.problem.prioritization import Prioritization, sensed
+from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
+from ca_ros.solver.dual_newton import Solution
+
+
+def kernel_for(
+    kernel: type[Kernel],
+    problem: AllocationProblem,
+    groups: Sequence[Sequence[str]],
+    reversal: str,
+    reference: Array,
+    inside: bool,
+    status: int,
+    slack: float,
+    dtype: type[np.floating] = np.float64,
+) -> Kernel:
+    """Return a kernel for a problem.
+
+    Parameters
+    ----------
+    kernel : type
+        A class of `ca_ros.kernel.load`.
+    problem : AllocationProblem
+    groups : sequence of sequences of str
+        The axes of each group of the priorities.
+    reversal : 'prevent', 'avoid' or 'allow'
+    reference : (m,) array
+        Where demands are counted from [N, N m].
+    inside : bool
+        Whether the reference is attainable, so that lines begin there.
+    status : int
+        `Status` of a wrench that is not attainable.
+    slack : float
+        See `Exact`.
+    dtype : type
+        The numbers of the kernel.
+
+    Raises
+    ------
+    ValueError
+        If the problem's admissible set has no volume.
+    """
+    if not problem.spans:
+        raise problem.no_volume()
+    axes = problem.axes
+    keeps = sensed(groups, reversal)
+    gamma, lower, upper, start = (
+        np.ascontiguousarray(array, dtype)
+        for array in (problem.gamma, problem.lower, problem.upper, reference)
+    )
+    return kernel(
+        gamma,
+        lower,
+        upper,
+        start,
+        order=[axes.index(axis) for group in groups for axis in group],
+        group=[i for i, group in enumerate(groups) for _ in group],
+        keep_sense=[int(axis in keeps) for axis in axes],
+        policy=status,
+        on_reference=inside,
+        slack=slack,
+    )
+
+
+class NumpyEngine:
+    """The NumPy implementation: the reference of the kernel, and its replacement.
+
+    The parameters are those of `kernel_for`; with `osqp` Newton's method starts at OSQP's answer.
+    """
+
+    def __init__(
+        self,
+        problem: AllocationProblem,
+        groups: Sequence[Sequence[str]],
+        reversal: str,
+        reference: Array,
+        inside: bool,
+        status: int,
+        slack: float,
+        osqp: bool = False,
+    ) -> None:
+        rows = [[problem.axes.index(axis) for axis in group] for group in groups]
+        begin = reference if inside else None
+        self._problem, self._slack, self._status = problem, slack, status
+        self._serve = Prioritization(problem, rows, reference, reversal, begin)
+        self._osqp = OsqpStart(problem) if osqp else None
+
+    def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
+        """Write the thrusts for u; see `Kernel.allocate`.  Steps are not counted."""
+        problem = self._problem
+        u = problem.check(u)
+        if problem.attains_unbounded(u):
+            thrusts[:] = problem.least_norm.unbounded(u)
+            if lengths(u - problem.gamma @ thrusts) <= 0.5 * problem.tolerance(u):
+                return None
+        served, levels, reached = self._serve(u)
+        if reached:
+            solution = self._least(u)
+            thrusts[:] = solution.thrusts
+            if solution.attained or self._within_slack(u, served, thrusts):
+                return None
+        if self._status == Status.REJECTED:
+            thrusts[:] = problem.lower
+            return self._status, 0.0, 0, 0
+        solution = self._least(served)
+        thrusts[:] = solution.thrusts
+        status = self._status if solution.attained else Status.INEXACT
+        return int(status), float(levels.min()), 0, 0
+
+    def allocate_batch(
+        self, wrenches: Array, thrusts: Array, status: IntArray, levels: Array, work: None
+    ) -> None:
+        """Write thrusts, status and levels for wrenches; see `Kernel.allocate_batch`."""
+        for i, u in enumerate(wrenches):
+            answer = self.allocate(u, thrusts[i])
+            status[i], levels[i] = (0, 1.0) if answer is None else answer[:2]
+
+    def _within_slack(self, u: Array, served: Array, thrusts: Array) -> bool:
+        """Tell whether u is attainable, as `served` proves, and missed by no more than `slack`."""
+        tolerance = self._problem.tolerance(u)
+        missed = lengths(u - self._problem.gamma @ thrusts)
+        return bool(
+            lengths(served - u) <= tolerance
+            and missed <= tolerance / EXACT_TOLERANCE * self._slack
+        )
+
+    def _least(self, u: Array) -> Solution:
+        start = None if self._osqp is None else self._osqp.multipliers(u)
+        tolerance = float(self._problem.tolerance(u))
+        slack = tolerance / EXACT_TOLERANCE * self._slack
+        return self._problem.least_norm.solve(u, tolerance, start, slack)

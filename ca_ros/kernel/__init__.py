@@ -1,0 +1,106 @@
+"""The exact allocator in C, as extension modules that may be missing.
+
+The library itself is `exact.h`, `exact.c`, `least_norm.c` and `priorities.c`; `module.c` binds it.
+It is built for double and for single precision.  `CA_ROS_KERNEL=numpy` in the environment chooses
+the NumPy implementation instead, and `CA_ROS_KERNEL=c` makes a missing extension an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from os import environ
+from typing import Protocol
+
+from ca_ros.arrays import Array, BoolArray, IntArray
+
+ROTORS_MAX = 32
+"""Greatest number of rotors of the extension modules."""
+
+AXES_MAX = 6
+
+INVALID = 5
+"""The status of a wrench that is not finite."""
+
+
+class Kernel(Protocol):
+    """The exact allocator for one problem; arrays are contiguous, of its precision."""
+
+    def __init__(
+        self,
+        gamma: Array,
+        lower: Array,
+        upper: Array,
+        reference: Array,
+        order: Sequence[int],
+        group: Sequence[int],
+        keep_sense: Sequence[int],
+        policy: int,
+        on_reference: bool,
+        slack: float,
+    ) -> None: ...
+
+    def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
+        """Write the thrusts (n,) for u (m,).
+
+        Returns
+        -------
+        tuple or None
+            None for an exact answer; otherwise the status, the level, and how many steps of
+            Newton's method and pivots of the simplex method it took.
+        """
+
+    def allocate_batch(
+        self,
+        wrenches: Array,
+        thrusts: Array,
+        status: IntArray,
+        levels: Array,
+        work: BoolArray | None,
+    ) -> None:
+        """Write thrusts (N, n), status (N,) and levels (N,) for wrenches (N, m).
+
+        `work` (N, 2), int32, gets the numbers of steps and pivots.  Other threads run meanwhile.
+        """
+
+    def margin(self, u: Array) -> float:
+        """Return the signed distance of u (m,) to the boundary of the admissible set."""
+
+    def fields(self) -> dict[str, tuple[str, str, list[float]]]:
+        """Return the fields of `ca_problem` in C: type, dimensions and numbers by name."""
+
+
+def load(precision: str = 'double') -> type[Kernel] | None:
+    """Return the class of the extension module; None if it is not built.
+
+    Parameters
+    ----------
+    precision : 'double' or 'single'
+    """
+    try:
+        kernel: type[Kernel] = import_module(f'ca_ros.kernel._{precision}').Kernel
+    except ModuleNotFoundError:
+        return None
+    return kernel
+
+
+def chosen(n: int, m: int) -> type[Kernel] | None:
+    """Return the kernel for n rotors and m axes; None if NumPy is to do its work.
+
+    Raises
+    ------
+    ValueError
+        If the variable CA_ROS_KERNEL is wrong, or asks for what is not there.
+    """
+    wanted = environ.get('CA_ROS_KERNEL', '')
+    if wanted not in ('', 'c', 'numpy'):
+        raise ValueError(f'CA_ROS_KERNEL: expected c or numpy, got {wanted!r}')
+    fits = n <= ROTORS_MAX and m <= AXES_MAX
+    kernel = load() if fits and wanted != 'numpy' else None
+    if wanted == 'c' and kernel is None:
+        raise ValueError(
+            'CA_ROS_KERNEL: the extension module is not built (pip install needs a C compiler)'
+            if fits
+            else f'CA_ROS_KERNEL: the kernel is for up to {ROTORS_MAX} rotors, got {n}'
+        )
+    return kernel

@@ -1,0 +1,280 @@
+/* Set-up, allocation, and the queries of exact.h. */
+#include "numbers.h"
+
+/* Part of an axis that is independent of those before it, below which there is no volume. */
+#define INDEPENDENT CA_CHOOSE(1e-9, 1e-5)
+
+static int finite(ca_real x)
+{
+    return ca_abs(x) <= CA_ABSURD;
+}
+
+/* Orthonormal columns that span the rows of Gamma: Gamma^T = basis R by Gram and Schmidt, twice. */
+static int span(ca_problem *p)
+{
+    const int n = p->n, m = p->m;
+    for (int k = 0; k < m; k++) {
+        ca_real column[CA_N];
+        for (int i = 0; i < n; i++)
+            column[i] = p->gamma[k][i];
+        const ca_real whole = ca_length(n, column);
+        for (int round = 0; round < 2; round++)
+            for (int j = 0; j < k; j++) {
+                ca_real share = 0;
+                for (int i = 0; i < n; i++)
+                    share += p->basis[i][j] * column[i];
+                p->back[k][j] += share;
+                for (int i = 0; i < n; i++)
+                    column[i] -= share * p->basis[i][j];
+            }
+        const ca_real rest = ca_length(n, column);
+        if (!(rest > INDEPENDENT * whole))
+            return 0;
+        p->back[k][k] = rest;
+        for (int i = 0; i < n; i++)
+            p->basis[i][k] = column[i] / rest;
+        /* The inverse of the lower triangle `back`. */
+        for (int j = 0; j <= k; j++) {
+            ca_real sum = j == k ? 1 : 0;
+            for (int i = j; i < k; i++)
+                sum -= p->back[k][i] * p->coordinates[i][j];
+            p->coordinates[k][j] = sum / rest;
+        }
+    }
+    return 1;
+}
+
+static int order_is_sound(const ca_options *options, int m)
+{
+    int seen[CA_M] = {0};
+    for (int i = 0; i < m; i++) {
+        const int axis = options->order[i], before = i ? options->group[i - 1] : 0;
+        if (axis < 0 || axis >= m || seen[axis])
+            return 0;
+        seen[axis] = 1;
+        if (options->group[i] < before || options->group[i] > before + (i > 0))
+            return 0;
+    }
+    return options->policy >= CA_PRIORITIZED && options->policy <= CA_REJECTED &&
+           options->policy != CA_INEXACT;
+}
+
+int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *lower,
+              const ca_real *upper, const ca_options *options)
+{
+    *p = (ca_problem){0};
+    if (n < 1 || n > CA_N || m < 1 || m > CA_M)
+        return CA_BAD_SIZE;
+    if (!order_is_sound(options, m))
+        return CA_BAD_ORDER;
+    p->n = n;
+    p->m = m;
+    p->policy = options->policy;
+    p->slack = options->slack;
+    p->greatest = 1;
+    if (!(p->slack >= 0 && p->slack <= 1))
+        return CA_BAD_NUMBER;
+    for (int i = 0; i < n; i++) {
+        if (!finite(lower[i]) || !finite(upper[i]) || lower[i] > upper[i])
+            return CA_BAD_NUMBER;
+        p->lower[i] = lower[i];
+        p->upper[i] = upper[i];
+        p->middle[i] = (lower[i] + upper[i]) / 2;
+        p->half_range[i] = (upper[i] - lower[i]) / 2;
+        p->greatest = ca_max(p->greatest, upper[i]);
+    }
+    for (int k = 0; k < m; k++) {
+        p->order[k] = options->order[k];
+        p->group[k] = options->group[k];
+        p->keep_sense[k] = options->keep_sense[k];
+        p->reference[k] = options->reference[k];
+        if (!finite(p->reference[k]))
+            return CA_BAD_NUMBER;
+        for (int i = 0; i < n; i++) {
+            const ca_real entry = gamma[k * n + i];
+            if (!finite(entry))
+                return CA_BAD_NUMBER;
+            p->gamma[k][i] = entry;
+            p->center[k] += entry * p->middle[i];
+            p->extent[k] += ca_abs(entry * p->half_range[i]);
+        }
+        if (!(p->extent[k] > 0))
+            return CA_NO_VOLUME;
+    }
+    if (!span(p))
+        return CA_NO_VOLUME;
+    ca_priorities_set_up(p, options->on_reference);
+    return CA_SOUND;
+}
+
+ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
+{
+    const int n = p->n, m = p->m;
+    ca_answer answer = {CA_EXACT, 1, 0, 0};
+    ca_real length = 0, missed[CA_M];
+
+    for (int k = 0; k < m && length <= CA_ABSURD; k++)
+        length = finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
+    length = length <= CA_ABSURD ? ca_length(m, u) : length;
+    if (!(length <= CA_ABSURD)) {
+        for (int i = 0; i < n; i++)
+            thrusts[i] = p->lower[i];
+        answer.status = CA_INVALID;
+        answer.level = 0;
+        return answer;
+    }
+    const ca_real size = ca_max(1, length), tolerance = CA_TOLERANCE * size;
+    if (ca_attempt(p, u, tolerance, thrusts, &answer.steps) <= tolerance)
+        return answer;
+
+    ca_served served;
+    ca_prioritize(p, u, &served, &answer.pivots, &answer.steps);
+    if (served.reached) {
+        /* The simplex reaches u: it is attainable, though Newton's method came near it only. */
+        const ca_real residual = ca_least_norm(p, u, tolerance, thrusts, &answer.steps);
+        for (int k = 0; k < m; k++)
+            missed[k] = served.wrench[k] - u[k];
+        if (residual <= tolerance ||
+            (ca_length(m, missed) <= tolerance && residual <= p->slack * size))
+            return answer;
+    }
+    answer.status = p->policy;
+    answer.level = served.level;
+    if (p->policy == CA_REJECTED) {
+        for (int i = 0; i < n; i++)
+            thrusts[i] = p->lower[i];
+        answer.level = 0;
+        return answer;
+    }
+    const ca_real goal = CA_TOLERANCE * ca_max(1, ca_length(m, served.wrench));
+    const ca_real residual =
+        served.almost_parallel
+            ? ca_least_norm(p, served.wrench, goal, thrusts, &answer.steps)
+            : ca_least_norm_on_face(p, &served, goal, thrusts, &answer.steps);
+    if (!(residual <= goal))
+        answer.status = CA_INEXACT;
+    return answer;
+}
+
+void ca_residual(const ca_problem *p, const ca_real *u, const ca_real *thrusts, ca_real *residual)
+{
+    for (int k = 0; k < p->m; k++)
+        residual[k] = u[k] - ca_dot(p->n, p->gamma[k], thrusts);
+}
+
+void ca_active_set(const ca_problem *p, const ca_real *thrusts, signed char *active)
+{
+    for (int i = 0; i < p->n; i++) {
+        const ca_real rounding = CA_TOLERANCE * ca_max(1, p->upper[i]);
+        active[i] = thrusts[i] <= p->lower[i] + rounding   ? -1
+                    : thrusts[i] >= p->upper[i] - rounding ? 1
+                                                           : 0;
+    }
+}
+
+void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
+               const ca_real *speed_min, const ca_real *speed_max, ca_real *speeds)
+{
+    for (int i = 0; i < n; i++) {
+        const ca_real speed = thrusts[i] > 0 ? ca_sqrt(thrusts[i] / thrust_coefficient[i]) : 0;
+        speeds[i] = ca_clip(speed, speed_min[i], speed_max[i]);
+    }
+}
+
+/* A unit vector normal to m - 1 scaled generators, by elimination with full pivoting; 0 if they
+ * are not independent. */
+static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
+{
+    const int m = p->m;
+    ca_real rows[CA_M][CA_M];
+    int axis[CA_M];
+    for (int k = 0; k < m; k++)
+        axis[k] = k;
+    for (int r = 0; r < m - 1; r++) {
+        for (int k = 0; k < m; k++)
+            rows[r][k] = p->gamma[k][choice[r]] * p->half_range[choice[r]] / p->extent[k];
+        const ca_real length = ca_length(m, rows[r]);
+        if (!(length > 0))
+            return 0;
+        for (int k = 0; k < m; k++)
+            rows[r][k] /= length;
+    }
+    for (int r = 0; r < m - 1; r++) {
+        int row = r, column = r;
+        for (int i = r; i < m - 1; i++)
+            for (int k = r; k < m; k++)
+                if (ca_abs(rows[i][k]) > ca_abs(rows[row][column])) {
+                    row = i;
+                    column = k;
+                }
+        if (!(ca_abs(rows[row][column]) > INDEPENDENT))
+            return 0;
+        for (int k = 0; k < m; k++) {
+            const ca_real entry = rows[r][k];
+            rows[r][k] = rows[row][k];
+            rows[row][k] = entry;
+        }
+        for (int i = 0; i < m - 1; i++) {
+            const ca_real entry = rows[i][r];
+            rows[i][r] = rows[i][column];
+            rows[i][column] = entry;
+        }
+        const int moved = axis[r];
+        axis[r] = axis[column];
+        axis[column] = moved;
+        for (int i = r + 1; i < m - 1; i++) {
+            const ca_real factor = rows[i][r] / rows[r][r];
+            for (int k = r; k < m; k++)
+                rows[i][k] -= factor * rows[r][k];
+        }
+    }
+    ca_real solution[CA_M];
+    solution[m - 1] = 1;
+    for (int r = m - 2; r >= 0; r--) {
+        ca_real sum = 0;
+        for (int k = r + 1; k < m; k++)
+            sum -= rows[r][k] * solution[k];
+        solution[r] = sum / rows[r][r];
+    }
+    /* In the units of the wrench again. */
+    for (int k = 0; k < m; k++)
+        normal[axis[k]] = solution[k] / p->extent[axis[k]];
+    const ca_real length = ca_length(m, normal);
+    for (int k = 0; k < m; k++)
+        normal[k] /= length;
+    return 1;
+}
+
+ca_real ca_margin(const ca_problem *p, const ca_real *u)
+{
+    const int n = p->n, m = p->m, size = m - 1;
+    int choice[CA_M];
+    ca_real margin = CA_INFINITY;
+    if (n < size)
+        return -CA_INFINITY;
+    for (int r = 0; r < size; r++)
+        choice[r] = r;
+    for (;;) {
+        ca_real normal[CA_M], height = 0, width = 0;
+        if (normal_of(p, choice, normal)) {
+            for (int k = 0; k < m; k++)
+                height += normal[k] * (u[k] - p->center[k]);
+            for (int i = 0; i < n; i++) {
+                ca_real side = 0;
+                for (int k = 0; k < m; k++)
+                    side += normal[k] * p->gamma[k][i];
+                width += ca_abs(side) * p->half_range[i];
+            }
+            margin = ca_min(margin, width - ca_abs(height));
+        }
+        /* The next choice in lexicographic order. */
+        int r = size - 1;
+        while (r >= 0 && choice[r] == n - size + r)
+            r--;
+        if (r < 0)
+            return margin;
+        choice[r]++;
+        for (int i = r + 1; i < size; i++)
+            choice[i] = choice[i - 1] + 1;
+    }
+}

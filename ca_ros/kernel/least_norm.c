@@ -1,0 +1,514 @@
+/* Least-norm thrusts within bounds, Eqs. (20)-(22), by a dual Newton method.
+ *
+ * The cost is separable, so for multipliers y of basis^T f = c the best thrusts are
+ * f(y) = clip(basis y), and what is left is basis^T f(y) = c: piecewise linear, and the gradient
+ * of a concave function, the dual. Newton's method starts at the pseudo-inverse, y = c, takes the
+ * rotors between their bounds for free, and searches exactly along each step.
+ */
+#include "numbers.h"
+
+/* Bounds of Newton's iteration: at first, and where the wrench is known to be attainable. */
+#define ATTEMPT 10
+#define STEPS 50
+/* Size of the free rotors' part of the basis below which an axis is not served. */
+#define FLAT CA_CHOOSE(1e-8, 1e-4)
+/* Multipliers beyond this, in units of the greatest thrust, belong to facets almost parallel. */
+#define STEEP CA_CHOOSE(2e4, 2e2)
+/* Multiple of STEEP at which a relaxed solution misses the wrench by all that it may. */
+#define SOFT CA_REAL(0.05)
+/* Change of a thrust, in units of the greatest, that is not worth any slack. */
+#define SAME CA_CHOOSE(1e-7, 1e-4)
+/* Share of |y| up to which thrusts that y determines are uncertain. */
+#define ROUNDING CA_CHOOSE(16 * 2.2e-16, 16 * 1.2e-7)
+/* Uncertainty of thrusts at a change of the active set. */
+#define CHANGED CA_CHOOSE(1e-10, 1e-5)
+/* Share of the fastest rate below which a rotor does not move along a step. */
+#define STILL CA_CHOOSE(1e-12, 1e-6)
+/* Share of the greatest thrusts by which a sum along a step is uncertain. */
+#define SUM CA_CHOOSE(1e-14, 1e-6)
+
+/* A relaxed program has an actuator more for each axis: what may be missed of it. */
+#define WIDE (CA_N + CA_M)
+
+typedef struct {
+    const ca_problem *problem;
+    int count;                     /* n, or n + m if relaxed */
+    const ca_real (*basis)[CA_M];
+    const ca_real *lower, *upper;
+    ca_real rate;                  /* of the actuators beyond n */
+} program;
+
+/* Q R of the rows of the basis that belong to free rotors, with the axes in the order of `axis`;
+ * where they do not serve all axes, also P T of R^T. */
+typedef struct {
+    int free, rank;
+    int axis[CA_M];
+    ca_real q[CA_M][WIDE];
+    ca_real r[CA_M][CA_M];
+    ca_real p[CA_M][CA_M];
+    ca_real t[CA_M][CA_M];
+} factors;
+
+static void factorize(const program *program, const int *free, int count, factors *f)
+{
+    const int m = program->problem->m;
+    f->free = count;
+    f->rank = m;
+    for (int k = 0; k < m; k++) {
+        f->axis[k] = k;
+        for (int i = 0; i < count; i++)
+            f->q[k][i] = program->basis[free[i]][k];
+    }
+    for (int j = 0; j < m; j++) {
+        ca_real greatest = -1;
+        int pivot = j;
+        for (int k = j; k < m; k++) {
+            const ca_real size = ca_dot(count, f->q[k], f->q[k]);
+            if (size > greatest) {
+                greatest = size;
+                pivot = k;
+            }
+        }
+        if (pivot != j) {
+            const int axis = f->axis[j];
+            f->axis[j] = f->axis[pivot];
+            f->axis[pivot] = axis;
+            for (int i = 0; i < count; i++) {
+                const ca_real entry = f->q[j][i];
+                f->q[j][i] = f->q[pivot][i];
+                f->q[pivot][i] = entry;
+            }
+            for (int i = 0; i < j; i++) {
+                const ca_real entry = f->r[i][j];
+                f->r[i][j] = f->r[i][pivot];
+                f->r[i][pivot] = entry;
+            }
+        }
+        const ca_real length = ca_sqrt(greatest);
+        if (!(length > FLAT)) {
+            f->rank = j;
+            break;
+        }
+        f->r[j][j] = length;
+        const ca_real inverse = 1 / length;
+        for (int i = 0; i < count; i++)
+            f->q[j][i] *= inverse;
+        for (int k = j + 1; k < m; k++) {
+            const ca_real share = ca_dot(count, f->q[j], f->q[k]);
+            f->r[j][k] = share;
+            for (int i = 0; i < count; i++)
+                f->q[k][i] -= share * f->q[j][i];
+        }
+    }
+    if (f->rank == m)
+        return;
+    for (int j = 0; j < f->rank; j++) {
+        for (int k = 0; k < m; k++)
+            f->p[j][k] = k < j ? 0 : f->r[j][k];
+        for (int i = 0; i < j; i++) {
+            const ca_real share = ca_dot(m, f->p[i], f->p[j]);
+            f->t[i][j] = share;
+            for (int k = 0; k < m; k++)
+                f->p[j][k] -= share * f->p[i][k];
+        }
+        f->t[j][j] = ca_length(m, f->p[j]);
+        for (int k = 0; k < m; k++)
+            f->p[j][k] /= f->t[j][j];
+    }
+}
+
+/* Solve basis_F^T basis_F step = slopes without squaring its condition; change = basis_F step.
+ * `away` is the part of slopes that no free rotor serves. */
+static void solve_free(const factors *f, int m, const ca_real *slopes, ca_real *step,
+                       ca_real *change, ca_real *away)
+{
+    ca_real sorted[CA_M], g[CA_M], t[CA_M];
+    const int rank = f->rank;
+    for (int k = 0; k < m; k++)
+        sorted[k] = slopes[f->axis[k]];
+    for (int k = 0; k < m; k++)
+        away[k] = 0;
+    if (rank == m) {
+        for (int j = 0; j < m; j++) {
+            ca_real sum = sorted[j];
+            for (int i = 0; i < j; i++)
+                sum -= f->r[i][j] * g[i];
+            g[j] = sum / f->r[j][j];
+        }
+        for (int j = m - 1; j >= 0; j--) {
+            ca_real sum = g[j];
+            for (int k = j + 1; k < m; k++)
+                sum -= f->r[j][k] * t[k];
+            t[j] = sum / f->r[j][j];
+            step[f->axis[j]] = t[j];
+        }
+    } else {
+        ca_real served[CA_M];
+        for (int k = 0; k < m; k++)
+            served[k] = 0;
+        for (int j = rank - 1; j >= 0; j--) {
+            const ca_real share = ca_dot(m, f->p[j], sorted);
+            ca_real sum = share;
+            for (int k = 0; k < m; k++)
+                served[k] += share * f->p[j][k];
+            for (int i = j + 1; i < rank; i++)
+                sum -= f->t[j][i] * g[i];
+            g[j] = sum / f->t[j][j];
+        }
+        for (int k = 0; k < m; k++) {
+            away[f->axis[k]] = sorted[k] - served[k];
+            served[k] = 0;
+        }
+        for (int j = 0; j < rank; j++) {
+            ca_real sum = g[j];
+            for (int i = 0; i < j; i++)
+                sum -= f->t[i][j] * t[i];
+            t[j] = sum / f->t[j][j];
+            for (int k = 0; k < m; k++)
+                served[k] += t[j] * f->p[j][k];
+        }
+        for (int k = 0; k < m; k++)
+            step[f->axis[k]] = served[k];
+    }
+    for (int i = 0; i < f->free; i++)
+        change[i] = 0;
+    for (int j = 0; j < rank; j++)
+        for (int i = 0; i < f->free; i++)
+            change[i] += g[j] * f->q[j][i];
+}
+
+/* left = u - A f */
+static void leave(const program *program, const ca_real *u, const ca_real *f, ca_real *left)
+{
+    const ca_problem *problem = program->problem;
+    const int n = problem->n, m = problem->m;
+    ca_residual(problem, u, f, left);
+    if (program->count > n)
+        for (int k = 0; k < m; k++)
+            left[k] -= program->rate * ca_dot(m, problem->back[k], f + n);
+}
+
+static void multiply(int m, const ca_real matrix[CA_M][CA_M], const ca_real *x, ca_real *y)
+{
+    for (int k = 0; k < m; k++)
+        y[k] = ca_dot(m, matrix[k], x);
+}
+
+typedef struct {
+    int count;
+    ca_real start[WIDE], rate[WIDE], lower[WIDE], upper[WIDE];
+    ca_real corner[2 * WIDE + 1];
+} line;
+
+/* rate . clip(start + t rate) - goal, which grows with t */
+static ca_real excess(const line *line, ca_real t, ca_real goal)
+{
+    ca_real sum = 0;
+    for (int i = 0; i < line->count; i++)
+        sum += ca_clip(line->start[i] + t * line->rate[i], line->lower[i], line->upper[i]) *
+               line->rate[i];
+    return sum - goal;
+}
+
+/* Return t >= 0 at which the excess is zero. `short_of` is how much is missing where all that can
+ * move is moved: a wrench with such a gap is unattainable. */
+static ca_real search(const program *program, const ca_real *z, const ca_real *step, ca_real goal,
+                      ca_real *short_of)
+{
+    const int m = program->problem->m;
+    line line;
+    ca_real rates[WIDE], fastest = 0, rounding = 0;
+    int corners = 1, low, high;
+
+    *short_of = 0;
+    for (int i = 0; i < program->count; i++) {
+        rates[i] = ca_dot(m, program->basis[i], step);
+        fastest = ca_max(fastest, ca_abs(rates[i]));
+    }
+    line.count = 0;
+    line.corner[0] = 0;
+    for (int i = 0; i < program->count; i++) {
+        const ca_real size = ca_abs(rates[i]);
+        /* The corner of a rotor that is still up to rounding would be nowhere near. */
+        if (!(size > STILL * fastest))
+            continue;
+        const ca_real lower = program->lower[i], upper = program->upper[i];
+        const ca_real inverse = 1 / rates[i];
+        const ca_real ends[2] = {(lower - z[i]) * inverse, (upper - z[i]) * inverse};
+        for (int e = 0; e < 2; e++) {
+            if (!(ends[e] > 0))
+                continue;
+            int place = corners++;
+            for (; place > 1 && line.corner[place - 1] > ends[e]; place--)
+                line.corner[place] = line.corner[place - 1];
+            line.corner[place] = ends[e];
+        }
+        line.start[line.count] = z[i];
+        line.rate[line.count] = rates[i];
+        line.lower[line.count] = lower;
+        line.upper[line.count++] = upper;
+        rounding += size * ca_max(ca_abs(lower), ca_abs(upper));
+    }
+    rounding *= SUM;
+    /* At the boundary of the admissible set the goal is reached for good at a corner, to rounding:
+     * the search ends there. `low` is a corner before the goal, `high` one at or after it. */
+    low = -1;
+    high = corners;
+    ca_real before = 0, after = 0;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        const ca_real value = excess(&line, line.corner[middle], goal);
+        if (value >= -rounding) {
+            high = middle;
+            after = value;
+        } else {
+            low = middle;
+            before = value;
+        }
+    }
+    if (high == 0)
+        return 0;
+    if (high == corners) {
+        *short_of = -before;
+        return 2 * line.corner[corners - 1];
+    }
+    const ca_real share = ca_min(before / (before - after), 1);
+    return line.corner[low] + share * (line.corner[high] - line.corner[low]);
+}
+
+/* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. With
+ * `early` it ends when u is proven to be unattainable. Returns the least residual that was met,
+ * with its thrusts and multipliers. */
+static ca_real iterate(const program *program, const ca_real *u, ca_real tolerance, int start,
+                       int early, int bound, ca_real *thrusts, ca_real *multipliers, int *steps)
+{
+    const ca_problem *problem = program->problem;
+    const int m = problem->m, count = program->count;
+    ca_real target[CA_M], y[CA_M], least = CA_INFINITY;
+    multiply(m, problem->coordinates, u, target);
+    for (int k = 0; k < m; k++)
+        multipliers[k] = y[k] = start ? multipliers[k] : target[k];
+    for (int i = 0; i < count; i++)
+        thrusts[i] = program->lower[i];
+
+    for (int number = 0; number < bound; number++) {
+        ca_real z[WIDE], f[WIDE], left[CA_M], residual;
+        int free[WIDE], frees = 0;
+        for (int i = 0; i < count; i++) {
+            z[i] = ca_dot(m, program->basis[i], y);
+            f[i] = ca_clip(z[i], program->lower[i], program->upper[i]);
+            if (z[i] > program->lower[i] && z[i] < program->upper[i])
+                free[frees++] = i;
+        }
+        leave(program, u, f, left);
+        residual = ca_length(m, left);
+        if (residual < least) {
+            least = residual;
+            for (int i = 0; i < count; i++)
+                thrusts[i] = f[i];
+            for (int k = 0; k < m; k++)
+                multipliers[k] = y[k];
+        }
+        if (least <= tolerance)
+            break;
+
+        factors factors;
+        ca_real slopes[CA_M], step[CA_M], away[CA_M], missed[CA_M], change[WIDE];
+        ++*steps;
+        factorize(program, free, frees, &factors);
+        multiply(m, problem->coordinates, left, slopes);
+        solve_free(&factors, m, slopes, step, change, away);
+        /* Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
+         * or a reason to go that way alone: the search ends where the next rotor comes free. */
+        multiply(m, problem->back, away, missed);
+        const int astray = factors.rank < m && ca_length(m, missed) > CA_REAL(0.8) * tolerance;
+        if (!astray) {
+            /* If the step leaves the active set as it is, this is the answer. The thrusts
+             * themselves lose fewer digits in it than y, which may be large. */
+            ca_real stepped[WIDE], after[CA_M], greatest = 0, change_of_set = 0;
+            for (int k = 0; k < m; k++)
+                after[k] = y[k] + step[k];
+            for (int i = 0; i < count; i++)
+                stepped[i] = f[i];
+            for (int i = 0; i < frees; i++)
+                stepped[free[i]] = ca_clip(f[free[i]] + change[i], program->lower[free[i]],
+                                           program->upper[free[i]]);
+            for (int i = 0; i < count; i++) {
+                const ca_real aimed = ca_clip(z[i] + ca_dot(m, program->basis[i], step),
+                                              program->lower[i], program->upper[i]);
+                change_of_set = ca_max(change_of_set, ca_abs(aimed - stepped[i]));
+                greatest = ca_max(greatest, ca_abs(stepped[i]));
+            }
+            if (change_of_set <= CHANGED * (1 + greatest) + ROUNDING * ca_length(m, after)) {
+                leave(program, u, stepped, left);
+                residual = ca_length(m, left);
+                if (residual < least) {
+                    least = residual;
+                    for (int i = 0; i < count; i++)
+                        thrusts[i] = stepped[i];
+                    for (int k = 0; k < m; k++)
+                        multipliers[k] = after[k];
+                }
+                if (least <= tolerance)
+                    break;
+            }
+        }
+        ca_real advance = 0, short_of = 0;
+        const ca_real *way = step;
+        if (astray) {
+            way = away;
+            advance = search(program, z, away, ca_dot(m, target, away), &short_of);
+        }
+        if (!(advance > 0)) {
+            way = step;
+            advance = search(program, z, step, ca_dot(m, target, step), &short_of);
+        }
+        if (!(advance > 0))
+            break;
+        if (early && short_of > 0) {
+            /* The plane normal to `way` has all attainable wrenches on one side: how far is u? */
+            ca_real normal[CA_M];
+            for (int k = 0; k < m; k++) {
+                normal[k] = 0;
+                for (int j = 0; j < m; j++)
+                    normal[k] += problem->coordinates[j][k] * way[j];
+            }
+            if (short_of > 4 * tolerance * ca_length(m, normal))
+                return least;
+        }
+        for (int k = 0; k < m; k++)
+            y[k] += advance * way[k];
+    }
+    return least;
+}
+
+ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
+                  int *steps)
+{
+    const int n = problem->n, m = problem->m;
+    const program program = {problem, n, problem->basis, problem->lower, problem->upper, 0};
+    ca_real f[CA_N], least = CA_INFINITY;
+    for (int i = 0; i < n; i++)
+        f[i] = thrusts[i];
+    for (int number = 0; number < n; number++) {
+        ca_real left[CA_M], slopes[CA_M], step[CA_M], away[CA_M], change[CA_N];
+        int free[CA_N], frees = 0;
+        factors factors;
+        ca_residual(problem, u, f, left);
+        const ca_real residual = ca_length(m, left);
+        if (residual < least) {
+            least = residual;
+            for (int i = 0; i < n; i++)
+                thrusts[i] = f[i];
+        }
+        for (int i = 0; i < n; i++)
+            if (f[i] > problem->lower[i] && f[i] < problem->upper[i])
+                free[frees++] = i;
+        if (residual <= tolerance || frees == 0)
+            break;
+        ++*steps;
+        factorize(&program, free, frees, &factors);
+        multiply(m, problem->coordinates, left, slopes);
+        solve_free(&factors, m, slopes, step, change, away);
+        for (int i = 0; i < frees; i++)
+            f[free[i]] = ca_clip(f[free[i]] + change[i], problem->lower[free[i]],
+                                 problem->upper[free[i]]);
+    }
+    return least;
+}
+
+/* Where the multipliers y are large, miss u by up to the slack in favour of smaller thrusts. */
+static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
+                  const ca_real *y, int *steps)
+{
+    const int n = problem->n, m = problem->m;
+    const ca_real steep = STEEP * problem->greatest;
+    const ca_real slack = problem->slack * ca_max(1, ca_length(m, u));
+    if (!(tolerance < slack && ca_length(m, y) > steep))
+        return;
+    /* What may be missed of u is a further actuator for each axis. */
+    ca_real basis[WIDE][CA_M], lower[WIDE], upper[WIDE], f[WIDE], multipliers[CA_M];
+    ca_real norm = 0, difference = 0;
+    for (int k = 0; k < m; k++)
+        norm += ca_dot(m, problem->back[k], problem->back[k]);
+    const ca_real room = slack / ca_sqrt(CA_REAL(m) * norm);
+    const ca_real rate = ca_sqrt(room / (SOFT * steep));
+    for (int i = 0; i < n; i++) {
+        lower[i] = problem->lower[i];
+        upper[i] = problem->upper[i];
+        for (int k = 0; k < m; k++)
+            basis[i][k] = problem->basis[i][k];
+    }
+    for (int k = 0; k < m; k++) {
+        upper[n + k] = room / rate;
+        lower[n + k] = -upper[n + k];
+        for (int j = 0; j < m; j++)
+            basis[n + k][j] = j == k ? rate : 0;
+    }
+    const program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper, rate};
+    iterate(&relaxed, u, tolerance / 2, 0, 0, STEPS, f, multipliers, steps);
+    /* On the boundary multipliers may be large, and the thrusts the same without slack. */
+    for (int i = 0; i < n; i++)
+        difference = ca_max(difference, ca_abs(f[i] - thrusts[i]));
+    if (difference > SAME * problem->greatest)
+        for (int i = 0; i < n; i++)
+            thrusts[i] = f[i];
+}
+
+ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
+                   ca_real *thrusts, int *steps)
+{
+    const program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
+    ca_real y[CA_M];
+    const ca_real residual =
+        iterate(&plain, u, tolerance / 2, 0, 1, ATTEMPT, thrusts, y, steps);
+    if (residual <= tolerance)
+        relax(problem, u, tolerance, thrusts, y, steps);
+    return residual;
+}
+
+ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance,
+                      ca_real *thrusts, int *steps)
+{
+    const program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
+    ca_real y[CA_M];
+    ca_real residual = iterate(&plain, u, tolerance / 2, 0, 0, STEPS, thrusts, y, steps);
+    if (residual > tolerance / 2)
+        residual = ca_settle(problem, u, tolerance / 2, thrusts, steps);
+    if (residual <= tolerance)
+        relax(problem, u, tolerance, thrusts, y, steps);
+    return residual;
+}
+
+ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served,
+                              ca_real tolerance, ca_real *thrusts, int *steps)
+{
+    const int n = problem->n, m = problem->m;
+    ca_real lower[CA_N], upper[CA_N], f[CA_N], left[CA_M], slopes[CA_M], y[CA_M], away[CA_M];
+    ca_real change[CA_N];
+    int free[CA_N], frees = 0;
+    factors factors;
+    /* Thrusts that are held need no multipliers: without them these are small. */
+    for (int i = 0; i < n; i++) {
+        lower[i] = served->held[i] ? served->thrusts[i] : problem->lower[i];
+        upper[i] = served->held[i] ? served->thrusts[i] : problem->upper[i];
+        f[i] = lower[i] < upper[i] ? 0 : lower[i];
+        if (lower[i] < upper[i])
+            free[frees++] = i;
+    }
+    const program face = {problem, n, problem->basis, lower, upper, 0};
+    ++*steps;
+    factorize(&face, free, frees, &factors);
+    ca_residual(problem, served->wrench, f, left);
+    multiply(m, problem->coordinates, left, slopes);
+    solve_free(&factors, m, slopes, y, change, away);
+    const ca_real residual =
+        iterate(&face, served->wrench, tolerance / 2, 1, 0, STEPS, thrusts, y, steps);
+    if (residual <= tolerance)
+        return residual;
+    /* Near a corner of the face: these give the wrench as well, though they may not be least. */
+    for (int i = 0; i < n; i++)
+        thrusts[i] = served->thrusts[i];
+    ca_residual(problem, served->wrench, thrusts, left);
+    return ca_length(m, left);
+}

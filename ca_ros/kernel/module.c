@@ -1,0 +1,275 @@
+/* The library as a Python module.
+ *
+ * `Kernel` holds one problem. Numbers come and go as buffers of double or, with CA_FLOAT, of float.
+ */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <structmember.h>
+
+#include "exact.h"
+
+#ifdef CA_FLOAT
+#define NAME "_single"
+#define INIT PyInit__single
+#define FORMAT 'f'
+#else
+#define NAME "_double"
+#define INIT PyInit__double
+#define FORMAT 'd'
+#endif
+
+typedef struct {
+    PyObject_HEAD
+    ca_problem problem;
+} kernel;
+
+/* Get a contiguous buffer of `count` numbers, or of a multiple of it if `rows` is given. */
+static int get(PyObject *object, Py_buffer *view, char format, Py_ssize_t count, Py_ssize_t *rows,
+               int writable)
+{
+    const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
+    if (PyObject_GetBuffer(object, view, flags) < 0)
+        return 0;
+    const Py_ssize_t numbers = view->len / view->itemsize;
+    const int fits = rows ? numbers % count == 0 && (*rows < 0 || numbers / count == *rows)
+                          : numbers == count && view->ndim == 1;
+    if (view->format[0] != format || view->format[1] || !fits) {
+        PyBuffer_Release(view);
+        PyErr_Format(PyExc_TypeError, "expected a contiguous array of %zd numbers of type '%c'",
+                     count, format);
+        return 0;
+    }
+    if (rows)
+        *rows = numbers / count;
+    return 1;
+}
+
+static PyObject *answer_of(const ca_answer *answer)
+{
+    return Py_BuildValue("(idii)", answer->status, (double)answer->level, answer->steps,
+                         answer->pivots);
+}
+
+PyDoc_STRVAR(allocate_doc,
+             "allocate(u, thrusts)\n--\n\n"
+             "Write the thrusts for u; return None if it is exact, else (status, level, steps, "
+             "pivots).");
+
+static PyObject *allocate(kernel *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    Py_buffer u, thrusts;
+    if (count != 2) {
+        PyErr_SetString(PyExc_TypeError, "expected u and thrusts");
+        return NULL;
+    }
+    if (!get(arguments[0], &u, FORMAT, self->problem.m, NULL, 0))
+        return NULL;
+    if (!get(arguments[1], &thrusts, FORMAT, self->problem.n, NULL, 1)) {
+        PyBuffer_Release(&u);
+        return NULL;
+    }
+    const ca_answer answer = ca_allocate(&self->problem, u.buf, thrusts.buf);
+    PyBuffer_Release(&thrusts);
+    PyBuffer_Release(&u);
+    if (answer.status == CA_EXACT)
+        Py_RETURN_NONE;
+    return answer_of(&answer);
+}
+
+PyDoc_STRVAR(allocate_batch_doc,
+             "allocate_batch(wrenches, thrusts, status, levels, work)\n--\n\n"
+             "Write thrusts, status (int8), levels and work (int32, steps and pivots, or "
+             "None) for each of the wrenches; other Python threads run meanwhile.");
+
+static PyObject *allocate_batch(kernel *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    const ca_problem *problem = &self->problem;
+    const int n = problem->n, m = problem->m;
+    const char formats[5] = {FORMAT, FORMAT, 'b', FORMAT, 'i'};
+    const Py_ssize_t widths[5] = {m, n, 1, 1, 2};
+    Py_buffer views[5];
+    Py_ssize_t rows = -1;
+    int taken = 0;
+    if (count != 5) {
+        PyErr_SetString(PyExc_TypeError, "expected wrenches, thrusts, status, levels and work");
+        return NULL;
+    }
+    const int given = arguments[4] == Py_None ? 4 : 5;
+    while (taken < given && get(arguments[taken], &views[taken], formats[taken], widths[taken],
+                                &rows, taken > 0))
+        taken++;
+    if (taken == given) {
+        const ca_real *wrenches = views[0].buf;
+        ca_real *thrusts = views[1].buf, *levels = views[3].buf;
+        signed char *status = views[2].buf;
+        int *work = given == 5 ? views[4].buf : NULL;
+        Py_BEGIN_ALLOW_THREADS
+        for (Py_ssize_t i = 0; i < rows; i++) {
+            const ca_answer answer = ca_allocate(problem, wrenches + i * m, thrusts + i * n);
+            status[i] = (signed char)answer.status;
+            levels[i] = answer.level;
+            if (work) {
+                work[2 * i] = answer.steps;
+                work[2 * i + 1] = answer.pivots;
+            }
+        }
+        Py_END_ALLOW_THREADS
+    }
+    while (taken)
+        PyBuffer_Release(&views[--taken]);
+    if (PyErr_Occurred())
+        return NULL;
+    Py_RETURN_NONE;
+}
+
+PyDoc_STRVAR(margin_doc, "margin(u)\n--\n\n"
+                         "Return the signed distance of u to the boundary of the admissible set.");
+
+static PyObject *margin(kernel *self, PyObject *wrench)
+{
+    Py_buffer u;
+    ca_real distance;
+    if (!get(wrench, &u, FORMAT, self->problem.m, NULL, 0))
+        return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    distance = ca_margin(&self->problem, u.buf);
+    Py_END_ALLOW_THREADS
+    PyBuffer_Release(&u);
+    return PyFloat_FromDouble((double)distance);
+}
+
+static int keep_ints(PyObject *fields, const char *name, const char *dimensions,
+                     const int *numbers, size_t size)
+{
+    const Py_ssize_t count = (Py_ssize_t)(size / sizeof *numbers);
+    PyObject *list = PyList_New(count);
+    for (Py_ssize_t i = 0; list && i < count; i++)
+        PyList_SET_ITEM(list, i, PyLong_FromLong(numbers[i]));
+    PyObject *entry = list ? Py_BuildValue("(ssN)", "int", dimensions, list) : NULL;
+    const int done = entry && PyDict_SetItemString(fields, name, entry) == 0;
+    Py_XDECREF(entry);
+    return done;
+}
+
+static int keep_ca_reals(PyObject *fields, const char *name, const char *dimensions,
+                         const ca_real *numbers, size_t size)
+{
+    const Py_ssize_t count = (Py_ssize_t)(size / sizeof *numbers);
+    PyObject *list = PyList_New(count);
+    for (Py_ssize_t i = 0; list && i < count; i++)
+        PyList_SET_ITEM(list, i, PyFloat_FromDouble((double)numbers[i]));
+    PyObject *entry = list ? Py_BuildValue("(ssN)", "ca_real", dimensions, list) : NULL;
+    const int done = entry && PyDict_SetItemString(fields, name, entry) == 0;
+    Py_XDECREF(entry);
+    return done;
+}
+
+PyDoc_STRVAR(fields_doc, "fields()\n--\n\n"
+                         "Return the fields of ca_problem in their order: name to (type, "
+                         "dimensions, numbers).");
+
+static PyObject *fields(kernel *self, PyObject *unused)
+{
+    PyObject *fields = PyDict_New();
+    int done = fields != NULL;
+    (void)unused;
+#define CA_KEEP(type, name, dimensions)                                                           \
+    done = done && keep_##type##s(fields, #name, #dimensions,                                     \
+                                  (const type *)&self->problem.name, sizeof self->problem.name);
+    CA_FIELDS(CA_KEEP)
+    if (!done) {
+        Py_XDECREF(fields);
+        return NULL;
+    }
+    return fields;
+}
+
+static int copy_ints(PyObject *sequence, int count, int *numbers)
+{
+    for (int i = 0; i < count; i++) {
+        PyObject *item = PySequence_GetItem(sequence, i);
+        if (!item)
+            return 0;
+        numbers[i] = (int)PyLong_AsLong(item);
+        Py_DECREF(item);
+        if (PyErr_Occurred())
+            return 0;
+    }
+    return 1;
+}
+
+static const char *const FAULTS[] = {
+    "", "too many rotors or axes", "a number is not finite, or a lower bound above its upper bound",
+    "the rotors cannot command the axes independently",
+    "the order does not name each axis once, group by group"};
+
+/* Kernel(gamma, lower, upper, reference, order, group, keep_sense, policy, on_reference, slack) */
+static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
+{
+    static char *names[] = {"gamma", "lower", "upper", "reference", "order", "group",
+                            "keep_sense", "policy", "on_reference", "slack", NULL};
+    PyObject *inputs[4], *order, *group, *senses;
+    Py_buffer views[4];
+    ca_options options;
+    double slack;
+    int taken = 0, fault = CA_BAD_SIZE;
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd", names, &inputs[0],
+                                     &inputs[1], &inputs[2], &inputs[3], &order, &group, &senses,
+                                     &options.policy, &options.on_reference, &slack))
+        return -1;
+    const Py_ssize_t m = PySequence_Length(order);
+    options.slack = (ca_real)slack;
+    if (m >= 1 && m <= CA_M && copy_ints(order, (int)m, options.order) &&
+        copy_ints(group, (int)m, options.group) && copy_ints(senses, (int)m, options.keep_sense)) {
+        Py_ssize_t n = -1, widths[4] = {m, 1, 1, m};
+        while (taken < 4 && get(inputs[taken], &views[taken], FORMAT, widths[taken],
+                                taken < 3 ? &n : NULL, 0))
+            taken++;
+        if (taken == 4 && n <= CA_N) {
+            for (int k = 0; k < m; k++)
+                options.reference[k] = ((const ca_real *)views[3].buf)[k];
+            fault = ca_set_up(&self->problem, (int)n, (int)m, views[0].buf, views[1].buf,
+                              views[2].buf, &options);
+        }
+        while (taken)
+            PyBuffer_Release(&views[--taken]);
+    }
+    if (!PyErr_Occurred() && fault)
+        PyErr_SetString(PyExc_ValueError, FAULTS[fault]);
+    return PyErr_Occurred() ? -1 : 0;
+}
+
+static PyMethodDef methods[] = {
+    {"allocate", (PyCFunction)(void (*)(void))allocate, METH_FASTCALL, allocate_doc},
+    {"allocate_batch", (PyCFunction)(void (*)(void))allocate_batch, METH_FASTCALL,
+     allocate_batch_doc},
+    {"margin", (PyCFunction)(void (*)(void))margin, METH_O, margin_doc},
+    {"fields", (PyCFunction)(void (*)(void))fields, METH_NOARGS, fields_doc},
+    {NULL, NULL, 0, NULL}};
+
+static PyTypeObject kernel_type = {
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "ca_ros.kernel." NAME ".Kernel",
+    .tp_doc = "The exact allocator for one problem, in C.",
+    .tp_basicsize = sizeof(kernel),
+    .tp_flags = Py_TPFLAGS_DEFAULT,
+    .tp_new = PyType_GenericNew,
+    .tp_init = (initproc)(void (*)(void))initialise,
+    .tp_methods = methods,
+};
+
+static PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = NAME, .m_size = -1};
+
+PyMODINIT_FUNC INIT(void)
+{
+    PyObject *self;
+    if (PyType_Ready(&kernel_type) < 0 || !(self = PyModule_Create(&module)))
+        return NULL;
+    Py_INCREF(&kernel_type);
+    if (PyModule_AddObject(self, "Kernel", (PyObject *)&kernel_type) < 0 ||
+        PyModule_AddIntConstant(self, "N", CA_N) < 0 ||
+        PyModule_AddIntConstant(self, "M", CA_M) < 0) {
+        Py_DECREF(self);
+        return NULL;
+    }
+    return self;
+}

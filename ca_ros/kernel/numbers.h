@@ -1,0 +1,76 @@
+/* What the files of the library share. */
+#ifndef CA_ROS_KERNEL_NUMBERS_H
+#define CA_ROS_KERNEL_NUMBERS_H
+
+#include <math.h>
+
+#include "exact.h"
+
+#define CA_REAL(x) ((ca_real)(x))
+#define CA_INFINITY CA_REAL(INFINITY)
+
+#ifdef CA_FLOAT
+#define ca_abs fabsf
+#define ca_sqrt sqrtf
+#define CA_CHOOSE(in_double, in_float) ((ca_real)(in_float))
+#else
+#define ca_abs fabs
+#define ca_sqrt sqrt
+#define CA_CHOOSE(in_double, in_float) ((ca_real)(in_double))
+#endif
+
+/* Residual of an exact allocation, relative to max(1, |u|). */
+#define CA_TOLERANCE CA_CHOOSE(1e-12, 1e-5)
+/* Beyond this, a number is an error of the caller, and its square might not be finite. */
+#define CA_ABSURD CA_CHOOSE(1e100, 1e12)
+
+static inline ca_real ca_min(ca_real a, ca_real b) { return a < b ? a : b; }
+static inline ca_real ca_max(ca_real a, ca_real b) { return a > b ? a : b; }
+
+static inline ca_real ca_clip(ca_real x, ca_real lower, ca_real upper)
+{
+    return ca_min(ca_max(x, lower), upper);
+}
+
+static inline ca_real ca_dot(int count, const ca_real *a, const ca_real *b)
+{
+    ca_real sum = 0;
+    for (int i = 0; i < count; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+static inline ca_real ca_length(int count, const ca_real *a)
+{
+    return ca_sqrt(ca_dot(count, a, a));
+}
+
+/* What is served of a demand. */
+typedef struct {
+    ca_real wrench[CA_M];  /* attainable */
+    ca_real thrusts[CA_N]; /* some that give it */
+    int held[CA_N];        /* nonzero if all that give it have this thrust at its bound */
+    int almost_parallel;   /* whether some are held by a facet that is almost parallel to another */
+    int reached;           /* whether the wrench is the demand, up to rounding */
+    ca_real level;         /* least share of its demand that an axis got */
+} ca_served;
+
+/* Work out where lines begin; the fields before `begin` are set already. */
+void ca_priorities_set_up(ca_problem *problem, int on_reference);
+void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *served, int *pivots,
+                   int *steps);
+
+/* Least thrusts for u; they return |u - Gamma f| and count their steps. `attempt` gives up when u
+ * is proven to be unattainable, or after a few steps. */
+ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
+                   ca_real *thrusts, int *steps);
+ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance,
+                      ca_real *thrusts, int *steps);
+ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served,
+                              ca_real tolerance, ca_real *thrusts, int *steps);
+
+/* Let the rotors between their bounds make up for what rounding has left of u. */
+ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
+                  int *steps);
+
+#endif

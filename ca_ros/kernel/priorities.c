@@ -1,0 +1,511 @@
+/* Priorities: what to serve of a wrench that is not attainable.
+ *
+ * Groups of axes are served one after the other, each as far as those before it allow. Every step
+ * is a linear program over the thrusts, solved by the simplex method for bounded variables: the
+ * variables are thrusts x in -1 ... 1 and axes y = A x, scaled, and the state is a dictionary, m
+ * basic variables as linear functions of the others. All variables are within their bounds at all
+ * times, and a push moves one of them as far towards its goal as the others allow.
+ */
+#include "numbers.h"
+
+/* Rate below which a variable does not depend on another; all are of the order of 1. */
+#define ZERO CA_CHOOSE(1e-8, 1e-5)
+/* How far variables may be beyond their bounds because of rounding. */
+#define SLACK CA_CHOOSE(1e-12, 1e-6)
+/* Rate below which a variable does not come to its bound. */
+#define STILL CA_CHOOSE(1e-9, 1e-5)
+/* Bound of the pivots of one push, per variable. */
+#define PIVOTS_PER_VARIABLE 8
+/* Greatest share of the way to the boundary of the set where a line may begin. */
+#define INSIDE CA_REAL(0.99)
+/* Distance from the reference, as a share of an axis's range, that counts as none. */
+#define REST CA_CHOOSE(1e-9, 1e-5)
+/* Least weight of an axis in its group, as a share of its range. */
+#define LAG CA_REAL(1e-3)
+/* Least weight of an axis in its group, relative to the greatest. */
+#define LAG_RATIO CA_REAL(1e-6)
+/* Multiple of the simplex's doubt by which a demand may be missed and count as served. */
+#define DOUBT CA_REAL(10)
+
+/* Rate below which a thrust is nearly free in the facet that holds it at its bound. */
+#define PARALLEL CA_CHOOSE(1e-4, 1e-3)
+
+/* A group of several axes that is not the first adds a variable, and two with each of its axes. */
+#define ROWS (3 * CA_M)
+#define COLUMNS (CA_N + CA_M)
+#define VARIABLES (CA_N + CA_M + 1 + 3 * CA_M)
+
+typedef struct {
+    int rows, columns, count;
+    int basic[ROWS], nonbasic[COLUMNS];
+    ca_real rates[ROWS][COLUMNS];
+    ca_real value[VARIABLES], lower[VARIABLES], upper[VARIABLES];
+    /* How much further variables might have been pushed, but for rounding. */
+    ca_real doubt;
+    int pivots;
+    /* Whether a thrust has to be at its bound in all solutions, and the least rate that says so. */
+    int held[CA_N];
+    ca_real least_rate;
+    int thrusts;
+} simplex;
+
+static int find(int count, const int *variables, int v)
+{
+    for (int i = 0; i < count; i++)
+        if (variables[i] == v)
+            return i;
+    return -1;
+}
+
+/* Exchange the basic variable of row r and nonbasic variable k. */
+static void exchange(simplex *s, int r, int k)
+{
+    const ca_real inverse = 1 / s->rates[r][k];
+    const int basic = s->basic[r];
+    s->doubt = ca_max(s->doubt, SLACK * ca_abs(inverse));
+    for (int j = 0; j < s->columns; j++)
+        s->rates[r][j] *= -inverse;
+    s->rates[r][k] = inverse;
+    for (int i = 0; i < s->rows; i++) {
+        const ca_real factor = s->rates[i][k];
+        if (i == r || factor == 0)
+            continue;
+        s->rates[i][k] = 0;
+        for (int j = 0; j < s->columns; j++)
+            s->rates[i][j] += factor * s->rates[r][j];
+    }
+    s->basic[r] = s->nonbasic[k];
+    s->nonbasic[k] = basic;
+    s->pivots++;
+}
+
+/* Move nonbasic variable k by `way`, or up to the first bound in it. Returns whether the way was
+ * gone; `blocked` is the row whose variable came to its bound, or -1. The variable `target` does
+ * not block, and if there is one, the bounds of k itself count. */
+static int move(simplex *s, int k, ca_real way, int target, int *blocked)
+{
+    const int x = s->nonbasic[k];
+    const ca_real sign = way > 0 ? CA_REAL(1) : CA_REAL(-1);
+    ca_real length = ca_abs(way), room[ROWS], speed[ROWS];
+    int reached = 1, coming[ROWS], count = 0;
+    *blocked = -1;
+    if (target >= 0) {
+        const ca_real own = way > 0 ? s->upper[x] - s->value[x] : s->value[x] - s->lower[x];
+        if (own < length) {
+            length = own;
+            reached = 0;
+        }
+    }
+    /* Bounds may be missed by rounding, so that of those in the way the fastest variable, which
+     * makes the best pivot, is at its bound and not the first by rounding (Harris). */
+    ca_real furthest = length;
+    for (int r = 0; r < s->rows; r++) {
+        const int v = s->basic[r];
+        const ca_real rate = sign * s->rates[r][k];
+        if (v == target || (rate > -STILL && rate < STILL))
+            continue;
+        speed[r] = ca_abs(rate);
+        room[r] = rate > 0 ? s->upper[v] - s->value[v] : s->value[v] - s->lower[v];
+        if (room[r] < speed[r] * furthest) {
+            coming[count++] = r;
+            furthest = ca_min(furthest, (ca_max(room[r], 0) + SLACK) / speed[r]);
+        }
+    }
+    ca_real fastest = 0, nearest = 0;
+    for (int c = 0; c < count; c++) {
+        const int r = coming[c];
+        if (speed[r] > fastest && room[r] <= speed[r] * furthest &&
+            speed[r] * furthest < speed[r] * length) {
+            fastest = speed[r];
+            *blocked = r;
+            reached = 0;
+            nearest = ca_max(room[r], 0) / speed[r];
+        }
+    }
+    if (*blocked >= 0)
+        length = ca_min(nearest, length);
+    const ca_real step = sign * length;
+    s->value[x] += step;
+    for (int r = 0; r < s->rows; r++)
+        s->value[s->basic[r]] += step * s->rates[r][k];
+    if (*blocked >= 0) {
+        const int v = s->basic[*blocked];
+        s->value[v] = sign * s->rates[*blocked][k] > 0 ? s->upper[v] : s->lower[v];
+    } else if (!reached) {
+        s->value[x] = way > 0 ? s->upper[x] : s->lower[x];
+    }
+    return reached;
+}
+
+static int push_away(simplex *s, int v, ca_real goal)
+{
+    int blocked, k = find(s->columns, s->nonbasic, v);
+    if (k >= 0) {
+        if (move(s, k, goal - s->value[v], -1, &blocked)) {
+            s->value[v] = goal;
+            return 1;
+        }
+        exchange(s, blocked, k);
+    }
+    const int r = find(s->rows, s->basic, v);
+    for (int pivot = 0; pivot < PIVOTS_PER_VARIABLE * s->count; pivot++) {
+        const ca_real left = goal - s->value[v];
+        ca_real best = ZERO;
+        k = -1;
+        for (int j = 0; j < s->columns; j++) {
+            const ca_real rate = s->rates[r][j];
+            const int x = s->nonbasic[j];
+            if (ca_abs(rate) > best && ((rate > 0) == (left > 0) ? s->value[x] < s->upper[x]
+                                                                 : s->value[x] > s->lower[x])) {
+                best = ca_abs(rate);
+                k = j;
+                /* Later the first that moves v, not the fastest: so the method cannot cycle. */
+                if (pivot > s->count)
+                    break;
+            }
+        }
+        if (k < 0) {
+            for (int j = 0; j < s->columns; j++) {
+                const ca_real rate = s->rates[r][j];
+                const int x = s->nonbasic[j];
+                if (ca_abs(rate) > ZERO) {
+                    if (x < s->thrusts && s->lower[x] < s->upper[x]) {
+                        s->held[x] = 1;
+                        s->least_rate = ca_min(s->least_rate, ca_abs(rate));
+                    }
+                } else if (rate != 0) {
+                    s->doubt += ca_abs(rate) *
+                                ca_min(rate * left > 0 ? s->upper[x] - s->value[x]
+                                                       : s->value[x] - s->lower[x],
+                                       2);
+                }
+            }
+            return 0;
+        }
+        if (move(s, k, left / s->rates[r][k], v, &blocked)) {
+            s->value[v] = goal;
+            return 1;
+        }
+        if (blocked >= 0)
+            exchange(s, blocked, k);
+    }
+    return 0;
+}
+
+/* Move variable v as far towards a goal as the bounds of all others allow; from then on it is
+ * never further from the goal. Returns whether it is there. */
+static int push(simplex *s, int v, ca_real goal)
+{
+    const int reached = s->value[v] == goal || push_away(s, v, goal);
+    s->lower[v] = ca_min(s->value[v], goal);
+    s->upper[v] = ca_max(s->value[v], goal);
+    return reached;
+}
+
+/* Make variable v nonbasic, and keep it at its value. */
+static void release(simplex *s, int v)
+{
+    const int r = find(s->rows, s->basic, v);
+    ca_real greatest = -1;
+    int pivot = 0;
+    s->lower[v] = s->upper[v] = s->value[v];
+    if (r < 0)
+        return;
+    for (int j = 0; j < s->columns; j++) {
+        const int x = s->nonbasic[j];
+        const ca_real size = s->lower[x] < s->upper[x] ? ca_abs(s->rates[r][j]) : 0;
+        if (size > greatest) {
+            greatest = size;
+            pivot = j;
+        }
+    }
+    exchange(s, r, pivot);
+}
+
+static int add(simplex *s, ca_real value, ca_real lower, ca_real upper)
+{
+    s->value[s->count] = value;
+    s->lower[s->count] = lower;
+    s->upper[s->count] = upper;
+    return s->count++;
+}
+
+/* Add the length of a way that nonbasic variables go together; they then move with it alone. */
+static int add_ray(simplex *s, int count, const int *variables, const ca_real *direction)
+{
+    int kept = 0;
+    ca_real ray[ROWS];
+    for (int r = 0; r < s->rows; r++)
+        ray[r] = 0;
+    for (int i = 0; i < count; i++) {
+        const int k = find(s->columns, s->nonbasic, variables[i]);
+        for (int r = 0; r < s->rows; r++)
+            ray[r] += direction[i] * s->rates[r][k];
+    }
+    for (int k = 0; k < s->columns; k++) {
+        if (find(count, variables, s->nonbasic[k]) >= 0)
+            continue;
+        for (int r = 0; r < s->rows; r++)
+            s->rates[r][kept] = s->rates[r][k];
+        s->nonbasic[kept++] = s->nonbasic[k];
+    }
+    for (int r = 0; r < s->rows; r++)
+        s->rates[r][kept] = ray[r];
+    s->columns = kept + 1;
+    return s->nonbasic[kept] = add(s, 0, 0, CA_INFINITY);
+}
+
+/* Add the greatest distance of some variables to their goals, in units of their weights. */
+static int add_lag(simplex *s, int count, const int *variables, const ca_real *goals,
+                   const ca_real *weights)
+{
+    ca_real most = 0;
+    for (int i = 0; i < count; i++)
+        most = ca_max(most, ca_abs(goals[i] - s->value[variables[i]]) / weights[i]);
+    const int column = s->columns++;
+    for (int r = 0; r < s->rows; r++)
+        s->rates[r][column] = 0;
+    const int lag = s->nonbasic[column] = add(s, most, 0, most);
+    for (int i = 0; i < count; i++) {
+        const int v = variables[i], r = find(s->rows, s->basic, v);
+        for (int side = 0; side < 2; side++) {
+            const ca_real weight = side ? -weights[i] : weights[i];
+            const int row = s->rows++;
+            for (int k = 0; k < column; k++)
+                s->rates[row][k] = r >= 0 ? s->rates[r][k] : (ca_real)(s->nonbasic[k] == v);
+            s->rates[row][column] = weight;
+            /* The variable with as much of the lag is at the goal or beyond, on either side. */
+            s->basic[row] = add(s, s->value[v] + weight * most, side ? -CA_INFINITY : goals[i],
+                                side ? goals[i] : CA_INFINITY);
+        }
+    }
+    return lag;
+}
+
+/* The simplex with which a line begins. */
+static void begin(const ca_problem *p, simplex *s)
+{
+    const int n = p->n, m = p->m;
+    s->rows = m;
+    s->columns = n;
+    s->count = n + m;
+    s->doubt = p->doubt;
+    s->pivots = 0;
+    s->thrusts = n;
+    s->least_rate = 1;
+    for (int k = 0; k < m; k++) {
+        s->basic[k] = p->basic[k];
+        s->value[n + k] = p->axis_value[k];
+        s->lower[n + k] = p->axis_lower[k];
+        s->upper[n + k] = p->axis_upper[k];
+        for (int i = 0; i < n; i++)
+            s->rates[k][i] = p->rates[k][i];
+    }
+    for (int i = 0; i < n; i++) {
+        s->nonbasic[i] = p->nonbasic[i];
+        s->value[i] = p->thrust_value[i];
+        s->lower[i] = -1;
+        s->upper[i] = 1;
+        s->held[i] = 0;
+    }
+}
+
+static void keep(const simplex *s, ca_problem *p)
+{
+    const int n = p->n, m = p->m;
+    p->doubt = s->doubt;
+    for (int k = 0; k < m; k++) {
+        p->basic[k] = s->basic[k];
+        p->axis_value[k] = s->value[n + k];
+        p->axis_lower[k] = s->lower[n + k];
+        p->axis_upper[k] = s->upper[n + k];
+        for (int i = 0; i < n; i++)
+            p->rates[k][i] = s->rates[k][i];
+    }
+    for (int i = 0; i < n; i++) {
+        p->nonbasic[i] = s->nonbasic[i];
+        p->thrust_value[i] = s->value[i];
+    }
+}
+
+/* Number of axes in the group that begins at `first` in the order. */
+static int group_size(const ca_problem *p, int first)
+{
+    int size = 1;
+    while (first + size < p->m && p->group[first + size] == p->group[first])
+        size++;
+    return size;
+}
+
+/* Serve a demand: goals, in units of the simplex. Returns the share of its line that the first
+ * group went. */
+static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *reference,
+                     int senses, simplex *s)
+{
+    const int n = p->n, m = p->m, first = group_size(p, 0);
+    int variables[CA_M] = {0}, length = -1;
+    ca_real ways[CA_M] = {0}, size = 0, share = 1;
+    begin(p, s);
+    for (int i = 0; i < m; i++)
+        variables[i] = n + p->order[i];
+    if (first == 1) {
+        push(s, variables[0], goals[p->order[0]]);
+    } else {
+        ca_real direction[CA_M];
+        for (int i = 0; i < first; i++) {
+            ways[i] = goals[p->order[i]] - p->begin[i];
+            size = ca_max(size, ca_abs(ways[i]));
+        }
+        if (!(size > 0))
+            size = 1;
+        for (int i = 0; i < first; i++)
+            direction[i] = ways[i] / size;
+        length = add_ray(s, first, variables, direction);
+        push(s, length, size);
+    }
+    for (int i = first; senses && i < m; i++) {
+        const int axis = p->order[i], v = variables[i];
+        if (!p->keep_sense[axis])
+            continue;
+        const ca_real value = s->value[v], low = ca_min(goals[axis], reference[axis]),
+                      high = ca_max(goals[axis], reference[axis]);
+        if ((low <= value && value <= high) || push(s, v, value < low ? low : high)) {
+            s->lower[v] = low;
+            s->upper[v] = high;
+        }
+    }
+    for (int i = first; i < m;) {
+        const int count = group_size(p, i);
+        if (count > 1) {
+            ca_real ends[CA_M], weights[CA_M], longest = LAG;
+            for (int k = 0; k < count; k++) {
+                const int axis = p->order[i + k];
+                ends[k] = goals[axis];
+                weights[k] = ca_abs(goals[axis] - reference[axis]);
+                longest = ca_max(longest, weights[k]);
+            }
+            for (int k = 0; k < count; k++)
+                weights[k] = ca_max(ca_max(weights[k], LAG) / longest, LAG_RATIO);
+            push(s, add_lag(s, count, variables + i, ends, weights), 0);
+        }
+        for (int k = 0; k < count; k++)
+            push(s, variables[i + k], goals[p->order[i + k]]);
+        i += count;
+    }
+    if (length >= 0) {
+        share = s->value[length] / size;
+        for (int i = 0; i < first; i++)
+            s->value[variables[i]] =
+                share == 1 ? goals[p->order[i]] : p->begin[i] + share * ways[i];
+    }
+    return share;
+}
+
+static void scale(const ca_problem *p, const ca_real *u, ca_real *goals)
+{
+    for (int k = 0; k < p->m; k++)
+        goals[k] = (u[k] - p->center[k]) / p->extent[k];
+}
+
+void ca_priorities_set_up(ca_problem *p, int on_reference)
+{
+    const int n = p->n, m = p->m, first = group_size(p, 0);
+    simplex s;
+    ca_real reference[CA_M] = {0};
+
+    p->on_reference = 0;
+    p->doubt = SLACK;
+    scale(p, p->reference, reference);
+    for (int k = 0; k < m; k++) {
+        p->basic[k] = n + k;
+        p->axis_value[k] = 0;
+        p->axis_lower[k] = -CA_INFINITY;
+        p->axis_upper[k] = CA_INFINITY;
+        p->begin[k] = 0;
+        for (int i = 0; i < n; i++)
+            p->rates[k][i] = p->gamma[k][i] * p->half_range[i] / p->extent[k];
+    }
+    for (int i = 0; i < n; i++) {
+        p->nonbasic[i] = i;
+        p->thrust_value[i] = 0;
+    }
+    if (first > 1) {
+        /* The line begins at the reference, or where that is not well inside, before it. */
+        ca_real direction[CA_M], size = 0, part = 1;
+        int variables[CA_M] = {0};
+        for (int i = 0; i < first; i++)
+            size = ca_max(size, ca_abs(reference[p->order[i]]));
+        if (!(size > 0))
+            size = 1;
+        if (!on_reference) {
+            begin(p, &s);
+            for (int i = 0; i < first; i++) {
+                variables[i] = n + p->order[i];
+                direction[i] = reference[p->order[i]] / size;
+                release(&s, variables[i]);
+            }
+            const int length = add_ray(&s, first, variables, direction);
+            push(&s, length, size / INSIDE);
+            part = ca_min(1, INSIDE * s.value[length] / size);
+        }
+        p->on_reference = 1;
+        begin(p, &s);
+        for (int i = 0; i < first; i++) {
+            p->begin[i] = part * reference[p->order[i]];
+            p->on_reference = p->on_reference && p->begin[i] == reference[p->order[i]];
+            push(&s, n + p->order[i], p->begin[i]);
+            release(&s, n + p->order[i]);
+        }
+        keep(&s, p);
+    }
+    serve(p, reference, reference, 0, &s);
+    for (int k = 0; k < m; k++)
+        if (ca_abs(s.value[n + k] - reference[k]) > REST)
+            p->keep_sense[k] = 0;
+}
+
+void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots,
+                   int *steps)
+{
+    const int n = p->n, m = p->m, first = group_size(p, 0);
+    simplex s;
+    ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, wrench[CA_M], missed[CA_M];
+    ca_real *thrusts = served->thrusts;
+
+    scale(p, u, goals);
+    scale(p, p->reference, reference);
+    const ca_real share = serve(p, goals, reference, 1, &s);
+    *pivots += s.pivots;
+    for (int i = 0; i < n; i++)
+        thrusts[i] = ca_clip(p->middle[i] + p->half_range[i] * s.value[i], p->lower[i],
+                             p->upper[i]);
+    for (int k = 0; k < m; k++)
+        wrench[k] = p->center[k] + p->extent[k] * s.value[n + k];
+    /* Pivots of almost symmetric vehicles are small and cost digits. */
+    ca_residual(p, wrench, thrusts, missed);
+    const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench)) / 2;
+    if (ca_length(m, missed) > tolerance) {
+        ca_settle(p, wrench, tolerance, thrusts, steps);
+        ca_residual(p, wrench, thrusts, missed);
+    }
+    for (int i = 0; i < n; i++)
+        served->held[i] = s.held[i];
+    served->almost_parallel = s.least_rate < PARALLEL;
+    served->reached = 1;
+    served->level = 1;
+    for (int k = 0; k < m; k++)
+        served->wrench[k] = wrench[k] - missed[k];
+    for (int i = 0; i < m; i++) {
+        const int axis = p->order[i];
+        const ca_real way = u[axis] - p->reference[axis];
+        ca_real level = 0;
+        if (ca_abs(served->wrench[axis] - u[axis]) <= DOUBT * s.doubt * p->extent[axis])
+            continue;
+        served->reached = 0;
+        if (i < first && first > 1 && p->on_reference)
+            level = share;
+        else if (way != 0)
+            level = ca_clip((served->wrench[axis] - p->reference[axis]) / way, 0, 1);
+        served->level = ca_min(served->level, level);
+    }
+}

@@ -1,0 +1,190 @@
+"""The kernel in C against the NumPy implementation, and against hostile input."""
+
+import os
+
+import numpy as np
+import pytest
+
+from ca_ros import AdmissibleSet, Status, make_allocator
+from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.kernel import INVALID, load
+from ca_ros.problem.problem import AllocationProblem
+from strategies import FLEET, HEXAROTOR, random_vehicle
+
+VEHICLES = int(os.environ.get('CA_ROS_VEHICLES', '30'))
+"""How many random vehicles; 1000 in `make soak`."""
+
+POLICIES = {'prioritize': {}, 'avoid': {'reversal': 'avoid'}, 'allow': {'reversal': 'allow'},
+            'scale': {'policy': 'scale'}, 'reject': {'policy': 'reject'},
+            'yaw first': {'order': ['yaw', 'roll pitch', 'thrust']}}
+
+pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')
+
+
+@pytest.fixture
+def pair(monkeypatch):
+    """Return a function that makes the same allocator with the kernel and with NumPy."""
+    def make(problem, **options):
+        engines = []
+        for engine in ('c', 'numpy'):
+            monkeypatch.setenv('CA_ROS_KERNEL', engine)
+            engines.append(make_allocator('exact', problem, **options))
+        assert [a.engine for a in engines] == ['C', 'NumPy']
+        return engines
+    return make
+
+
+def wrenches(problem, rng, size):
+    """Draw wrenches inside, on and outside of the set."""
+    thrusts = rng.uniform(problem.lower, problem.upper, (size, problem.n))
+    inside = thrusts @ problem.gamma.T
+    ways = inside - problem.center
+    ends = np.array([problem.reach(problem.center, way) for way in ways])[:, None]
+    shares = rng.uniform(1.0, 3.0, (size, 1))
+    return inside, problem.center + ends * ways, problem.center + shares * ends * ways
+
+
+def compare(kernel, reference, demands):
+    """Hold the answers of two engines against each other, and both against the problem."""
+    problem = kernel.problem
+    answers = kernel.allocate_batch(demands), reference.allocate_batch(demands)
+    sizes = np.maximum(1.0, np.linalg.norm(demands, axis=1))
+    for a in answers:
+        assert np.all((problem.lower <= a.thrusts) & (a.thrusts <= problem.upper))
+        exact = a.status == Status.EXACT
+        assert np.all(np.linalg.norm(a.residual, axis=1)[exact] <= 1e-12 * sizes[exact])
+    ours, theirs = answers
+    np.testing.assert_array_equal(ours.status, theirs.status)
+    norms = [np.linalg.norm(a.thrusts, axis=1) for a in answers]
+    np.testing.assert_allclose(*norms, rtol=0.0, atol=1e-9 * max(1.0, problem.upper.max()))
+    np.testing.assert_allclose(ours.level, theirs.level, rtol=0.0, atol=1e-8)
+    return ours
+
+
+@pytest.mark.parametrize('policy', POLICIES)
+@pytest.mark.parametrize('name', FLEET)
+def test_it_answers_as_numpy_does(name, policy, pair):
+    options = dict(POLICIES[policy])
+    if 'order' in options and name == 'tilted_hexarotor':
+        options['order'] = [*options['order'], 'force_x force_y']
+    engines = pair(AllocationProblem(FLEET[name]), **options)
+    for demands in wrenches(engines[0].problem, np.random.default_rng(7), 20):
+        compare(*engines, demands)
+
+
+@pytest.mark.parametrize('seed', range(VEHICLES))
+def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
+    rng = np.random.default_rng(seed)
+    engines = pair(AllocationProblem(random_vehicle(rng, 4 + seed % 13)))
+    for demands in wrenches(engines[0].problem, rng, 29):
+        compare(*engines, demands)
+
+
+@pytest.mark.parametrize('name', FLEET)
+def test_an_answer_depends_on_the_wrench_alone(name):
+    allocator = make_allocator('exact', AllocationProblem(FLEET[name]))
+    demands = np.vstack(wrenches(allocator.problem, np.random.default_rng(8), 50))
+    batch = allocator.allocate_batch(demands)
+    backwards = allocator.allocate_batch(demands[::-1])
+    singles = np.array([allocator.allocate(u).thrusts for u in demands])
+    np.testing.assert_array_equal(batch.thrusts, backwards.thrusts[::-1])
+    np.testing.assert_array_equal(batch.thrusts, singles)
+
+
+def test_a_batch_on_all_processors_is_the_batch_on_one(monkeypatch):
+    allocator = make_allocator('exact', HEXAROTOR)
+    demands = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(9), 3000)
+    monkeypatch.setattr('ca_ros.allocation.exact.THREAD_MIN', 1000)
+    monkeypatch.setattr('ca_ros.allocation.exact.sched_getaffinity', lambda _: {0, 1, 2})
+    threaded = allocator.allocate_batch(demands).thrusts
+    monkeypatch.setattr('ca_ros.allocation.exact.sched_getaffinity', lambda _: {0})
+    np.testing.assert_array_equal(threaded, allocator.allocate_batch(demands).thrusts)
+
+
+@pytest.mark.parametrize('name', FLEET)
+def test_the_margin_is_the_distance_to_the_facets(name):
+    problem = AllocationProblem(FLEET[name])
+    kernel = kernel_of(problem)
+    for demands in wrenches(problem, np.random.default_rng(10), 10):
+        margins = AdmissibleSet(problem).margin(demands)
+        np.testing.assert_allclose(
+            [kernel.margin(u) for u in demands], margins, rtol=0.0, atol=1e-9)
+
+
+def kernel_of(problem, precision='double', dtype=np.float64):
+    groups = [[axis] for axis in problem.axes]
+    return kernel_for(load(precision), problem, groups, 'prevent', problem.hover, False,
+                      Status.PRIORITIZED, 1e-9, dtype)
+
+
+@pytest.mark.parametrize('name', FLEET)
+def test_in_single_precision_wrenches_are_given_to_1e_5(name):
+    problem = AllocationProblem(FLEET[name])
+    kernel = kernel_of(problem, 'single', np.float32)
+    for kind, demands in enumerate(wrenches(problem, np.random.default_rng(11), 300)):
+        for u in demands.astype(np.float32):
+            thrusts = np.empty(problem.n, np.float32)
+            answer = kernel.allocate(u, thrusts)
+            assert np.all(problem.lower.astype(np.float32) <= thrusts)
+            assert np.all(thrusts <= problem.upper.astype(np.float32))
+            missed = np.linalg.norm(u - problem.gamma @ thrusts)
+            if kind == 0:
+                assert answer is None
+            if answer is None:
+                assert missed <= 2e-5 * max(1.0, np.linalg.norm(u))
+            else:
+                assert answer[0] == Status.PRIORITIZED
+
+
+HOSTILE = [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e100, 1e-300, 5e-324, -0.0, 0.0]
+
+
+@pytest.mark.parametrize(('precision', 'dtype'), [('double', np.float64), ('single', np.float32)])
+def test_hostile_wrenches_get_a_status_and_thrusts_within_their_bounds(precision, dtype):
+    rng = np.random.default_rng(12)
+    for name in ('hexarotor', 'asymmetric', 'tilted_hexarotor'):
+        problem = AllocationProblem(FLEET[name])
+        kernel, m = kernel_of(problem, precision, dtype), len(problem.axes)
+        demands = rng.choice(HOSTILE, (2000, m)) * rng.choice([1.0, 1e-3], (2000, m))
+        demands[::2, rng.integers(m)] = rng.normal(size=1000)
+        with np.errstate(over='ignore'):
+            demands = demands.astype(dtype)
+        thrusts, levels = np.empty((2000, problem.n), dtype), np.empty(2000, dtype)
+        status = np.empty(2000, np.int8)
+        kernel.allocate_batch(demands, thrusts, status, levels, None)
+        assert np.all((problem.lower.astype(dtype) <= thrusts)
+                      & (thrusts <= problem.upper.astype(dtype)))
+        bad = ~np.isfinite(demands).all(axis=1)
+        assert np.all(status[bad] == INVALID)
+        assert np.all((levels >= 0.0) & (levels <= 1.0))
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'gamma': np.full((4, 6), np.nan)}, 'not finite'),
+    ({'upper': np.full(6, np.inf)}, 'not finite'),
+    ({'lower': np.full(6, 9.0)}, 'above its upper'),
+    ({'gamma': np.ones((4, 6))}, 'independently'),
+    ({'order': [0, 1, 2, 2]}, 'order'),
+    ({'group': [0, 2, 2, 3]}, 'order'),
+    ({'order': list(range(7)), 'group': [0] * 7, 'keep_sense': [0] * 7}, 'too many')])
+def test_a_problem_that_is_none_is_refused(changes, message):
+    problem = AllocationProblem(HEXAROTOR)
+    data = {'gamma': problem.gamma, 'lower': problem.lower, 'upper': problem.upper,
+            'reference': problem.hover, 'order': [1, 2, 0, 3], 'group': [0, 0, 1, 2],
+            'keep_sense': [0, 0, 0, 1], 'policy': 1, 'on_reference': False, 'slack': 1e-9}
+    with pytest.raises(ValueError, match=message):
+        load()(**data | changes)
+
+
+@pytest.mark.parametrize('array', [np.zeros(3), np.zeros((2, 2)), np.zeros(4, np.float32),
+                                   np.zeros((4, 2))[:, 0]])
+def test_arrays_of_another_kind_are_refused(array):
+    kernel = kernel_of(AllocationProblem(HEXAROTOR))
+    with pytest.raises((TypeError, ValueError, BufferError)):
+        kernel.allocate(array, np.empty(6))
+
+
+def test_a_wrong_choice_of_the_engine_is_named(monkeypatch):
+    monkeypatch.setenv('CA_ROS_KERNEL', 'fortran')
+    with pytest.raises(ValueError, match=r'CA_ROS_KERNEL.*fortran'):
+        make_allocator('exact', HEXAROTOR)
