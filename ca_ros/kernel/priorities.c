@@ -28,7 +28,7 @@
 #define DOUBT CA_REAL(10)
 
 /* Rate below which a thrust is nearly free in the facet that holds it at its bound. */
-#define PARALLEL CA_CHOOSE(1e-4, 1e-3)
+#define PARALLEL CA_REAL(1e-3)
 
 /* A group of several axes that is not the first adds a variable, and two with each of its axes. */
 #define ROWS (3 * CA_M)

@@ -39,8 +39,9 @@ class AdmissibleSet:
         self.problem = problem = (
             vehicle if isinstance(vehicle, AllocationProblem) else AllocationProblem(vehicle)
         )
-        inside = problem.reach(problem.center, problem.hover - problem.center, 2.0) > 1.0
-        self.reference = problem.hover if inside else problem.center
+        if not problem.spans:
+            raise problem.no_volume()
+        self.reference = problem.hover if problem.hovers else problem.center
         self._prioritizations: dict[object, Prioritization] = {}
 
     @property

@@ -30,9 +30,6 @@ At 0.05 a command along the axis takes twenty times the thrusts that it would ta
 CHOICES_TOLD = 2000
 """Choices of rotors up to which facets take a millisecond, and the audit states the margin."""
 
-HOVER_ROUNDING = 1e-12
-"""Share of the way from the middle of the set by which hover has to be inside."""
-
 
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -175,18 +172,18 @@ def audit(vehicle: Vehicle) -> Audit:
     singular = np.linalg.svd(unit, compute_uv=False)
     independence = dict(zip(full.axes, _independence(unit).tolist(), strict=True))
     independent = _give_up(full, _independent)
-    hovering = _give_up(independent, _hovers)
-    if not _hovers(hovering):
+    hovering = _give_up(independent, lambda problem: problem.hovers)
+    if not hovering.hovers:
         hovering = independent
-    if len(hovering.axes) < len(full.axes) or not _hovers(full):
+    if len(hovering.axes) < len(full.axes) or not full.hovers:
         # Whoever goes on with what is left has seen the audit.
         independent.vehicle = replace(independent.vehicle, lost_axes='drop')
     return Audit(
         asked=full,
         problem=independent,
         kept=hovering,
-        hovers=_hovers(full),
-        keeps_hovering=_hovers(hovering),
+        hovers=full.hovers,
+        keeps_hovering=hovering.hovers,
         rank=int((singular > 1e-9).sum()),
         independence=independence,
         condition=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf,
@@ -263,14 +260,6 @@ def _hover_margin(problem: AllocationProblem) -> float:
 
 def _independent(problem: AllocationProblem) -> bool:
     return problem.spans and bool(_independence(_unit_rows(problem)).min() >= INDEPENDENCE_MIN)
-
-
-def _hovers(problem: AllocationProblem) -> bool:
-    """Tell whether hover is inside the set, not on its boundary."""
-    if not problem.spans:
-        return False
-    way = problem.hover - problem.center
-    return problem.reach(problem.center, way, 2.0) > 1.0 + HOVER_ROUNDING
 
 
 def _give_up(

@@ -22,6 +22,10 @@ ABSURD = 1e100
 """Beyond this a number is an error in the caller, and its square would not be finite [N, N m]."""
 
 
+HOVER_ROUNDING = 1e-12
+"""Share of the way from the middle of the set by which hover has to be inside."""
+
+
 def lengths(vectors: Array) -> Array:
     """Return the Euclidean lengths (...) of vectors (..., m); for short ones the fastest."""
     if vectors.ndim == 1:
@@ -103,6 +107,19 @@ class AllocationProblem:
         length = line.add_ray(rows, (way / size).tolist())
         line.push(length, limit * size)
         return line.value[length] / size
+
+    @cached_property
+    def hovers(self) -> bool:
+        """Whether hover is inside the admissible set, not on its boundary."""
+        if not self.spans:
+            return False
+        # Thrusts off their bounds may all change a little, and with them the wrench.
+        room = 2.0 * HOVER_ROUNDING * self.half_range
+        thrusts = self.least_norm.unbounded(self.hover)
+        if np.all((self.lower + room < thrusts) & (thrusts < self.upper - room)):
+            return True
+        way = self.hover - self.center
+        return self.reach(self.center, way, 2.0) > 1.0 + HOVER_ROUNDING
 
     @property
     def n(self) -> int:

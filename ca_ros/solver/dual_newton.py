@@ -75,10 +75,9 @@ class DualNewton:
 
     def __init__(self, matrix: Array, lower: Array, upper: Array) -> None:
         self.matrix, self.lower, self.upper = matrix, lower, upper
-        left, singular, right = np.linalg.svd(matrix, full_matrices=False)
-        self.basis = right.T
-        self.coordinates = (left / singular).T
-        self._back = left * singular
+        self.basis, triangle = np.linalg.qr(matrix.T)
+        self._back = triangle.T
+        self.coordinates = np.linalg.inv(self._back)
 
     def solve(
         self, u: Array, tolerance: float, start: Array | None = None, slack: float = 0.0
