@@ -129,14 +129,26 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 
     ca_served served;
     ca_prioritize(p, u, &served, &answer.pivots, &answer.steps);
+    const ca_real goal = CA_TOLERANCE * ca_max(1, ca_length(m, served.wrench));
+    ca_real residual = CA_INFINITY;
+    const int on_face = !served.almost_parallel && (served.vertex || !served.reached);
+    if (on_face && (served.reached || p->policy != CA_REJECTED)) {
+        residual = ca_least_norm_on_face(p, &served, goal, thrusts, &answer.steps);
+        ca_residual(p, u, thrusts, missed);
+        if (served.reached && ca_length(m, missed) <= tolerance)
+            return answer;
+    }
     if (served.reached) {
-        /* The simplex reaches u: it is attainable, though Newton's method came near it only. */
-        const ca_real residual = ca_least_norm(p, u, tolerance, thrusts, &answer.steps);
+        /* The simplex reaches u: it is attainable, though the thrusts came near it only. */
+        ca_real least[CA_N];
+        const ca_real left = ca_least_norm(p, u, tolerance, least, &answer.steps);
         for (int k = 0; k < m; k++)
             missed[k] = served.wrench[k] - u[k];
-        if (residual <= tolerance ||
-            (ca_length(m, missed) <= tolerance && residual <= p->slack * size))
+        if (left <= tolerance || (ca_length(m, missed) <= tolerance && left <= p->slack * size)) {
+            for (int i = 0; i < n; i++)
+                thrusts[i] = least[i];
             return answer;
+        }
     }
     answer.status = p->policy;
     answer.level = served.level;
@@ -146,11 +158,8 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
         answer.level = 0;
         return answer;
     }
-    const ca_real goal = CA_TOLERANCE * ca_max(1, ca_length(m, served.wrench));
-    const ca_real residual =
-        served.almost_parallel
-            ? ca_least_norm(p, served.wrench, goal, thrusts, &answer.steps)
-            : ca_least_norm_on_face(p, &served, goal, thrusts, &answer.steps);
+    if (!on_face)
+        residual = ca_least_norm(p, served.wrench, goal, thrusts, &answer.steps);
     if (!(residual <= goal))
         answer.status = CA_INEXACT;
     return answer;

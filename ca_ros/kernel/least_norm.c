@@ -12,6 +12,8 @@
 #define STEPS 50
 /* Size of the free rotors' part of the basis below which an axis is not served. */
 #define FLAT CA_CHOOSE(1e-8, 1e-4)
+/* Least pivot of normal equations that are well conditioned. */
+#define WELL CA_CHOOSE(1e-2, 3e-2)
 /* Multipliers beyond this, in units of the greatest thrust, belong to facets almost parallel. */
 #define STEEP CA_CHOOSE(2e4, 2e2)
 /* Multiple of STEEP at which a relaxed solution misses the wrench by all that it may. */
@@ -188,10 +190,65 @@ static void leave(const program *program, const ca_real *u, const ca_real *f, ca
             left[k] -= program->rate * ca_dot(m, problem->back[k], f + n);
 }
 
+/* y = matrix x for a lower triangle, as `coordinates` and `back` are. */
 static void multiply(int m, const ca_real matrix[CA_M][CA_M], const ca_real *x, ca_real *y)
 {
     for (int k = 0; k < m; k++)
-        y[k] = ca_dot(m, matrix[k], x);
+        y[k] = ca_dot(k + 1, matrix[k], x);
+}
+
+/* Solve basis_F^T basis_F step = slopes by its normal equations; 0 if they are ill-conditioned. */
+static int solve_normal(const program *program, const int *free, int count, const ca_real *slopes,
+                        ca_real *step)
+{
+    const int m = program->problem->m;
+    ca_real h[CA_M][CA_M] = {{0}}, inverse[CA_M];
+    if (count < m)
+        return 0;
+    for (int i = 0; i < count; i++) {
+        const ca_real *row = program->basis[free[i]];
+        for (int k = 0; k < m; k++)
+            for (int j = 0; j <= k; j++)
+                h[k][j] += row[k] * row[j];
+    }
+    /* L D L^T; the lower triangle of h becomes L. */
+    for (int k = 0; k < m; k++) {
+        for (int j = 0; j < k; j++) {
+            ca_real sum = h[k][j];
+            for (int i = 0; i < j; i++)
+                sum -= h[k][i] * h[j][i];
+            h[k][j] = sum;
+        }
+        ca_real pivot = h[k][k];
+        for (int j = 0; j < k; j++) {
+            const ca_real entry = h[k][j] * inverse[j];
+            pivot -= entry * h[k][j];
+            h[k][j] = entry;
+        }
+        if (!(pivot > WELL))
+            return 0;
+        inverse[k] = 1 / pivot;
+    }
+    for (int k = 0; k < m; k++) {
+        ca_real sum = slopes[k];
+        for (int j = 0; j < k; j++)
+            sum -= h[k][j] * step[j];
+        step[k] = sum;
+    }
+    for (int k = m - 1; k >= 0; k--) {
+        ca_real sum = step[k] * inverse[k];
+        for (int j = k + 1; j < m; j++)
+            sum -= h[j][k] * step[j];
+        step[k] = sum;
+    }
+    return 1;
+}
+
+static void multiply_basis(const program *program, const ca_real *y, ca_real *z)
+{
+    const int m = program->problem->m;
+    for (int i = 0; i < program->count; i++)
+        z[i] = ca_dot(m, program->basis[i], y);
 }
 
 typedef struct {
@@ -212,19 +269,16 @@ static ca_real excess(const line *line, ca_real t, ca_real goal)
 
 /* Return t >= 0 at which the excess is zero. `short_of` is how much is missing where all that can
  * move is moved: a wrench with such a gap is unattainable. */
-static ca_real search(const program *program, const ca_real *z, const ca_real *step, ca_real goal,
+static ca_real search(const program *program, const ca_real *z, const ca_real *rates, ca_real goal,
                       ca_real *short_of)
 {
-    const int m = program->problem->m;
     line line;
-    ca_real rates[WIDE], fastest = 0, rounding = 0;
+    ca_real fastest = 0, rounding = 0;
     int corners = 1, low, high;
 
     *short_of = 0;
-    for (int i = 0; i < program->count; i++) {
-        rates[i] = ca_dot(m, program->basis[i], step);
+    for (int i = 0; i < program->count; i++)
         fastest = ca_max(fastest, ca_abs(rates[i]));
-    }
     line.count = 0;
     line.corner[0] = 0;
     for (int i = 0; i < program->count; i++) {
@@ -312,16 +366,26 @@ static ca_real iterate(const program *program, const ca_real *u, ca_real toleran
         if (least <= tolerance)
             break;
 
-        factors factors;
-        ca_real slopes[CA_M], step[CA_M], away[CA_M], missed[CA_M], change[WIDE];
+        ca_real slopes[CA_M], step[CA_M], away[CA_M], rates[WIDE], change[WIDE];
+        int astray = 0;
         ++*steps;
-        factorize(program, free, frees, &factors);
         multiply(m, problem->coordinates, left, slopes);
-        solve_free(&factors, m, slopes, step, change, away);
-        /* Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
-         * or a reason to go that way alone: the search ends where the next rotor comes free. */
-        multiply(m, problem->back, away, missed);
-        const int astray = factors.rank < m && ca_length(m, missed) > CA_REAL(0.8) * tolerance;
+        if (solve_normal(program, free, frees, slopes, step)) {
+            multiply_basis(program, step, rates);
+            for (int i = 0; i < frees; i++)
+                change[i] = rates[free[i]];
+        } else {
+            factors factors;
+            ca_real missed[CA_M];
+            factorize(program, free, frees, &factors);
+            solve_free(&factors, m, slopes, step, change, away);
+            multiply_basis(program, step, rates);
+            /* Along an axis that no free rotor serves, what is left is either rounding, to be
+             * ignored, or a reason to go that way alone: the search ends where the next rotor
+             * comes free. */
+            multiply(m, problem->back, away, missed);
+            astray = factors.rank < m && ca_length(m, missed) > CA_REAL(0.8) * tolerance;
+        }
         if (!astray) {
             /* If the step leaves the active set as it is, this is the answer. The thrusts
              * themselves lose fewer digits in it than y, which may be large. */
@@ -334,8 +398,8 @@ static ca_real iterate(const program *program, const ca_real *u, ca_real toleran
                 stepped[free[i]] = ca_clip(f[free[i]] + change[i], program->lower[free[i]],
                                            program->upper[free[i]]);
             for (int i = 0; i < count; i++) {
-                const ca_real aimed = ca_clip(z[i] + ca_dot(m, program->basis[i], step),
-                                              program->lower[i], program->upper[i]);
+                const ca_real aimed =
+                    ca_clip(z[i] + rates[i], program->lower[i], program->upper[i]);
                 change_of_set = ca_max(change_of_set, ca_abs(aimed - stepped[i]));
                 greatest = ca_max(greatest, ca_abs(stepped[i]));
             }
@@ -356,12 +420,14 @@ static ca_real iterate(const program *program, const ca_real *u, ca_real toleran
         ca_real advance = 0, short_of = 0;
         const ca_real *way = step;
         if (astray) {
+            ca_real ways[WIDE];
             way = away;
-            advance = search(program, z, away, ca_dot(m, target, away), &short_of);
+            multiply_basis(program, away, ways);
+            advance = search(program, z, ways, ca_dot(m, target, away), &short_of);
         }
         if (!(advance > 0)) {
             way = step;
-            advance = search(program, z, step, ca_dot(m, target, step), &short_of);
+            advance = search(program, z, rates, ca_dot(m, target, step), &short_of);
         }
         if (!(advance > 0))
             break;
@@ -495,6 +561,12 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
         f[i] = lower[i] < upper[i] ? 0 : lower[i];
         if (lower[i] < upper[i])
             free[frees++] = i;
+    }
+    if (served->vertex) {
+        for (int i = 0; i < n; i++)
+            thrusts[i] = served->thrusts[i];
+        ca_residual(problem, served->wrench, thrusts, left);
+        return ca_length(m, left);
     }
     const program face = {problem, n, problem->basis, lower, upper, 0};
     ++*steps;

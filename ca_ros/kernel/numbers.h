@@ -50,6 +50,7 @@ typedef struct {
     ca_real wrench[CA_M];  /* attainable */
     ca_real thrusts[CA_N]; /* some that give it */
     int held[CA_N];        /* nonzero if all that give it have this thrust at its bound */
+    int vertex;            /* whether these thrusts are the only ones */
     int almost_parallel;   /* whether some are held by a facet that is almost parallel to another */
     int reached;           /* whether the wrench is the demand, up to rounding */
     ca_real level;         /* least share of its demand that an axis got */

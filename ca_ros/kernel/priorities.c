@@ -10,6 +10,8 @@
 
 /* Rate below which a variable does not depend on another; all are of the order of 1. */
 #define ZERO CA_CHOOSE(1e-8, 1e-5)
+/* Rate below which it is a rounding error. */
+#define NOISE CA_CHOOSE(1e-13, 1e-5)
 /* How far variables may be beyond their bounds because of rounding. */
 #define SLACK CA_CHOOSE(1e-12, 1e-6)
 /* Rate below which a variable does not come to its bound. */
@@ -168,11 +170,11 @@ static int push_away(simplex *s, int v, ca_real goal)
             for (int j = 0; j < s->columns; j++) {
                 const ca_real rate = s->rates[r][j];
                 const int x = s->nonbasic[j];
+                if (ca_abs(rate) > NOISE && x < s->thrusts && s->lower[x] < s->upper[x])
+                    s->least_rate = ca_min(s->least_rate, ca_abs(rate));
                 if (ca_abs(rate) > ZERO) {
-                    if (x < s->thrusts && s->lower[x] < s->upper[x]) {
+                    if (x < s->thrusts)
                         s->held[x] = 1;
-                        s->least_rate = ca_min(s->least_rate, ca_abs(rate));
-                    }
                 } else if (rate != 0) {
                     s->doubt += ca_abs(rate) *
                                 ca_min(rate * left > 0 ? s->upper[x] - s->value[x]
@@ -491,6 +493,13 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     for (int i = 0; i < n; i++)
         served->held[i] = s.held[i];
     served->almost_parallel = s.least_rate < PARALLEL;
+    /* Basic thrusts follow from the others. */
+    served->vertex = 1;
+    for (int j = 0; j < s.columns; j++) {
+        const int x = s.nonbasic[j];
+        if (x < n && p->half_range[x] > 0 && !s.held[x])
+            served->vertex = 0;
+    }
     served->reached = 1;
     served->level = 1;
     for (int k = 0; k < m; k++)
