@@ -1,6 +1,5 @@
 """Control allocation of multirotors: from a wrench to rotor speeds."""
 
-import ca_ros.nodes.parameters  # noqa: F401 - with it `schema.PARAMETERS` is complete
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status, make_allocator
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet

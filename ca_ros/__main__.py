@@ -11,9 +11,9 @@ from os import environ
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.evaluation import audit_command
 from ca_ros.evaluation.commands import COMMANDS
 from ca_ros.kernel import load
-from ca_ros.problem import audit_command
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.files import config_directory
 from ca_ros.vehicle.vehicle import Vehicle

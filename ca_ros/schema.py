@@ -1,8 +1,8 @@
 """What a parameter is, and the one check of names and values.
 
-Each room has a table of its parameters in its ``parameters.py``, and adds it to `PARAMETERS` with
-`declare`.  Values from ROS and values from a file pass through `complete`: a fault gets the same
-message from both.
+Each room has a table of its parameters in its ``parameters.py``.  `ca_ros.nodes.parameters`
+combines them into the table of a file and the tables of the nodes.  Values from ROS and values
+from a file are checked here, so a fault gets the same message from both.
 """
 
 from __future__ import annotations
@@ -75,19 +75,7 @@ class Parameter:
         return f'in [{self.minimum:g}, {self.maximum:g}]'
 
 
-PARAMETERS: dict[str, Parameter] = {}
-"""All parameters that the file of a vehicle may have, in the order of the rooms.
-
-``import ca_ros`` imports the table of every room.
-"""
-
-
-def declare(table: Mapping[str, Parameter]) -> None:
-    """Add the table of a room to `PARAMETERS`."""
-    PARAMETERS.update(table)
-
-
-def check(name: str, value: Any, table: Mapping[str, Parameter] = PARAMETERS) -> Value:
+def check(name: str, value: Any, table: Mapping[str, Parameter]) -> Value:
     """Return the value of a parameter with its type; raise a `ParameterError` if it is wrong."""
     parameter = table[name]
     is_array = not isinstance(value, (str, bool)) and hasattr(value, '__len__')
@@ -138,49 +126,56 @@ def _shortened(value: Any) -> str:
     return text if len(text) <= 80 else f'{text[:80]}...'
 
 
-def complete(
-    given: Mapping[str, Any],
-    table: Mapping[str, Parameter] = PARAMETERS,
-    known: Mapping[str, Parameter] = PARAMETERS,
-) -> dict[str, Value]:
-    """Check the given parameters, and return those of a table with defaults for the others.
+def check_given(given: Mapping[str, Any], known: Mapping[str, Parameter]) -> None:
+    """Check the names and values of given parameters.
+
+    Unknown names are accepted, because they may belong to another package, unless they are similar
+    to a known name or in the same group (``rotors.``).
 
     Parameters
     ----------
     given : mapping
         Values by name.
-    table : mapping, optional
-        The parameters to return.
-    known : mapping, optional
-        The parameters that may be given.  Their values are checked, in the table or not.
-
-    Returns
-    -------
-    dict
-        A value for each name in `table`.
+    known : mapping
+        All parameters that may be given.
 
     Raises
     ------
     ParameterError
-        If a value is wrong, or a name is not known but resembles a known one.
-    MissingParameterError
-        If a required parameter of the table is missing.
+        If a name or a value is wrong; the message names it.
     """
     groups = {name.split('.')[0] for name in known if '.' in name}
-    for name in given:
-        if name not in known:
-            near = get_close_matches(name, known, n=1, cutoff=0.7)
+    for name, value in given.items():
+        if name in known:
+            check(name, value, known)
+            continue
+        near = get_close_matches(name, known, n=1, cutoff=0.7)
+        if near or name.split('.')[0] in groups:
             hint = f' (did you mean {near[0]}?)' if near else ''
-            # Other names may belong to the node of another package.
-            if near or name.split('.')[0] in groups:
-                raise ParameterError(f'{name}: no such parameter{hint}')
+            raise ParameterError(f'{name}: no such parameter{hint}')
+
+
+def complete(given: Mapping[str, Any], table: Mapping[str, Parameter]) -> dict[str, Value]:
+    """Return a checked value for each parameter of a table: the given one, or the default.
+
+    Parameters
+    ----------
+    given : mapping
+        Values by name.  Names that are not in the table are ignored: see `check_given`.
+    table : mapping
+        The parameters to return.
+
+    Raises
+    ------
+    ParameterError
+        If a value is wrong.
+    MissingParameterError
+        If a required parameter is missing.
+    """
     values = {}
     for name, parameter in table.items():
         value = given.get(name, parameter.default)
         if value is REQUIRED or value is None:
             raise MissingParameterError(f'{name}: missing; it is the {parameter.description}')
         values[name] = check(name, value, table)
-    for name in given:
-        if name in known and name not in table:
-            check(name, given[name], known)
     return values

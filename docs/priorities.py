@@ -20,8 +20,9 @@ from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains, Waypoint
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, RigidBody
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.prioritization import REVERSALS
-from ca_ros.vehicle.files import config_directory, load
+from ca_ros.vehicle.files import config_directory
 
 DOCS = Path(__file__).resolve().parent
 PAGE, ROWS = DOCS / 'priorities.md', DOCS.parent / 'test' / 'px4_desaturation.csv'

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from marks import filled
 
-from ca_ros.schema import PARAMETERS, REQUIRED, Parameter
+from ca_ros.nodes.parameters import PARAMETERS
+from ca_ros.schema import REQUIRED, Parameter
 
 DOCS = Path(__file__).resolve().parent
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')

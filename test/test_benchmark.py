@@ -26,8 +26,8 @@ from ca_ros.evaluation.judge import Judge, verdict
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION
+from ca_ros.nodes.parameters import load as parameters_of
 from ca_ros.vehicle.files import config_directory
-from ca_ros.vehicle.files import load as parameters_of
 from strategies import FLEET, HEXAROTOR
 
 pytestmark = pytest.mark.slow

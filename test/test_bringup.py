@@ -16,8 +16,9 @@ from ca_ros.allocation.options import options_from_parameters
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains, Waypoint
 from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ca_ros.vehicle.files import find, load
+from ca_ros.vehicle.files import find
 from ros import DEADLINE, Graph, fly_in_real_time
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))

@@ -15,8 +15,8 @@ from ca_ros.flight.controller import Waypoint
 from ca_ros.nodes.allocator import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.parameters import load
 from ca_ros.nodes.simulator import SimulatorNode
-from ca_ros.vehicle.files import load
 from ros import DEADLINE
 from test_bringup import fly_offline
 

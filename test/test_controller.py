@@ -19,8 +19,8 @@ from ca_ros.flight.rigid_body import (
     heading,
     tilt,
 )
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.prioritization import REVERSALS
-from ca_ros.vehicle.files import load
 from strategies import FLEET, HEXAROTOR
 
 PARAMETERS = load('hexarotor')

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from ca_ros import AdmissibleSet, control_allocation_matrix
-from ca_ros.vehicle.files import load
+from ca_ros.nodes.parameters import load
 from strategies import FLEET, HEXAROTOR, demands, random_vehicle, solver, vehicles
 from strategies import unaudited as make_allocator
 

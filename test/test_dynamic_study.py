@@ -20,9 +20,9 @@ from ca_ros.flight.controller import Controller, Gains, Waypoint
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.vehicle.files import load
 from strategies import HEXAROTOR
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))

@@ -18,7 +18,7 @@ from ca_ros.bringup.link_faults import FAULTS, LINKS, Faults, corrupted
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains, Waypoint
 from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
-from ca_ros.vehicle.files import load
+from ca_ros.nodes.parameters import load
 from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)

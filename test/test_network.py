@@ -11,7 +11,7 @@ from ca_ros import Vehicle, make_allocator
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains, Waypoint
 from ca_ros.flight.rigid_body import RigidBody
-from ca_ros.vehicle.files import load
+from ca_ros.nodes.parameters import load
 from ros import DEADLINE
 
 

@@ -11,9 +11,8 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.options import options_from_parameters
-from ca_ros.nodes.parameters import ALLOCATOR
+from ca_ros.nodes.parameters import ALLOCATOR, load
 from ca_ros.problem.audit import audit
-from ca_ros.vehicle.files import load
 from ca_ros.vehicle.parameters import AXES
 from ros import BEST_EFFORT, RELIABLE, Graph
 

@@ -9,8 +9,8 @@ from rcl_interfaces.msg import Log
 
 from ca_ros import Vehicle
 from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ca_ros.vehicle.files import load
 from ros import Graph
 
 LAW = Controller(

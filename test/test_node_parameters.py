@@ -15,9 +15,8 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle, make_allocator
-from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, SIMULATOR
-from ca_ros.schema import PARAMETERS, REQUIRED
-from ca_ros.vehicle.files import load
+from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, PARAMETERS, SIMULATOR, load
+from ca_ros.schema import REQUIRED
 from ros import Graph
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 from test_parameters import SECTIONS, sections

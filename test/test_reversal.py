@@ -12,7 +12,8 @@ from ca_ros.evaluation.benchmark.loads import WAYPOINTS
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
-from ca_ros.vehicle.files import config_directory, load
+from ca_ros.nodes.parameters import load
+from ca_ros.vehicle.files import config_directory
 from strategies import PARAMETERS, extreme
 
 WRENCHES = int(os.environ.get('CA_ROS_WRENCHES', '1000'))

@@ -16,8 +16,8 @@ from ca_ros.evaluation.dynamic_study import main as dynamic_study
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller, Waypoint
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures, arguments
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ca_ros.vehicle.files import load
 from ros import Diagnostics, Graph
 
 HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)

@@ -19,8 +19,8 @@ from ca_ros import (
 from ca_ros.__main__ import main
 from ca_ros.allocation import AllocationProblem
 from ca_ros.evaluation.cases import Case
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import INDEPENDENCE_MIN
-from ca_ros.vehicle.files import load
 from strategies import build, ring
 
 

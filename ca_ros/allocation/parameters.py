@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.schema import Parameter, declare
+from ca_ros.schema import Parameter
 
 ALLOCATION = {
     'allocation.method': Parameter(
@@ -15,8 +15,6 @@ ALLOCATION = {
         for option, parameter in kind.parameters.items()
     },
 }
-
-declare(ALLOCATION)
 
 PRIORITIES = {
     name: ALLOCATION[name] for name in ('allocation.exact.order', 'allocation.exact.reversal')

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
-from ca_ros.schema import Parameter, ParameterError, complete
+from ca_ros.schema import Parameter, ParameterError, check_given, complete
 
 Message = TypeVar('Message')
 
@@ -155,7 +155,8 @@ def links(given: Mapping[str, Any]) -> dict[str, Faults]:
     ParameterError
         If a name or a value is wrong; the message names it.
     """
-    p: dict[str, Any] = complete(given, FAULTS, FAULTS)
+    check_given(given, FAULTS)
+    p: dict[str, Any] = complete(given, FAULTS)
     names, corruptions = _words(p.pop('topics')), _words(p.pop('corruptions'))
     if not names or len(set(names)) < len(names):
         raise ParameterError(f'topics: expected different topics, got {names}')

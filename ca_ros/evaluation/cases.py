@@ -25,9 +25,10 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.plots import add_option
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.nodes.parameters import PARAMETERS, load
 from ca_ros.problem.audit import accept, audit
-from ca_ros.schema import PARAMETERS, ParameterError, complete
-from ca_ros.vehicle.files import load, read_value
+from ca_ros.schema import ParameterError, complete
+from ca_ros.vehicle.files import read_value
 from ca_ros.vehicle.vehicle import Vehicle
 
 BUILT_IN = tuple(ALLOCATORS)
@@ -149,7 +150,7 @@ class Case:
         parameters: dict[str, Any] = dict(load(name))
         for change in changes:
             parameters.update([_change(change)])
-        parameters = complete(parameters)
+        parameters = complete(parameters, PARAMETERS)
         try:
             vehicle = accept(Vehicle.from_parameters(parameters)).vehicle
         except ParameterError as error:

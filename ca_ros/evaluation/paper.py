@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ca_ros.vehicle.files import load
+from ca_ros.nodes.parameters import load
 
 SAMPLES = 1000
 """How many the paper drew."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ca_ros.schema import Parameter, declare
+from ca_ros.schema import Parameter
 
 CONTROLLER = {
     'controller.position_stiffness': Parameter(
@@ -31,8 +31,6 @@ CONTROLLER = {
     ),
 }
 
-declare(CONTROLLER)
-
 SIMULATOR = {
     'simulator.time_step': Parameter(
         'step of the Euler integration [s]', default=0.01, minimum=1e-5, maximum=1.0
@@ -43,5 +41,3 @@ SIMULATOR = {
         minimum=0.0,
     ),
 }
-
-declare(SIMULATOR)

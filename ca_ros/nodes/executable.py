@@ -23,16 +23,11 @@ from ca_ros import arguments
 from ca_ros.arguments import full_name, renamed
 from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.parameters import PARAMETERS, load
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
-from ca_ros.schema import (
-    PARAMETERS,
-    REQUIRED,
-    MissingParameterError,
-    ParameterError,
-    check,
-)
+from ca_ros.schema import REQUIRED, MissingParameterError, ParameterError, check
 from ca_ros.signals import ending_signals
-from ca_ros.vehicle.files import NoSectionError, find, load, matches, read_value, read_yaml
+from ca_ros.vehicle.files import NoSectionError, find, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle
 
 DEFAULT_VEHICLE = 'hexarotor'
@@ -80,6 +75,7 @@ def vehicle_arguments(vehicle: str, node: str) -> list[str]:
         If there is no such vehicle, or it is wrong.
     """
     try:
+        load(vehicle, node)
         Vehicle.load(vehicle, node)
     except NoSectionError:
         Vehicle.load(vehicle)
@@ -114,7 +110,7 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         if option not in ('-p', '--param') or name not in PARAMETERS:
             continue
         if not owner or matches(f'/{owner.strip("/")}', node):
-            check(name, read_value(name, value))
+            check(name, read_value(name, value), PARAMETERS)
     vehicle = parser.parse_args(own).vehicle
     required = {name for name, each in PARAMETERS.items() if each.default is REQUIRED}
     if vehicle is None and '--params-file' not in ros and not required <= given:

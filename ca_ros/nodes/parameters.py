@@ -1,10 +1,13 @@
-"""The parameters of the nodes: those of all nodes, and the table that each node declares."""
+"""The parameters of the nodes, the table that each node declares, and all that a file may have."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ca_ros.allocation.parameters import ALLOCATION, PRIORITIES
 from ca_ros.flight import parameters as flight
-from ca_ros.schema import Parameter, declare
+from ca_ros.schema import Parameter, ParameterError, Value, check_given, complete
+from ca_ros.vehicle.files import find, read
 from ca_ros.vehicle.parameters import VEHICLE
 
 NODE = {
@@ -68,7 +71,8 @@ NODE = {
 }
 """What the nodes add to the parameters of the rooms below; a change of these rebuilds nothing."""
 
-declare(NODE)
+PARAMETERS = {**VEHICLE, **ALLOCATION, **flight.CONTROLLER, **flight.SIMULATOR, **NODE}
+"""All parameters that the file of a vehicle may have."""
 
 
 def _node(*names: str) -> dict[str, Parameter]:
@@ -88,3 +92,30 @@ SIMULATOR = {
     **flight.SIMULATOR,
     **_node('timeout_action', 'world_frame', 'simulator.real_time_factor', 'simulator.hold_at'),
 }
+
+
+def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
+    """Read and check the parameter file of a vehicle.
+
+    Parameters
+    ----------
+    vehicle, node
+        As in `ca_ros.vehicle.files.read`.
+
+    Returns
+    -------
+    dict
+        A value for each name in `PARAMETERS`.
+
+    Raises
+    ------
+    ParameterError
+        As in `read`, or if a name or a value is wrong; the message names the file, the key and the
+        fault.
+    """
+    given = read(vehicle, node)
+    try:
+        check_given(given, PARAMETERS)
+        return complete(given, PARAMETERS)
+    except ParameterError as error:
+        raise ParameterError(f'{find(vehicle)}: {error}') from None

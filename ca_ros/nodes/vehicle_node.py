@@ -24,13 +24,13 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.executor import Executor
-from ca_ros.nodes.parameters import NODE
+from ca_ros.nodes.parameters import NODE, PARAMETERS
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
 from ca_ros.nodes.topics import Topic, type_name
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.schema import PARAMETERS, REQUIRED, MissingParameterError, complete
+from ca_ros.schema import REQUIRED, MissingParameterError, check_given, complete
 from ca_ros.schema import Parameter as Declared
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -126,7 +126,9 @@ class VehicleNode(Node):
             default = None if parameter.default is REQUIRED else parameter.default
             given[key] = self.declare_parameter(key, default, descriptor).value
         overrides = given_parameters(self)
-        given.update({key: override.value for key, override in overrides.items()})
+        values = {key: override.value for key, override in overrides.items()}
+        check_given(values, PARAMETERS)
+        given.update(values)
         try:
             parameters = complete(given, self.declared)
         except MissingParameterError as error:

@@ -1,6 +1,6 @@
 """The parameter files of vehicles, shipped ones and others.
 
-They are ROS parameter files, which ROS reads for the nodes and `load` reads for everyone else.
+They are ROS parameter files.  ROS reads them for the nodes, and `read` reads them for Python.
 Their sections have the names of nodes, with wildcards: ``/**: ros__parameters:`` is for all nodes,
 ``/uav1/allocator: ros__parameters:``, as `ros2 param dump` writes it, for one.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from ca_ros.schema import ParameterError, Value, complete
+from ca_ros.schema import ParameterError
 
 DEPTH_MAX = 20
 """How deep lists and mappings may be nested in a YAML text."""
@@ -120,8 +120,8 @@ def find(vehicle: str | Path) -> Path:
     raise ParameterError(f'{vehicle}: neither a file nor a shipped vehicle ({", ".join(shipped)})')
 
 
-def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
-    """Read the parameter file of a vehicle.
+def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
+    """Return the parameters in the file of a vehicle, as they are given there.
 
     Parameters
     ----------
@@ -134,20 +134,19 @@ def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
     Returns
     -------
     dict
-        A value for each name in `PARAMETERS`.
+        Values by name, not checked.
 
     Raises
     ------
     ParameterError
-        If there is no such file, or it is wrong; the message names the file, the key and the
-        fault.
+        If there is no such file, or it is not a parameter file; the message names the file.
     NoSectionError
         If `node` is given and no section of the file is for it.
     """
     path = find(vehicle)
     try:
         content = read_yaml(path.read_text(encoding='utf-8'))
-        return complete(_ros_parameters(content, node))
+        return _ros_parameters(content, node)
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path}: not readable YAML: {error}') from None
     except NoSectionError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ca_ros.schema import Parameter, declare
+from ca_ros.schema import Parameter
 
 AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
 
@@ -62,5 +62,3 @@ VEHICLE = {
         choices=('refuse', 'drop'),
     ),
 }
-
-declare(VEHICLE)

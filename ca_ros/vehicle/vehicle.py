@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 from math import sqrt
 from pathlib import Path
@@ -13,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant
-from ca_ros.schema import ParameterError, complete
-from ca_ros.vehicle.files import load
+from ca_ros.schema import ParameterError, check_given, complete
+from ca_ros.vehicle.files import read
 from ca_ros.vehicle.parameters import AXES, VEHICLE
 
 HEALTH_MIN = 1e-9
@@ -82,6 +83,9 @@ class Vehicle:
     def load(cls, vehicle: str | Path, node: str | None = None) -> Vehicle:
         """Read a vehicle from a parameter file.
 
+        Only the vehicle's own parameters are checked; `ca_ros.nodes.parameters.load` checks the
+        whole file.
+
         Parameters
         ----------
         vehicle : str or path
@@ -95,9 +99,9 @@ class Vehicle:
         ParameterError
             In one line that names the file, the key and the fault.
         """
-        parameters = load(vehicle, node)
+        given = read(vehicle, node)
         try:
-            return cls.from_parameters(parameters)
+            return cls.from_parameters(given)
         except ParameterError as error:
             raise ParameterError(f'{vehicle}: {error}') from None
 
@@ -105,11 +109,14 @@ class Vehicle:
     def from_parameters(cls, given: Mapping[str, Any]) -> Vehicle:
         """Build a vehicle from parameters by name, as in a parameter file.
 
+        Unknown names are ignored, except in the groups ``vehicle`` and ``rotors``.
+
         Raises
         ------
         ParameterError
             In one line that names the key and the fault.
         """
+        check_given({name: given[name] for name in given if _concerns_vehicle(name)}, VEHICLE)
         p: dict[str, Any] = complete(given, VEHICLE)
         positions = _rows('rotors.positions', p['rotors.positions'])
         n = len(positions)
@@ -247,6 +254,11 @@ class Vehicle:
             *self.speed_limits,
         )
         return [tuple(row) for row in np.column_stack(columns).tolist()]
+
+
+def _concerns_vehicle(name: str) -> bool:
+    """Return whether the group of a parameter is the vehicle's, or a misspelling of one."""
+    return bool(get_close_matches(name.partition('.')[0], ('vehicle', 'rotors'), cutoff=0.8))
 
 
 def _per_rotor(parameters: Mapping[str, Any], name: str, n: int) -> Array:

@@ -40,7 +40,8 @@ from ca_ros.evaluation.latency.figures import (
 from ca_ros.evaluation.latency.side import NAMESPACE, START_TIMEOUT, LatencyError, Side
 from ca_ros.flight.controller import Gains
 from ca_ros.nodes.messages import wrench_message
-from ca_ros.vehicle.files import find, load
+from ca_ros.nodes.parameters import load
+from ca_ros.vehicle.files import find
 from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import Audit, accept, audit, lift, unit
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
@@ -44,6 +45,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def run(options: argparse.Namespace) -> int:
     """Print the audit; return the exit code."""
     try:
+        load(options.vehicle)
         vehicle = Vehicle.load(options.vehicle)
         if 'health' in options:
             health = _numbers('--health', options.health, float)
