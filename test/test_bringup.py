@@ -154,7 +154,8 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
         assert 'within bounds' in out
         assert 'no --vehicle' not in err
     assert said[2][1].splitlines()[-1] == (
-        'bringup: mode is realtime, not lockstep: see the ROS arguments')
+        'bringup: mode of the allocator is realtime, not lockstep: '
+        'see the parameter files and the ROS arguments')
     # A folder for what was flown without --out, and none for what was not.
     assert (tmp_path / 'b' / 'flight.csv').is_file()
     [folder] = tmp_path.glob('flight_*')
@@ -163,6 +164,33 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
         assert [name for name in read(flown).dtype.names if name.startswith('speed')][-1] == (
             'speed_8')
     assert not (tmp_path / 'flight.csv').exists()
+
+
+def test_it_warns_of_nodes_with_different_vehicles_and_refuses_different_modes(graph, tmp_path):
+    hexarotor = {'ros__parameters': load('hexarotor') | {'mode': 'lockstep'}}
+    changes = {
+        '/a/simulator': {'vehicle.mass': 1.1, 'rotors.health': [0.9] + [1.0] * 5},
+        '/a/controller': {'controller.speed_max': 2.0, 'vehicle.gravity': 9.8},
+        '/b/simulator': {'mode': 'realtime'}}
+    file = write(tmp_path / 'different.yaml', {'/**': hexarotor} | {
+        name: {'ros__parameters': values} for name, values in changes.items()})
+    flights = [
+        graph.start_silent(
+            'bringup', '--duration', '0.1', '--out', str(tmp_path / name), '--vehicle', file,
+            '--namespace', name) for name in ('a', 'b')]
+    said = [graph.outlive(flight) for flight in flights]
+    assert [flight.returncode for flight in flights] == [1, 1], said
+    (out, err), (_, refused) = said
+    [line] = [line for line in err.splitlines() if line.startswith('bringup: ')]
+    assert line == (
+        'bringup: warning: the nodes have different vehicles: '
+        'the controller differs from the allocator in vehicle.gravity; '
+        'the simulator differs from the allocator in vehicle.mass, rotors.health')
+    assert out.startswith('flight of 0.10 s (lockstep, 11 samples')
+    assert 'MISSED' in out
+    assert refused.splitlines()[-1] == (
+        'bringup: mode of the simulator is realtime, not lockstep: '
+        'see the parameter files and the ROS arguments')
 
 
 @pytest.mark.parametrize(('node', 'topic'), [

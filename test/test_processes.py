@@ -27,8 +27,7 @@ def until(condition):
     return value
 
 
-def test_what_is_killed_is_started_again_however_often(monkeypatch):
-    monkeypatch.setattr(Processes, 'PAUSE', 0.05)
+def test_what_is_killed_is_started_again_however_often():
     with Processes({'sleeper': SLEEP, 'other': SLEEP}) as processes:
         other = processes.running['other']
         for i in range(1, 6):
@@ -38,43 +37,28 @@ def test_what_is_killed_is_started_again_however_often(monkeypatch):
             assert processes.running['sleeper'].pid != victim.pid
             assert processes.respawned == {'sleeper': i}
             assert processes.ended() == {}
-        assert processes.failed == []
         assert processes.running['other'] is other
     assert not any(psutil.pid_exists(p.pid) for p in processes.running.values())
 
 
-def test_it_is_not_started_before_the_pause_is_over(monkeypatch):
-    monkeypatch.setattr(Processes, 'PAUSE', 1e6)
-    with Processes({'sleeper': SLEEP}) as processes:
-        processes.running['sleeper'].kill()
-        until(processes.ended)
-        assert processes.respawn() == {}
-        assert processes.ended() == {'sleeper': -signal.SIGKILL}
-
-
 def test_a_process_that_fails_again_and_again_at_its_start_is_given_up(monkeypatch):
-    monkeypatch.setattr(Processes, 'PAUSE', 0.0)
     monkeypatch.setattr(Processes, 'STARTING', 1e6)
     with Processes({'failing': FAIL}) as processes:
         for _ in range(Processes.ATTEMPTS - 1):
-            assert processes.failed == []
             assert until(processes.respawn) == {'failing': 3}
         until(processes.ended)
         assert processes.respawn() == {}
-        assert processes.failed == ['failing']
+        assert processes.ended() == {'failing': 3}
 
 
 def test_what_fails_later_is_not(monkeypatch):
-    monkeypatch.setattr(Processes, 'PAUSE', 0.0)
     monkeypatch.setattr(Processes, 'STARTING', 0.0)
     with Processes({'failing': FAIL}) as processes:
         for _ in range(2 * Processes.ATTEMPTS):
-            until(processes.respawn)
-        assert processes.failed == []
+            assert until(processes.respawn) == {'failing': 3}
 
 
-def test_nothing_is_left_of_what_a_killed_process_had_started(monkeypatch):
-    monkeypatch.setattr(Processes, 'PAUSE', 0.0)
+def test_nothing_is_left_of_what_a_killed_process_had_started():
     with Processes({'parent': CHILD}) as processes:
         parent = processes.running['parent']
         [child] = until(psutil.Process(parent.pid).children)
@@ -109,7 +93,6 @@ from ca_ros.bringup.processes import Processes
 folder = Path(sys.argv[1])
 os.environ['TIED'] = str(folder)
 names = ('first', 'respawned')
-Processes.PAUSE = 0.0
 with Processes({name: [sys.executable, '-c', sys.argv[2], str(folder / name)]
                 for name in names}) as processes:
     processes.running['respawned'].kill()

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, speeds_stamp
-from ca_ros.nodes.qos import LOCKSTEP_DEPTH
+from ca_ros.nodes.qos import offered
 from ca_ros.nodes.topics import ROSOUT, type_name
 
 TOPICS: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
@@ -26,8 +26,6 @@ LOOP = tuple(topic.path for topic in topics.STREAMS)
 
 STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)
 """`LOOP`, and what the allocator publishes of each command."""
-
-LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 
 INFINITE = (9223372036, 854775807)
 """RMW_DURATION_INFINITE [s, ns]."""
@@ -91,13 +89,10 @@ class Bag:
             'bag', namespace=namespace, start_parameter_services=False, enable_rosout=False
         )
         for topic, kind in TOPICS.items():
-            # Except for the depth the publishers offer the same.
-            qos = QoSProfile(
-                reliability=ReliabilityPolicy.RELIABLE,
-                history=HistoryPolicy.KEEP_LAST,
-                depth=LOCKSTEP_DEPTH,
-                durability=LATCHED if topic == ROSOUT.path else DurabilityPolicy.VOLATILE,
-            )
+            # The publishers offer the same, apart from the depth.
+            qos = offered('lockstep')
+            if topic == ROSOUT.path:
+                qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             subscription = self._node.create_subscription(kind, topic, print, qos, raw=True)
             self._subscriptions[topic] = subscription
             self._connections[topic] = self._writer.add_connection(

@@ -76,21 +76,17 @@ class Processes:
     ENDING = 5.0
     """Time that a process has to end after SIGTERM before it is killed [s]."""
 
-    PAUSE = 0.5
-    """Time between the end of a process and its respawn [s]."""
-
     STARTING = 10.0
     """A process that ends within this time of its start has failed to start [s]."""
 
     ATTEMPTS = 3
-    """Failed starts in a row after which `respawn` gives up."""
+    """Failed starts in a row after which `respawn` gives a process up."""
 
     def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
         self.commands = commands
         self.running: dict[str, subprocess.Popen[Any]] = {}
         self.respawned: Counter[str] = Counter()
         self._started: dict[str, float] = {}
-        self._ended: dict[str, float] = {}
         self._failures: Counter[str] = Counter()
 
     def __enter__(self) -> Processes:
@@ -111,30 +107,21 @@ class Processes:
         return {name: code for name, code in codes.items() if code is not None}
 
     def respawn(self) -> dict[str, int]:
-        """Restart the processes that ended `PAUSE` ago; return their exit codes by name.
+        """Restart the processes that have ended; return their exit codes by name.
 
-        A process that has failed to start `ATTEMPTS` times in a row is in `failed` instead.
+        A process that fails `ATTEMPTS` times in a row at its start is not restarted again.
         """
-        now = time.monotonic()
-        codes = {}
+        restarted = {}
         for name, code in self.ended().items():
-            if name not in self._ended:
-                self._ended[name] = now
-                # Exit code 0 and kill -9 are requests to end.
-                early = now - self._started[name] < self.STARTING
-                self._failures[name] += 1
-                if not early or code in (0, -signal.SIGKILL):
-                    self._failures[name] = 0
-            if name not in self.failed and now - self._ended[name] >= self.PAUSE:
+            # Exit code 0 and kill -9 are requests to end, not failures.
+            failed = code not in (0, -signal.SIGKILL)
+            early = time.monotonic() - self._started[name] < self.STARTING
+            self._failures[name] = self._failures[name] + 1 if failed and early else 0
+            if self._failures[name] < self.ATTEMPTS:
                 self.restart(name)
                 self.respawned[name] += 1
-                codes[name] = code
-        return codes
-
-    @property
-    def failed(self) -> list[str]:
-        """The processes that `respawn` has given up."""
-        return [name for name, count in self._failures.items() if count >= self.ATTEMPTS]
+                restarted[name] = code
+        return restarted
 
     def restart(self, name: str) -> None:
         """End a process with its descendants, and start it again."""
@@ -148,7 +135,6 @@ class Processes:
     def _start(self, name: str) -> None:
         self.running[name] = start(self.commands[name])
         self._started[name] = time.monotonic()
-        self._ended.pop(name, None)
 
     def _end(self, *names: str) -> None:
         for name in names:

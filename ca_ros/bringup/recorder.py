@@ -13,25 +13,27 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Waypoint
-from ca_ros.flight.parameters import SIMULATOR
 from ca_ros.flight.record import Flight
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
-from ca_ros.nodes.parameters import ALLOCATOR
-from ca_ros.nodes.qos import COMMAND, LOCKSTEP_DEPTH
+from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, SIMULATOR
+from ca_ros.nodes.qos import COMMAND, offered
 
 LINKS = tuple(topic.name for topic in topics.LINKS)
 
 REPEAT = 2.0
 """Period of requests for the parameters [s]: DDS may lose an early answer."""
 
-ASKED = {'allocator': list(ALLOCATOR), 'simulator': list(SIMULATOR)}
+ASKED = {
+    'allocator': list(ALLOCATOR),
+    'controller': list(CONTROLLER),
+    'simulator': list(SIMULATOR),
+}
 """The parameters that each node is asked for."""
 
 
@@ -60,9 +62,8 @@ class Recorder(Node):
             node: self.create_client(GetParameters, f'{node}/get_parameters') for node in ASKED
         }
         self._asked = dict.fromkeys(ASKED, -REPEAT)
-        self._told: set[str] = set()
-        self.parameters: dict[str, Any] = {}
-        """The parameters `ASKED` of the running nodes that have answered."""
+        self.parameters: dict[str, dict[str, Any]] = {}
+        """The parameters `ASKED` of each running node that has answered, by name."""
         self.restart()
 
     def restart(self) -> None:
@@ -70,13 +71,10 @@ class Recorder(Node):
         self._goal: Waypoint | None = None
         for stream, _ in self._streams:
             self.destroy_subscription(stream)
-        everything = QoSProfile(
-            reliability=ReliabilityPolicy.RELIABLE,
-            history=HistoryPolicy.KEEP_LAST,
-            depth=LOCKSTEP_DEPTH,
-        )
+        # The deep queues of lockstep, so that no message is lost in real time either.
+        quality = offered('lockstep')
         self._streams = [
-            (self.create_subscription(topic.kind, topic.name, receive, everything), receive)
+            (self.create_subscription(topic.kind, topic.name, receive, quality), receive)
             for topic, receive in (
                 (topics.POSE, self._receive_pose),
                 (topics.VELOCITY, self._receive_velocity),
@@ -100,21 +98,17 @@ class Recorder(Node):
 
     def missing(self) -> list[str]:
         """Return the topics and services that are not connected yet."""
-        ends = {
-            topic: (self.count_publishers(topic), self.count_subscribers(topic))
-            for topic in self._links
-        }
         lacking = [
             topic
-            for topic, (publishers, subscribers) in ends.items()
-            if not (publishers and subscribers)
+            for topic in self._links
+            if not (self.count_publishers(topic) and self.count_subscribers(topic))
         ]
         if not self._waypoint.get_subscription_count():
             lacking.append(topics.WAYPOINT.name)
         if not any(len(sample) == 5 for sample in self._samples.values()):
             lacking.append(topics.SPEEDS.name)
         for node in ASKED:
-            if node not in self._told:
+            if node not in self.parameters:
                 lacking.append(f'{node}/get_parameters')
                 self._ask(node)
         return lacking
@@ -133,8 +127,7 @@ class Recorder(Node):
 
     def _receive_parameters(self, node: str, answer: Any) -> None:
         values = map(parameter_value_to_python, answer.result().values)
-        self.parameters.update(zip(ASKED[node], values, strict=True))
-        self._told.add(node)
+        self.parameters[node] = dict(zip(ASKED[node], values, strict=True))
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight starts when the rotors start."""

@@ -40,7 +40,7 @@ class RotorHealth:
         A node in the namespace of the three nodes, for the clients.
     failures : RotorFailures
     parameters : mapping
-        The nodes' parameters by name.
+        The parameters by node and name.
 
     Raises
     ------
@@ -48,16 +48,19 @@ class RotorHealth:
         If the vehicle does not have these rotors.
     """
 
-    def __init__(self, node: Node, failures: RotorFailures, parameters: Mapping[str, Any]) -> None:
+    def __init__(
+        self, node: Node, failures: RotorFailures, parameters: Mapping[str, Mapping[str, Any]]
+    ) -> None:
         self.failures = failures
-        self._health = Vehicle.from_parameters(parameters).health
+        self._health = {name: Vehicle.from_parameters(parameters[name]).health for name in NODES}
         try:
-            failures.check(len(self._health))
+            failures.check(len(self._health['simulator']))
         except ValueError as error:
             raise RotorHealthError(str(error)) from None
-        self._set_to = {name: self._health.tolist() for name in NODES}
-        self._lockstep = parameters['mode'] == 'lockstep'
-        self._ahead = round(parameters['simulator.time_step'] * 1e9) if self._lockstep else 0
+        self._set_to = {name: health.tolist() for name, health in self._health.items()}
+        simulator = parameters['simulator']
+        self._lockstep = simulator['mode'] == 'lockstep'
+        self._ahead = round(simulator['simulator.time_step'] * 1e9) if self._lockstep else 0
         self._times = failures.times()
         self._clients = (
             {name: node.create_client(SetParameters, f'{name}/set_parameters') for name in NODES}
@@ -94,7 +97,7 @@ class RotorHealth:
             time = self._times.pop(0)
             for name in NODES:
                 happens = self.failures.physical if name == 'simulator' else self.failures.believed
-                health = happens(self._health, time).tolist()
+                health = happens(self._health[name], time).tolist()
                 if health != self._set_to[name]:
                     self._set(name, 'rotors.health', health, spin)
                     self._set_to[name] = health

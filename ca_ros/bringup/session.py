@@ -1,0 +1,241 @@
+"""A flight over ROS: starts the nodes, sends the waypoint and records until the end."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+
+from ca_ros.bringup.bag import Bag
+from ca_ros.bringup.deadline import Deadline
+from ca_ros.bringup.fault_proxy import PREFIX
+from ca_ros.bringup.options import NODES, options_as_parameters
+from ca_ros.bringup.processes import Processes
+from ca_ros.bringup.recorder import LINKS, Recorder
+from ca_ros.bringup.rotor_health import RotorHealth
+from ca_ros.errors import CaRosError
+from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.record import Flight
+from ca_ros.vehicle.parameters import VEHICLE
+
+START_TIMEOUT = 60.0
+"""Time without progress after which the start or the flight is given up [s]."""
+
+LOOK_AROUND = 0.5
+"""Time to discover other nodes before the start, and between later checks [s]."""
+
+
+class Stopped(CaRosError):
+    """The flight ended early."""
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A finished flight.
+
+    Attributes
+    ----------
+    flight : Flight
+    wall : float
+        Time that the flight took [s].
+    respawned : Counter of str
+        How often each node was restarted.
+    parameters : dict
+        The parameters of the nodes by name; where they differ, those of the allocator.
+    """
+
+    flight: Flight
+    wall: float
+    respawned: Counter[str]
+    parameters: dict[str, Any]
+
+
+class Session:
+    """The nodes of one flight as processes, and the recorder and the bag in this process.
+
+    Parameters
+    ----------
+    options : Namespace
+        Of `ca_ros.bringup.options.parse`.
+    commands : mapping of str to sequence of str
+        The command line of each node by name.
+    interrupts : list of int
+        Signals that have arrived; one ends the flight.
+    bag : Bag or None
+    """
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        commands: Mapping[str, Sequence[str]],
+        interrupts: list[int],
+        bag: Bag | None,
+    ) -> None:
+        self._options, self._interrupts, self._bag = options, interrupts, bag
+        links = [*LINKS]
+        if options.faults is not None:
+            links += [f'{PREFIX}{topic}' for topic in LINKS]
+        self._recorder = Recorder(links, namespace=options.namespace)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._recorder)
+        self._processes = Processes(commands)
+        self._looked = time.monotonic()
+
+    def fly(self, waypoint: Waypoint) -> Flown:
+        """Start the nodes, fly to a waypoint, and end the nodes.
+
+        Raises
+        ------
+        CaRosError
+            If the flight ended early.
+        """
+        try:
+            began = time.monotonic()
+            while time.monotonic() < began + LOOK_AROUND and not self._interrupts:
+                self._executor.spin_once(timeout_sec=0.05)
+            self._check_alone(own=0)
+            # The bag closes after the nodes have ended, so it is complete.
+            with self._bag or nullcontext(), self._processes:
+                return self._fly(waypoint)
+        finally:
+            self._executor.shutdown()
+            self._recorder.destroy_node()
+
+    def _fly(self, waypoint: Waypoint) -> Flown:
+        recorder, bag, duration = self._recorder, self._bag, self._options.duration
+        if bag:
+            bag.listen(self._options.namespace)
+        self._wait(lambda: recorder.missing() + (bag.missing() if bag else []))
+        self._check_parameters()
+        parameters = recorder.parameters
+        lockstep = parameters['allocator']['mode'] == 'lockstep'
+        rotors = RotorHealth(recorder, self._options.failures, parameters)
+        self._wait(rotors.missing)
+        rotors.update(None, self._spin)
+        recorder.send(waypoint)
+        began = time.monotonic()
+        progress, deadline = 0.0, Deadline(START_TIMEOUT)
+        while progress < duration:
+            self._spin()
+            rotors.update(recorder.elapsed_ns, self._spin)
+            if recorder.waiting and not recorder.missing():
+                recorder.send(waypoint)
+            if recorder.elapsed != progress:
+                progress, deadline = recorder.elapsed, Deadline(START_TIMEOUT)
+                _show(progress, duration)
+            elif deadline.passed():
+                raise Stopped(
+                    f'the flight has stalled at {progress:.2f} s for {START_TIMEOUT:g} s'
+                )
+        if bag:
+            end = recorder.end(duration)
+            self._wait(lambda: bag.behind(end))
+        wall = time.monotonic() - began
+        flight = recorder.flight(duration)
+        if lockstep and (lost := flight.missing(duration)):
+            raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
+        combined = {**parameters['simulator'], **parameters['allocator']}
+        return Flown(flight, wall, self._processes.respawned, combined)
+
+    def _spin(self) -> None:
+        """Serve the recorder and the bag once, and restart nodes that have ended."""
+        self._executor.spin_once(timeout_sec=0.1)
+        # Discovery may take 3 s.  After a respawn DDS still lists the killed node.
+        if time.monotonic() > self._looked + LOOK_AROUND and not self._processes.respawned:
+            self._looked = time.monotonic()
+            self._check_alone(own=1)
+        self._recorder.drain()
+        if self._bag:
+            self._bag.write()
+        if self._interrupts:
+            raise Stopped(f'interrupted by {signal.Signals(self._interrupts[0]).name}')
+        respawned = self._processes.respawn() if self._options.respawn else {}
+        if ended := self._processes.ended():
+            raise Stopped(', '.join(f'the {name} {_exit(code)}' for name, code in ended.items()))
+        for name, code in respawned.items():
+            line = f'bringup: the {name} {_exit(code)} and is started again'
+            if name == 'simulator':
+                # The vehicle must rest until the recorder is connected.
+                self._processes.restart('controller')
+                self._recorder.restart()
+                line += ', and the controller too: the flight begins again, from rest'
+            print(line, file=sys.stderr)
+
+    def _wait(self, missing: Callable[[], list[str]]) -> None:
+        """Spin until nothing is missing."""
+        fewest, deadline = inf, Deadline(START_TIMEOUT)
+        while topics := missing():
+            self._spin()
+            if len(topics) < fewest:
+                fewest, deadline = len(topics), Deadline(START_TIMEOUT)
+            elif deadline.passed():
+                raise Stopped(f'after {START_TIMEOUT:g} s no node on {", ".join(topics)}')
+
+    def _check_alone(self, own: int) -> None:
+        if others := self._recorder.others(own):
+            raise Stopped(
+                f'other nodes publish on {", ".join(others)} in ROS domain '
+                f'{self._recorder.context.get_domain_id()}: end them, or choose another '
+                '--namespace or ROS_DOMAIN_ID (DDS lists a node that was killed with -9 for 20 s)'
+            )
+
+    def _check_parameters(self) -> None:
+        """Refuse nodes that contradict the options or each other's mode; warn of two vehicles."""
+        parameters = self._recorder.parameters
+        asked = options_as_parameters(self._options)
+        asked.setdefault('mode', parameters['allocator']['mode'])
+        for node in NODES:
+            for name, value in asked.items():
+                if (own := parameters[node].get(name, value)) != value:
+                    raise Stopped(
+                        f'{name} of the {node} is {own}, not {value}: see the parameter files '
+                        'and the ROS arguments'
+                    )
+        if found := differences(parameters):
+            print(f'bringup: warning: the nodes have different vehicles: {found}', file=sys.stderr)
+
+
+def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return which nodes differ from the allocator in which parameters of the vehicle.
+
+    It is not an error, because model mismatch is a common experiment.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Values by node and name.
+
+    Returns
+    -------
+    str
+        Empty if there are no differences.
+    """
+    model = parameters['allocator']
+    found = {
+        node: [name for name in VEHICLE if parameters[node][name] != model[name]] for node in NODES
+    }
+    return '; '.join(
+        f'the {node} differs from the allocator in {", ".join(names)}'
+        for node, names in found.items()
+        if names
+    )
+
+
+def _exit(code: int) -> str:
+    return f'ended with exit code {code}'
+
+
+def _show(progress: float, duration: float) -> None:
+    """Show on a terminal how far the flight is [s]; the next line that is printed replaces it."""
+    if sys.stderr.isatty():
+        text = f'flight: {min(progress, duration):.1f} of {duration:.1f} s'
+        print(text, end='\r', file=sys.stderr, flush=True)
