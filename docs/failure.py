@@ -17,8 +17,8 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_study import main as dynamic_study
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import config_directory
 

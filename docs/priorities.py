@@ -18,8 +18,9 @@ from ca_ros.allocation import Allocation
 from ca_ros.arrays import Array
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, RigidBody
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.prioritization import REVERSALS
 from ca_ros.vehicle.files import config_directory

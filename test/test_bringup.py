@@ -14,8 +14,9 @@ from matplotlib import image
 from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import find

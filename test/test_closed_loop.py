@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from ca_ros import ALLOCATORS, make_allocator
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from strategies import HEXAROTOR
 

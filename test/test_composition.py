@@ -11,7 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.recorder import Recorder
-from ca_ros.flight.controller import Waypoint
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.allocator import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet, ParameterError
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
@@ -19,6 +19,7 @@ from ca_ros.flight.rigid_body import (
     heading,
     tilt,
 )
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.prioritization import REVERSALS
 from strategies import FLEET, HEXAROTOR

@@ -16,10 +16,11 @@ from ca_ros.evaluation.flight_metrics import margins, metrics
 from ca_ros.evaluation.observations import observe
 from ca_ros.evaluation.ros_flight import RosFlightError, fly_over_ros, read_flight
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.problem import AllocationProblem

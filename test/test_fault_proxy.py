@@ -16,8 +16,9 @@ from ca_ros import Vehicle, make_allocator
 from ca_ros.bringup.fault_proxy import PREFIX, remaps
 from ca_ros.bringup.link_faults import FAULTS, LINKS, Faults, corrupted
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time
 

@@ -14,10 +14,10 @@ from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, Curves, anima
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.flight_metrics import margins, torque_errors
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import COLORS, FORMATS, draw_flight, formats, save
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.waypoint import Waypoint
 from strategies import FLEET
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0))

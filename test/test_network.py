@@ -9,8 +9,9 @@ import pytest
 
 from ca_ros import Vehicle, make_allocator
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ros import DEADLINE
 

@@ -8,7 +8,8 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Log
 
 from ca_ros import Vehicle
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ros import Graph

@@ -14,8 +14,9 @@ from ca_ros.bringup.options import parse
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_study import main as dynamic_study
 from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Controller, Waypoint
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures, arguments
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ros import Diagnostics, Graph

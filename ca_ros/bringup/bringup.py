@@ -24,8 +24,8 @@ from ca_ros.bringup.processes import note_signals
 from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import draw_flight, save
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
 from ca_ros.vehicle.vehicle import Vehicle

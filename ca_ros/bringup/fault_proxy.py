@@ -11,20 +11,18 @@ from math import inf
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.link_faults import FAULTS, Faults, Link, corrupted, links
+from ca_ros.nodes.endpoints import mismatch
 from ca_ros.nodes.executable import run, split
+from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.qos import COMMAND, offered
-from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.nodes.topics import DIAGNOSTICS, LINKS
-from ca_ros.nodes.vehicle_node import mismatch
+from ca_ros.schema import ParameterError
 
 PREFIX = 'faulty/'
 
@@ -52,11 +50,11 @@ links, to cut only the first, and to restore them:
   ros2 param set /fault_proxy drop 0.0
 """
 
-ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
-
-class FaultProxy(Node):
+class FaultProxy(ParameterNode):
     """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
+
+    declared = known = FAULTS
 
     def __init__(self, node_name: str = 'fault_proxy', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -65,7 +63,10 @@ class FaultProxy(Node):
         self._counts: dict[str, Counter[str]] = {}
         self._faults: dict[str, Faults] = {}
         self._in: dict[str, Subscription] = {}
-        self._declare()
+        if self.unknown:
+            names = ', '.join(FAULTS)
+            raise ParameterError(f'{self.unknown[0]}: no such parameter ({names})')
+        self.configure()
         # The deep queues of lockstep, so that the proxy itself loses no message.
         quality = offered('lockstep')
         kinds = {topic.name: topic.kind for topic in LINKS}
@@ -83,39 +84,13 @@ class FaultProxy(Node):
         self._diagnostics = self.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
         self.create_timer(1.0, self._diagnose, clock=self._steady)
 
-    def _declare(self) -> None:
-        given = {}
-        for key, parameter in FAULTS.items():
-            descriptor = ParameterDescriptor(
-                description=parameter.description,
-                additional_constraints=parameter.range(),
-                read_only=not parameter.mutable,
-                dynamic_typing=True,
-            )
-            given[key] = self.declare_parameter(key, parameter.default, descriptor).value
-        for key in given_parameters(self):
-            if key not in FAULTS and not key.startswith(ROS_PARAMETERS):
-                raise ValueError(f'{key}: no such parameter ({", ".join(FAULTS)})')
-        self._adopt(given)
-        self.add_on_set_parameters_callback(self._consider)
-        self.add_post_set_parameters_callback(self._accept)
+    def build(self, parameters: dict[str, Any]) -> dict[str, Faults]:
+        """Return the faults of each link."""
+        return links(parameters)
 
-    def _adopt(self, parameters: dict[str, Any]) -> None:
-        self._faults, self._given = links(parameters), parameters
-
-    def _changed(self, changes: list[Parameter]) -> dict[str, Any]:
-        ours = {change.name: change.value for change in changes if change.name in FAULTS}
-        return {**self._given, **ours}
-
-    def _consider(self, changes: list[Parameter]) -> SetParametersResult:
-        try:
-            links(self._changed(changes))
-        except ValueError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _accept(self, changes: list[Parameter]) -> None:
-        self._adopt(self._changed(changes))
+    def adopt(self, built: dict[str, Faults]) -> None:
+        """Apply these faults from the next message on."""
+        self._faults = built
 
     def destroy_node(self) -> None:
         """Publish the final counts and destroy the node."""

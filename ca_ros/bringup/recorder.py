@@ -17,8 +17,8 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
 from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, SIMULATOR

@@ -23,8 +23,8 @@ from ca_ros.bringup.processes import Processes
 from ca_ros.bringup.recorder import LINKS, Recorder
 from ca_ros.bringup.rotor_health import RotorHealth
 from ca_ros.errors import CaRosError
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.parameters import VEHICLE
 
 START_TIMEOUT = 60.0

@@ -8,9 +8,9 @@ import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.session import Flown
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.plot_style import title
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import COLORS, DASHED, STYLE
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
 FRAMES_PER_SECOND = 12.5

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from ca_ros.arrays import Array
 from ca_ros.evaluation.flight_metrics import steady
 from ca_ros.evaluation.plot_style import coinciding, legend, sheet, title
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.plots import COLORS, DASHED, STYLE, line, save
 from ca_ros.flight.record import Flight
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
 

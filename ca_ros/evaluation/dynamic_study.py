@@ -25,9 +25,9 @@ from ca_ros.evaluation.observations import observe
 from ca_ros.evaluation.paper import of_the_paper
 from ca_ros.evaluation.ros_flight import RosFlightError, check, fly_over_ros
 from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import add_options, arguments, failures_of
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.problem.problem import AllocationProblem
 

@@ -11,9 +11,10 @@ import numpy as np
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.evaluation.judge import FORCES
 from ca_ros.flight.closed_loop import Change
-from ca_ros.flight.controller import Controller, Waypoint
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import difference
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.effectiveness import control_allocation_matrix

@@ -10,8 +10,8 @@ import numpy as np
 from ca_ros.allocation.exact import Exact
 from ca_ros.evaluation.cases import BUILT_IN
 from ca_ros.evaluation.flight_metrics import at_bounds, steady
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.problem import AllocationProblem
 
 HEIGHT_ERROR = 1e-3

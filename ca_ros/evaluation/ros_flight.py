@@ -17,8 +17,8 @@ import yaml
 from ca_ros.allocation import ALLOCATORS as METHODS
 from ca_ros.bringup.processes import start
 from ca_ros.evaluation.cases import Case
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
+from ca_ros.flight.waypoint import Waypoint
 
 PATIENCE = 30.0
 """Time that a flight has to end after it was interrupted [s]."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
-from ca_ros.flight.controller import Controller, Waypoint
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight, steps
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
@@ -19,6 +19,7 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
     velocity_in_body,
 )
+from ca_ros.flight.waypoint import Waypoint
 
 
 @dataclass(frozen=True, eq=False)

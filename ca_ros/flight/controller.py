@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from math import atan2, cos, hypot, sin, tan
+from math import atan2, hypot, tan
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.arrays import Array
 from ca_ros.flight.parameters import CONTROLLER
 from ca_ros.flight.rigid_body import cross, difference, heading, rotation_matrix
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import REVERSAL
 from ca_ros.problem.problem import AllocationProblem
@@ -23,10 +23,10 @@ from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 LIFT_MIN = 0.3
-"""Share of the weight that is always held up, lest the vehicle turn over to descend faster."""
+"""Least vertical force over the weight: the vehicle does not turn over to descend faster."""
 
 HEADING_ERROR_MAX = 0.5
-"""Greatest heading error that the controller acts on [rad]: a half turn asks for no more."""
+"""Limit of the heading error [rad]: a half turn demands no more torque than this error."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Gains:
 
     @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Gains:
-        """Take them from parameters by name; raise a ParameterError that names a fault."""
+        """Read the gains from parameters by name; raise a `ParameterError` that names a fault."""
         p: dict[str, Any] = complete(given, CONTROLLER)
         return cls(
             **{
@@ -66,37 +66,17 @@ def _three(name: str, value: Any) -> Array:
     return np.broadcast_to(array, (3,)).copy()
 
 
-@dataclass(frozen=True, eq=False)
-class Waypoint:
-    """Where to go: a position (3,) [m] and the heading of an attitude (x, y, z, w)."""
-
-    position: Array
-    attitude: Array
-
-    @classmethod
-    def of(cls, x: float, y: float, z: float, heading: float) -> Waypoint:
-        """Return the waypoint at a position [m] with a heading [rad]."""
-        return cls(
-            np.array([x, y, z]), np.array([0.0, 0.0, sin(heading / 2.0), cos(heading / 2.0)])
-        )
-
-    @cached_property
-    def heading(self) -> float:
-        """Heading of the attitude [rad], see `ca_ros.flight.rigid_body.heading`."""
-        return float(heading(self.attitude))
-
-
 class Controller:
     """Inverse dynamics with PD actions, saturated into the admissible set (Section 4).
 
-    PD in the position error, with the speed of the approach limited, gives the wanted force.  PD
-    in the attitude error gives the torque.  The attitude error has two parts: the rotation that
-    takes the body's z axis to the direction of the wanted force by the shortest way (the reduced
-    attitude, about x and y), and the error of the heading (about z), limited to
-    `HEADING_ERROR_MAX`.  So the tilt does not depend on the heading, and is controlled in the same
-    way while the vehicle spins.
+    A PD action on the position error, with a limited speed of approach, gives the wanted force.  A
+    PD action on the attitude error gives the torque.  The attitude error has two parts: the
+    shortest rotation that takes the body's z axis to the direction of the wanted force (the
+    reduced attitude, about x and y), and the heading error (about z), limited to
+    `HEADING_ERROR_MAX`.  The tilt is therefore controlled independently of the heading, also while
+    the vehicle spins.
 
-    A wrench that is not admissible is brought into the admissible set by priority.
+    Wrenches that are not admissible are moved into the admissible set by priority.
 
     Parameters
     ----------
@@ -186,7 +166,7 @@ class Controller:
         angular_velocity: Array,
         waypoint: Waypoint,
     ) -> Array:
-        """Return the wrench that is wanted, before it is brought into the admissible set.
+        """Return the wanted wrench, admissible or not.
 
         Parameters
         ----------
@@ -209,15 +189,12 @@ class Controller:
             If the state is not finite, its attitude is zero, or the demand is not finite or too
             large.
         """
-        state = {
-            'position': position,
-            'attitude': attitude,
-            'velocity': velocity,
-            'angular_velocity': angular_velocity,
-        }
-        if not np.isfinite(np.concatenate(list(state.values()))).all():
-            name, part = next(item for item in state.items() if not np.isfinite(item[1]).all())
-            raise ValueError(f'{name}: expected finite numbers, got {part}')
+        state = (position, attitude, velocity, angular_velocity)
+        if not np.isfinite(np.concatenate(state)).all():
+            names = ('position', 'attitude', 'velocity', 'angular_velocity')
+            for name, part in zip(names, state, strict=True):
+                if not np.isfinite(part).all():
+                    raise ValueError(f'{name}: expected finite numbers, got {part}')
         if not attitude.any():
             raise ValueError('attitude: expected a quaternion, got zero')
         # Very large numbers may end as infinities in the demand, which is then refused.
@@ -236,8 +213,8 @@ class Controller:
             acceleration = (
                 self.gains.attitude_stiffness * error
                 - self.gains.attitude_damping * angular_velocity
-                # While the body spins about z, its x and y axes take the turns about them along.
-                # Without this term a tilt would be led round with the spin.
+                # The x and y axes rotate with a body that spins about z.  Without this term, the
+                # direction of a tilt would rotate with the spin.
                 + np.array([spin * turn_y, -spin * turn_x, 0.0])
             )
             torque = inertia @ acceleration
@@ -261,9 +238,9 @@ class Controller:
 
 
 def _tilt_error(rotation: Array, force: Array) -> tuple[float, float]:
-    """Return the rotation vector about x and y that takes the body's z axis to a force [rad].
+    """Return the rotation about x and y that takes the body's z axis to a force [rad].
 
-    Where the force is opposite to the z axis every axis is as good: x is taken.
+    If the force is opposite to the z axis, the rotation is about x.
     """
     x, y, z = (force @ rotation).tolist()
     sine = hypot(x, y)

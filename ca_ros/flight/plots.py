@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.record import Flight
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:

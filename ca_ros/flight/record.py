@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.controller import Waypoint
 from ca_ros.flight.rigid_body import difference, heading, tilt
+from ca_ros.flight.waypoint import Waypoint
 
 
 def steps(duration: float, time_step: float) -> int:

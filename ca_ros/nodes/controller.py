@@ -9,7 +9,8 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_msgs.msg import Header
 
-from ca_ros.flight.controller import Controller, Waypoint
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE
 from ca_ros.nodes.executable import run

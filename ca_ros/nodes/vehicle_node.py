@@ -1,158 +1,71 @@
-"""The base class of the nodes: parameters of a vehicle, streams, diagnostics."""
+"""The base class of the nodes of the loop: audit of the vehicle, streams, diagnostics."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import inf
 from time import monotonic
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.duration import Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.exceptions import ParameterNotDeclaredException
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
-from ca_ros.nodes.executor import Executor
-from ca_ros.nodes.parameters import NODE, PARAMETERS
+from ca_ros.nodes.endpoints import faults
+from ca_ros.nodes.parameter_node import ParameterNode
+from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.nodes.qos import offered, requested
-from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
-from ca_ros.nodes.topics import Topic, type_name
+from ca_ros.nodes.rclpy_internals import RMWError
+from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.schema import REQUIRED, MissingParameterError, check_given, complete
-from ca_ros.schema import Parameter as Declared
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
-"""Each event handler costs half a microsecond per command; `mismatch` replaces rclpy's."""
+"""Each event handler costs half a microsecond per command; `endpoints.faults` replaces rclpy's."""
 
 SIZE_MAX = 16384
 """Largest message of a stream [bytes]: 2000 rotor speeds."""
 
 
-def explicit(profile: QoSProfile) -> QoSProfile:
-    """Return the policies that decide about a match; unset durations (zero) become infinite."""
-    return QoSProfile(
-        depth=1,
-        reliability=profile.reliability,
-        durability=profile.durability,
-        deadline=profile.deadline if profile.deadline.nanoseconds else Infinite,
-        liveliness=profile.liveliness,
-        liveliness_lease_duration=profile.liveliness_lease_duration
-        if profile.liveliness_lease_duration.nanoseconds
-        else Infinite,
-    )
-
-
-def mismatch(
-    other: TopicEndpointInfo,
-    own: Publisher | Subscription,
-    offered: QoSProfile,
-    requested: QoSProfile,
-) -> str | None:
-    """Return why a publisher and a subscription cannot match; None if they can.
-
-    The number of matches does not tell, because discovery takes time.
-    """
-    if other.topic_type != type_name(own.msg_type):
-        return f'type: {other.topic_type}'
-    compatibility, reason = qos_check_compatible(explicit(offered), explicit(requested))
-    if compatibility == QoSCompatibility.ERROR:
-        return f'quality of service: {reason.removeprefix("ERROR: ").rstrip(";")}'
-    return None
-
-
-class VehicleNode(Node):
+class VehicleNode(ParameterNode):
     """A node with the parameters of a vehicle.
 
-    A change of parameters takes effect completely or not at all.  The constructor of a subclass
-    calls `configure`, once all is there that its `build` and `adopt` use; then `offer` and
-    `listen` for its topics; and `observe` at its end.
+    The constructor of a subclass calls `configure` once `build` and `adopt` can run, then `offer`
+    and `listen` for its topics, and `observe` at its end.
 
     Parameters
     ----------
     node_name : str
     **kwargs
-        As for `rclpy.node.Node`: context, namespace, parameter_overrides and others.
+        As for `rclpy.node.Node`.
 
     Raises
     ------
     ParameterError
         If a parameter is missing or wrong.
-
-    Attributes
-    ----------
-    declared : mapping
-        The parameters that the node declares, a table of `ca_ros.nodes.parameters`.
     """
 
-    declared: ClassVar[Mapping[str, Declared]]
+    known = PARAMETERS
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
+        if self.unknown:
+            self.get_logger().warning(f'no parameters of this node: {", ".join(self.unknown)}')
         self.audit: Audit | None = None
         self.counts: Counter[str] = Counter()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.mode = str(self.parameters['mode'])
         self._streams: list[Subscription] = []
         self._offers: list[Publisher] = []
         self._logged: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
         self._dropped_before = 0
-        self._candidate: tuple[dict[str, Any], Any] | None = None
-        self.parameters: dict[str, Any] = self._declare()
-        self.mode = str(self.parameters['mode'])
-
-    def _declare(self) -> dict[str, Any]:
-        """Declare the parameters and return their values by name."""
-        given = {}
-        for key, parameter in self.declared.items():
-            descriptor = ParameterDescriptor(
-                description=parameter.description,
-                additional_constraints=parameter.range(),
-                read_only=not parameter.mutable,
-                dynamic_typing=True,
-            )
-            default = None if parameter.default is REQUIRED else parameter.default
-            given[key] = self.declare_parameter(key, default, descriptor).value
-        overrides = given_parameters(self)
-        values = {key: override.value for key, override in overrides.items()}
-        check_given(values, PARAMETERS)
-        given.update(values)
-        try:
-            parameters = complete(given, self.declared)
-        except MissingParameterError as error:
-            name = self.get_fully_qualified_name()
-            raise MissingParameterError(f'{error}; looked for by the node {name}') from None
-        # The file of a vehicle has the parameters of all its nodes, and files from
-        # `ros2 param dump` have those of rclpy's own topics.
-        unknown = [
-            key
-            for key in overrides
-            if key not in PARAMETERS
-            and not self.has_parameter(key)
-            and not key.startswith('qos_overrides.')
-        ]
-        if unknown:
-            self.get_logger().warning(f'no parameters of this node: {", ".join(unknown)}')
-        return parameters
-
-    def configure(self) -> None:
-        """Build and adopt from the parameters, now and on each change of them."""
-        self._built = self.build(self.parameters)
-        self.adopt(self._built)
-        self.add_on_set_parameters_callback(self._consider)
-        self.add_post_set_parameters_callback(self._accept)
 
     def destroy_node(self) -> None:
         """Let the node send its last messages (`close`) and destroy it."""
@@ -182,20 +95,6 @@ class VehicleNode(Node):
                 self.get_logger().error(f'audit: {report}')
         self.audit = report
 
-    def build(self, parameters: dict[str, Any]) -> Any:
-        """Return what `adopt` takes over, made from the parameters that are not in `NODE`.
-
-        Raises
-        ------
-        ValueError
-            If the parameters are wrong.
-        """
-        raise NotImplementedError
-
-    def adopt(self, built: Any) -> None:
-        """Take over what `build` returned; called between two messages."""
-        raise NotImplementedError
-
     def listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
         """Subscribe to a stream that should have one publisher.
 
@@ -206,21 +105,20 @@ class VehicleNode(Node):
         kind, name = topic.kind, topic.name
         newest = 0
 
-        def take(data: bytes, about: dict[str, Any]) -> None:
+        def take(data: bytes, info: dict[str, Any]) -> None:
             nonlocal newest
-            number = about.get('publication_sequence_number') or 0
+            number = info.get('publication_sequence_number') or 0
             lost = number - newest - 1
             if newest and lost > 0 and stream.get_publisher_count() == 1:
                 self.counts[f'lost: {name}'] += lost
             newest = number
-            fault, message = None, None
-            if len(data) > SIZE_MAX:
-                fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
-            else:
-                try:
-                    message = deserialize_message(data, kind)
-                except RMWError:
-                    fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
+            try:
+                if len(data) > SIZE_MAX:
+                    fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
+                else:
+                    fault, message = None, deserialize_message(data, kind)
+            except RMWError:
+                fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
             if fault:
                 self.counts['received'] += 1
                 self.drop(*fault)
@@ -234,7 +132,7 @@ class VehicleNode(Node):
         stream = self.create_subscription(
             kind,
             name,
-            # rclpy's annotation leaves out callbacks that take the information, too.
+            # rclpy's annotation does not have callbacks that take the information, too.
             cast('Callable[[bytes], None]', take),
             requested(self.mode),
             raw=True,
@@ -258,7 +156,7 @@ class VehicleNode(Node):
         self.complain(reason, f'dropped: {what}')
 
     def complain(self, reason: str, what: str) -> None:
-        """Log a warning, for each reason once a second at most, by the steady clock."""
+        """Log a warning, at most once a second for each reason, by the steady clock."""
         now = monotonic()
         if now >= self._logged.get(reason, -inf) + 1.0:
             self._logged[reason] = now
@@ -296,63 +194,14 @@ class VehicleNode(Node):
             self._diagnostics.update()
 
     def _look_around(self) -> None:
-        """Note surplus publishers, publishers and subscribers that cannot match, and drops."""
-        notes = []
-        for stream in self._streams:
-            topic = stream.topic_name
-            if (matched := stream.get_publisher_count()) > 1:
-                notes.append((WARN, f'{matched} publishers on {topic}'))
-            for other in self.get_publishers_info_by_topic(topic):
-                if fault := mismatch(other, stream, other.qos_profile, stream.qos_profile):
-                    notes.append((WARN, f'a publisher on {topic} offers another {fault}'))
-        for publisher in self.publishers:
-            topic = publisher.topic_name
-            if publisher in self._offers and (count := self.count_publishers(topic)) > 1:
-                notes.append((WARN, f'{count} publishers on {topic}'))
-            for other in self.get_subscriptions_info_by_topic(topic):
-                if fault := mismatch(other, publisher, publisher.qos_profile, other.qos_profile):
-                    notes.append((WARN, f'a subscriber to {topic} asks for another {fault}'))
-        for _, note in notes:
-            if (WARN, note) not in self._notes:
-                self.get_logger().warning(note)
+        """Report faults of endpoints, and how many messages were dropped since the last look."""
+        notes = [(WARN, fault) for fault in faults(self, self._streams, self._offers)]
+        for note in notes:
+            if note not in self._notes:
+                self.get_logger().warning(note[1])
         dropped = sum(self.counts[key] for key in self.counts if key.startswith('dropped'))
         if dropped > self._dropped_before:
             notes.append((WARN, f'{dropped - self._dropped_before} dropped in a second'))
         self._dropped_before = dropped
         self._notes = notes
         self._diagnostics.publish()
-
-    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters, as rclpy does, all or none.
-
-        Raises
-        ------
-        ParameterNotDeclaredException
-            If the node does not declare one of them; unlike rclpy's, it names them.
-        """
-        unknown = [change.name for change in parameter_list if not self.has_parameter(change.name)]
-        if unknown:
-            raise ParameterNotDeclaredException(unknown)
-        return super().set_parameters_atomically(parameter_list)
-
-    def _consider(self, changes: list[Parameter]) -> SetParametersResult:
-        ours = {change.name: change.value for change in changes if change.name in self.declared}
-        if not ours:
-            return SetParametersResult(successful=True)
-        # A client may ask for many changes at once; commands and timers wait for one at most.
-        if isinstance(self.executor, Executor):
-            self.executor.spin_streams(0.0)
-        try:
-            parameters = complete({**self.parameters, **ours}, self.declared)
-            # A rebuild takes time and forgets the cached critical regions: only where necessary.
-            rebuild = any(name not in NODE for name in ours)
-            self._candidate = parameters, self.build(parameters) if rebuild else self._built
-        except ValueError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _accept(self, _: list[Parameter]) -> None:
-        if self._candidate is not None:
-            self.parameters, self._built = self._candidate
-            self._candidate = None
-            self.adopt(self._built)

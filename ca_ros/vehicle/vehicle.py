@@ -15,14 +15,15 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant
 from ca_ros.schema import ParameterError, check_given, complete
+from ca_ros.vehicle import values
 from ca_ros.vehicle.files import read
-from ca_ros.vehicle.parameters import AXES, VEHICLE
+from ca_ros.vehicle.parameters import VEHICLE
 
 HEALTH_MIN = 1e-9
 """A rotor whose health is below this counts as lost."""
 
 ROUNDING = 1e-9
-"""How far thrusts may be out of bounds, relative to the upper one or 1 N."""
+"""How far a thrust may be out of bounds, over the upper bound or 1 N, the greater of both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +57,8 @@ class Vehicle:
         The components of the wrench that are commanded, in the order of
         `ca_ros.vehicle.parameters.AXES`.
     lost_axes : 'refuse' or 'drop'
-        What allocators do if the rotors cannot command every axis and hover: see
-        `ca_ros.problem.audit.accept`.
+        Whether a vehicle that cannot command every axis and hover is refused, or flies without
+        the lost axes: see `ca_ros.problem.audit.accept`.
     """
 
     mass: float
@@ -118,53 +119,33 @@ class Vehicle:
         """
         check_given({name: given[name] for name in given if _concerns_vehicle(name)}, VEHICLE)
         p: dict[str, Any] = complete(given, VEHICLE)
-        positions = _rows('rotors.positions', p['rotors.positions'])
-        n = len(positions)
-        rotor_axes = _rows('rotors.axes', p['rotors.axes'])
-        if len(rotor_axes) not in (1, n):
-            raise ParameterError(
-                f'rotors.axes: expected 3 or {3 * n} numbers for {n} rotors, got {rotor_axes.size}'
-            )
-        lengths = np.linalg.norm(rotor_axes, axis=1)
-        if not np.all(lengths > 0.0):
-            raise ParameterError('rotors.axes: an axis has length zero')
-        if not isinstance(p['rotors.spins'], list) or len(p['rotors.spins']) != n:
-            raise ParameterError(
-                f'rotors.spins: expected {n} words, one per rotor, got {p["rotors.spins"]!r}'
-            )
-        speed_min, speed_max = (
-            _per_rotor(p, f'rotors.speed_{bound}', n) for bound in ('min', 'max')
-        )
-        if np.any(speed_min > speed_max):
-            i = int(np.argmax(speed_min > speed_max))
-            raise ParameterError(
-                f'rotors.speed_min: {speed_min[i]:g} rad/s of rotor {i + 1} is above its '
-                f'rotors.speed_max, {speed_max[i]:g} rad/s'
-            )
+        arms = values.arms(p)
+        n = len(arms)
+        speed_min, speed_max = values.speed_bounds(p, n)
         return cls(
             mass=p['vehicle.mass'],
             gravity=p['vehicle.gravity'],
-            inertia=_inertia(p['vehicle.inertia']),
-            arms=positions - _vector('vehicle.center_of_mass', p['vehicle.center_of_mass']),
-            rotor_axes=np.broadcast_to(rotor_axes / lengths[:, None], (n, 3)),
-            spins=np.array([1.0 if spin == 'cw' else -1.0 for spin in p['rotors.spins']]),
-            thrust_coefficient=_per_rotor(p, 'rotors.thrust_coefficient', n),
-            torque_coefficient=_per_rotor(p, 'rotors.torque_coefficient', n),
+            inertia=values.inertia(p),
+            arms=arms,
+            rotor_axes=values.rotor_axes(p, n),
+            spins=values.spins(p, n),
+            thrust_coefficient=values.per_rotor(p, 'rotors.thrust_coefficient', n),
+            torque_coefficient=values.per_rotor(p, 'rotors.torque_coefficient', n),
             speed_min=speed_min,
             speed_max=speed_max,
-            health=_per_rotor(p, 'rotors.health', n),
-            axes=_axes(p['allocation.axes']),
+            health=values.per_rotor(p, 'rotors.health', n),
+            axes=values.commanded_axes(p),
             lost_axes=p['allocation.lost_axes'],
         )
 
     def with_health(self, health: ArrayLike) -> Vehicle:
         """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1]."""
-        values = np.asarray(health, dtype=float)
-        if values.shape not in ((), (self.n,)) or not np.all((values >= 0.0) & (values <= 1.0)):
+        shares = np.asarray(health, dtype=float)
+        if shares.shape not in ((), (self.n,)) or not np.all((shares >= 0.0) & (shares <= 1.0)):
             raise ParameterError(
                 f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {health!r}'
             )
-        return replace(self, health=np.broadcast_to(values, (self.n,)))
+        return replace(self, health=np.broadcast_to(shares, (self.n,)))
 
     @property
     def n(self) -> int:
@@ -178,7 +159,7 @@ class Vehicle:
 
     @cached_property
     def thrust_per_squared_speed(self) -> Array:
-        """k_f of the rotors as they are, health included, (n,) [kg m]."""
+        """k_f times health, (n,) [kg m]; zero for a lost rotor."""
         health = np.where(self.health < HEALTH_MIN, 0.0, self.health)
         return constant(health * self.thrust_coefficient)
 
@@ -204,16 +185,16 @@ class Vehicle:
     def speeds(self, thrusts: ArrayLike) -> Array:
         """Return the speeds (..., n) [rad/s] for thrusts (..., n) [N] in bounds, Eq. (11).
 
-        They are within `speed_limits` to the last bit: what rounding takes beyond is put back.
+        They are within `speed_limits` to the last bit: rounding errors beyond these are clipped.
 
         Raises
         ------
         ValueError
-            If there is not one thrust a rotor, or one is out of bounds by more than rounding.
+            If there is not one thrust per rotor, or one is out of bounds by more than `ROUNDING`.
         """
         thrusts = np.asarray(thrusts, float)
         if thrusts.ndim == 1 and len(thrusts) == self.n:
-            # Where caches are cold, as between two commands, this takes half as long as NumPy.
+            # With cold caches, as between two commands, this takes half as long as NumPy.
             speeds = []
             for f, (k, least, greatest, low, high) in zip(
                 thrusts.tolist(), self._rotors, strict=True
@@ -238,13 +219,13 @@ class Vehicle:
 
     @cached_property
     def speed_limits(self) -> tuple[Array, Array]:
-        """Least and greatest speeds of the rotors as they are, (n,) each; zero for a lost one."""
+        """Least and greatest rotor speeds (n,) [rad/s]; zero for a lost rotor."""
         turning = self.thrust_per_squared_speed > 0.0
         return constant(self.speed_min * turning), constant(self.speed_max * turning)
 
     @cached_property
     def _rotors(self) -> list[tuple[float, ...]]:
-        """Of each rotor: k_f, least and greatest thrust with some rounding, and speed."""
+        """For each rotor: k_f, then least and greatest thrust (with `ROUNDING`) and speed."""
         k_f = self.thrust_per_squared_speed
         rounding = ROUNDING * np.maximum(1.0, self.thrust_max)
         columns = (
@@ -259,51 +240,3 @@ class Vehicle:
 def _concerns_vehicle(name: str) -> bool:
     """Return whether the group of a parameter is the vehicle's, or a misspelling of one."""
     return bool(get_close_matches(name.partition('.')[0], ('vehicle', 'rotors'), cutoff=0.8))
-
-
-def _per_rotor(parameters: Mapping[str, Any], name: str, n: int) -> Array:
-    value = np.asarray(parameters[name], dtype=float)
-    if value.size not in (1, n) or value.ndim > 1:
-        raise ParameterError(f'{name}: expected 1 or {n} numbers, one per rotor, got {value.size}')
-    return np.broadcast_to(value, (n,)).copy()
-
-
-def _rows(name: str, numbers: Any) -> Array:
-    array = np.asarray(numbers, dtype=float)
-    if array.ndim != 1 or array.size == 0 or array.size % 3:
-        raise ParameterError(f'{name}: expected x, y, z per rotor, got {array.size} numbers')
-    return array.reshape(-1, 3)
-
-
-def _vector(name: str, numbers: Any) -> Array:
-    array = np.asarray(numbers, dtype=float)
-    if array.shape != (3,):
-        raise ParameterError(f'{name}: expected 3 numbers, got {array.size}')
-    return array
-
-
-def _inertia(numbers: Any) -> Array:
-    array = np.asarray(numbers, dtype=float)
-    if array.shape not in ((3,), (9,)):
-        raise ParameterError(f'vehicle.inertia: expected 3 or 9 numbers, got {array.size}')
-    inertia = np.diag(array) if array.size == 3 else array.reshape(3, 3)
-    if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
-        raise ParameterError('vehicle.inertia: the matrix is not symmetric')
-    moments = np.linalg.eigvalsh(inertia)
-    if moments[0] <= 0.0:
-        raise ParameterError(
-            f'vehicle.inertia: must be positive definite, got a principal moment of '
-            f'{moments[0]:g} kg m^2'
-        )
-    if moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
-        raise ParameterError(
-            f'vehicle.inertia: no body has the principal moments {moments}: '
-            f'the greatest exceeds the sum of the others'
-        )
-    return inertia
-
-
-def _axes(names: Any) -> tuple[str, ...]:
-    if not isinstance(names, list) or len(set(names)) != len(names) or not names:
-        raise ParameterError(f'allocation.axes: expected a list of different axes, got {names!r}')
-    return tuple(axis for axis in AXES if axis in names)

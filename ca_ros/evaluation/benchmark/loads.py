@@ -12,8 +12,9 @@ from ca_ros.allocation.exact import Exact
 from ca_ros.arrays import Array
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains, Waypoint
+from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.vehicle.vehicle import Vehicle

@@ -1,0 +1,138 @@
+"""A node whose parameters are a table; a change takes effect completely or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.parameters import NODE
+from ca_ros.nodes.rclpy_internals import given_parameters
+from ca_ros.schema import REQUIRED, MissingParameterError, check_given, complete
+from ca_ros.schema import Parameter as Declared
+
+
+class ParameterNode(Node):
+    """A node with a table of parameters.
+
+    A subclass defines `build` and `adopt`.  Its constructor calls `configure` as soon as these two
+    can run.
+
+    Parameters
+    ----------
+    node_name : str
+    **kwargs
+        As for `rclpy.node.Node`: context, namespace, parameter_overrides and others.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is missing or wrong.
+
+    Attributes
+    ----------
+    declared : mapping
+        The parameters that the node declares.
+    known : mapping
+        The parameters that its files may have, those of other nodes included.
+    parameters : dict
+        The present values by name.
+    unknown : list of str
+        The names of given parameters that are not in `known`.
+    """
+
+    declared: ClassVar[Mapping[str, Declared]]
+    known: ClassVar[Mapping[str, Declared]]
+
+    def __init__(self, node_name: str, **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        self._candidate: tuple[dict[str, Any], Any] | None = None
+        self.parameters: dict[str, Any] = self._declare()
+
+    def _declare(self) -> dict[str, Any]:
+        """Declare the parameters and return their values by name."""
+        values = {}
+        for name, parameter in self.declared.items():
+            descriptor = ParameterDescriptor(
+                description=parameter.description,
+                additional_constraints=parameter.range(),
+                read_only=not parameter.mutable,
+                dynamic_typing=True,
+            )
+            default = None if parameter.default is REQUIRED else parameter.default
+            values[name] = self.declare_parameter(name, default, descriptor).value
+        given = {name: override.value for name, override in given_parameters(self).items()}
+        check_given(given, self.known)
+        # Files from `ros2 param dump` also have rclpy's own parameters.
+        self.unknown = [
+            name
+            for name in given
+            if not (name in self.known or self.has_parameter(name))
+            and not name.startswith('qos_overrides.')
+        ]
+        try:
+            return complete({**values, **given}, self.declared)
+        except MissingParameterError as error:
+            name = self.get_fully_qualified_name()
+            raise MissingParameterError(f'{error}; looked for by the node {name}') from None
+
+    def configure(self) -> None:
+        """Build and adopt from the parameters, now and on each change of them."""
+        self._built = self.build(self.parameters)
+        self.adopt(self._built)
+        self.add_on_set_parameters_callback(self._consider)
+        self.add_post_set_parameters_callback(self._accept)
+
+    def build(self, parameters: dict[str, Any]) -> Any:
+        """Return what `adopt` takes over, made from the parameters that are not in `NODE`.
+
+        Raises
+        ------
+        ValueError
+            If the parameters are wrong.
+        """
+        raise NotImplementedError
+
+    def adopt(self, built: Any) -> None:
+        """Take over what `build` returned; called between two messages."""
+        raise NotImplementedError
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set all parameters or none, as rclpy does.
+
+        Raises
+        ------
+        ParameterNotDeclaredException
+            If the node does not declare one of them; unlike rclpy's, it names them.
+        """
+        unknown = [change.name for change in parameter_list if not self.has_parameter(change.name)]
+        if unknown:
+            raise ParameterNotDeclaredException(unknown)
+        return super().set_parameters_atomically(parameter_list)
+
+    def _consider(self, changes: list[Parameter]) -> SetParametersResult:
+        ours = {change.name: change.value for change in changes if change.name in self.declared}
+        if not ours:
+            return SetParametersResult(successful=True)
+        # A request may hold many changes; commands and timers wait for one of them at most.
+        if isinstance(self.executor, Executor):
+            self.executor.spin_streams(0.0)
+        try:
+            parameters = complete({**self.parameters, **ours}, self.declared)
+            # A rebuild takes time and forgets the stored critical regions: only where necessary.
+            rebuild = any(name not in NODE for name in ours)
+            self._candidate = parameters, self.build(parameters) if rebuild else self._built
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _accept(self, _: list[Parameter]) -> None:
+        if self._candidate is not None:
+            self.parameters, self._built = self._candidate
+            self._candidate = None
+            self.adopt(self._built)
