@@ -20,7 +20,7 @@ from ca_ros.__main__ import main
 from ca_ros.allocation import AllocationProblem
 from ca_ros.evaluation.cases import Case
 from ca_ros.nodes.parameters import load
-from ca_ros.problem.audit import INDEPENDENCE_MIN
+from ca_ros.problem.commandable import INDEPENDENCE_MIN
 from strategies import build, ring
 
 

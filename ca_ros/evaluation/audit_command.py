@@ -11,7 +11,8 @@ from typing import TypeVar
 import numpy as np
 
 from ca_ros.nodes.parameters import load
-from ca_ros.problem.audit import Audit, accept, audit, lift, unit
+from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.commandable import lift, unit
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -1,15 +1,24 @@
-"""The audit: what a vehicle's rotors, as they are, can command."""
+"""The audit: what a vehicle's rotors can command, and the refusal of a vehicle."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ca_ros.arrays import Array
-from ca_ros.problem.prioritization import Prioritization
+from ca_ros.problem.commandable import (
+    INDEPENDENCE_MIN,
+    authority,
+    hover_margin,
+    hovering_part,
+    independence,
+    independent_part,
+    lift,
+    spin_torque,
+    unit,
+    unit_rows,
+)
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.parameters import VEHICLE
@@ -17,18 +26,8 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 LOST_AXES = VEHICLE['allocation.lost_axes'].choices
 
-EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
-"""The axes that are given up, in this order, for the sake of the others."""
-
-INDEPENDENCE_MIN = 0.05
-"""Least sine of the angle between what one axis needs and what the others need.
-
-At 0.05 a command along the axis takes twenty times the thrusts that it would take alone.
-"""
-
-
-CHOICES_TOLD = 2000
-"""Choices of rotors up to which facets take a millisecond, and the audit states the margin."""
+CHOICES_MAX = 2000
+"""Facet candidates up to which the audit states the hover margin: they take a millisecond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +37,21 @@ class Audit:
     Attributes
     ----------
     asked : AllocationProblem
-        Of all axes that are asked for.
+        The problem of all axes of the vehicle.
     problem : AllocationProblem
-        Of the axes that can be commanded independently; the others are left out.
+        The problem of the axes that can be commanded independently.
     kept : AllocationProblem
-        Of the axes that are not lost.
+        The problem of the axes that are not lost.
     hovers, keeps_hovering : bool
         Whether hover is inside the admissible set of `asked`, and of `kept`.
     rank : int
-        Number of axes that the rotors can command in theory.
+        Rank of Gamma: number of axes that the rotors can command in theory.
     independence : dict
-        For each of the axes asked for, the sine of the angle between its row of Gamma,
-        weighted with the ranges of the rotors, and the span of the other rows: 1 is best, 0 is not
-        possible.
+        For each axis of `asked`, the sine of the angle between its row of Gamma, with columns
+        weighted by the ranges of the thrusts, and the span of the other rows: 1 is best, 0 means
+        that the axis cannot be commanded.
     condition : float
-        Condition number of Gamma with such rows of unit length.
+        Condition number of that Gamma with rows of unit length.
     """
 
     asked: AllocationProblem
@@ -66,9 +65,10 @@ class Audit:
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """The axes that are left out, and those that have to yield if the vehicle is to hover.
+        """The axes that are not in `kept`.
 
-        The latter are still commanded, and get what the others leave.
+        Those that are in `problem` are still commanded, but hover does not allow them to be
+        served: they come after the other axes.
         """
         return tuple(axis for axis in self.asked.axes if axis not in self.kept.axes)
 
@@ -78,25 +78,25 @@ class Audit:
 
         It is -inf if that set has no volume.
         """
-        return _hover_margin(self.asked)
+        return hover_margin(self.asked)
 
     @cached_property
     def kept_hover_margin(self) -> float:
-        """The same for `kept`."""
-        return _hover_margin(self.kept)
+        """As `hover_margin`, for `kept`."""
+        return hover_margin(self.kept)
 
     @cached_property
     def spin_torque(self) -> float:
-        """The yaw torque that hover leaves where yaw is lost: the vehicle spins [N m]."""
-        return _spin_torque(self.asked, self.kept) if self.keeps_hovering else 0.0
+        """The yaw torque that remains in hover if yaw is lost, and spins the vehicle [N m]."""
+        return spin_torque(self.asked, self.kept) if self.keeps_hovering else 0.0
 
     @cached_property
     def authority(self) -> dict[str, tuple[float, float]]:
-        """For each axis of `kept`, the range around hover with the other axes at rest [N, N m].
+        """For each axis of `kept`, its range with the other axes at hover [N, N m].
 
-        It is empty if hover is not attainable.
+        Empty if hover is not attainable.
         """
-        return _authority(self.kept) if self.keeps_hovering else {}
+        return authority(self.kept) if self.keeps_hovering else {}
 
     @property
     def vehicle(self) -> Vehicle:
@@ -109,12 +109,12 @@ class Audit:
         return not self.lost and self.hovers
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Return the audit in one line."""
         parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
         if self.spin_torque:
             parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
         if self.keeps_hovering:
-            if self.kept.facet_choices <= CHOICES_TOLD:
+            if self.kept.facet_choices <= CHOICES_MAX:
                 parts.append(f'hover margin {self.kept_hover_margin:.3g} [N, N m]')
             ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
             parts.append(f'around hover: {", ".join(ranges)}')
@@ -137,12 +137,12 @@ class Audit:
         ]
 
     def ends(self, axis: str) -> str:
-        """Return the range of an axis around hover, in words without the unit."""
+        """Return the text for the range of an axis around hover, without the unit."""
         low, high = self.authority[axis]
         return f'{low:+.3g} to {high:+.3g}'
 
     def why_no_hover(self) -> str:
-        """Say why the vehicle cannot hover: its mass beside what the rotors lift [kg]."""
+        """Return why the vehicle cannot hover: its mass and the masses that the rotors lift."""
         least, most = lift(self.vehicle)
         mass = f'{self.vehicle.mass:.4g} kg'
         if self.vehicle.mass >= most:
@@ -153,10 +153,10 @@ class Audit:
 
 
 def audit(vehicle: Vehicle) -> Audit:
-    """Find out which axes a vehicle can command, and with what reserve.
+    """Audit which axes a vehicle can command.
 
-    Axes are given up, yaw before roll and pitch, until those that are left are independent, and
-    then until hover is inside their admissible set; thrust is never given up.
+    Axes are given up, yaw before roll and pitch, until the remaining ones are independent, and
+    then until hover is inside their admissible set.  Thrust is never given up.
 
     Parameters
     ----------
@@ -168,15 +168,12 @@ def audit(vehicle: Vehicle) -> Audit:
     Audit
     """
     full = AllocationProblem(vehicle)
-    unit = _unit_rows(full)
-    singular = np.linalg.svd(unit, compute_uv=False)
-    independence = dict(zip(full.axes, _independence(unit).tolist(), strict=True))
-    independent = _give_up(full, _independent)
-    hovering = _give_up(independent, lambda problem: problem.hovers)
-    if not hovering.hovers:
-        hovering = independent
+    rows = unit_rows(full)
+    singular = np.linalg.svd(rows, compute_uv=False)
+    independent = independent_part(full)
+    hovering = hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:
-        # Whoever goes on with what is left has seen the audit.
+        # The caller decides with this audit; allocators need not refuse the vehicle again.
         independent.vehicle = replace(independent.vehicle, lost_axes='drop')
     return Audit(
         asked=full,
@@ -185,7 +182,7 @@ def audit(vehicle: Vehicle) -> Audit:
         hovers=full.hovers,
         keeps_hovering=hovering.hovers,
         rank=int((singular > 1e-9).sum()),
-        independence=independence,
+        independence=dict(zip(full.axes, independence(rows).tolist(), strict=True)),
         condition=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf,
     )
 
@@ -193,13 +190,11 @@ def audit(vehicle: Vehicle) -> Audit:
 def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
     """Audit a vehicle, and refuse it unless it can command every axis and hover.
 
-    Python, nodes and studies all refuse here.
-
     Parameters
     ----------
     vehicle : Vehicle
     lost_axes : 'refuse' or 'drop', optional
-        'drop' refuses nothing: lost axes are given up.  By default what the vehicle says, which is
+        'drop' refuses no vehicle: lost axes are given up.  Default: `vehicle.lost_axes`, which is
         the parameter ``allocation.lost_axes`` of its file.
 
     Returns
@@ -209,7 +204,7 @@ def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
     Raises
     ------
     ParameterError
-        If the vehicle is refused; it says why, and what 'drop' would do.
+        If the vehicle is refused; the message says why, and what 'drop' would do.
     """
     choice = vehicle.lost_axes if lost_axes is None else lost_axes
     if choice not in LOST_AXES:
@@ -223,82 +218,3 @@ def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
             f"('drop' accepts it {without}{flies})"
         )
     return report
-
-
-def lift(vehicle: Vehicle) -> tuple[float, float]:
-    """Return the least and the greatest mass that the rotors lift, torques aside [kg]."""
-    up = vehicle.rotor_axes[:, 2]
-    ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0)
-    least, most = ends.sum(axis=1) / vehicle.gravity
-    return float(least), float(most)
-
-
-def unit(axis: str) -> str:
-    """Return the unit of a component of the wrench."""
-    return 'N m' if axis in ('roll', 'pitch', 'yaw') else 'N'
-
-
-def _unit_rows(problem: AllocationProblem) -> Array:
-    rows = problem.gamma * (problem.upper - problem.lower)
-    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-    return rows / np.where(lengths > 0.0, lengths, 1.0)
-
-
-def _independence(unit: Array) -> Array:
-    """Return the distance of each row, of unit length, from the span of the others."""
-    distances = []
-    for i, row in enumerate(unit):
-        others = np.delete(unit, i, axis=0).T
-        rest = row - others @ np.linalg.lstsq(others, row, rcond=1e-12)[0]
-        distances.append(np.linalg.norm(rest))
-    return np.array(distances)
-
-
-def _hover_margin(problem: AllocationProblem) -> float:
-    return float(problem.image.margin(problem.hover)) if problem.spans else -np.inf
-
-
-def _independent(problem: AllocationProblem) -> bool:
-    return problem.spans and bool(_independence(_unit_rows(problem)).min() >= INDEPENDENCE_MIN)
-
-
-def _give_up(
-    problem: AllocationProblem, good: Callable[[AllocationProblem], bool]
-) -> AllocationProblem:
-    """Leave out axes until the problem is good: the one whose loss helps, or else the first."""
-    while not good(problem):
-        candidates = [_without(problem, axis) for axis in EXPENDABLE if axis in problem.axes]
-        if not candidates or len(problem.axes) == 1:
-            break
-        problem = next(filter(good, candidates), candidates[0])
-    return problem
-
-
-def _without(problem: AllocationProblem, lost: str) -> AllocationProblem:
-    axes = tuple(axis for axis in problem.axes if axis != lost)
-    return AllocationProblem(replace(problem.vehicle, axes=axes))
-
-
-def _spin_torque(asked: AllocationProblem, kept: AllocationProblem) -> float:
-    """Return the yaw torque nearest to zero with which the axes of `kept` hover [N m]."""
-    if 'yaw' in kept.axes or 'yaw' not in asked.axes:
-        return 0.0
-    axes = tuple(axis for axis in asked.axes if axis in (*kept.axes, 'yaw'))
-    with_yaw = AllocationProblem(replace(asked.vehicle, axes=axes))
-    place = axes.index('yaw')
-    if with_yaw.spans:
-        rows = [row for row in range(len(axes)) if row != place]
-        yaw = float(Prioritization(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
-    else:
-        tolerance = float(kept.tolerance(kept.hover))
-        thrusts = kept.least_norm.solve(kept.hover, tolerance).thrusts
-        yaw = float(with_yaw.gamma[place] @ thrusts)
-    return yaw if abs(yaw) > 1e-9 else 0.0
-
-
-def _authority(problem: AllocationProblem) -> dict[str, tuple[float, float]]:
-    units = dict(zip(problem.axes, np.eye(len(problem.axes)), strict=True))
-    return {
-        axis: (-problem.reach(problem.hover, -unit), problem.reach(problem.hover, unit))
-        for axis, unit in units.items()
-    }

@@ -1,0 +1,117 @@
+"""Which axes of a problem the rotors can command: independence, hover, and what to give up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.problem.prioritization import Prioritization
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.vehicle import Vehicle
+
+EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
+"""The axes that can be given up for the others, in this order."""
+
+INDEPENDENCE_MIN = 0.05
+"""Least sine of the angle between what one axis needs and what the others need.
+
+At 0.05 a command along the axis takes twenty times the thrusts that it would take alone.
+"""
+
+
+def lift(vehicle: Vehicle) -> tuple[float, float]:
+    """Return the least and the greatest mass that the rotors lift, without regard to torques [kg]."""
+    up = vehicle.rotor_axes[:, 2]
+    ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0)
+    least, most = ends.sum(axis=1) / vehicle.gravity
+    return float(least), float(most)
+
+
+def unit(axis: str) -> str:
+    """Return the unit of a component of the wrench."""
+    return 'N m' if axis in ('roll', 'pitch', 'yaw') else 'N'
+
+
+def unit_rows(problem: AllocationProblem) -> Array:
+    """Return Gamma (m, n) with columns weighted by the ranges of the thrusts, in rows of length 1.
+
+    Rows of zeros stay.
+    """
+    rows = problem.gamma * (problem.upper - problem.lower)
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.where(lengths > 0.0, lengths, 1.0)
+
+
+def independence(unit: Array) -> Array:
+    """Return the distance (m,) of each of the `unit_rows` (m, n) from the span of the others."""
+    distances = []
+    for i, row in enumerate(unit):
+        others = np.delete(unit, i, axis=0).T
+        rest = row - others @ np.linalg.lstsq(others, row, rcond=1e-12)[0]
+        distances.append(np.linalg.norm(rest))
+    return np.array(distances)
+
+
+def hover_margin(problem: AllocationProblem) -> float:
+    """Return the signed distance from hover to the boundary; -inf for a set without volume."""
+    return float(problem.image.margin(problem.hover)) if problem.spans else -np.inf
+
+
+def independent_part(problem: AllocationProblem) -> AllocationProblem:
+    """Return the problem without the axes that cannot be commanded independently."""
+    return _give_up(
+        problem,
+        lambda part: part.spans and bool(independence(unit_rows(part)).min() >= INDEPENDENCE_MIN),
+    )
+
+
+def hovering_part(problem: AllocationProblem) -> AllocationProblem:
+    """Return the problem without axes that prevent hover; unchanged if no choice allows hover."""
+    part = _give_up(problem, lambda part: part.hovers)
+    return part if part.hovers else problem
+
+
+def _give_up(
+    problem: AllocationProblem, good: Callable[[AllocationProblem], bool]
+) -> AllocationProblem:
+    """Leave out axes until the problem is good: one that makes it good, or else the first."""
+    while not good(problem):
+        candidates = [_without(problem, axis) for axis in EXPENDABLE if axis in problem.axes]
+        if not candidates or len(problem.axes) == 1:
+            break
+        problem = next(filter(good, candidates), candidates[0])
+    return problem
+
+
+def _without(problem: AllocationProblem, lost: str) -> AllocationProblem:
+    axes = tuple(axis for axis in problem.axes if axis != lost)
+    return AllocationProblem(replace(problem.vehicle, axes=axes))
+
+
+def spin_torque(asked: AllocationProblem, kept: AllocationProblem) -> float:
+    """Return the yaw torque nearest to zero with which the axes of `kept` hover [N m]."""
+    if 'yaw' in kept.axes or 'yaw' not in asked.axes:
+        return 0.0
+    axes = tuple(axis for axis in asked.axes if axis in (*kept.axes, 'yaw'))
+    with_yaw = AllocationProblem(replace(asked.vehicle, axes=axes))
+    place = axes.index('yaw')
+    if with_yaw.spans:
+        rows = [row for row in range(len(axes)) if row != place]
+        yaw = float(Prioritization(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
+    else:
+        tolerance = float(kept.tolerance(kept.hover))
+        thrusts = kept.least_norm.solve(kept.hover, tolerance).thrusts
+        yaw = float(with_yaw.gamma[place] @ thrusts)
+    return yaw if abs(yaw) > 1e-9 else 0.0
+
+
+def authority(problem: AllocationProblem) -> dict[str, tuple[float, float]]:
+    """Return the range of each axis around hover with the other axes at hover [N, N m]."""
+    units = dict(zip(problem.axes, np.eye(len(problem.axes)), strict=True))
+    return {
+        axis: (-problem.reach(problem.hover, -unit), problem.reach(problem.hover, unit))
+        for axis, unit in units.items()
+    }
