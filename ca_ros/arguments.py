@@ -1,4 +1,4 @@
-"""Command lines that hold our arguments and those of ROS."""
+"""Command lines with arguments of ca_ros and of ROS."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return our own arguments and those for ROS, from each --ros-args up to the next --."""
+    """Split a command line into its own arguments and those of ROS (--ros-args to the next --)."""
     own: list[str] = []
     ros: list[str] = []
     inside = False
@@ -18,7 +18,7 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def renamed(ros: Sequence[str], name: str, default: str) -> str:
-    """Return what ROS arguments make of ``__ns`` or ``__node``: the first such rule counts."""
+    """Return the value of ``__ns`` or ``__node`` in ROS arguments: that of the first such rule."""
     rule = f'{name}:='
     return next((word[len(rule) :] for word in ros if word.startswith(rule)), default)
 

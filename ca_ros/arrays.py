@@ -1,4 +1,4 @@
-"""The array types of the package's signatures, and arrays that stay as they are."""
+"""The array types of the package's signatures, and read-only arrays."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,9 +1,9 @@
-"""The base class of the errors that ca_ros raises besides Python's own."""
+"""The base class of the package's errors."""
 
 
 class CaRosError(Exception):
-    """A fault that a message of one line explains.
+    """An error with a message of one line.
 
-    Wrong arguments of a function raise a `ValueError`; parameters that are wrong raise a
-    `ParameterError`, which is both.
+    Wrong arguments of functions raise a `ValueError`.  Wrong parameters raise a `ParameterError`,
+    which is both.
     """

@@ -1,4 +1,4 @@
-"""What a parameter is, and the one check of names and values.
+"""The type of a parameter, and the check of names and values.
 
 Each room has a table of its parameters in its ``parameters.py``.  `ca_ros.nodes.parameters`
 combines them into the table of a file and the tables of the nodes.  Values from ROS and values
@@ -20,7 +20,7 @@ Value = float | str | list[float] | list[str]
 REQUIRED = object()
 
 LARGEST = 1e9
-"""No number of a vehicle, in SI units, is larger; products of larger ones could overflow."""
+"""Largest number that a parameter may have; products of larger ones could overflow."""
 
 
 class ParameterError(CaRosError, ValueError):
@@ -33,21 +33,21 @@ class MissingParameterError(ParameterError):
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a parameter means and which values it may have.
+    """The meaning of a parameter and the values that it may have.
 
     Attributes
     ----------
     description : str
-        What it is, with its unit in brackets.
+        Meaning, with the unit in brackets.
     kind : type
         `float` or `str`.
     array : bool
         Whether an array is allowed (a scalar always is).
     default : value or REQUIRED
     minimum, maximum : float
-        Each number lies in [minimum, maximum], or (minimum, maximum] if `positive`.
+        Each number is in [minimum, maximum], and greater than zero if `positive`.
     choices : tuple of str
-        The words that may be given; any if empty.
+        The allowed words; empty if all are.
     mutable : bool
         Whether it can be set on a running node.
     """
@@ -63,7 +63,7 @@ class Parameter:
     mutable: bool = False
 
     def range(self) -> str:
-        """Return a phrase that says which values are allowed."""
+        """Return a phrase for the allowed values."""
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
         if self.positive:
@@ -101,7 +101,7 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
             raise ParameterError(expected)
         return value
     try:
-        # YAML 1.1 reads 1e-4, without a point, as a word; ROS reads a number, and so does this.
+        # YAML 1.1 reads 1e-4, without a point, as a string.  ROS reads a number, as here.
         number = nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         raise ParameterError(expected) from None
@@ -121,8 +121,8 @@ def _shortened(value: Any) -> str:
     try:
         text = repr(value)
     except (RecursionError, ValueError):
-        # Such as an integer of thousands of digits.
-        return f'a value of type {type(value).__name__} without end'
+        # For example an integer with thousands of digits.
+        return f'a value of type {type(value).__name__} that is too long'
     return text if len(text) <= 80 else f'{text[:80]}...'
 
 

@@ -6,6 +6,6 @@ import signal
 
 
 def ending_signals() -> list[int]:
-    """Return the signals that ask a process to end; SIGHUP not if it is ignored, as by nohup."""
+    """Return SIGINT, SIGTERM and, unless it is ignored (nohup), SIGHUP."""
     hang_up = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
     return [signal.SIGINT, signal.SIGTERM, *hang_up]

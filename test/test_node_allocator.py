@@ -223,7 +223,7 @@ def test_nothing_but_rejected_wrenches_is_as_bad_as_none_but_called_by_its_name(
         lambda: client.speeds[-1].data.tolist() == [40.0] * 6, 'the timeout action')
     graph.spin_until(
         lambda: client.diagnostics
-        and client.diagnostics[-1].status[0].message == 'none but rejected commands: idle',
+        and client.diagnostics[-1].status[0].message == 'only rejected commands: idle',
         'the reason')
     beyond.cancel()
     graph.spin_until(

@@ -1,1 +1,1 @@
-"""The bringup script: nodes as processes, a flight, and what came of it."""
+"""The bringup script: nodes as processes, a flight, and its record."""

@@ -1,4 +1,4 @@
-"""A bag: every message of the vehicle in a file that ros2 bag, Foxglove and PlotJuggler read."""
+"""A bag of every message of the vehicle, for ros2 bag, Foxglove and PlotJuggler."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LOOP = tuple(topic.path for topic in topics.STREAMS)
 """The topics that have a stamped message for each step."""
 
 STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)
-"""`LOOP`, and what the allocator publishes of each command."""
+"""`LOOP`, and the allocator's results for each command."""
 
 INFINITE = (9223372036, 854775807)
 """RMW_DURATION_INFINITE [s, ns]."""
@@ -36,12 +36,12 @@ class BagError(CaRosError, RuntimeError):
 
 
 class Bag:
-    """Writes the messages of `TOPICS` to an MCAP file with the metadata of rosbag2.
+    """Writes the messages of `TOPICS` to an MCAP bag of rosbag2.
 
     Parameters
     ----------
     path : Path
-        The folder that is created.
+        The folder to create.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Bag:
     counts : dict of str to int
         Messages written, by topic.
     lost : int
-        Messages on the vehicle's own topics that were sent but did not arrive.
+        Messages on the vehicle's own topics that were sent but not received.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Bag:
         self.close()
 
     def listen(self, namespace: str) -> None:
-        """Subscribe to all topics, with a node that `write` serves without an executor."""
+        """Subscribe to all topics with a node of its own, which needs no executor."""
         self._node = Node(
             'bag', namespace=namespace, start_parameter_services=False, enable_rosout=False
         )
@@ -114,7 +114,7 @@ class Bag:
         """Write the messages that arrived since the last call, with their times of arrival."""
         for topic, subscription in self._subscriptions.items():
             with subscription.handle:
-                # An executor needs several times as long for a message.
+                # This takes a fraction of the time of an executor.
                 while taken := subscription.handle.take_message(subscription.msg_type, True):
                     self._put(topic, *taken)
 
@@ -146,7 +146,7 @@ class Bag:
         return nanoseconds(message.header.stamp)
 
     def close(self) -> None:
-        """Write the rest and complete the file; remove a bag without messages."""
+        """Write the last messages and complete the file; remove a bag without messages."""
         try:
             self.write()
             if sum(self.counts.values()):
@@ -167,7 +167,7 @@ class Bag:
 
 
 def _noted(qos: QoSProfile) -> Any:
-    """Return a profile in the form of rosbags; the numbers are those of rmw."""
+    """Return a profile in the form of rosbags, which has the numbers of rmw."""
     from rosbags.interfaces import (
         Qos,
         QosDurability,

@@ -6,10 +6,10 @@ import time
 
 
 class Deadline:
-    """A time limit for a loop that polls; of a pause between two polls at most `POLL` counts.
+    """A time limit for a loop that polls; at most `POLL` of the time between two polls counts.
 
-    A suspended or starved machine also stalls the process that is waited for, so a stall must not
-    use up the time limit.
+    A stall of the machine also stalls the process that the loop waits for, so it must not use up
+    the time limit.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ PREFIX = 'faulty/'
 
 
 def remaps(node: str) -> list[str]:
-    """Return the ROS arguments by which a node reads faulty topics in place of its own."""
+    """Return the ROS arguments that make a node subscribe to the faulty topics."""
     topics = [topic.name for topic in LINKS if node in topic.subscribers]
     return [word for topic in topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
 
@@ -124,7 +124,7 @@ class FaultProxy(ParameterNode):
         return self._steady.now().nanoseconds / 1e9
 
     def _diagnose(self) -> None:
-        """Publish the counts; active faults are a warning, as a reminder."""
+        """Publish the counts; active faults are a warning."""
         message = DiagnosticArray()
         message.header.stamp = self.get_clock().now().to_msg()
         for topic, faults in self._faults.items():
@@ -135,7 +135,7 @@ class FaultProxy(ParameterNode):
                 fault = mismatch(other, stream, other.qos_profile, stream.qos_profile)
                 if fault is None:
                     continue
-                said.append(f'a publisher offers another {fault}: nothing of it is passed on')
+                said.append(f'a publisher offers another {fault}: its messages are not forwarded')
                 self.get_logger().warning(f'{topic}: {said[-1]}', throttle_duration_sec=10.0)
             message.status.append(
                 DiagnosticStatus(
@@ -163,7 +163,7 @@ def corrupt(message: Any, corruption: str, place: float) -> None:
 
 
 def _numbers(message: Any) -> list[tuple[Any, str]]:
-    """Return the numbers of a message, as pairs of a submessage and a field's name."""
+    """Return the number fields of a message, as pairs of a submessage and a field's name."""
     found = []
     for name, kind in message.get_fields_and_field_types().items():
         value = getattr(message, name)

@@ -17,16 +17,16 @@ from ca_ros.schema import Parameter, ParameterError, check_given, complete
 
 Message = TypeVar('Message')
 
-# Not nan and inf, which ROS reads as numbers.
+# ROS would read the words nan and inf as numbers.
 _OF_A_NUMBER = ('not_a_number', 'infinite', 'huge', 'sign')
 CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')
-"""A number is replaced, a number is added or removed, or the frame is replaced."""
+"""Kinds of damage: a number is replaced, an array changes its length, the frame is replaced."""
 
 LINKS: dict[str, tuple[str, ...]] = {
     topic.name: (*_OF_A_NUMBER, 'length' if topic.kind is Float64MultiArray else 'frame')
     for topic in topics.LINKS
 }
-"""The corruptions of each topic: arrays have a length, the other types a frame."""
+"""The corruptions of each topic: arrays have no frame, and other types have no length."""
 
 HUGE = 1e12
 
@@ -43,7 +43,7 @@ FAULTS: dict[str, Parameter] = {
     'topics': Parameter(
         'topics that are faulty', str, array=True, default=list(LINKS), choices=tuple(LINKS)
     ),
-    'seed': Parameter('the fate of a message depends on seed, topic and number', default=0.0),
+    'seed': Parameter('the faults of a message depend on seed, topic and number', default=0.0),
     'drop': _share('share of the messages that are lost'),
     'duplicate': _share('share that is sent twice'),
     'reorder': _share('share that is sent after the next message'),
@@ -59,7 +59,7 @@ FAULTS: dict[str, Parameter] = {
         mutable=True,
     ),
 }
-"""Parameters of the proxy; shares and times are for all topics, or one for each."""
+"""Parameters of the proxy; shares and times are given once, or for each topic."""
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,15 @@ class Fate:
     Attributes
     ----------
     copies : int
-        How often it is sent: 0 if it is lost, 2 if it is duplicated.
+        Number of times that the message is sent: 0 if it is lost, 2 if it is duplicated.
     delay : float
-        Time by which it is delayed [s].
+        Delay [s].
     overtaken : bool
-        Whether it is held back until the next message has been sent.
+        Whether the message is sent after the next message.
     corruption : str or None
         One of `CORRUPTIONS`.
     place : float
-        In [0, 1): which of its numbers is corrupted, as a share of how many there are.
+        Index of the corrupted number over the number of numbers, in [0, 1).
     """
 
     copies: int = 1
@@ -123,8 +123,8 @@ class Faults:
     def fate(self, k: int) -> Fate:
         """Return the fate of message k, which does not depend on any other message.
 
-        Each fault has its own random number, so a message that is lost at one rate is lost at
-        each greater rate, whatever the other faults are.
+        Each fault has its own random number.  A message that is lost at one rate is therefore lost
+        at every greater rate, independently of the other faults.
         """
         drop, duplicate, reorder, corrupt, kind, place, jitter = _draws(self.seed, self.topic, k)
         if drop < self.drop:
@@ -221,7 +221,7 @@ class Link(Generic[Message]):
         return self._waiting[0][0] if self._waiting else inf
 
     def put(self, message: Message, fate: Fate, now: float) -> None:
-        """Accept a message at a time [s]; the messages that it overtakes follow it."""
+        """Accept a message at a time [s], and the messages that it overtakes after it."""
         due = now + fate.delay
         overtaken, self._overtaken = self._overtaken, []
         copies = [(due, message)] * fate.copies

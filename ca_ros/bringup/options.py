@@ -20,11 +20,11 @@ from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
 from ca_ros.nodes.parameters import NODE
 
 NODES = ('controller', 'allocator', 'simulator')
-"""In the order in which they end, so that a stopping loop sends no more commands."""
+"""In the order in which they are ended: first the source of commands."""
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Return the options; what is for ROS is in `ros`."""
+    """Return the options; the arguments for ROS are in `ros`."""
     parser = argparse.ArgumentParser(
         prog='bringup',
         description='Start controller, allocator and simulator, fly to a waypoint, and report.',
@@ -73,7 +73,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         '--respawn',
         action='store_true',
-        help='restart nodes that end; with a new simulator the flight starts over',
+        help='restart nodes that end; a new simulator restarts the flight',
     )
     parser.add_argument(
         '--faults',
@@ -105,7 +105,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     options = parser.parse_args(own)
     options.failures = failures_of(options)
     if options.fail and options.respawn:
-        parser.error('--fail: not with --respawn, which starts the flight over with sound rotors')
+        parser.error('--fail excludes --respawn, which restarts the flight with sound rotors')
     options.ros = ros
     for name in ('method', 'mode', 'out', 'bag', 'faults'):
         setattr(options, name, getattr(options, name, None))
@@ -147,7 +147,7 @@ def _faults(text: str) -> list[str]:
         if not assigned or name not in FAULTS:
             raise argparse.ArgumentTypeError(f'{word} is not a parameter of fault_proxy')
         if name == 'topics':
-            raise argparse.ArgumentTypeError('topics: here they are all four')
+            raise argparse.ArgumentTypeError('topics: bringup always uses all four')
     return words
 
 

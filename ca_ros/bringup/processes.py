@@ -22,8 +22,8 @@ PR_SET_PDEATHSIG = 1
 def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
     """Start a child process in a session of its own; it gets SIGTERM when this process ends.
 
-    This holds for every end of this process, also by kill -9, and while the child still starts.
-    Linux sends the signal when the calling thread ends, so call this from the main thread.
+    The signal is sent for every end of this process, also by kill -9 or while the child starts.
+    Linux sends it when the calling thread ends, so call this function from the main thread.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
     prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
     def end_with_parent() -> None:
-        # The child has inherited a handler of the parent, which would ignore the signal.
+        # The handler of the parent, which the child inherits, would ignore the signal.
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         # The parent may have ended before the call of prctl.
@@ -51,7 +51,7 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
 
 
 def note_signals() -> list[int]:
-    """Return a list to which each ending signal is appended, so that the children end first."""
+    """Append the ending signals to a list instead of ending, and return this list."""
     received: list[int] = []
     for number in ending_signals():
         signal.signal(number, lambda signalled, _: received.append(signalled))
@@ -59,22 +59,22 @@ def note_signals() -> list[int]:
 
 
 class Processes:
-    """Named child processes, each in a group of its own, so that Ctrl-C reaches only the parent.
+    """Named child processes, each in its own process group: Ctrl-C reaches only the parent.
 
     Parameters
     ----------
     commands : mapping of str to sequence of str
-        Command lines by name, in the order in which they are started.
+        Command lines by name, in the order of their start.
 
     Attributes
     ----------
     running : dict of str to Popen
     respawned : Counter of str
-        How often `respawn` has restarted each.
+        Number of restarts of each process by `respawn`.
     """
 
     ENDING = 5.0
-    """Time that a process has to end after SIGTERM before it is killed [s]."""
+    """Time after SIGTERM after which a process is killed [s]."""
 
     STARTING = 10.0
     """A process that ends within this time of its start has failed to start [s]."""

@@ -38,7 +38,7 @@ ASKED = {
 
 
 class Recorder(Node):
-    """Joins the messages of the simulator to samples, by their stamps.
+    """Sends the waypoint, and joins the messages of the simulator to samples by their stamps.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Recorder(Node):
         self.restart()
 
     def restart(self) -> None:
-        """Discard the flight, with the messages of it that are still in the queues."""
+        """Discard the flight, with its messages in the queues."""
         self._goal: Waypoint | None = None
         for stream, _ in self._streams:
             self.destroy_subscription(stream)
@@ -86,13 +86,13 @@ class Recorder(Node):
         self._last: int | None = None
 
     def drain(self) -> None:
-        """Take all messages; an executor needs several times as long for a message."""
+        """Take all messages, in a fraction of the time of an executor."""
         for stream, receive in self._streams:
             with stream.handle:
                 while taken := stream.handle.take_message(stream.msg_type, False):
                     receive(taken[0])
         if self._start is None and self._samples:
-            # Before the flight only the newest samples matter: one becomes the first.
+            # Before the flight only the newest samples matter, of which one becomes the first.
             oldest = max(self._samples) - 1_000_000_000
             self._samples = {key: part for key, part in self._samples.items() if key >= oldest}
 
@@ -130,7 +130,7 @@ class Recorder(Node):
         self.parameters[node] = dict(zip(ASKED[node], values, strict=True))
 
     def send(self, waypoint: Waypoint) -> None:
-        """Send the waypoint; the flight starts when the rotors start."""
+        """Send the waypoint; the flight begins when the rotors start."""
         self._goal = waypoint
         message = PoseStamped()
         message.header.stamp = self.get_clock().now().to_msg()

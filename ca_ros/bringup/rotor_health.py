@@ -29,15 +29,15 @@ class RotorHealthError(CaRosError):
 
 
 class RotorHealth:
-    """Fails rotors in the simulator, and announces that to controller and allocator.
+    """Fails rotors in the simulator, and announces the failures to controller and allocator.
 
     In lockstep the simulator waits at each of these times (`simulator.hold_at`) until the nodes
-    have answered, so that each flight is the same.  In real time it does not wait.
+    have answered, so all flights are the same.  In real time it does not wait.
 
     Parameters
     ----------
     node : Node
-        A node in the namespace of the three nodes, for the clients.
+        The node of the clients, in the namespace of the three nodes.
     failures : RotorFailures
     parameters : mapping
         The parameters by node and name.

@@ -1,1 +1,1 @@
-"""Flights without ROS: controller, rigid body, closed loop, and what was flown."""
+"""Flights without ROS: controller, rigid body, closed loop, recorded flight."""

@@ -24,14 +24,14 @@ from ca_ros.flight.waypoint import Waypoint
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What takes the place of its predecessor in a closed loop, from a time of flight on.
+    """The parts of a closed loop that are replaced at a time of flight.
 
     Attributes
     ----------
     time : int
         [ns]
     controller, allocator, body, waypoint
-        None where nothing changes.
+        The new parts; None for those that stay.
     """
 
     time: int
@@ -62,11 +62,11 @@ def fly(
     duration : float
         [s]
     time_step : float
-        Whole nanoseconds are used, as in the stamps of ROS [s].
+        [s], rounded to whole nanoseconds, as in the stamps of ROS.
     state : (13,) array
         Initial state, see `ca_ros.flight.rigid_body`.
     changes : iterable of Change
-        Each takes effect at the first sample that is not before its time.
+        Each takes effect at the first sample at or after its time.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def fly(
     Raises
     ------
     FloatingPointError
-        If it diverges, because of gains or steps that are too great.
+        If the flight diverges because the gains or the steps are too large.
     """
     states: list[Array] = []
     velocities, commands = [], []

@@ -1,4 +1,4 @@
-"""Figures of flights."""
+"""Plots of flights."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STYLE: dict[Any, Any] = {
     'lines.linewidth': 1.4,
 }
 DASHED: dict[str, Any] = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
-"""Waypoints and bounds."""
+"""The style of waypoints and bounds."""
 
 DASHES: Any = ('-', (0, (5, 1)), (0, (1, 1)))
 
@@ -41,11 +41,11 @@ FORMATS: dict[str, dict[str, None]] = {
     'svg': {'Date': None},
     'pdf': {'CreationDate': None},
 }
-"""What figures can be written as, and the metadata without which they are the same each time."""
+"""File formats, each with the metadata to leave out, so that equal plots are equal files."""
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
-    """Let a command line choose the formats of its figures."""
+    """Add the option for the formats of plots."""
     parser.add_argument(
         '--figures',
         type=formats,
@@ -56,7 +56,7 @@ def add_option(parser: argparse.ArgumentParser) -> None:
 
 
 def formats(text: str) -> list[str]:
-    """Return the formats in a list such as png,svg; raise what argparse turns into a message."""
+    """Return the formats in a text such as png,svg, for argparse."""
     words = [word.strip() for word in text.split(',')]
     for word in words:
         if word not in FORMATS:
@@ -67,12 +67,12 @@ def formats(text: str) -> list[str]:
 
 
 def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
-    """Write a figure in each format, under a path to which the suffix is added."""
+    """Write a figure in each format to the path with the format as suffix; return the files."""
     import matplotlib
 
     files = [path.with_name(f'{path.name}.{form}') for form in formats]
-    # Otherwise the names inside of an SVG file are drawn by lot, and fonts in a PDF file are of
-    # Type 3, which many publishers refuse.
+    # By default the ids in an SVG file are random, and a PDF file has fonts of Type 3, which many
+    # publishers refuse.
     with matplotlib.rc_context({'svg.hashsalt': path.name, 'pdf.fonttype': 42}):
         for file, form in zip(files, formats, strict=True):
             figure.savefig(file, dpi=200, metadata=FORMATS[form])
@@ -80,12 +80,12 @@ def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
 
 
 def line(i: int) -> dict[str, Any]:
-    """Return how line i is drawn; where there are more than colours, dashes tell them apart."""
+    """Return the style of line i: the colours repeat with other dashes."""
     return {'color': COLORS[i % len(COLORS)], 'linestyle': DASHES[i // len(COLORS) % len(DASHES)]}
 
 
 def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
-    """Draw position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
+    """Plot position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -120,11 +120,6 @@ def _lines(
     label: str,
 ) -> None:
     for i, name in enumerate(names):
-        axes.plot(
-            time,
-            values[:, i],
-            label=name,
-            **line(i),
-        )
+        axes.plot(time, values[:, i], label=name, **line(i))
     axes.set_ylabel(label)
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))

@@ -14,13 +14,13 @@ from ca_ros.flight.waypoint import Waypoint
 
 
 def steps(duration: float, time_step: float) -> int:
-    """Return how many equal steps end within a duration [s]."""
+    """Return the number of whole steps [s] in a duration [s]."""
     return int(duration / time_step + 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """K samples of a vehicle's state, and the rotor speeds that followed each.
+    """K samples of a vehicle's state and rotor speeds.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Flight:
     velocity, angular_velocity : (K, 3) arrays
         Body frame [m/s, rad/s].
     speeds : (K, n) array
-        Rotor speeds from this sample to the next [rad/s].
+        Rotor speeds from each sample to the next [rad/s].
     """
 
     time: Array
@@ -61,7 +61,7 @@ class Flight:
         return tilt(self.attitude)
 
     def missing(self, duration: float) -> int:
-        """Return how many samples are missing of a flight of so many seconds in equal steps."""
+        """Return how many samples a flight of this duration [s] lacks, given its shortest step."""
         step = float(np.diff(self.time).min(initial=np.inf))
         return steps(duration, step) + 1 - len(self.time)
 
@@ -90,7 +90,7 @@ class Flight:
         }
 
     def write_csv(self, path: Path) -> None:
-        """Write one row a sample, every number to its last bit; SI units, angles in rad."""
+        """Write one row per sample in SI units (angles in rad), with all digits of each number."""
         columns = self.columns()
         with path.open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file, lineterminator='\n')

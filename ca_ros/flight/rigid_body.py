@@ -29,7 +29,7 @@ NULL_STATE: Array = np.concatenate([np.zeros(9), [1.0], np.zeros(3)])
 def rotation_matrix(quaternion: Array) -> Array:
     """Return the matrix (3, 3) from body to world coordinates for a quaternion x, y, z, w.
 
-    It need not be of unit length.  SciPy's own takes ten times as long for a single one.
+    The quaternion is normalized first.  SciPy's function takes ten times as long for one.
     """
     numbers = quaternion.tolist()
     length = hypot(*numbers)
@@ -46,16 +46,16 @@ def rotation_matrix(quaternion: Array) -> Array:
 def heading(attitude: Array) -> Array:
     """Return the heading (...) of quaternions x, y, z, w (..., 4), in [-pi, pi] [rad].
 
-    It is the angle by which the body is turned about its own z axis, once that axis has been
-    brought upright along the shortest way: a tilt changes no heading.  Upside down, where there
-    is no shortest way, the heading is 0.
+    The heading is the rotation about the body's z axis after the shortest rotation that makes this
+    axis vertical, so a tilt does not change the heading.  Upside down, the shortest rotation is
+    not unique, and the heading is 0.
     """
     z, w = attitude[..., 2], attitude[..., 3]
     return 2.0 * np.arctan2(np.where(w < 0.0, -z, z), np.abs(w))
 
 
 def difference(angle: Any, other: Any) -> Any:
-    """Return `angle` minus `other`, the short way round: in [-pi, pi) [rad]."""
+    """Return `angle` minus `other`, wrapped to [-pi, pi) [rad]."""
     return (angle - other + np.pi) % (2.0 * np.pi) - np.pi
 
 
@@ -66,21 +66,21 @@ def tilt(attitude: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return a x b for two (3,) arrays; NumPy's own takes ten times as long for a single one."""
+    """Return a x b for two (3,) arrays, in a tenth of the time of `numpy.cross`."""
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 class RigidBody:
-    """The vehicle's equations of motion; its rotors are as fast as their commands.
+    """The vehicle's equations of motion; the rotors have the commanded speeds at once.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the rotors' health as it physically is.
+        With the actual health of the rotors.
     rotational_drag : float
-        Drag torque against the angular velocity, over its square [N m s^2/rad^2].
+        Drag torque over the squared angular velocity [N m s^2/rad^2].
     """
 
     def __init__(self, vehicle: Vehicle, rotational_drag: float = 0.0) -> None:
@@ -110,7 +110,7 @@ class RigidBody:
         )
 
     def step(self, state: Array, speeds: Array, time_step: float) -> Array:
-        """Return the state (13,) one explicit Euler step later, its quaternion normalised.
+        """Return the state (13,) after one explicit Euler step, with a unit quaternion.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Rotors that fail in flight: when they break, and when that becomes known."""
+"""Rotor failures in flight: when they happen, and when they are announced."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LATEST = 1e6
 """Latest time of a failure or an announcement [s]."""
 
 ANNOUNCE = 0.1
-"""Time from a failure to its announcement, unless another is given [s]."""
+"""Default time from a failure to its announcement [s]."""
 
 FAILURE = re.compile(r'(?P<rotor>[0-9]+)@(?P<time>[^=]+)(=(?P<health>.+))?')
 
@@ -27,11 +27,11 @@ class RotorFailure:
     Attributes
     ----------
     rotor : int
-        Its number, from 1 on.
+        Number of the rotor, from 1.
     time : float
         Time of flight at which it fails [s].
     health : float
-        Thrust delivered over thrust expected from then on: 0 if the rotor is lost.
+        Thrust delivered over thrust expected after the failure: 0 if the rotor is lost.
     """
 
     rotor: int
@@ -66,7 +66,7 @@ class RotorFailure:
         return cls(rotor, time, health)
 
     def __str__(self) -> str:
-        """Return it as it is given on a command line."""
+        """Return the failure as on a command line."""
         return f'{self.rotor}@{self.time:g}' + (f'={self.health:g}' if self.health else '')
 
 
@@ -78,31 +78,31 @@ class RotorFailures:
     ----------
     failures : tuple of RotorFailure
     announce : float or None
-        Time from each failure until allocator and controller are told [s]; None if they never are.
+        Time from each failure to its announcement to allocator and controller [s]; None: never.
     """
 
     failures: tuple[RotorFailure, ...] = ()
     announce: float | None = ANNOUNCE
 
     def check(self, rotors: int) -> None:
-        """Raise a ValueError unless a vehicle with so many rotors can have these failures."""
+        """Raise a ValueError if a failing rotor has a number above the number of rotors."""
         for failure in self.failures:
             if failure.rotor > rotors:
                 raise ValueError(f'--fail {failure}: the vehicle has {rotors} rotors')
 
     def times(self) -> list[int]:
-        """Return the times of flight at which something fails or is announced, in order [ns]."""
+        """Return the times of flight of all failures and announcements, in order [ns]."""
         late = [] if self.announce is None else [0.0, self.announce]
         return sorted(
             {_ns(each.time + delay) for each in self.failures for delay in (late or [0.0])}
         )
 
     def physical(self, health: Array, time: int) -> Array:
-        """Return the rotors' health (n,) at a time of flight [ns], from that at the start."""
+        """Return the actual health (n,) at a time of flight [ns] from that at the start."""
         return self._after(health, time, 0.0)
 
     def believed(self, health: Array, time: int) -> Array:
-        """Return the health (n,) that has been announced at a time of flight [ns]."""
+        """Return the announced health (n,) at a time of flight [ns] from that at the start."""
         return health if self.announce is None else self._after(health, time, self.announce)
 
     def _after(self, health: Array, time: int, delay: float) -> Array:
@@ -118,7 +118,7 @@ def _ns(seconds: float) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Let a command line name the failures of a flight."""
+    """Add the options for rotor failures."""
     parser.add_argument(
         '--fail',
         type=_failure,
@@ -133,26 +133,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=_delay,
         default=ANNOUNCE,
         metavar='SECONDS',
-        help='time after which allocator and controller are told of a failure, or never',
+        help='time from a failure to its announcement to allocator and controller, or never',
     )
 
 
 def failures_of(options: argparse.Namespace) -> RotorFailures:
-    """Return the failures that a command line names."""
+    """Return the failures that the options name."""
     return RotorFailures(tuple(options.fail), options.announce)
 
 
 def arguments(failures: RotorFailures) -> list[str]:
-    """Return the command line that names these failures."""
-    words = [word for each in failures.failures for word in ('--fail', _exact(each))]
+    """Return the options that name these failures."""
+    words = []
+    for each in failures.failures:
+        words += ['--fail', f'{each.rotor}@{each.time!r}={each.health!r}']
     if not words:
         return []
     announce = 'never' if failures.announce is None else repr(failures.announce)
     return [*words, '--announce', announce]
-
-
-def _exact(failure: RotorFailure) -> str:
-    return f'{failure.rotor}@{failure.time!r}={failure.health!r}'
 
 
 def _failure(text: str) -> RotorFailure:

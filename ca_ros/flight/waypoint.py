@@ -14,7 +14,7 @@ from ca_ros.flight.rigid_body import heading
 
 @dataclass(frozen=True, eq=False)
 class Waypoint:
-    """Where to go: a position (3,) [m] and the heading of an attitude (x, y, z, w)."""
+    """A position (3,) [m] and an attitude (x, y, z, w), of which only the heading counts."""
 
     position: Array
     attitude: Array

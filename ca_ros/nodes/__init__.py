@@ -1,1 +1,1 @@
-"""The ROS nodes: the only part of the package that imports rclpy."""
+"""The ROS nodes: thin shells of the core that convert messages and check time."""

@@ -79,18 +79,18 @@ class AllocatorNode(VehicleNode):
             )
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Allocator]:
-        """Make the allocation method for the axes that the rotors can command."""
+        """Create the allocation method for the axes that the rotors can command."""
         report = self.audited(parameters)
         return report, allocator_from_parameters(parameters, report.problem)
 
     def adopt(self, built: tuple[Audit, Allocator]) -> None:
-        """Allocate with this method from the next command on."""
+        """Use this method from the next command on."""
         report, self.method = built
         self.note(report)
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
-        # What the action hold repeats: zero for lost rotors, and idle before the first answer.
+        # The action hold repeats the last speeds: idle before the first answer, zero if lost.
         if not self.counts['served']:
             self._last = fallback('idle', vehicle, self._last)
         self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
@@ -123,7 +123,7 @@ class AllocatorNode(VehicleNode):
         }
 
     def watch(self) -> None:
-        """Publish the timeout action while no commands come; a lockstep may pause at will."""
+        """Publish the timeout action while no commands come, except in lockstep."""
         if self.mode == 'lockstep':
             return
         expired = self._watchdog.expired
@@ -141,7 +141,7 @@ class AllocatorNode(VehicleNode):
     def _missing(self) -> str:
         """What the logs and diagnostics say is missing."""
         rejected = monotonic() - self._rejected <= self._watchdog.timeout
-        return 'none but rejected commands' if rejected else 'no command'
+        return 'only rejected commands' if rejected else 'no command'
 
     def close(self) -> None:
         """Command idle, or stop if that is the timeout action."""
@@ -171,7 +171,7 @@ class AllocatorNode(VehicleNode):
             try:
                 speeds = answer.speeds
             except ValueError as error:
-                # No method, however wrong, sends a value out of bounds to the motors.
+                # Speeds out of bounds never reach the motors, even if a method returns them.
                 self.drop('answer', f'{error}: a fault of the method')
                 return
             self._speeds.publish(fill_speeds(self._message, speeds, time))
@@ -185,8 +185,8 @@ class AllocatorNode(VehicleNode):
             self._report(command, wrench, answer)
 
     def _fault(self, wrench: list[float], frame: str, time: int) -> tuple[str, str] | None:
-        """Return why a command must not be served, as a key and a message; None if it may."""
-        # Components that are not commanded are checked too: they are part of the residual.
+        """Return why a command is dropped, as a key and a message; None if it is served."""
+        # All six components are checked, because all are part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
         if wrong := wrong_frame(frame, self._frame):
@@ -197,7 +197,7 @@ class AllocatorNode(VehicleNode):
             return 'age', f'wrench that is {off} (parameter command_age_max)'
         if time < self._newest:
             self.counts['out of order'] += 1
-            # After a timeout the sender may have restarted with an earlier clock.
+            # After a timeout, a restarted sender may have an earlier clock.
             if self._newer_only and not self._watchdog.over:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
@@ -223,7 +223,7 @@ class AllocatorNode(VehicleNode):
         return publisher
 
     def _report(self, command: WrenchStamped, wrench: list[float], answer: Allocation) -> None:
-        """Publish the allocated wrench, the residual and the saturation where they are read."""
+        """Publish the allocated wrench, residual and saturation that have subscribers."""
         given = self._wrenches @ answer.thrusts
         if self._allocated in self._subscribed:
             self._allocated.publish(wrench_message(given, command.header))

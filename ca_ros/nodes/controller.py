@@ -51,7 +51,7 @@ class ControllerNode(VehicleNode):
         self.observe('control')
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Controller]:
-        """Make the controller for the axes that the rotors can command."""
+        """Create the controller for the axes that the rotors can command."""
         report = self.audited(parameters)
         return report, Controller.from_parameters(report.vehicle, parameters)
 
@@ -127,7 +127,7 @@ class ControllerNode(VehicleNode):
         self._wrench.publish(wrench_message(wrench, header))
 
     def _wrong_frame(self, message: PoseStamped | TwistStamped, name: str) -> str | None:
-        """Return how a message's frame differs from the parameter of a name; None if it may."""
+        """Return what is wrong with a message's frame by a parameter; None if it is right."""
         fault = wrong_frame(message.header.frame_id, self.parameters[name])
         return f'{fault} (parameter {name})' if fault else None
 

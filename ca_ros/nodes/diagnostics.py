@@ -20,10 +20,10 @@ OK, WARN, ERROR, STALE = (
 )
 
 LATENCIES = 5000
-"""The percentiles are those of so many last latencies."""
+"""Number of latest latencies that the percentiles cover."""
 
 SEVERITY = (OK, STALE, WARN, ERROR)
-"""Order of the levels, of which the worst is published: a fault outranks missing data."""
+"""The levels from best to worst.  The worst is published: faults outrank missing data."""
 
 
 class Diagnostics:
@@ -33,10 +33,10 @@ class Diagnostics:
     ----------
     node : Node
     subject : str
-        The part of the node that the status describes.
+        What the status describes, such as ``allocation``.
     levels : callable
-        Returns levels with their messages, for instance ``[(WARN, 'two publishers')]``; those of
-        the worst level are published.
+        Returns levels with their messages, such as ``[(WARN, 'two publishers')]``.  The worst
+        level is published with its messages.
     values : callable
         Returns values by name.
     hardware_id : str

@@ -33,7 +33,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 DEFAULT_VEHICLE = 'hexarotor'
 
 ENDING_MAX = 60.0
-"""How long a node may take to end [s]."""
+"""Longest time that a node may take to end [s]."""
 
 WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
 
@@ -66,8 +66,8 @@ def vehicle_arguments(vehicle: str, node: str) -> list[str]:
     vehicle : str
         A shipped vehicle's name, or a path to a parameter file.
     node : str
-        Full name of the node.  Where the file has no section for it, as the dump of another node
-        has none, the node gets what `Vehicle.load` reads.
+        Full name of the node.  If the file has no section for it, such as the dump of another
+        node, the node gets the parameters that `Vehicle.load` reads.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def vehicle_arguments(vehicle: str, node: str) -> list[str]:
 
 
 def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
-    """Read a node's own arguments; return those for ROS, with the vehicle's parameter file."""
+    """Parse a command line; return the ROS arguments, with those for the vehicle's parameters."""
     parser = argparse.ArgumentParser(
         prog=prog,
         description=description,
@@ -103,13 +103,12 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     # ROS silently ignores a -p whose type differs from that of the value in a parameter file.
     given = set()
     for option, rule in pairwise(ros):
+        if option not in ('-p', '--param'):
+            continue
         name, _, value = rule.partition(':=')
         owner, _, name = name.rpartition(':')
-        if option in ('-p', '--param'):
-            given.add(name)
-        if option not in ('-p', '--param') or name not in PARAMETERS:
-            continue
-        if not owner or matches(f'/{owner.strip("/")}', node):
+        given.add(name)
+        if name in PARAMETERS and (not owner or matches(f'/{owner.strip("/")}', node)):
             check(name, read_value(name, value), PARAMETERS)
     vehicle = parser.parse_args(own).vehicle
     required = {name for name, each in PARAMETERS.items() if each.default is REQUIRED}
@@ -122,12 +121,12 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
             )
     if vehicle is None:
         return ros
-    # Before the files of the user, so that these can override single values.
+    # The user's files come later, so they can override single values.
     return [*vehicle_arguments(vehicle, node), *ros]
 
 
 def _parameter_files(ros: Sequence[str]) -> str:
-    """Return the parameter files among the arguments for ROS, with their sections."""
+    """Return the parameter files in the ROS arguments and their sections, as text."""
     files = [file for option, file in pairwise(ros) if option == '--params-file']
     words = []
     for file in files:
@@ -149,7 +148,7 @@ def run(
 ) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 
-    The signals set a flag rather than shut the context down, so that the node can send its last
+    The signals set a flag and do not shut the context down, so the node can send its last
     messages.
 
     Parameters
@@ -198,11 +197,11 @@ def run(
             return 1
         executor = Executor()
         executor.add_node(node)
-        # The interpreter's own end may destroy the context before the executor.
+        # Otherwise the interpreter may destroy the context before the executor.
         ending.callback(executor.shutdown)
-        # However the node ends, also by an exception, its last messages go out first.
+        # This sends the last messages of the node, also after an exception.
         ending.callback(node.destroy_node)
-        # The garbage collector need not scan again what exists by now.
+        # Exclude the existing objects from garbage collection.
         gc.collect()
         gc.freeze()
         while not stop:

@@ -34,26 +34,26 @@ CONVERSIONS: dict[type, Callable[[Any], object]] = {
     SetParameters: _convert_parameters,
     SetParametersAtomically: _convert_parameters,
 }
-"""Conversions with which rclpy's own callbacks begin; an error in one would end the node."""
+"""Conversions at the start of rclpy's own callbacks, where an error would end the node."""
 
 
 class Executor(executors.Executor):
     """Serves everything that is ready once a turn, in one thread, with one wait set.
 
     Each turn serves one message of each subscription, the timers, the events and one request of
-    each service, in this order.  A flood of messages thus delays a service by a turn, and a timer
-    runs after the messages that arrived before it was due.
+    each service, in this order.  A flood of messages therefore delays a service by one turn only,
+    and a timer runs after the messages that arrived before it was due.
 
     rclpy's SingleThreadedExecutor builds a wait set and a task for each callback, which takes
     longer than the callback of a command.  Its EventsExecutor queues an event for each message,
-    including those that newer messages have replaced: it needs minutes to recover from a flood.
+    also for messages that newer ones have replaced, and needs minutes to recover from a flood.
 
     Clients, guard conditions and coroutines of nodes are not served.
 
     Parameters
     ----------
     context : Context, optional
-        Of the nodes; default the global one.
+        The context of the nodes; default: the global one.
     """
 
     def __init__(self, *, context: Context | None = None) -> None:
@@ -71,7 +71,7 @@ class Executor(executors.Executor):
         return super().add_node(node)
 
     def remove_node(self, node: Node) -> None:
-        """Serve a node no more from the next turn on."""
+        """Stop serving a node from the next turn on."""
         self._changed = True
         super().remove_node(node)
 
@@ -106,7 +106,7 @@ class Executor(executors.Executor):
         for waitable in waitables:
             waitable.add_to_wait_set(wait_set)
         wait_set.wait(timeout_sec_to_nsec(timeout_sec))
-        # All of this is read before the first callback, which may use the wait set again.
+        # Read the whole wait set before the first callback, which may use it again.
         ready = wait_set.is_ready
         self._changed |= ready('guard_condition', 0)
         subscriptions = [s for i, s in enumerate(self._subscriptions) if ready('subscription', i)]

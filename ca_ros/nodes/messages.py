@@ -1,4 +1,4 @@
-"""ROS messages from and to arrays."""
+"""Conversion of ROS messages from and to arrays."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ DIGITS = re.compile('[0-9]{1,19}')
 
 
 def stamp(nanoseconds: int) -> Time:
-    """Return a time stamp."""
+    """Return the message of a time stamp [ns]."""
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
 def nanoseconds(time: Time) -> int:
-    """Return a time stamp as one number."""
+    """Return a time stamp in nanoseconds."""
     return time.sec * 1_000_000_000 + time.nanosec
 
 
 def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
     """Return rotor speeds (n,) [rad/s] as n rows of one column, labelled with the time [ns].
 
-    The type has no header, so the label carries the stamp: of the command that is answered, or of
-    the state from which on the speeds are in effect; none if they answer nothing.
+    The type has no header, so a label carries the stamp: of the command that the speeds answer, or
+    of the state from which they take effect.  Speeds that answer no command have no stamp.
     """
     n = len(speeds)
     message = Float64MultiArray()
@@ -44,7 +44,7 @@ def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
 
 
 def fill_speeds(message: Float64MultiArray, speeds: Array, time: int | None) -> Float64MultiArray:
-    """Fill a `speeds_message` again, in a quarter of the time of a new one."""
+    """Refill a `speeds_message`, in a quarter of the time that a new message takes."""
     message.data = array('d', speeds.tobytes())
     message.layout.dim[1].label = NO_STAMP if time is None else f'stamp {time}'
     return message
@@ -73,7 +73,7 @@ def state_messages(
     world: str,
     body: str,
 ) -> tuple[PoseStamped, TwistStamped]:
-    """Return a pose in the world frame and a velocity in the body frame, with their names."""
+    """Return a pose in the world frame and a velocity in the body frame."""
     pose = PoseStamped(header=Header(stamp=time, frame_id=world))
     p, q = pose.pose.position, pose.pose.orientation
     p.x, p.y, p.z = position.tolist()
@@ -86,7 +86,7 @@ def state_messages(
 
 
 def wrong_frame(frame: str, expected: str) -> str | None:
-    """Return what is wrong with the frame, if anything: any is right where none is expected."""
+    """Return what is wrong with a frame; None if it is as expected, or one of the two is empty."""
     if frame == expected or not frame or not expected:
         return None
     return f'in {frame!r:.99}: expected {expected}'

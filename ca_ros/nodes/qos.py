@@ -3,7 +3,7 @@
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 LOCKSTEP_DEPTH = 2000
-"""Steps by which a recorder may lag in lockstep without losing a message."""
+"""Number of steps that a recorder may lag behind in lockstep without losing messages."""
 
 
 def offered(mode: str) -> QoSProfile:
@@ -26,4 +26,4 @@ def requested(mode: str) -> QoSProfile:
 COMMAND = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1
 )
-"""QoS of rare messages that must arrive, such as a waypoint."""
+"""QoS of rare messages that must arrive, such as waypoints and diagnostics."""

@@ -1,8 +1,8 @@
-"""The names that rclpy has but does not publish; no other module uses one.
+"""The private names of rclpy that the nodes need; no other module uses one.
 
-- rclpy raises the errors of its C++ part but exports no names for them.
-- rclpy exports no wait set, and an executor of one's own has to fill one; the guard condition
-  that wakes the executor and the kind of a subscription's callback are private, too.
+- rclpy raises errors of its C++ part but does not export their names.
+- An executor needs a wait set, the guard condition that wakes it, and the kind of a
+  subscription's callback; rclpy exports none of these.
 - rclpy has no public access to parameters that were given to a node but not declared.
 """
 

@@ -34,26 +34,26 @@ from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.vehicle.vehicle import Vehicle
 
 REPEAT = 0.2
-"""In lockstep the node publishes an unanswered state again after this time [s]."""
+"""Time after which the node publishes an unanswered state again in lockstep [s]."""
 
 BACKLOG = LOCKSTEP_DEPTH // 4
-"""In lockstep the node waits for its subscribers after so many steps."""
+"""Number of steps after which the node waits for its subscribers in lockstep."""
 
 CATCH_UP_MAX = 2.0
-"""Longest such wait [s]: a subscriber that was killed never acknowledges."""
+"""Longest wait for the subscribers [s]: one that was killed never acknowledges."""
 
 BEHIND_MAX = 0.5
-"""In real time the simulation catches up with the clock if it is not more than this behind [s]."""
+"""Greatest lag behind the clock that the simulation catches up with in real time [s]."""
 
 
 class SimulatorNode(VehicleNode):
     """Integrates the vehicle with explicit Euler steps.
 
     The vehicle rests until the first command.  In real time the node then takes its steps by the
-    steady clock times a factor, with the last command.  Where it cannot keep up, it skips steps
-    of the motion but not of the stamps.  In lockstep it takes one step for each command that
-    answers its present state.  From the time `simulator.hold_at` of a lockstep on it publishes no
-    state until that parameter changes, so that other parameters can be set at a defined time.
+    steady clock times a factor, with the last command.  If it cannot keep up, the stamps skip
+    ahead and the motion does not.  In lockstep the node takes one step for each command that
+    answers its present state.  At the time `simulator.hold_at` of a lockstep it stops publishing
+    states until that parameter changes, so other parameters can be set at a defined time.
     """
 
     declared = SIMULATOR
@@ -83,12 +83,12 @@ class SimulatorNode(VehicleNode):
         self.observe('simulation')
 
     def build(self, parameters: dict[str, Any]) -> RigidBody:
-        """Make the body."""
+        """Create the rigid body."""
         drag = parameters['simulator.rotational_drag']
         return RigidBody(Vehicle.from_parameters(parameters), drag)
 
     def adopt(self, built: RigidBody) -> None:
-        """Move like this body from the next step on."""
+        """Use this rigid body from the next step on."""
         self.body = built
         # Other programs may exceed the bound by a rounding error.
         self._greatest = built.vehicle.speed_max * (1.0 + 1e-9)
@@ -105,7 +105,7 @@ class SimulatorNode(VehicleNode):
         return [*levels, (STALE, 'no command yet') if self._resting else (OK, 'in flight')]
 
     def watch(self) -> None:
-        """Give the rotors the timeout action while no commands come."""
+        """Apply the timeout action while no commands come, except in lockstep."""
         if self.mode == 'lockstep':
             return
         if self._watchdog.look():
@@ -132,9 +132,9 @@ class SimulatorNode(VehicleNode):
         elif self.mode == 'realtime':
             if self._resting:
                 if answers_nothing(command):
-                    self.drop('rest', 'a timeout action: the vehicle rests until a command comes')
+                    self.drop('rest', 'a timeout action before the first command')
                     return
-                self._leave_out(self.steady.now().nanoseconds)
+                self._skip(self.steady.now().nanoseconds)
             self._follow(speeds)
         elif speeds_stamp(command) == self._time:
             self._follow(speeds)
@@ -168,19 +168,19 @@ class SimulatorNode(VehicleNode):
         now = self.steady.now().nanoseconds
         behind = now - self._due
         if self._resting:
-            if self._leave_out(now):
+            if self._skip(now):
                 self._repeat()
         elif behind > BEHIND_MAX * 1e9:
             self.get_logger().warning(
                 f'{behind / 1e9:.1f} s behind the clock: the stamps catch up, the motion does not'
             )
-            self._leave_out(now)
+            self._skip(now)
         while not self._resting and self._due <= now:
             self._due += self._period_ns
             self._step()
 
-    def _leave_out(self, now: int) -> int:
-        """Skip the steps that are due, but for their stamps; return how many."""
+    def _skip(self, now: int) -> int:
+        """Skip the steps that are due, except for their stamps; return how many."""
         steps = (now - self._due) // self._period_ns
         self._due += steps * self._period_ns
         self._time += steps * self._step_ns
@@ -192,7 +192,7 @@ class SimulatorNode(VehicleNode):
             self._state = self.body.step(self._state, self._command, self._step_ns / 1e9)
         except FloatingPointError as error:
             self.get_logger().error(
-                f'{error}: it is held where it is',
+                f'{error}: the state is held',
                 throttle_duration_sec=1.0,
                 throttle_time_source_type=self.steady,
             )

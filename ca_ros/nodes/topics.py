@@ -21,13 +21,13 @@ class Topic:
     Attributes
     ----------
     name : str
-        As the publisher gives it: relative to the namespace, to the node (``~/``), or absolute.
+        Relative to the namespace or to the publisher (``~/``), or absolute.
     kind : type
-        Of its messages.
+        The message type.
     publisher : str
-        The node that publishes it; empty for topics that all nodes publish.
+        The node that publishes the topic; empty if all nodes do.
     subscribers : tuple of str
-        The nodes of the loop that subscribe to it.
+        The nodes of the loop that subscribe to the topic.
     stream : bool
         Whether each step of the loop has one message, with the stamp of the step.
     """

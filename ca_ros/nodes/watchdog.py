@@ -16,16 +16,16 @@ TICK = 0.02
 class Watchdog:
     """Expires when commands cease, by the steady clock, since ROS time may pause or jump.
 
-    It is asleep until the first command: before that the rotors rest.
+    The watchdog is asleep until the first command, because the rotors rest until then.
 
     Attributes
     ----------
     timeout : float
         Longest time without a command [s].
     expired : bool
-        Whether it had expired at the last look.
+        Whether the timeout had passed at the last look.
     begun : bool
-        Whether that look was the first with this result since the last command.
+        Whether the last look was the first after the timeout.
     """
 
     def __init__(self, timeout: float = 0.0) -> None:
@@ -41,13 +41,13 @@ class Watchdog:
 
     @property
     def over(self) -> bool:
-        """Whether the timeout has passed; once seen, only a command resets it."""
+        """Whether the timeout has passed; after `look` has seen this, only a command resets it."""
         if self._last is None:
             return False
         return self._missed == self._last or monotonic() - self._last > self.timeout
 
     def wake(self) -> None:
-        """Wake up by a command that cannot be served."""
+        """Note a command that cannot be served, which counts only as the first one."""
         if not self.awake:
             self.feed()
 

@@ -23,7 +23,7 @@ At 0.05 a command along the axis takes twenty times the thrusts that it would ta
 
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:
-    """Return the least and the greatest mass that the rotors lift, without regard to torques [kg]."""
+    """Return the least and the greatest mass that the rotors lift, torques ignored [kg]."""
     up = vehicle.rotor_axes[:, 2]
     ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0)
     least, most = ends.sum(axis=1) / vehicle.gravity

@@ -1,4 +1,4 @@
-"""The control allocation matrix: what the thrusts of the rotors do to the body."""
+"""The control allocation matrix: the force and torque per thrust of each rotor."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ def rotor_wrenches(vehicle: Vehicle) -> Array:
     Returns
     -------
     (6, n) array
-        Rows force x, y, z [N/N] and torque x, y, z [N m/N] in the body frame, for axes in any
-        direction.
+        Rows: force x, y, z [N/N] and torque x, y, z [N m/N] in the body frame.
     """
     k = vehicle.torque_coefficient / vehicle.thrust_coefficient
     torques = (
@@ -36,7 +35,7 @@ def control_allocation_matrix(vehicle: Vehicle) -> Array:
     Returns
     -------
     (m, n) array
-        One row for each of the vehicle's commanded axes; for the usual four, thrust [N/N] and
-        torque x, y, z [N m/N], u = (thrust, tau_x, tau_y, tau_z).
+        One row for each of the vehicle's commanded axes; by default u = (thrust, tau_x, tau_y,
+        tau_z), with the rows thrust [N/N] and torque x, y, z [N m/N].
     """
     return rotor_wrenches(vehicle)[[AXES.index(axis) for axis in vehicle.axes]]

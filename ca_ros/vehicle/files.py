@@ -1,8 +1,8 @@
-"""The parameter files of vehicles, shipped ones and others.
+"""The parameter files of vehicles.
 
 They are ROS parameter files.  ROS reads them for the nodes, and `read` reads them for Python.
-Their sections have the names of nodes, with wildcards: ``/**: ros__parameters:`` is for all nodes,
-``/uav1/allocator: ros__parameters:``, as `ros2 param dump` writes it, for one.
+A section has the name of a node, which may have wildcards: ``/**: ros__parameters:`` is for all
+nodes, and ``/uav1/allocator: ros__parameters:``, as `ros2 param dump` writes it, is for one.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import yaml
 from ca_ros.schema import ParameterError
 
 DEPTH_MAX = 20
-"""How deep lists and mappings may be nested in a YAML text."""
+"""Largest depth of nested lists and mappings in a YAML text."""
 
 
 class PlainLoader(yaml.SafeLoader):
-    """Reads words, numbers, booleans, lists and mappings; every fault is a `yaml.YAMLError`.
+    """Reads strings, numbers, booleans, lists and mappings; any fault raises `yaml.YAMLError`.
 
-    As in ROS, aliases are refused, and dates are words.
+    As in ROS, aliases are refused, and dates are strings.
     """
 
     depth = 0
@@ -66,12 +66,12 @@ PlainLoader.yaml_implicit_resolvers = {
 
 
 def read_yaml(text: str) -> Any:
-    """Return the content of a YAML text that comes from a user.
+    """Return the content of a YAML text.
 
     Raises
     ------
     ParameterError
-        In one line, if it is not YAML, or not plain: see `PlainLoader`.
+        In one line, if the text is not plain YAML: see `PlainLoader`.
     """
     try:
         return yaml.load(text, PlainLoader)
@@ -95,8 +95,7 @@ class NoSectionError(ParameterError):
 def config_directory() -> Path:
     """Return the folder of the shipped parameter files.
 
-    It is ``share/ca_ros/config`` of the prefix the package is installed in, or ``config`` of the
-    source tree.
+    This is ``share/ca_ros/config`` in the installation prefix, or ``config`` in the source tree.
     """
     package = Path(__file__).resolve().parent
     for parent in package.parents:
@@ -128,8 +127,8 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     vehicle : str or path
         A shipped vehicle's name, or a path to a YAML file.
     node : str, optional
-        The full name of a node, such as ``/uav1/allocator``: read what ROS would give this node.
-        By default, read what the file's allocator would get, or the only node that the file names.
+        The full name of a node, such as ``/uav1/allocator``: read the parameters that ROS would
+        give this node.  Default: the allocator, or the only node that the file names.
 
     Returns
     -------
@@ -156,7 +155,7 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
 
 
 def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
-    """Return the parameters by name that ROS would give a node: later sections override."""
+    """Return the parameters that ROS would give a node by name; later sections override."""
     sections = _sections(content) if isinstance(content, Mapping) else []
     if not sections or not all(isinstance(section, Mapping) for _, section in sections):
         raise ParameterError(
@@ -198,13 +197,13 @@ def _sections(tree: Mapping[Any, Any], name: str = '') -> list[tuple[str, Any]]:
 
 
 def matches(pattern: str, node: str) -> bool:
-    """Tell whether ROS gives a section to a node: * is one part of its name, ** any number."""
+    """Return whether a section is for a node: * stands for one part of its name, ** for any."""
     expression = re.escape(pattern).replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
     return re.fullmatch(expression, node) is not None
 
 
 def _example(pattern: str) -> str:
-    """Return a node that a section is for, an allocator if there can be one."""
+    """Return the name of a node that a section is for, an allocator if possible."""
     name = re.sub(r'/\*\*?$', '/allocator', pattern)
     return name.replace('/**', '').replace('/*', '/vehicle')
 

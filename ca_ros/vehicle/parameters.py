@@ -26,7 +26,7 @@ VEHICLE = {
         'direction of thrust of all rotors, or of each', array=True, default=[0.0, 0.0, 1.0]
     ),
     'rotors.spins': Parameter(
-        'sense of rotation of each rotor, seen against its thrust from above',
+        'sense of rotation of each rotor, seen from above (against its thrust)',
         str,
         array=True,
         choices=('cw', 'ccw'),
@@ -55,8 +55,8 @@ VEHICLE = {
         choices=AXES,
     ),
     'allocation.lost_axes': Parameter(
-        'refuse: do not start unless the rotors can command every axis and hover; drop: start '
-        'all the same, without the lost axes (nodes always drop axes that are lost in flight)',
+        'if the rotors cannot command every axis and hover: refuse: do not start; drop: start '
+        'without the lost axes (axes that are lost in flight are always dropped)',
         str,
         default='refuse',
         choices=('refuse', 'drop'),

@@ -92,8 +92,7 @@ class Vehicle:
         vehicle : str or path
             A shipped vehicle's name, such as ``'hexarotor'``, or a path to a YAML file.
         node : str, optional
-            Read what ROS would give this node, such as ``/uav1/allocator``; by default what it
-            would give the allocator, or the only node that the file names.
+            As in `ca_ros.vehicle.files.read`.
 
         Raises
         ------
