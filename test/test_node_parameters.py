@@ -15,13 +15,12 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle, make_allocator
-from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, PARAMETERS, SIMULATOR, load
+from ca_ros.nodes.parameters import ALLOCATOR, DECLARED, PARAMETERS, load
 from ca_ros.schema import REQUIRED
 from ros import Graph
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 from test_parameters import SECTIONS, sections
 
-NODES = {'allocator': ALLOCATOR, 'simulator': SIMULATOR, 'controller': CONTROLLER}
 SHIPPED = {
     name: value for name, value in {
         **{name: parameter.default for name, parameter in PARAMETERS.items()},
@@ -160,7 +159,7 @@ def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_p
         check_line('allocator', code, said, [f'{name}: ', word])
 
 
-@pytest.mark.parametrize('node', NODES)
+@pytest.mark.parametrize('node', DECLARED)
 def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
     process = graph.start_silent(
         node, '--vehicle', 'hexarotor', '--ros-args', '-p', 'camera.exposure:=3',
@@ -170,8 +169,8 @@ def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
           for word in ('-p', f'{name}:={json.dumps(value)}')))
     parameters = graph.connect(node)
     # A node declares what it uses, and no more.
-    assert parameters.get(*NODES[node]) == [SHIPPED[name] for name in NODES[node]]
-    others = [name for name in SHIPPED if name not in NODES[node]]
+    assert parameters.get(*DECLARED[node]) == [SHIPPED[name] for name in DECLARED[node]]
+    others = [name for name in SHIPPED if name not in DECLARED[node]]
     results = parameters.set({name: SHIPPED[name] for name in others})
     assert [name for name, result in zip(others, results, strict=True)
             if result.successful or f"'{name}'" not in result.reason] == []

@@ -21,20 +21,13 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
-from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, SIMULATOR
+from ca_ros.nodes.parameters import DECLARED
 from ca_ros.nodes.qos import COMMAND, offered
 
 LINKS = tuple(topic.name for topic in topics.LINKS)
 
 REPEAT = 2.0
 """Period of requests for the parameters [s]: DDS may lose an early answer."""
-
-ASKED = {
-    'allocator': list(ALLOCATOR),
-    'controller': list(CONTROLLER),
-    'simulator': list(SIMULATOR),
-}
-"""The parameters that each node is asked for."""
 
 
 class Recorder(Node):
@@ -59,11 +52,11 @@ class Recorder(Node):
         )
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._parameter_clients = {
-            node: self.create_client(GetParameters, f'{node}/get_parameters') for node in ASKED
+            node: self.create_client(GetParameters, f'{node}/get_parameters') for node in DECLARED
         }
-        self._asked = dict.fromkeys(ASKED, -REPEAT)
+        self._asked = dict.fromkeys(DECLARED, -REPEAT)
         self.parameters: dict[str, dict[str, Any]] = {}
-        """The parameters `ASKED` of each running node that has answered, by name."""
+        """The parameters of each running node that has answered, by name."""
         self.restart()
 
     def restart(self) -> None:
@@ -107,7 +100,7 @@ class Recorder(Node):
             lacking.append(topics.WAYPOINT.name)
         if not any(len(sample) == 5 for sample in self._samples.values()):
             lacking.append(topics.SPEEDS.name)
-        for node in ASKED:
+        for node in DECLARED:
             if node not in self.parameters:
                 lacking.append(f'{node}/get_parameters')
                 self._ask(node)
@@ -122,12 +115,12 @@ class Recorder(Node):
         client = self._parameter_clients[node]
         if monotonic() > self._asked[node] + REPEAT and client.service_is_ready():
             self._asked[node] = monotonic()
-            request = GetParameters.Request(names=ASKED[node])
+            request = GetParameters.Request(names=list(DECLARED[node]))
             client.call_async(request).add_done_callback(partial(self._receive_parameters, node))
 
     def _receive_parameters(self, node: str, answer: Any) -> None:
         values = map(parameter_value_to_python, answer.result().values)
-        self.parameters[node] = dict(zip(ASKED[node], values, strict=True))
+        self.parameters[node] = dict(zip(DECLARED[node], values, strict=True))
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors start."""

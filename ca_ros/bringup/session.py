@@ -159,10 +159,12 @@ class Session:
         if self._interrupts:
             raise Stopped(f'interrupted by {signal.Signals(self._interrupts[0]).name}')
         respawned = self._processes.respawn() if self._options.respawn else {}
-        if ended := self._processes.ended():
-            raise Stopped(', '.join(f'the {name} {_exit(code)}' for name, code in ended.items()))
+        if ended := self._processes.ended().items():
+            raise Stopped(
+                ', '.join(f'the {name} ended with exit code {code}' for name, code in ended)
+            )
         for name, code in respawned.items():
-            line = f'bringup: the {name} {_exit(code)} and is started again'
+            line = f'bringup: the {name} ended with exit code {code} and is started again'
             if name == 'simulator':
                 # The vehicle must rest until the recorder is connected.
                 self._processes.restart('controller')
@@ -228,10 +230,6 @@ def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
         for node, names in found.items()
         if names
     )
-
-
-def _exit(code: int) -> str:
-    return f'ended with exit code {code}'
 
 
 def _show(progress: float, duration: float) -> None:

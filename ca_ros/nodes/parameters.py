@@ -93,6 +93,9 @@ SIMULATOR = {
     **_node('timeout_action', 'world_frame', 'simulator.real_time_factor', 'simulator.hold_at'),
 }
 
+DECLARED = {'allocator': ALLOCATOR, 'controller': CONTROLLER, 'simulator': SIMULATOR}
+"""The parameters that each node declares, by the name of the node."""
+
 
 def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
     """Read and check the parameter file of a vehicle.
