@@ -84,7 +84,7 @@ class Bag:
         self.close()
 
     def listen(self, namespace: str) -> None:
-        """Subscribe to all topics with a node of its own, which needs no executor."""
+        """Subscribe to all topics; `write` takes the messages without an executor."""
         self._node = Node(
             'bag', namespace=namespace, start_parameter_services=False, enable_rosout=False
         )

@@ -129,19 +129,19 @@ class FaultProxy(ParameterNode):
         message.header.stamp = self.get_clock().now().to_msg()
         for topic, faults in self._faults.items():
             values = {**self._counts[topic], 'on their way': len(self._links[topic])}
-            said = [f'{name} {value:g}' for name, value in faults.active.items()]
+            notes = [f'{name} {value:g}' for name, value in faults.active.items()]
             stream = self._in[topic]
             for other in self.get_publishers_info_by_topic(stream.topic_name):
                 fault = mismatch(other, stream, other.qos_profile, stream.qos_profile)
                 if fault is None:
                     continue
-                said.append(f'a publisher offers another {fault}: its messages are not forwarded')
-                self.get_logger().warning(f'{topic}: {said[-1]}', throttle_duration_sec=10.0)
+                notes.append(f'a publisher offers another {fault}: its messages are not forwarded')
+                self.get_logger().warning(f'{topic}: {notes[-1]}', throttle_duration_sec=10.0)
             message.status.append(
                 DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if said else DiagnosticStatus.OK,
+                    level=DiagnosticStatus.WARN if notes else DiagnosticStatus.OK,
                     name=f'{self.get_fully_qualified_name().lstrip("/")}: {topic}',
-                    message=', '.join(said) or 'no faults',
+                    message=', '.join(notes) or 'no faults',
                     hardware_id='link',
                     values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
                 )

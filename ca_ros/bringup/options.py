@@ -105,7 +105,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     options = parser.parse_args(own)
     options.failures = failures_of(options)
     if options.fail and options.respawn:
-        parser.error('--fail excludes --respawn, which restarts the flight with sound rotors')
+        parser.error('--fail: not with --respawn, which restarts the flight with sound rotors')
     options.ros = ros
     for name in ('method', 'mode', 'out', 'bag', 'faults'):
         setattr(options, name, getattr(options, name, None))

@@ -99,13 +99,14 @@ class Session:
             If the flight ended early.
         """
         try:
-            began = time.monotonic()
-            while time.monotonic() < began + LOOK_AROUND and not self._interrupts:
-                self._executor.spin_once(timeout_sec=0.05)
-            self._check_alone(own=0)
             # The bag closes after the nodes have ended, so it is complete.
-            with self._bag or nullcontext(), self._processes:
-                return self._fly(waypoint)
+            with self._bag or nullcontext():
+                began = time.monotonic()
+                while time.monotonic() < began + LOOK_AROUND and not self._interrupts:
+                    self._executor.spin_once(timeout_sec=0.05)
+                self._check_alone(own=0)
+                with self._processes:
+                    return self._fly(waypoint)
         finally:
             self._executor.shutdown()
             self._recorder.destroy_node()

@@ -81,7 +81,7 @@ class Controller:
     Parameters
     ----------
     vehicle : Vehicle
-        With the rotors' health as far as it is known.
+        With the announced health of the rotors.
     gains : Gains
     order : sequence of groups of axes, optional
         Priorities, see `AdmissibleSet.prioritize`.

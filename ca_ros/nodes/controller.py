@@ -71,7 +71,7 @@ class ControllerNode(VehicleNode):
         return [*levels, (OK, 'under way') if self._watchdog.awake else (STALE, waiting)]
 
     def watch(self) -> None:
-        """Log when no states come; a lockstep may pause at will."""
+        """Log when no states come, except in lockstep."""
         if self.mode == 'realtime' and self._watchdog.look() and self._watchdog.begun:
             self.get_logger().error(f'no state for {self._watchdog.timeout:g} s')
 
@@ -127,7 +127,7 @@ class ControllerNode(VehicleNode):
         self._wrench.publish(wrench_message(wrench, header))
 
     def _wrong_frame(self, message: PoseStamped | TwistStamped, name: str) -> str | None:
-        """Return what is wrong with a message's frame by a parameter; None if it is right."""
+        """Return how a message's frame contradicts a parameter; None if it does not."""
         fault = wrong_frame(message.header.frame_id, self.parameters[name])
         return f'{fault} (parameter {name})' if fault else None
 

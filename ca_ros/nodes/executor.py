@@ -81,7 +81,7 @@ class Executor(executors.Executor):
         super().wake()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait until something is ready, for the timeout at most [s], and serve what is ready."""
+        """Wait until something is ready, at most for the timeout [s], and serve all that is ready."""
         self._turn(timeout_sec, everything=True)
 
     def spin_streams(self, timeout_sec: float | None = None) -> None:
@@ -91,7 +91,7 @@ class Executor(executors.Executor):
     def _turn(self, timeout_sec: float | None, everything: bool) -> None:
         if self._changed:
             self._gather()
-        # rcl removes what is not ready from a wait set, so it is filled again each turn.
+        # rcl removes entities that are not ready from a wait set, so each turn fills it again.
         wait_set = self._wait_set
         wait_set.clear_entities()
         wait_set.add_guard_condition(guard_condition(self).handle)

@@ -24,8 +24,8 @@ NODE = {
         mutable=True,
     ),
     'timeout_action': Parameter(
-        'what the rotors do until commands return: idle: their least speeds; stop: stand still; '
-        'hold: keep the last speeds',
+        'rotor speeds until commands return: idle: the least speeds; stop: zero; hold: the last '
+        'speeds',
         str,
         default='idle',
         choices=('idle', 'stop', 'hold'),
@@ -39,10 +39,13 @@ NODE = {
         mutable=True,
     ),
     'world_frame': Parameter(
-        'frame of poses and waypoints, with the same rule', str, default='map', mutable=True
+        'frame of poses and waypoints, with the rule of command_frame',
+        str,
+        default='map',
+        mutable=True,
     ),
     'command_age_max': Parameter(
-        'greatest age, or lead, of a wrench by ROS time; older ones are dropped; 0: no limit [s]',
+        'greatest age or lead of a wrench in ROS time; others are dropped; 0: no limit [s]',
         default=0.0,
         minimum=0.0,
         mutable=True,
@@ -55,21 +58,20 @@ NODE = {
         mutable=True,
     ),
     'simulator.real_time_factor': Parameter(
-        'simulated time that passes in a second, in mode realtime; stamps follow the clock only '
-        'at 1 [s/s]',
+        'simulated seconds per second in mode realtime; stamps follow the clock only at 1 [s/s]',
         default=1.0,
         minimum=0.01,
         maximum=10.0,
     ),
     'simulator.hold_at': Parameter(
-        'time of the simulation at which it waits in mode lockstep, until this is set to a later '
-        'time, or to 0 for none [s]',
+        'simulated time at which the simulator waits in mode lockstep, until this parameter is set '
+        'to a later time, or to 0 to go on [s]',
         default=0.0,
         minimum=0.0,
         mutable=True,
     ),
 }
-"""What the nodes add to the parameters of the rooms below; a change of these rebuilds nothing."""
+"""The parameters of the nodes themselves.  Changes of these rebuild no allocator or controller."""
 
 PARAMETERS = {**VEHICLE, **ALLOCATION, **flight.CONTROLLER, **flight.SIMULATOR, **NODE}
 """All parameters that the file of a vehicle may have."""

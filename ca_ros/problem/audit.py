@@ -32,7 +32,7 @@ CHOICES_MAX = 2000
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """What a vehicle can command.
+    """The result of an audit.
 
     Attributes
     ----------

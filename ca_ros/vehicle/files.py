@@ -76,8 +76,8 @@ def read_yaml(text: str) -> Any:
     try:
         return yaml.load(text, PlainLoader)
     except yaml.YAMLError as error:
-        said = str(error).replace(' in "<unicode string>"', '')
-        raise ParameterError(f'not readable YAML: {" ".join(said.split())}') from None
+        text = str(error).replace(' in "<unicode string>"', '')
+        raise ParameterError(f'not readable YAML: {" ".join(text.split())}') from None
 
 
 def read_value(name: str, text: str) -> Any:
@@ -104,7 +104,7 @@ def config_directory() -> Path:
         if (parent / 'share' / 'ca_ros' / 'config').is_dir():
             return parent / 'share' / 'ca_ros' / 'config'
     raise ParameterError(
-        f'the shipped parameter files of ca_ros are not beside {package}: reinstall the package'
+        f'no shipped parameter files of ca_ros were found from {package}: reinstall the package'
     )
 
 
