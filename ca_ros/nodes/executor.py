@@ -81,7 +81,7 @@ class Executor(executors.Executor):
         super().wake()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait until something is ready, at most for the timeout [s], and serve all that is ready."""
+        """Wait at most the timeout [s] until something is ready, and serve all that is ready."""
         self._turn(timeout_sec, everything=True)
 
     def spin_streams(self, timeout_sec: float | None = None) -> None:

@@ -64,7 +64,7 @@ NODE = {
         maximum=10.0,
     ),
     'simulator.hold_at': Parameter(
-        'simulated time at which the simulator waits in mode lockstep, until this parameter is set '
+        'simulated time at which the simulator waits in mode lockstep until this parameter is set '
         'to a later time, or to 0 to go on [s]',
         default=0.0,
         minimum=0.0,
