@@ -1,8 +1,8 @@
 """What a parameter is, and the one check of names and values.
 
-Each room has a table of its parameters in its ``parameters.py``, and adds it to `PARAMETERS` with
-`declare`.  Values from ROS and values from a file pass through `complete`: a fault gets the same
-message from both.
+Each subpackage has a table of its parameters in its ``parameters.py``, and adds the table to
+`PARAMETERS` with `declare`.  Values from ROS and from files are checked by `complete`, so that a
+wrong value gets the same message from both.
 """
 
 from __future__ import annotations
@@ -76,14 +76,14 @@ class Parameter:
 
 
 PARAMETERS: dict[str, Parameter] = {}
-"""All parameters that the file of a vehicle may have, in the order of the rooms.
+"""All parameters that the file of a vehicle may have, in the order of the subpackages.
 
-``import ca_ros`` imports the table of every room.
+``import ca_ros`` imports the table of every subpackage.
 """
 
 
 def declare(table: Mapping[str, Parameter]) -> None:
-    """Add the table of a room to `PARAMETERS`."""
+    """Add the table of a subpackage to `PARAMETERS`."""
     PARAMETERS.update(table)
 
 

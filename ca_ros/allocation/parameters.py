@@ -21,4 +21,4 @@ declare(ALLOCATION)
 PRIORITIES = {
     name: ALLOCATION[name] for name in ('allocation.exact.order', 'allocation.exact.reversal')
 }
-"""What the controller shares with the method exact."""
+"""The parameters of ``exact`` that the controller also uses."""

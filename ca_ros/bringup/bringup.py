@@ -235,8 +235,7 @@ def _fly(
                     _show(progress, options.duration)
                 elif deadline.passed():
                     raise Stopped(
-                        f'the flight has stalled at {progress:.2f} s '
-                        f'for {START_TIMEOUT:g} s'
+                        f'the flight has stalled at {progress:.2f} s for {START_TIMEOUT:g} s'
                     )
             if bag:
                 end = recorder.end(options.duration)
