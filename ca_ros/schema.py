@@ -1,6 +1,6 @@
 """The type of a parameter, and the check of names and values.
 
-Each room has a table of its parameters in its ``parameters.py``.  `ca_ros.nodes.parameters`
+Each subpackage has a table of its parameters in its ``parameters.py``.  `ca_ros.nodes.parameters`
 combines them into the table of a file and the tables of the nodes.  Values from ROS and values
 from a file are checked here, so a fault gets the same message from both.
 """

@@ -1,6 +1,6 @@
-"""Write the tree of the package, and what its rooms import, into docs/architecture.md.
+"""Write the tree of the package and the imports of its subpackages into docs/architecture.md.
 
-With --check nothing is written; the exit code says whether the page is up to date.
+With --check nothing is written, and the exit code is 1 if the page is not up to date.
 """
 
 import ast
@@ -12,11 +12,11 @@ from marks import filled
 DOCS = Path(__file__).resolve().parent
 PAGE, PACKAGE = DOCS / 'architecture.md', DOCS.parent / 'ca_ros'
 
-WAY = (
+ORDER = (
     'vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'nodes', 'bringup',
     'evaluation',
 )
-"""Rooms in the order in which they import each other; a room that is not here comes last."""
+"""The subpackages, each after those that it imports; others come last."""
 
 
 def summary(file: Path) -> str:
@@ -29,27 +29,27 @@ def summary(file: Path) -> str:
 
 
 def lines(folder: Path, depth: int = 0) -> list[str]:
-    """Return one line for a folder and one for each module in it."""
+    """Return the tree of a folder: one line for each folder and module."""
     indent = '  ' * depth
     found = [f'{indent}{folder.name + "/":{28 - len(indent)}} {summary(folder / "__init__.py")}']
     for file in sorted([*folder.glob('*.py'), *folder.glob('*.[ch]')]):
         if file.name != '__init__.py':
             found.append(f'{indent}  {file.name:{26 - len(indent)}} {summary(file)}')
-    rooms = [each for each in folder.iterdir() if (each / '__init__.py').exists()]
-    for room in sorted(rooms, key=lambda each: (place(each.name), each.name)):
-        found += lines(room, depth + 1)
+    inner = [each for each in folder.iterdir() if (each / '__init__.py').exists()]
+    for each in sorted(inner, key=lambda each: (place(each.name), each.name)):
+        found += lines(each, depth + 1)
     return found
 
 
 def place(name: str) -> int:
-    """Return where a room stands."""
-    return WAY.index(name) if name in WAY else len(WAY)
+    """Return the position of a subpackage in the order."""
+    return ORDER.index(name) if name in ORDER else len(ORDER)
 
 
-def imports(room: str) -> set[str]:
-    """Return the other rooms that a room imports."""
+def imports(subpackage: str) -> set[str]:
+    """Return the other subpackages that a subpackage imports."""
     found = set()
-    for file in (PACKAGE / room).rglob('*.py'):
+    for file in (PACKAGE / subpackage).rglob('*.py'):
         for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
             if not isinstance(node, (ast.Import, ast.ImportFrom)):
                 continue
@@ -58,28 +58,28 @@ def imports(room: str) -> set[str]:
                 names = [f'{node.module}.{name}' for name in names]
             parts = [name.split('.') for name in names]
             found |= {part[1] for part in parts if part[0] == PACKAGE.name and len(part) > 1}
-    rooms = {file.parent.name for file in PACKAGE.glob('*/__init__.py')}
-    return (found & rooms) - {room}
+    subpackages = {file.parent.name for file in PACKAGE.glob('*/__init__.py')}
+    return (found & subpackages) - {subpackage}
 
 
-def drawing() -> list[str]:
-    """Return a table: a row for each room, a cross for each room that it imports."""
-    rooms = sorted(
+def matrix() -> list[str]:
+    """Return a row for each subpackage, with a cross for each subpackage that it imports."""
+    names = sorted(
         (file.parent.name for file in PACKAGE.glob('*/__init__.py')),
         key=lambda name: (place(name), name),
     )
-    head = ' '.join(f'{room:^{len(room)}}' for room in rooms)
+    head = ' '.join(names)
     rows = []
-    for room in rooms:
-        marks = ('x' if other in imports(room) else '.' for other in rooms)
-        row = ' '.join(f'{m:^{len(other)}}' for m, other in zip(marks, rooms, strict=True))
-        rows.append(f'{room:12} {row}')
+    for name in names:
+        marks = ('x' if other in imports(name) else '.' for other in names)
+        row = ' '.join(f'{m:^{len(other)}}' for m, other in zip(marks, names, strict=True))
+        rows.append(f'{name:12} {row}')
     return [f'{"imports":12} {head}', *rows]
 
 
 def fresh(text: str) -> str:
     """Return the page with its generated parts replaced."""
-    for mark, content in (('tree', lines(PACKAGE)), ('imports', drawing())):
+    for mark, content in (('tree', lines(PACKAGE)), ('imports', matrix())):
         block = '\n'.join(line.rstrip() for line in content)
         text = filled(text, mark, f'```text\n{block}\n```')
     return text

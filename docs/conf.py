@@ -11,12 +11,12 @@ html_theme_options = {
     'page_width': '1200px',
     'sidebar_width': '260px',
 }
-# Headings have the anchors that they have on GitHub.
+# Headings have the same anchors as on GitHub.
 myst_heading_anchors = 4
 autodoc_member_order = 'bysource'
-# Docstrings have the types, with shapes and units.
+# Docstrings state the types, with shapes and units.
 autodoc_typehints = 'none'
-# Each object is described once, in the module that defines it.
+# Each object is documented once, in the module that defines it.
 autodoc_default_options = {'ignore-module-all': True}
 numpydoc_show_class_members = False
 
@@ -25,7 +25,7 @@ PAGE = re.compile(r'(?<!!)\[([^]]+)\]\((?!https?:|#)([^)]+)\)')
 
 
 def leave_out_files(app, name, source):
-    """Replace links to files that are not among the pages by their text."""
+    """Replace links to files outside the pages by their text."""
 
     def plain(found):
         page = found[2].partition('#')[0]
@@ -35,7 +35,7 @@ def leave_out_files(app, name, source):
 
 
 def escape_bars(app, what, name, thing, options, lines):
-    """Keep bars such as those of |u| as they are; reStructuredText has another use for them."""
+    """Escape bars such as those of |u|, which have a meaning in reStructuredText."""
     for i, line in enumerate(lines):
         # Every second part is a literal.
         parts = line.split('``')

@@ -1,7 +1,7 @@
-"""Print how thrusts change near the boundary of vehicles whose files have few digits.
+"""Print how thrusts change near the boundary for vehicles whose files have few digits.
 
-The table of docs/exact.md: for each number of digits the worst of four symmetric vehicles, with
-the default slack and with one of ten times the last digit.  Takes some minutes.
+This is the table of docs/exact.md: for each number of digits the worst of four symmetric
+vehicles, with the default slack and with a slack of ten times the last digit.  Takes some minutes.
 """
 
 from __future__ import annotations

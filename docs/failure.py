@@ -1,6 +1,6 @@
 """Fly every shipped vehicle with each of its rotors lost; fill the tables of docs/failure.md.
 
-Also draws its figure, by `dynamic_study`.  Takes some minutes.
+Also draws the plot of the page with `dynamic_study`.  Takes some minutes.
 """
 
 import shutil
@@ -28,16 +28,16 @@ PAGE, FIGURE = DOCS / 'failure.md', DOCS / 'failure.png'
 METHODS = ('exact', 'pseudo_inverse', 'fixed_pseudo_inverse')
 
 STUDY = f'--methods {",".join(METHODS)} --fail 1@8 --duration 14'
-"""The options of dynamic_study that draw the figure."""
+"""The options of dynamic_study that draw the plot."""
 
 START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)
-"""Where the rotor is lost, and 2 m from there, where the vehicle is sent then."""
+"""The waypoint at which the rotor is lost, and the next waypoint, 2 m away."""
 
 LOST, SENT, SETTLED, END = 1.0, 3.0, 15.0, 75.0
-"""When the rotor is lost, when the waypoint is sent; when it is to be there; the end [s]."""
+"""Times of the loss, of the next waypoint, at which it has to be reached, and of the end [s]."""
 
 THERE = 0.05
-"""How far from the waypoint the vehicle may be [m]."""
+"""Greatest distance from the waypoint [m]."""
 
 DRAG = 5e-4
 """Rotational drag of six cylindrical arms, see the page [N m s^2/rad^2]."""
@@ -45,10 +45,10 @@ DRAG = 5e-4
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a flight with a lost rotor went: distances [m], greatest tilt [rad], spin [rad/s].
+    """The result of a flight with a lost rotor: distances [m], greatest tilt [rad], spin [rad/s].
 
-    `away` is the greatest distance from the waypoint once the vehicle should be there, `end` the
-    last one, `drop` how far the vehicle came below the height at which it lost the rotor.
+    `away` is the greatest distance from the waypoint after `SETTLED`, `end` the distance at the
+    end, `drop` the depth below the height at which the vehicle lost the rotor.
     """
 
     away: float
@@ -84,7 +84,7 @@ def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> O
 
 
 def rotors_table() -> str:
-    """Return vehicle by rotor by lost axes, and whether it flies."""
+    """Return the lost axes of each vehicle without each rotor, and whether it flies."""
     rows: dict[tuple[str, ...], list[int]] = {}
     for file in sorted(config_directory().glob('*.yaml')):
         sound = Case.load(file.stem)
@@ -122,7 +122,7 @@ def rotors_table() -> str:
 
 
 def verdict(outcome: Outcome) -> str:
-    """Say whether it flies."""
+    """Return in words whether the vehicle flies."""
     if outcome.flies:
         return 'flies'
     if outcome.end <= THERE:
@@ -131,7 +131,7 @@ def verdict(outcome: Outcome) -> str:
 
 
 def spans(numbers: list[int]) -> str:
-    """Return numbers in words: 1-4, 6."""
+    """Return numbers as ranges: 1-4, 6."""
     parts: list[list[int]] = []
     for number in numbers:
         if parts and number == parts[-1][-1] + 1:
@@ -142,7 +142,7 @@ def spans(numbers: list[int]) -> str:
 
 
 def delays_table() -> str:
-    """Return what the time until the announcement costs."""
+    """Return tilt and drop for each time between loss and announcement."""
     rows = []
     delays = (0.05, 0.1, 0.2, 0.5, 1.0, None)
     for name in ('hexarotor', 'hexarotor_ppnnpn', 'octorotor', 'x8', 'y6'):
@@ -157,10 +157,10 @@ def delays_table() -> str:
 
 
 def main() -> None:
-    """Fill the page and draw the figure."""
+    """Fill the page and draw the plot."""
     text = PAGE.read_text(encoding='utf-8')
     with warnings.catch_warnings():
-        # Of vehicles that tumble until their numbers overflow.
+        # The state of a tumbling vehicle overflows.
         warnings.simplefilter('ignore', RuntimeWarning)
         text = filled(text, 'rotors', rotors_table())
         text = filled(text, 'delays', delays_table())

@@ -1,10 +1,10 @@
-"""Fill the generated parts of pages, which stand between two comments, as `<!-- rows -->`."""
+"""Fill the generated parts of pages, between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 
 import re
 
 
 def filled(text: str, mark: str, content: str) -> str:
-    """Return a page with what stands between two marks replaced."""
+    """Return a page with the text between two marks replaced."""
     new, count = re.subn(
         rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
         lambda match: f'{match[1]}\n{content}\n\n{match[2]}',

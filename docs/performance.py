@@ -24,7 +24,7 @@ def summary(body: str) -> str:
 def main(folder: Path) -> None:
     """Take benchmark.json, benchmark.md and benchmark.png from a folder."""
     if json.loads((folder / 'benchmark.json').read_text(encoding='utf-8'))['settings']['quick']:
-        sys.exit(f'{folder}: holds a quick benchmark, whose figures are not for the pages')
+        sys.exit(f'{folder}: has a quick benchmark; the pages need a full one')
     report = (folder / 'benchmark.md').read_text(encoding='utf-8').strip()
     body = report.partition('\n')[2].strip()
     pages = {

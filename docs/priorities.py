@@ -1,6 +1,6 @@
-"""Compare the rules of `allocation.exact.reversal`; fill the tables of docs/priorities.md.
+"""Compare the values of `allocation.exact.reversal`; fill the tables of docs/priorities.md.
 
-Flies saturating manoeuvres with every shipped vehicle.  Takes about two minutes.
+Flies manoeuvres that saturate the rotors with every shipped vehicle.  Takes about two minutes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DURATION = 8.0
 """Of each flight [s]."""
 
 THERE = 0.3
-"""Distance to the waypoint at the end within which a vehicle has recovered [m]."""
+"""Greatest distance from the waypoint at the end for a flight to count as recovered [m]."""
 
 ROUNDING = 1e-9
 
@@ -46,7 +46,7 @@ def upset(
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Array:
-    """Return a state: tilted [degrees] towards an azimuth [degrees], turning and moving."""
+    """Return a state: tilted [degrees] towards an azimuth [degrees], rotating and moving."""
     state = NULL_STATE.copy()
     axis = np.array([-sin(radians(towards)), cos(radians(towards)), 0.0])
     state[ATTITUDE] = Rotation.from_rotvec(radians(tilt) * axis).as_quat()
@@ -80,15 +80,15 @@ MANOEUVRES = {
 
 
 class Direct(Controller):
-    """The controller without its own projection: the allocator gets what it wants."""
+    """The controller without the limit of its wrench."""
 
     def wrench(self, *state: Array, waypoint: Waypoint | None = None) -> Array:
-        """Return the wrench that the controller wants, admissible or not."""
+        """Return the demand of the controller, admissible or not."""
         return self.demand(*state)  # type: ignore[arg-type]
 
 
 class Recorder:
-    """An allocator that counts unattainable commands, and those of which yaw is off its sense."""
+    """An allocator that counts unattainable wrenches, and those with a wrong yaw."""
 
     def __init__(self, vehicle: Vehicle, reversal: str) -> None:
         self.allocator = make_allocator('exact', vehicle, reversal=reversal)
@@ -105,7 +105,7 @@ class Recorder:
 
 
 def off_sense(served: Array | float, demand: Array | float) -> Array:
-    """Tell which values are reversed, exceeded or not asked for."""
+    """Tell which values are reversed, exceed their demand, or are not zero without a demand."""
     low, high = np.minimum(demand, 0.0), np.maximum(demand, 0.0)
     return (served < low - ROUNDING) | (served > high + ROUNDING)
 
@@ -141,7 +141,7 @@ class Outcome:
 
 
 def flights_table() -> str:
-    """Return what each rule costs in flight."""
+    """Return the results of the flights with each value of `reversal`."""
     rows = []
     for file in sorted(config_directory().glob('*.yaml')):
         sound, gains = Vehicle.load(file.stem), Gains.from_parameters(load(file.stem))
@@ -169,13 +169,13 @@ def flights_table() -> str:
         'height lost [m]',
         'tilt [rad s]',
         'heading error [rad s]',
-        'yaw off its sense',
+        'wrong yaw',
     )
     return table(titles, rows, words=2)
 
 
 def rows_table() -> str:
-    """Return what is given up in the rows of PX4's test that saturate."""
+    """Return what is missed of the unattainable wrenches of PX4's test."""
     rows = np.loadtxt(ROWS, delimiter=',', skiprows=1)
     vehicle = Vehicle.from_parameters(
         {
@@ -212,7 +212,7 @@ def rows_table() -> str:
                 str(np.count_nonzero(off_sense(wrenches[:, 3], demands[:, 3]))),
             )
         )
-    titles = ('', 'roll and pitch missed', 'thrust', 'yaw', 'yaw off its sense')
+    titles = ('', 'roll and pitch missed', 'thrust', 'yaw', 'wrong yaw')
     return table(titles, lines)
 
 

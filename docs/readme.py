@@ -1,6 +1,6 @@
 """Regenerate the output of README's example and the table of docs/parameters.md.
 
-With --check nothing is written; the exit code says whether both pages are up to date.
+With --check nothing is written, and the exit code is 1 if a page is not up to date.
 """
 
 import re
@@ -17,7 +17,7 @@ DOCS = Path(__file__).resolve().parent
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
 ALLOWED = {'allocation.method': 'a [method](#methods)'}
-"""Links to values that another table lists."""
+"""Allowed values that another table lists: links to it."""
 
 
 def table() -> str:

@@ -1,4 +1,4 @@
-"""The allocation methods, one a file, behind one interface."""
+"""The allocation methods, one per file, with one interface."""
 
 from __future__ import annotations
 
@@ -30,10 +30,11 @@ def make_allocator(
     lost_axes: str | None = None,
     **options: Any,
 ) -> Allocator:
-    """Return an allocator for a vehicle; `Powerless`, whatever the method, if all rotors are lost.
+    """Return an allocator for a vehicle.
 
-    A vehicle is audited first, and refused if its rotors cannot command every axis and hover, as
-    the nodes refuse it.  An `AllocationProblem` is not audited.
+    A vehicle is audited first.  It is refused if its rotors cannot command every axis or cannot
+    hover.  An `AllocationProblem` is not audited.  If all rotors are lost, the allocator is
+    `Powerless`, whatever the method.
 
     Parameters
     ----------
@@ -41,8 +42,9 @@ def make_allocator(
         A name in `ALLOCATORS`.
     vehicle : Vehicle or AllocationProblem
     lost_axes : 'refuse' or 'drop', optional
-        'drop' gives up the lost axes instead: wrenches then have the components
-        ``allocator.problem.axes``.  By default what the vehicle's file says.
+        'refuse': raise an error if the vehicle has lost axes or cannot hover.  'drop': leave out
+        the lost axes; wrenches then have the components ``allocator.problem.axes``.  The default
+        is the value in the vehicle's parameter file.
     **options
         Keyword arguments of the method's class.
 

@@ -20,19 +20,19 @@ from ca_ros.vehicle.vehicle import Vehicle
 class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle.
 
-    A method is a subclass with `_allocate`.  The answer depends on the wrench alone, not on those
-    before it.  A method of `ALLOCATORS` whose options are parameters of the nodes declares them in
-    `parameters`: the option ``slack`` of the method ``exact`` is ``allocation.exact.slack``.
+    A method is a subclass that implements `_allocate`.  The result depends only on the wrench, not
+    on earlier wrenches.  The dict `parameters` of a method in `ALLOCATORS` declares its options as
+    parameters of the nodes: the option ``slack`` of ``exact`` is ``allocation.exact.slack``.
 
     Parameters
     ----------
     vehicle : Vehicle or AllocationProblem
-        A vehicle is audited (`ca_ros.problem.audit.accept`); a problem is taken as it is.
+        A vehicle is audited (`ca_ros.problem.audit.accept`); a problem is not.
 
     Raises
     ------
     ParameterError
-        If the vehicle cannot command every axis and hover, and its `lost_axes` is 'refuse'.
+        If the vehicle cannot command every axis or cannot hover, and its `lost_axes` is 'refuse'.
     """
 
     parameters: ClassVar[Mapping[str, Parameter]] = {}
@@ -55,7 +55,7 @@ class Allocator(ABC):
         Returns
         -------
         Allocation
-            Also for a wrench that cannot be attained: its status says what was done.
+            If the wrench is not attainable, `status` says what the method did instead.
 
         Raises
         ------
@@ -65,7 +65,7 @@ class Allocator(ABC):
         return self._allocate(self.problem.check(u))
 
     def allocate_batch(self, wrenches: ArrayLike) -> Allocation:
-        """Allocate N wrenches, (N, m) [N, N m]; the fields of the answer have a leading N."""
+        """Allocate N wrenches (N, m) [N, N m]; the fields of the result have a leading N."""
         demands = self.problem.check(wrenches, batch=True)
         if demands.ndim != 2:
             raise ValueError(
@@ -96,7 +96,7 @@ class Allocator(ABC):
         levels: Array | None = None,
         violations: Array | None = None,
     ) -> Allocation:
-        """Return the answer to demands (N, m), judged here if there is no status."""
+        """Return the result for demands (N, m); without a status, compute it from the thrusts."""
         n = len(demands)
         if status is None:
             status = np.where(self._judge(demands, thrusts), Status.EXACT, Status.INEXACT)
@@ -110,10 +110,10 @@ class Allocator(ABC):
         )
 
     def _judge(self, demands: Array, thrusts: Array, share: float = 1.0) -> BoolArray:
-        """Return (...) whether thrusts (..., n) give the demands (..., m) exactly.
+        """Return (...) whether thrusts (..., n) produce the demands (..., m) exactly.
 
-        A method that still has a choice asks for a `share` of the tolerance, so that another order
-        of summation does not overturn the verdict.
+        A method that can still refine its thrusts uses a `share` of the tolerance, so that the
+        result is also exact with another order of summation.
         """
         residual = lengths(demands - thrusts @ self.problem.gamma.T)
         return residual <= share * self.problem.tolerance(demands)

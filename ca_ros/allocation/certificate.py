@@ -1,4 +1,4 @@
-"""The proof of an allocation."""
+"""The certificate of an allocation: residuals that prove its optimality."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from ca_ros.problem.problem import AllocationProblem
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What proves an allocation; for a batch of N, each field has a leading N.
+    """Residuals that prove an allocation; for a batch of N, each field has a leading N.
 
     Attributes
     ----------
     primal_residual : float
         |u - Gamma f| [N, N m].
     bound_violation : float
-        How far the thrusts are outside their bounds [N]; always zero.
+        Greatest violation of a bound by the thrusts [N]; always zero.
     multipliers : (m,) array
-        y of Gamma f = u in the quadratic program of Eqs. (20)-(22).
+        Multipliers y of Gamma f = u in the quadratic program of Eqs. (20)-(22).
     kkt_residual : float
-        Greatest |f - clip(Gamma^T y)| [N]: zero if and only if no smaller thrusts give the same
-        wrench.
+        Greatest |f - clip(Gamma^T y)| [N].  It is zero if and only if the thrusts have the least
+        norm of all that produce the same wrench.
     margin : float
         Signed distance of u to the boundary of the admissible set, positive inside [N, N m].
     limit : (n,) int8 array
-        The facet that is nearest: the rotors that are at their upper (+1) and lower (-1) bounds on
-        it, and those that are free (0).
+        The nearest facet, by the state of the rotors on it: at the upper bound (+1), at the lower
+        bound (-1), or free (0).
     """
 
     primal_residual: float | Array
@@ -40,8 +40,7 @@ class Certificate:
     limit: Array
 
     def __str__(self) -> str:
-        """Say it in words; for one wrench, not for a batch."""
-        side = 'inside' if self.margin >= 0.0 else 'outside'
+        """Summarise the certificate of one wrench; not for a batch."""
         groups = {
             name: ', '.join(str(i + 1) for i in np.flatnonzero(self.limit == value))
             for name, value in (('maximum', 1), ('minimum', -1))
@@ -49,8 +48,8 @@ class Certificate:
         ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
         return (
             f'residual {_size(self.primal_residual)}, '
-            f'least norm to {_size(self.kkt_residual)} N; '
-            f'{abs(self.margin):.3g} {side} the limit that has rotors {ends}'
+            f'KKT residual {_size(self.kkt_residual)} N; '
+            f'margin {self.margin:.3g} to the facet with rotors {ends}'
         )
 
 

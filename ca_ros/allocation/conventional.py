@@ -15,20 +15,20 @@ from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEPS_PER_ROTOR = 10
-"""Limit of the active-set method, should rounding errors send it round in circles."""
+"""Iteration limit of the active-set method, in case rounding errors make it cycle."""
 
 
 class Conventional(Allocator):
-    """A compromise between the wrench and reference thrusts, Eqs. (18)-(19).
+    """Weighted compromise between wrench and reference thrusts, Eqs. (18)-(19).
 
-    ``min |f - f_ref|_Q^2 + |Gamma f - u|^2`` subject to the bounds.  Where the cost leaves f
-    undetermined, as with Q = q 1 1^T, the least norm decides.
+    The thrusts minimise ``|f - f_ref|_Q^2 + |Gamma f - u|^2`` subject to the bounds.  If several
+    thrusts have the same cost, as with Q = q 1 1^T, the result is the one of least norm.
 
     Parameters
     ----------
     vehicle : Vehicle or AllocationProblem
     weight : float, (n,) or (n * n,) or (n, n) array
-        Q: q of q I, its diagonal, or the matrix; symmetric, positive semidefinite.
+        Q, symmetric and positive semidefinite: q for Q = q I, the diagonal, or the matrix.
     reference : 'hover', 'zero' or (n,) array
         f_ref [N]; 'hover' is m g / n on each rotor.
 
@@ -40,14 +40,14 @@ class Conventional(Allocator):
 
     parameters: ClassVar = {
         'weight': Parameter(
-            'Q of the conventional allocator, Eq. (18): q of q I, the diagonal, or the matrix by '
-            'rows',
+            'Q of the conventional allocator, Eq. (18): q for Q = q I, the diagonal, or the '
+            'matrix row by row',
             array=True,
             default=1e-4,
             mutable=True,
         ),
         'reference': Parameter(
-            'f_ref of the conventional allocator, Eq. (18): hover thrusts, or none (zero)',
+            'f_ref of the conventional allocator, Eq. (18): hover thrusts, or zero',
             str,
             default='hover',
             choices=('hover', 'zero'),
@@ -78,8 +78,8 @@ class Conventional(Allocator):
     def _solve(self, u: Array) -> Array:
         """Minimise the cost by the primal active-set method, which ends after finitely many steps.
 
-        The thrusts go to the minimum over the free ones, or as far as the first bound in the way,
-        where that rotor stays; at the minimum the rotor that most wants to leave its bound may.
+        Each step moves the free thrusts to their minimum, or to the first bound on the way, which
+        becomes active.  At the minimum, the bound with the largest wrong multiplier is released.
         """
         low, high, hessian = self.problem.lower, self.problem.upper, self.hessian
         linear = self._pull + self.problem.gamma.T @ u

@@ -15,16 +15,16 @@ GOLDEN = (5.0**0.5 - 1.0) / 2.0
 
 
 class Direct(Allocator):
-    """As much of the wrench as is possible in its direction, Eqs. (14)-(17).
+    """Largest attainable share of the wrench, in its direction, Eqs. (14)-(17).
 
-    ``max alpha`` subject to ``Gamma f = alpha u``, the bounds and 0 <= alpha <= 1: a linear
-    program, whose solution is a vertex.  alpha is read off the facets of the admissible set.
-    Where several vertices give the same alpha, as for every wrench inside the set, the paper
-    leaves the choice to its solver; here the least of a cost without symmetries decides, so that
-    there is one answer.  The simplex method finds it.
+    The linear program is ``max alpha`` subject to ``Gamma f = alpha u``, the bounds and
+    0 <= alpha <= 1; the solution is a vertex.  The facets of the admissible set determine alpha.
+    If several vertices have the same alpha, as for all wrenches inside the set, the paper leaves
+    the choice to the solver.  Here an asymmetric cost selects one of them, so that the solution
+    is unique.  The simplex method finds it.
 
-    The status is SCALED if alpha < 1, and REJECTED if not even a share of the wrench can be given
-    (the rotors cannot stand still, so zero is not attainable).
+    The status is SCALED if alpha < 1.  It is REJECTED if no share of the wrench is attainable: if
+    the rotors have positive minimum speeds, zero is not attainable, so such wrenches exist.
 
     Raises
     ------
@@ -34,7 +34,7 @@ class Direct(Allocator):
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
-        # Multiples of the golden ratio, less whole numbers: as far from each other as can be.
+        # Fractional parts of multiples of the golden ratio are far from each other.
         self.cost = 1.0 + np.arange(1, vehicle.n + 1) * GOLDEN % 1.0
         problem = self.problem
         self._image = problem.image
@@ -47,7 +47,7 @@ class Direct(Allocator):
         image = self._image
         middle = image.normals @ image.center
         rates = demands @ image.normals.T
-        # For each pair of facets, alpha rates is within the width of the middle.
+        # For each pair of facets, |alpha rate - middle| is at most the width.
         slanted = image.slanted(rates, demands)
         with np.errstate(all='ignore'):
             ends = (middle + np.sign(rates) * image.widths) / rates

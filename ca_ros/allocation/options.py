@@ -19,7 +19,7 @@ def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) 
     parameters : mapping
         Checked parameters by name.
     axes : sequence of str
-        The axes of the vehicle; the others are left out of the priorities.
+        The axes of the vehicle; other axes in the priorities are ignored.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def order_from_parameters(
     parameters : mapping
         Checked parameters by name.
     axes : sequence of str
-        The axes of the vehicle; the others are left out.
+        The axes of the vehicle; other axes are ignored.
 
     Raises
     ------
@@ -63,12 +63,12 @@ def order_from_parameters(
 def allocator_from_parameters(
     parameters: Mapping[str, Any], vehicle: Vehicle | AllocationProblem
 ) -> Allocator:
-    """Return the allocator that the parameters ask for.
+    """Return the allocator with the method and options in the parameters.
 
     Raises
     ------
     ParameterError
-        If an option is wrong; it is named in full.
+        If an option is wrong; the message has the full name of the parameter.
     """
     method = str(parameters['allocation.method'])
     options = options_from_parameters(parameters, vehicle.axes)

@@ -19,4 +19,4 @@ ALLOCATION = {
 PRIORITIES = {
     name: ALLOCATION[name] for name in ('allocation.exact.order', 'allocation.exact.reversal')
 }
-"""What the controller shares with the method exact."""
+"""The parameters of ``exact`` that the controller also uses."""

@@ -1,4 +1,4 @@
-"""What stands in for every method when all rotors are lost."""
+"""The allocator of a vehicle that has lost all rotors."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from ca_ros.arrays import Array
 
 
 class Powerless(Allocator):
-    """Answers every wrench with rotors at rest, as INEXACT: no wrench can be given.
+    """Leaves all rotors at rest for every wrench, with the status INEXACT.
 
     Parameters
     ----------
     vehicle : Vehicle
-        All of whose rotors are lost.
+        A vehicle without any working rotor.
     """
 
     def _allocate(self, u: Array) -> Allocation:

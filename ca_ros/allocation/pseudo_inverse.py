@@ -12,15 +12,15 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 
 class PseudoInverse(Allocator):
-    """The thrusts of least norm, saturated: f = sat(Gamma^+ u), Eqs. (12)-(13).
+    """The pseudo-inverse, clipped to the bounds: f = sat(Gamma^+ u), Eqs. (12)-(13).
 
-    The bounds hold; where they were violated the wrench is not the demanded one and the residual
-    tells by how much.  Lost rotors are left out of Gamma.
+    If clipping changes a thrust, the residual is the difference between demanded and produced
+    wrench.  Lost rotors are left out of Gamma.
     """
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
-        # A lost rotor is no part of the problem: its share of the wrench goes to the others.
+        # Without the columns of lost rotors, the others produce the whole wrench.
         self.inverse = np.linalg.pinv(self.problem.gamma * (self.problem.upper > 0.0))
 
     def _allocate(self, u: Array) -> Allocation:

@@ -1,4 +1,4 @@
-"""What an allocator answers."""
+"""The result of an allocation, and its status."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 
 
 class Status(IntEnum):
-    """What became of the demanded wrench."""
+    """How the thrusts relate to the demanded wrench."""
 
     EXACT = 0
-    """It is given, to rounding."""
+    """The thrusts produce the wrench, to rounding."""
     PRIORITIZED = 1
-    """It is not attainable; the axes were served in the order of their priority."""
+    """The wrench is not attainable; the axes are served in the order of their priority."""
     SCALED = 2
-    """It is not attainable; its direction was kept."""
+    """The wrench is not attainable; a share of it is produced, in the same direction."""
     INEXACT = 3
-    """The method gave something near it."""
+    """The thrusts produce an approximation of the wrench."""
     REJECTED = 4
-    """It is not attainable and nothing is to be commanded; the thrusts are the lower bounds."""
+    """The wrench is not attainable; nothing is allocated, the thrusts are the lower bounds."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Allocation:
-    """The thrusts that answer a demanded wrench; for a batch of N, each field has a leading N.
+    """The thrusts for a demanded wrench; for a batch of N, each field has a leading N.
 
     Attributes
     ----------
     problem : AllocationProblem
     demand : (m,) array
-        The wrench u that was asked for [N, N m].
+        The demanded wrench u [N, N m].
     thrusts : (n,) array
         Within their bounds to the last bit [N].
     status : Status
-        (N,) array of its values for a batch.
+        An (N,) array of its values for a batch.
     level : float
-        Share of the way to the demand that was served: alpha of Eqs. (14)-(17), 1 if the method
-        knows no such share.
+        Share of the demand that was served, such as alpha of Eqs. (14)-(17); 1 if the method does
+        not compute it.
     violation : float
-        How far the method's own answer lay outside the bounds before it was saturated [N].
+        Greatest violation of the bounds by the method before its thrusts were clipped [N].
     """
 
     problem: AllocationProblem
@@ -64,7 +64,7 @@ class Allocation:
         level: float | Array = 1.0,
         violation: float | Array = 0.0,
     ) -> None:
-        # A frozen dataclass takes three times as long to set them.
+        # The __init__ of a frozen dataclass takes three times as long.
         fields = self.__dict__
         fields['problem'] = problem
         fields['demand'] = demand
@@ -80,7 +80,7 @@ class Allocation:
 
     @property
     def wrench(self) -> Array:
-        """The wrench Gamma f that the thrusts give, (m,) [N, N m]."""
+        """The produced wrench Gamma f, (m,) [N, N m]."""
         return self.thrusts @ self.problem.gamma.T
 
     @property
@@ -98,5 +98,5 @@ class Allocation:
 
     @cached_property
     def certificate(self) -> Certificate:
-        """What proves the answer, from the problem's own data; made when it is first asked for."""
+        """The certificate, computed from the problem's data at the first access."""
         return certify(self.problem, self.demand, self.thrusts)

@@ -100,8 +100,7 @@ def metrics(
             for name, (left, step) in ways.items()
         },
         'effort': effort,
-        'time_at_bound': float(np.concatenate(bound).sum())
-        / max(1, sum(map(len, bound))),
+        'time_at_bound': float(np.concatenate(bound).sum()) / max(1, sum(map(len, bound))),
         'worst_force_residual': force,
         'worst_torque_residual': torque,
         'greatest_tilt': float(flight.tilt.max()),

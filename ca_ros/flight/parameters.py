@@ -6,25 +6,33 @@ from ca_ros.schema import Parameter
 
 CONTROLLER = {
     'controller.position_stiffness': Parameter(
-        'position error to acceleration, x, y, z [1/s^2]', array=True, default=1.5, positive=True
+        'gain from position error to acceleration, x, y, z [1/s^2]',
+        array=True,
+        default=1.5,
+        positive=True,
     ),
     'controller.position_damping': Parameter(
-        'velocity error to acceleration, x, y, z [1/s]', array=True, default=2.4, positive=True
+        'gain from velocity error to acceleration, x, y, z [1/s]',
+        array=True,
+        default=2.4,
+        positive=True,
     ),
     'controller.attitude_stiffness': Parameter(
-        'attitude error to angular acceleration, x, y, z [1/s^2]',
+        'gain from attitude error to angular acceleration, x, y, z [1/s^2]',
         array=True,
         default=[60.0, 60.0, 4.0],
         positive=True,
     ),
     'controller.attitude_damping': Parameter(
-        'angular velocity to angular acceleration, x, y, z [1/s]',
+        'gain from angular velocity to angular acceleration, x, y, z [1/s]',
         array=True,
         default=[14.0, 14.0, 4.0],
         positive=True,
     ),
     'controller.speed_max': Parameter(
-        'greatest speed towards the waypoint along each axis [m/s]', default=3.0, positive=True
+        'greatest commanded speed towards the waypoint along each axis [m/s]',
+        default=3.0,
+        positive=True,
     ),
     'controller.tilt_max': Parameter(
         'greatest commanded tilt [rad]', default=0.8, positive=True, maximum=1.5
@@ -36,7 +44,7 @@ SIMULATOR = {
         'step of the Euler integration [s]', default=0.01, minimum=1e-5, maximum=1.0
     ),
     'simulator.rotational_drag': Parameter(
-        'drag torque of the turning vehicle over its squared angular velocity [N m s^2/rad^2]',
+        'drag torque divided by squared angular velocity of the vehicle [N m s^2/rad^2]',
         default=0.0,
         minimum=0.0,
     ),

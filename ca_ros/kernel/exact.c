@@ -9,14 +9,17 @@ static int finite(ca_real x)
     return ca_abs(x) <= CA_ABSURD;
 }
 
-/* Orthonormal columns that span the rows of Gamma: Gamma^T = basis R by Gram and Schmidt, twice. */
-static int span(ca_problem *p)
+/* Orthonormal columns that span the rows of Gamma: Gamma^T = basis R by Gram and Schmidt, twice.
+ * With `ranges`, of Gamma times the ranges of the thrusts. Returns 0 if the rows are dependent. */
+static int span(ca_problem *p, int ranges)
 {
     const int n = p->n, m = p->m;
     for (int k = 0; k < m; k++) {
         ca_real column[CA_N];
+        for (int j = 0; j < m; j++)
+            p->back[k][j] = 0;
         for (int i = 0; i < n; i++)
-            column[i] = p->gamma[k][i];
+            column[i] = p->gamma[k][i] * (ranges ? p->half_range[i] : 1);
         const ca_real whole = ca_length(n, column);
         for (int round = 0; round < 2; round++)
             for (int j = 0; j < k; j++) {
@@ -59,8 +62,8 @@ static int order_is_sound(const ca_options *options, int m)
            options->policy != CA_INEXACT;
 }
 
-int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *lower,
-              const ca_real *upper, const ca_options *options)
+static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *lower,
+                   const ca_real *upper, const ca_options *options)
 {
     *p = (ca_problem){0};
     if (n < 1 || n > CA_N || m < 1 || m > CA_M)
@@ -101,10 +104,20 @@ int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *
         if (!(p->extent[k] > 0))
             return CA_NO_VOLUME;
     }
-    if (!span(p))
+    if (!span(p, 1) || !span(p, 0))
         return CA_NO_VOLUME;
     ca_priorities_set_up(p, options->on_reference);
     return CA_SOUND;
+}
+
+int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *lower,
+              const ca_real *upper, const ca_options *options)
+{
+    const int fault = prepare(p, n, m, gamma, lower, upper, options);
+    /* A problem that is none has neither rotors nor axes. */
+    if (fault)
+        *p = (ca_problem){0};
+    return fault;
 }
 
 ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
@@ -127,7 +140,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     if (ca_attempt(p, u, tolerance, thrusts, &answer.steps) <= tolerance)
         return answer;
 
-    ca_served served;
+    ca_served served = {0};
     ca_prioritize(p, u, &served, &answer.pivots, &answer.steps);
     const ca_real goal = CA_TOLERANCE * ca_max(1, ca_length(m, served.wrench));
     ca_real residual = CA_INFINITY;

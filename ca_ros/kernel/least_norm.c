@@ -10,6 +10,8 @@
 /* Bounds of Newton's iteration: at first, and where the wrench is known to be attainable. */
 #define ATTEMPT 10
 #define STEPS 50
+/* Number of steps along axes that no free rotor serves, after which u is likely unattainable. */
+#define STRAYS 2
 /* Size of the free rotors' part of the basis below which an axis is not served. */
 #define FLAT CA_CHOOSE(1e-8, 1e-4)
 /* Least pivot of normal equations that are well conditioned. */
@@ -38,7 +40,7 @@ typedef struct {
     const ca_real (*basis)[CA_M];
     const ca_real *lower, *upper;
     ca_real rate;                  /* of the actuators beyond n */
-} program;
+} bounded_program;
 
 /* Q R of the rows of the basis that belong to free rotors, with the axes in the order of `axis`;
  * where they do not serve all axes, also P T of R^T. */
@@ -49,9 +51,9 @@ typedef struct {
     ca_real r[CA_M][CA_M];
     ca_real p[CA_M][CA_M];
     ca_real t[CA_M][CA_M];
-} factors;
+} qr_factors;
 
-static void factorize(const program *program, const int *free, int count, factors *f)
+static void factorize(const bounded_program *program, const int *free, int count, qr_factors *f)
 {
     const int m = program->problem->m;
     f->free = count;
@@ -121,10 +123,10 @@ static void factorize(const program *program, const int *free, int count, factor
 
 /* Solve basis_F^T basis_F step = slopes without squaring its condition; change = basis_F step.
  * `away` is the part of slopes that no free rotor serves. */
-static void solve_free(const factors *f, int m, const ca_real *slopes, ca_real *step,
+static void solve_free(const qr_factors *f, int m, const ca_real *slopes, ca_real *step,
                        ca_real *change, ca_real *away)
 {
-    ca_real sorted[CA_M], g[CA_M], t[CA_M];
+    ca_real sorted[CA_M], g[CA_M] = {0}, t[CA_M];
     const int rank = f->rank;
     for (int k = 0; k < m; k++)
         sorted[k] = slopes[f->axis[k]];
@@ -180,7 +182,7 @@ static void solve_free(const factors *f, int m, const ca_real *slopes, ca_real *
 }
 
 /* left = u - A f */
-static void leave(const program *program, const ca_real *u, const ca_real *f, ca_real *left)
+static void leave(const bounded_program *program, const ca_real *u, const ca_real *f, ca_real *left)
 {
     const ca_problem *problem = program->problem;
     const int n = problem->n, m = problem->m;
@@ -198,7 +200,7 @@ static void multiply(int m, const ca_real matrix[CA_M][CA_M], const ca_real *x, 
 }
 
 /* Solve basis_F^T basis_F step = slopes by its normal equations; 0 if they are ill-conditioned. */
-static int solve_normal(const program *program, const int *free, int count, const ca_real *slopes,
+static int solve_normal(const bounded_program *program, const int *free, int count, const ca_real *slopes,
                         ca_real *step)
 {
     const int m = program->problem->m;
@@ -244,7 +246,7 @@ static int solve_normal(const program *program, const int *free, int count, cons
     return 1;
 }
 
-static void multiply_basis(const program *program, const ca_real *y, ca_real *z)
+static void multiply_basis(const bounded_program *program, const ca_real *y, ca_real *z)
 {
     const int m = program->problem->m;
     for (int i = 0; i < program->count; i++)
@@ -255,10 +257,10 @@ typedef struct {
     int count;
     ca_real start[WIDE], rate[WIDE], lower[WIDE], upper[WIDE];
     ca_real corner[2 * WIDE + 1];
-} line;
+} search_line;
 
 /* rate . clip(start + t rate) - goal, which grows with t */
-static ca_real excess(const line *line, ca_real t, ca_real goal)
+static ca_real excess(const search_line *line, ca_real t, ca_real goal)
 {
     ca_real sum = 0;
     for (int i = 0; i < line->count; i++)
@@ -269,10 +271,10 @@ static ca_real excess(const line *line, ca_real t, ca_real goal)
 
 /* Return t >= 0 at which the excess is zero. `short_of` is how much is missing where all that can
  * move is moved: a wrench with such a gap is unattainable. */
-static ca_real search(const program *program, const ca_real *z, const ca_real *rates, ca_real goal,
+static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *rates, ca_real goal,
                       ca_real *short_of)
 {
-    line line;
+    search_line line;
     ca_real fastest = 0, rounding = 0;
     int corners = 1, low, high;
 
@@ -333,13 +335,14 @@ static ca_real search(const program *program, const ca_real *z, const ca_real *r
 /* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. With
  * `early` it ends when u is proven to be unattainable. Returns the least residual that was met,
  * with its thrusts and multipliers. */
-static ca_real iterate(const program *program, const ca_real *u, ca_real tolerance, int start,
+static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real tolerance, int start,
                        int early, int bound, ca_real *thrusts, ca_real *multipliers, int *steps)
 {
     const ca_problem *problem = program->problem;
     const int m = problem->m, count = program->count;
     ca_real target[CA_M], y[CA_M], least = CA_INFINITY;
     multiply(m, problem->coordinates, u, target);
+    int strays = 0;
     for (int k = 0; k < m; k++)
         multipliers[k] = y[k] = start ? multipliers[k] : target[k];
     for (int i = 0; i < count; i++)
@@ -375,7 +378,7 @@ static ca_real iterate(const program *program, const ca_real *u, ca_real toleran
             for (int i = 0; i < frees; i++)
                 change[i] = rates[free[i]];
         } else {
-            factors factors;
+            qr_factors factors;
             ca_real missed[CA_M];
             factorize(program, free, frees, &factors);
             solve_free(&factors, m, slopes, step, change, away);
@@ -421,6 +424,8 @@ static ca_real iterate(const program *program, const ca_real *u, ca_real toleran
         const ca_real *way = step;
         if (astray) {
             ca_real ways[WIDE];
+            if (early && ++strays > STRAYS)
+                break;
             way = away;
             multiply_basis(program, away, ways);
             advance = search(program, z, ways, ca_dot(m, target, away), &short_of);
@@ -452,14 +457,14 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
                   int *steps)
 {
     const int n = problem->n, m = problem->m;
-    const program program = {problem, n, problem->basis, problem->lower, problem->upper, 0};
+    const bounded_program program = {problem, n, problem->basis, problem->lower, problem->upper, 0};
     ca_real f[CA_N], least = CA_INFINITY;
     for (int i = 0; i < n; i++)
         f[i] = thrusts[i];
     for (int number = 0; number < n; number++) {
         ca_real left[CA_M], slopes[CA_M], step[CA_M], away[CA_M], change[CA_N];
         int free[CA_N], frees = 0;
-        factors factors;
+        qr_factors factors;
         ca_residual(problem, u, f, left);
         const ca_real residual = ca_length(m, left);
         if (residual < least) {
@@ -511,7 +516,7 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
         for (int j = 0; j < m; j++)
             basis[n + k][j] = j == k ? rate : 0;
     }
-    const program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper, rate};
+    const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper, rate};
     iterate(&relaxed, u, tolerance / 2, 0, 0, STEPS, f, multipliers, steps);
     /* On the boundary multipliers may be large, and the thrusts the same without slack. */
     for (int i = 0; i < n; i++)
@@ -524,7 +529,7 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
                    ca_real *thrusts, int *steps)
 {
-    const program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
+    const bounded_program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
     ca_real y[CA_M];
     const ca_real residual =
         iterate(&plain, u, tolerance / 2, 0, 1, ATTEMPT, thrusts, y, steps);
@@ -536,7 +541,7 @@ ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real toleranc
 ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance,
                       ca_real *thrusts, int *steps)
 {
-    const program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
+    const bounded_program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
     ca_real y[CA_M];
     ca_real residual = iterate(&plain, u, tolerance / 2, 0, 0, STEPS, thrusts, y, steps);
     if (residual > tolerance / 2)
@@ -553,7 +558,7 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
     ca_real lower[CA_N], upper[CA_N], f[CA_N], left[CA_M], slopes[CA_M], y[CA_M], away[CA_M];
     ca_real change[CA_N];
     int free[CA_N], frees = 0;
-    factors factors;
+    qr_factors factors;
     /* Thrusts that are held need no multipliers: without them these are small. */
     for (int i = 0; i < n; i++) {
         lower[i] = served->held[i] ? served->thrusts[i] : problem->lower[i];
@@ -568,7 +573,7 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
         ca_residual(problem, served->wrench, thrusts, left);
         return ca_length(m, left);
     }
-    const program face = {problem, n, problem->basis, lower, upper, 0};
+    const bounded_program face = {problem, n, problem->basis, lower, upper, 0};
     ++*steps;
     factorize(&face, free, frees, &factors);
     ca_residual(problem, served->wrench, f, left);

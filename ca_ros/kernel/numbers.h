@@ -62,7 +62,7 @@ void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *serve
                    int *steps);
 
 /* Least thrusts for u; they return |u - Gamma f| and count their steps. `attempt` gives up when u
- * is proven to be unattainable, or after a few steps. */
+ * is proven or likely to be unattainable. */
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
                    ca_real *thrusts, int *steps);
 ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance,

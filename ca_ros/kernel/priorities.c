@@ -88,8 +88,8 @@ static int move(simplex *s, int k, ca_real way, int target, int *blocked)
 {
     const int x = s->nonbasic[k];
     const ca_real sign = way > 0 ? CA_REAL(1) : CA_REAL(-1);
-    ca_real length = ca_abs(way), room[ROWS], speed[ROWS];
-    int reached = 1, coming[ROWS], count = 0;
+    ca_real length = ca_abs(way), room[ROWS] = {0}, speed[ROWS] = {0};
+    int reached = 1, coming[ROWS] = {0}, count = 0;
     *blocked = -1;
     if (target >= 0) {
         const ca_real own = way > 0 ? s->upper[x] - s->value[x] : s->value[x] - s->lower[x];
@@ -395,7 +395,7 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         i += count;
     }
     if (length >= 0) {
-        share = s->value[length] / size;
+        share = ca_clip(s->value[length] / size, 0, 1);
         for (int i = 0; i < first; i++)
             s->value[variables[i]] =
                 share == 1 ? goals[p->order[i]] : p->begin[i] + share * ways[i];

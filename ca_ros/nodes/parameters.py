@@ -18,13 +18,13 @@ NODE = {
         choices=('realtime', 'lockstep'),
     ),
     'command_timeout': Parameter(
-        'time without a command after which the timeout action begins [s]',
+        'time without a valid command after which the timeout action begins [s]',
         default=0.1,
         positive=True,
         mutable=True,
     ),
     'timeout_action': Parameter(
-        'rotor speeds until commands return: idle: the least speeds; stop: zero; hold: the last '
+        'rotor speeds until commands return: idle: minimum speeds; stop: zero; hold: the last '
         'speeds',
         str,
         default='idle',
@@ -32,46 +32,45 @@ NODE = {
         mutable=True,
     ),
     'command_frame': Parameter(
-        'body frame, of wrenches and body velocities; messages in another frame are dropped, '
-        'those without a frame are served',
+        'frame_id of wrenches and body velocities; messages with another frame_id are dropped, '
+        'those with an empty frame_id are used',
         str,
         default='base_link',
         mutable=True,
     ),
     'world_frame': Parameter(
-        'frame of poses and waypoints, with the rule of command_frame',
-        str,
-        default='map',
-        mutable=True,
+        'frame_id of poses and waypoints, with the same rule', str, default='map', mutable=True
     ),
     'command_age_max': Parameter(
-        'greatest age or lead of a wrench in ROS time; others are dropped; 0: no limit [s]',
+        'greatest difference between the stamp of a wrench and ROS time; others are dropped; '
+        '0: no limit [s]',
         default=0.0,
         minimum=0.0,
         mutable=True,
     ),
     'command_order': Parameter(
-        'wrenches that are older than their predecessor: any: served; newer: dropped',
+        'wrenches with an older stamp than the previous wrench: any: served; newer: dropped',
         str,
         default='any',
         choices=('any', 'newer'),
         mutable=True,
     ),
     'simulator.real_time_factor': Parameter(
-        'simulated seconds per second in mode realtime; stamps follow the clock only at 1 [s/s]',
+        'simulated time per second of real time, in mode realtime; stamps follow the clock only '
+        'at 1 [s/s]',
         default=1.0,
         minimum=0.01,
         maximum=10.0,
     ),
     'simulator.hold_at': Parameter(
-        'simulated time at which the simulator waits in mode lockstep until this parameter is set '
-        'to a later time, or to 0 to go on [s]',
+        'simulated time at which the simulator waits in mode lockstep, until this parameter is '
+        'set to a later time; 0: never [s]',
         default=0.0,
         minimum=0.0,
         mutable=True,
     ),
 }
-"""The parameters of the nodes themselves.  Changes of these rebuild no allocator or controller."""
+"""The parameters of the nodes alone; a change of these does not rebuild an allocator."""
 
 PARAMETERS = {**VEHICLE, **ALLOCATION, **flight.CONTROLLER, **flight.SIMULATOR, **NODE}
 """All parameters that the file of a vehicle may have."""

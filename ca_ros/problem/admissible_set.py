@@ -1,4 +1,4 @@
-"""The admissible set: every wrench that the rotors can give within their bounds."""
+"""The admissible set: all wrenches that the rotors can produce within their bounds."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
 
 REACHED = 1e-9
-"""Share of the way to a reference that may be missing for it to be in the set."""
+"""Tolerance of a reference that is outside the set, relative to its distance from the centre."""
 
 
 class AdmissibleSet:
-    """The set A of Eq. (23): the zonotope that is the image of the box of thrusts under Gamma.
+    """The set A of Eq. (23): the image of the box of thrusts under Gamma, a zonotope.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class AdmissibleSet:
     Attributes
     ----------
     reference : (m,) array
-        Hover if that is inside the set, otherwise the centre of the set [N, N m].
+        The hover wrench if it is inside the set, otherwise the centre of the set [N, N m].
 
     Raises
     ------
@@ -46,7 +46,7 @@ class AdmissibleSet:
 
     @property
     def zonotope(self) -> Zonotope:
-        """The facets of the set; they are worked out when they are first needed."""
+        """The set as a zonotope; its facets are computed at the first access."""
         return self.problem.image
 
     @property
@@ -75,8 +75,8 @@ class AdmissibleSet:
         Returns
         -------
         (...) array
-            Least slack over the facets with unit normals [N, N m]: inside, the Euclidean distance
-            to the boundary.
+            Least slack over the facets with unit normals [N, N m].  Inside the set it is the
+            Euclidean distance to the boundary.
         """
         return self.zonotope.margin(self.problem.check(u, batch=True))
 
@@ -92,13 +92,13 @@ class AdmissibleSet:
         u : (..., m) array
             Wrenches [N, N m].
         about : (m,) array, optional
-            A wrench in the set; by default `reference`.
+            The reference, a wrench in the set; by default `reference`.
 
         Returns
         -------
         (..., m) array
-            `u` itself where it is in the set, otherwise the last point of the line from `about` to
-            `u` that is.
+            `u` if it is in the set, otherwise the last point in the set on the line from `about`
+            to `u`.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class AdmissibleSet:
         return self.scale_levels(u, about)[0]
 
     def scale_levels(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Like `scale`; return also the share (...) of the way to `u`, 1 where that is inside."""
+        """Like `scale`, but also return the share (...) of the way to `u`, at most 1."""
         u = self.problem.check(u, batch=True)
         served, levels = self._serve(self.check_reference(about), u)
         return served, levels.min(axis=-1)
@@ -121,10 +121,11 @@ class AdmissibleSet:
     ) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
 
-        With the default order, roll and pitch get as much of their demand as is possible, in its
-        direction.  Then yaw keeps its sense: it is not reversed, exceeded or moved without demand
-        as long as thrust can pay for that.  Then thrust comes as near to its demand as that
-        leaves, and then yaw.  See `Prioritization` for other orders.
+        With the default order, roll and pitch get as much of their demand as possible, with their
+        ratio kept.  Then the sign of yaw is kept: yaw is not reversed, does not exceed its demand
+        and does not change without a demand, as long as a deviation of thrust can prevent this.
+        Then thrust gets as close to its demand as possible, and then yaw.  See `Prioritization`
+        for other orders.
 
         Parameters
         ----------
@@ -132,22 +133,21 @@ class AdmissibleSet:
             Wrenches [N, N m].
         order : sequence of groups of axes, optional
             The most important first, such as ``['roll pitch', 'thrust', 'yaw']``; by default
-            `ORDER`.  Axes that the vehicle does not command are left out.
+            `ORDER`.  Axes that the vehicle does not command are ignored.
         reversal : 'prevent', 'avoid' or 'allow'
-            What thrust gives up so that no axis after the first group is reversed.  'prevent': as
-            much as that takes.  'avoid': no more than what lies between its demand and hover.
-            'allow': nothing.
+            How much thrust may deviate so that no axis after the first group is reversed.
+            'prevent': as much as necessary.  'avoid': at most from its demand to hover.  'allow':
+            not at all.
 
         Returns
         -------
         (..., m) array
-            `u` itself where it is in the set, otherwise what is served.
+            `u` if it is in the set, otherwise the wrench that is served.
 
         Raises
         ------
         ValueError
-            If `order` does not name each of the vehicle's axes once, or there is no such
-            `reversal`.
+            If `order` does not name each of the vehicle's axes once, or `reversal` is unknown.
         """
         return self.prioritize_levels(u, order, reversal)[0]
 
@@ -157,18 +157,18 @@ class AdmissibleSet:
         order: Sequence[Sequence[str]] | None = None,
         reversal: str = REVERSAL,
     ) -> tuple[Array, Array]:
-        """Like `prioritize`; return also the share (..., m) of its demand that each axis got.
+        """Like `prioritize`, but also return the share (..., m) of its demand that each axis gets.
 
-        It is counted from hover: 0 for an axis that is reversed or does not move, 1 for one that
-        gets all of its demand or more.
+        The share is relative to hover: 0 for an axis that is reversed or does not change, 1 for an
+        axis that gets all of its demand or more.
         """
         return self._serve(self.check_order(order, reversal), self.problem.check(u, batch=True))
 
     def _serve(self, serve: Prioritization, u: Array) -> tuple[Array, Array]:
-        """Return what is served of wrenches (..., m), which are served as they are in the set."""
+        """Return the served wrenches and levels for wrenches (..., m)."""
         served, levels = u.copy(), np.ones(u.shape)
         if u.ndim == 1:
-            # A single wrench is not worth all facets.
+            # For a single wrench, computing all facets would take too long.
             if self.problem.attains_unbounded(u):
                 return served, levels
             answer = serve(u)
@@ -181,7 +181,7 @@ class AdmissibleSet:
         return served, levels
 
     def check_reference(self, about: ArrayLike | None) -> Prioritization:
-        """Return what scales about a reference; raise a ValueError if that is outside the set."""
+        """Return the scaling about a reference; raise a ValueError if it is outside the set."""
         start = self.reference if about is None else self.problem.check(about)
         way = start - self.problem.center
         if self.problem.reach(self.problem.center, way, 1.0) < 1.0 - REACHED:

@@ -8,12 +8,12 @@ AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
 
 VEHICLE = {
     'vehicle.name': Parameter(
-        'name of the vehicle, the hardware_id of its diagnostics', str, default='multirotor'
+        'name of the vehicle, its hardware_id on /diagnostics', str, default='multirotor'
     ),
     'vehicle.mass': Parameter('mass [kg]', positive=True),
     'vehicle.gravity': Parameter('local gravity [m/s^2]', positive=True, default=9.81),
     'vehicle.inertia': Parameter(
-        'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz or the matrix row by row',
+        'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz, or the matrix row by row',
         array=True,
     ),
     'vehicle.center_of_mass': Parameter(
@@ -23,24 +23,30 @@ VEHICLE = {
         'x, y, z of each rotor in the body frame, forward-left-up [m]', array=True
     ),
     'rotors.axes': Parameter(
-        'direction of thrust of all rotors, or of each', array=True, default=[0.0, 0.0, 1.0]
+        'direction of thrust, x, y, z: of all rotors, or of each',
+        array=True,
+        default=[0.0, 0.0, 1.0],
     ),
     'rotors.spins': Parameter(
-        'sense of rotation of each rotor, seen from above (against its thrust)',
+        'sense of rotation of each rotor, seen from above',
         str,
         array=True,
         choices=('cw', 'ccw'),
     ),
     'rotors.thrust_coefficient': Parameter(
-        'k_f, thrust over squared speed [kg m]', array=True, positive=True
+        'k_f, thrust divided by squared speed [kg m]', array=True, positive=True
     ),
     'rotors.torque_coefficient': Parameter(
-        'k_tau, reaction torque over squared speed [kg m^2]', array=True, minimum=0.0
+        'k_tau, reaction torque divided by squared speed [kg m^2]', array=True, minimum=0.0
     ),
-    'rotors.speed_min': Parameter('lower bound of the speed [rad/s]', array=True, minimum=0.0),
-    'rotors.speed_max': Parameter('upper bound of the speed [rad/s]', array=True, positive=True),
+    'rotors.speed_min': Parameter(
+        'lower bound of the rotor speed [rad/s]', array=True, minimum=0.0
+    ),
+    'rotors.speed_max': Parameter(
+        'upper bound of the rotor speed [rad/s]', array=True, positive=True
+    ),
     'rotors.health': Parameter(
-        'thrust delivered over thrust expected: 1 sound, 0 (or below 1e-9) lost',
+        'share of its thrust that a rotor still produces: 1 healthy, 0 (or below 1e-9) lost',
         array=True,
         default=1.0,
         minimum=0.0,
@@ -55,8 +61,8 @@ VEHICLE = {
         choices=AXES,
     ),
     'allocation.lost_axes': Parameter(
-        'if the rotors cannot command every axis and hover: refuse: do not start; drop: start '
-        'without the lost axes (axes that are lost in flight are always dropped)',
+        'at the start, if the rotors cannot command every axis or cannot hover: refuse the '
+        'vehicle, or drop the lost axes (axes that are lost in flight are always dropped)',
         str,
         default='refuse',
         choices=('refuse', 'drop'),
