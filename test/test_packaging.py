@@ -25,7 +25,7 @@ PLACES = {key: value for key, value in os.environ.items() if key == 'PYTHONPATH'
 
 LEFT_BY_TOOLS = (
     '.git', '.venv', '.hypothesis', '.*_cache', '__pycache__', '*.egg-info', 'build', 'dist',
-    'install', 'log', 'out')
+    'install', 'log', 'out', '*.so')
 
 
 @pytest.fixture(scope='module')
@@ -87,7 +87,11 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
         names = archive.namelist()
     modules = {
         str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros').rglob('*.py')}
-    assert modules | {'ca_ros/py.typed', 'ca_ros/evaluation/report/page.html'} <= set(names)
+    library = {str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros/kernel').glob('*.[ch]')}
+    assert len(library) > 4
+    assert modules | library | {
+        'ca_ros/py.typed', 'ca_ros/evaluation/report/page.html'} <= set(names)
+    assert {'_double', '_single'} <= {Path(name).name.partition('.')[0] for name in names}
     [data] = {name.split('/')[0] for name in names if '.data/' in name}
     shared = {name.removeprefix(f'{data}/data/share/') for name in names if name.startswith(data)}
     layouts = {f'ca_ros/layouts/{file.name}' for file in (ROOT / 'layouts').iterdir()}
