@@ -13,7 +13,7 @@ static int finite(ca_real x)
  * With `ranges`, of Gamma times the ranges of the thrusts. Returns 0 if the rows are dependent. */
 static int span(ca_problem *p, int ranges)
 {
-    const int n = p->n, m = p->m;
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
     for (int k = 0; k < m; k++) {
         ca_real column[CA_N];
         for (int j = 0; j < m; j++)
@@ -68,6 +68,10 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
     *p = (ca_problem){0};
     if (n < 1 || n > CA_N || m < 1 || m > CA_M)
         return CA_BAD_SIZE;
+#ifdef CA_FIXED
+    if (n != CA_N || m != CA_M)
+        return CA_BAD_SIZE;
+#endif
     if (!order_is_sound(options, m))
         return CA_BAD_ORDER;
     p->n = n;
@@ -122,7 +126,7 @@ int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *
 
 ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 {
-    const int n = p->n, m = p->m;
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
     ca_answer answer = {CA_EXACT, 1, 0, 0};
     ca_real length = 0, missed[CA_M];
 
@@ -144,7 +148,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     ca_prioritize(p, u, &served, &answer.pivots, &answer.steps);
     const ca_real goal = CA_TOLERANCE * ca_max(1, ca_length(m, served.wrench));
     ca_real residual = CA_INFINITY;
-    const int on_face = !served.almost_parallel && (served.vertex || !served.reached);
+    const int on_face = !served.almost_parallel && (served.unique || !served.reached);
     if (on_face && (served.reached || p->policy != CA_REJECTED)) {
         residual = ca_least_norm_on_face(p, &served, goal, thrusts, &answer.steps);
         ca_residual(p, u, thrusts, missed);
@@ -180,13 +184,13 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 
 void ca_residual(const ca_problem *p, const ca_real *u, const ca_real *thrusts, ca_real *residual)
 {
-    for (int k = 0; k < p->m; k++)
-        residual[k] = u[k] - ca_dot(p->n, p->gamma[k], thrusts);
+    for (int k = 0; k < CA_AXES(p); k++)
+        residual[k] = u[k] - ca_dot(CA_ROTORS(p), p->gamma[k], thrusts);
 }
 
 void ca_active_set(const ca_problem *p, const ca_real *thrusts, signed char *active)
 {
-    for (int i = 0; i < p->n; i++) {
+    for (int i = 0; i < CA_ROTORS(p); i++) {
         const ca_real rounding = CA_TOLERANCE * ca_max(1, p->upper[i]);
         active[i] = thrusts[i] <= p->lower[i] + rounding   ? -1
                     : thrusts[i] >= p->upper[i] - rounding ? 1
@@ -207,7 +211,7 @@ void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
  * are not independent. */
 static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
 {
-    const int m = p->m;
+    const int m = CA_AXES(p);
     ca_real rows[CA_M][CA_M];
     int axis[CA_M];
     for (int k = 0; k < m; k++)
@@ -269,7 +273,7 @@ static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
 
 ca_real ca_margin(const ca_problem *p, const ca_real *u)
 {
-    const int n = p->n, m = p->m, size = m - 1;
+    const int n = CA_ROTORS(p), m = CA_AXES(p), size = m - 1;
     int choice[CA_M];
     ca_real margin = CA_INFINITY;
     if (n < size)

@@ -11,7 +11,7 @@
 #define ATTEMPT 10
 #define STEPS 50
 /* Number of steps along axes that no free rotor serves, after which u is likely unattainable. */
-#define STRAYS 2
+#define STRAYS 1
 /* Size of the free rotors' part of the basis below which an axis is not served. */
 #define FLAT CA_CHOOSE(1e-8, 1e-4)
 /* Least pivot of normal equations that are well conditioned. */
@@ -55,7 +55,7 @@ typedef struct {
 
 static void factorize(const bounded_program *program, const int *free, int count, qr_factors *f)
 {
-    const int m = program->problem->m;
+    const int m = CA_AXES(program->problem);
     f->free = count;
     f->rank = m;
     for (int k = 0; k < m; k++) {
@@ -185,7 +185,7 @@ static void solve_free(const qr_factors *f, int m, const ca_real *slopes, ca_rea
 static void leave(const bounded_program *program, const ca_real *u, const ca_real *f, ca_real *left)
 {
     const ca_problem *problem = program->problem;
-    const int n = problem->n, m = problem->m;
+    const int n = CA_ROTORS(problem), m = CA_AXES(problem);
     ca_residual(problem, u, f, left);
     if (program->count > n)
         for (int k = 0; k < m; k++)
@@ -200,18 +200,28 @@ static void multiply(int m, const ca_real matrix[CA_M][CA_M], const ca_real *x, 
 }
 
 /* Solve basis_F^T basis_F step = slopes by its normal equations; 0 if they are ill-conditioned. */
-static int solve_normal(const bounded_program *program, const int *free, int count, const ca_real *slopes,
-                        ca_real *step)
+static int solve_normal(const bounded_program *program, const int *free, int frees,
+                        const int *bound, const ca_real *slopes, ca_real *step)
 {
-    const int m = program->problem->m;
-    ca_real h[CA_M][CA_M] = {{0}}, inverse[CA_M];
-    if (count < m)
+    const int m = CA_AXES(program->problem), bounds = program->count - frees;
+    ca_real h[CA_M][CA_M], inverse[CA_M] = {0};
+    if (frees < m)
         return 0;
+    /* basis^T basis is 1: sum the fewer rows. */
+    const int few = bounds < frees, count = few ? bounds : frees;
+    const int *rotors = few ? bound : free;
+    const ca_real sign = few ? CA_REAL(-1) : CA_REAL(1);
+    const ca_real whole = few ? 1 + program->rate * program->rate : 0;
+    for (int k = 0; k < m; k++)
+        for (int j = 0; j <= k; j++)
+            h[k][j] = j == k ? whole : 0;
     for (int i = 0; i < count; i++) {
-        const ca_real *row = program->basis[free[i]];
-        for (int k = 0; k < m; k++)
+        const ca_real *row = program->basis[rotors[i]];
+        for (int k = 0; k < m; k++) {
+            const ca_real entry = sign * row[k];
             for (int j = 0; j <= k; j++)
-                h[k][j] += row[k] * row[j];
+                h[k][j] += entry * row[j];
+        }
     }
     /* L D L^T; the lower triangle of h becomes L. */
     for (int k = 0; k < m; k++) {
@@ -248,7 +258,7 @@ static int solve_normal(const bounded_program *program, const int *free, int cou
 
 static void multiply_basis(const bounded_program *program, const ca_real *y, ca_real *z)
 {
-    const int m = program->problem->m;
+    const int m = CA_AXES(program->problem);
     for (int i = 0; i < program->count; i++)
         z[i] = ca_dot(m, program->basis[i], y);
 }
@@ -332,48 +342,53 @@ static ca_real search(const bounded_program *program, const ca_real *z, const ca
     return line.corner[low] + share * (line.corner[high] - line.corner[low]);
 }
 
-/* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. With
- * `early` it ends when u is proven to be unattainable. Returns the least residual that was met,
- * with its thrusts and multipliers. */
-static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real tolerance, int start,
-                       int early, int bound, ca_real *thrusts, ca_real *multipliers, int *steps)
+static void copy(int count, const ca_real *from, ca_real *to)
+{
+    for (int i = 0; i < count; i++)
+        to[i] = from[i];
+}
+
+/* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. Returns
+ * the least residual that was met, with its thrusts and multipliers. With `early` it ends when u is
+ * proven or likely to be unattainable, and leaves the thrusts open then. */
+static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real tolerance,
+                       int start, int early, int bound, ca_real *thrusts, ca_real *multipliers,
+                       int *steps)
 {
     const ca_problem *problem = program->problem;
-    const int m = problem->m, count = program->count;
+    const int m = CA_AXES(problem), count = program->count;
     ca_real target[CA_M], y[CA_M], least = CA_INFINITY;
-    multiply(m, problem->coordinates, u, target);
     int strays = 0;
-    for (int k = 0; k < m; k++)
-        multipliers[k] = y[k] = start ? multipliers[k] : target[k];
-    for (int i = 0; i < count; i++)
-        thrusts[i] = program->lower[i];
+    multiply(m, problem->coordinates, u, target);
+    copy(m, start ? multipliers : target, y);
 
     for (int number = 0; number < bound; number++) {
         ca_real z[WIDE], f[WIDE], left[CA_M], residual;
-        int free[WIDE], frees = 0;
+        int free[WIDE], held[WIDE], frees = 0, helds = 0;
         for (int i = 0; i < count; i++) {
+            const ca_real lower = program->lower[i], upper = program->upper[i];
             z[i] = ca_dot(m, program->basis[i], y);
-            f[i] = ca_clip(z[i], program->lower[i], program->upper[i]);
-            if (z[i] > program->lower[i] && z[i] < program->upper[i])
+            f[i] = ca_clip(z[i], lower, upper);
+            if (z[i] > lower && z[i] < upper)
                 free[frees++] = i;
+            else
+                held[helds++] = i;
         }
         leave(program, u, f, left);
         residual = ca_length(m, left);
-        if (residual < least) {
+        if (residual <= tolerance || (!early && residual < least)) {
             least = residual;
-            for (int i = 0; i < count; i++)
-                thrusts[i] = f[i];
-            for (int k = 0; k < m; k++)
-                multipliers[k] = y[k];
+            copy(count, f, thrusts);
+            copy(m, y, multipliers);
+            if (residual <= tolerance)
+                break;
         }
-        if (least <= tolerance)
-            break;
 
         ca_real slopes[CA_M], step[CA_M], away[CA_M], rates[WIDE], change[WIDE];
         int astray = 0;
         ++*steps;
         multiply(m, problem->coordinates, left, slopes);
-        if (solve_normal(program, free, frees, slopes, step)) {
+        if (solve_normal(program, free, frees, held, slopes, step)) {
             multiply_basis(program, step, rates);
             for (int i = 0; i < frees; i++)
                 change[i] = rates[free[i]];
@@ -382,50 +397,52 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
             ca_real missed[CA_M];
             factorize(program, free, frees, &factors);
             solve_free(&factors, m, slopes, step, change, away);
-            multiply_basis(program, step, rates);
             /* Along an axis that no free rotor serves, what is left is either rounding, to be
              * ignored, or a reason to go that way alone: the search ends where the next rotor
              * comes free. */
             multiply(m, problem->back, away, missed);
             astray = factors.rank < m && ca_length(m, missed) > CA_REAL(0.8) * tolerance;
+            if (astray && early && ++strays > STRAYS)
+                break;
+            multiply_basis(program, step, rates);
         }
         if (!astray) {
             /* If the step leaves the active set as it is, this is the answer. The thrusts
              * themselves lose fewer digits in it than y, which may be large. */
-            ca_real stepped[WIDE], after[CA_M], greatest = 0, change_of_set = 0;
+            ca_real after[CA_M], greatest = 0, change_of_set = 0;
             for (int k = 0; k < m; k++)
                 after[k] = y[k] + step[k];
-            for (int i = 0; i < count; i++)
-                stepped[i] = f[i];
-            for (int i = 0; i < frees; i++)
-                stepped[free[i]] = ca_clip(f[free[i]] + change[i], program->lower[free[i]],
-                                           program->upper[free[i]]);
-            for (int i = 0; i < count; i++) {
-                const ca_real aimed =
-                    ca_clip(z[i] + rates[i], program->lower[i], program->upper[i]);
-                change_of_set = ca_max(change_of_set, ca_abs(aimed - stepped[i]));
-                greatest = ca_max(greatest, ca_abs(stepped[i]));
+            for (int i = 0; i < frees; i++) {
+                const int rotor = free[i];
+                const ca_real lower = program->lower[rotor], upper = program->upper[rotor];
+                const ca_real aimed = ca_clip(z[rotor] + rates[rotor], lower, upper);
+                f[rotor] = ca_clip(f[rotor] + change[i], lower, upper);
+                change_of_set = ca_max(change_of_set, ca_abs(aimed - f[rotor]));
             }
+            for (int i = 0; i < helds; i++) {
+                const int rotor = held[i];
+                const ca_real aimed = ca_clip(z[rotor] + rates[rotor], program->lower[rotor],
+                                              program->upper[rotor]);
+                change_of_set = ca_max(change_of_set, ca_abs(aimed - f[rotor]));
+            }
+            for (int i = 0; i < count; i++)
+                greatest = ca_max(greatest, ca_abs(f[i]));
             if (change_of_set <= CHANGED * (1 + greatest) + ROUNDING * ca_length(m, after)) {
-                leave(program, u, stepped, left);
+                leave(program, u, f, left);
                 residual = ca_length(m, left);
-                if (residual < least) {
+                if (residual <= tolerance || (!early && residual < least)) {
                     least = residual;
-                    for (int i = 0; i < count; i++)
-                        thrusts[i] = stepped[i];
-                    for (int k = 0; k < m; k++)
-                        multipliers[k] = after[k];
+                    copy(count, f, thrusts);
+                    copy(m, after, multipliers);
+                    if (residual <= tolerance)
+                        break;
                 }
-                if (least <= tolerance)
-                    break;
             }
         }
         ca_real advance = 0, short_of = 0;
         const ca_real *way = step;
         if (astray) {
             ca_real ways[WIDE];
-            if (early && ++strays > STRAYS)
-                break;
             way = away;
             multiply_basis(program, away, ways);
             advance = search(program, z, ways, ca_dot(m, target, away), &short_of);
@@ -441,11 +458,11 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
             ca_real normal[CA_M];
             for (int k = 0; k < m; k++) {
                 normal[k] = 0;
-                for (int j = 0; j < m; j++)
+                for (int j = k; j < m; j++)
                     normal[k] += problem->coordinates[j][k] * way[j];
             }
             if (short_of > 4 * tolerance * ca_length(m, normal))
-                return least;
+                break;
         }
         for (int k = 0; k < m; k++)
             y[k] += advance * way[k];
@@ -456,7 +473,7 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
 ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
                   int *steps)
 {
-    const int n = problem->n, m = problem->m;
+    const int n = CA_ROTORS(problem), m = CA_AXES(problem);
     const bounded_program program = {problem, n, problem->basis, problem->lower, problem->upper, 0};
     ca_real f[CA_N], least = CA_INFINITY;
     for (int i = 0; i < n; i++)
@@ -492,7 +509,7 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
 static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
                   const ca_real *y, int *steps)
 {
-    const int n = problem->n, m = problem->m;
+    const int n = CA_ROTORS(problem), m = CA_AXES(problem);
     const ca_real steep = STEEP * problem->greatest;
     const ca_real slack = problem->slack * ca_max(1, ca_length(m, u));
     if (!(tolerance < slack && ca_length(m, y) > steep))
@@ -529,7 +546,7 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
                    ca_real *thrusts, int *steps)
 {
-    const bounded_program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
+    const bounded_program plain = {problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
     ca_real y[CA_M];
     const ca_real residual =
         iterate(&plain, u, tolerance / 2, 0, 1, ATTEMPT, thrusts, y, steps);
@@ -541,7 +558,7 @@ ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real toleranc
 ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance,
                       ca_real *thrusts, int *steps)
 {
-    const bounded_program plain = {problem, problem->n, problem->basis, problem->lower, problem->upper, 0};
+    const bounded_program plain = {problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
     ca_real y[CA_M];
     ca_real residual = iterate(&plain, u, tolerance / 2, 0, 0, STEPS, thrusts, y, steps);
     if (residual > tolerance / 2)
@@ -554,7 +571,7 @@ ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real toler
 ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served,
                               ca_real tolerance, ca_real *thrusts, int *steps)
 {
-    const int n = problem->n, m = problem->m;
+    const int n = CA_ROTORS(problem), m = CA_AXES(problem);
     ca_real lower[CA_N], upper[CA_N], f[CA_N], left[CA_M], slopes[CA_M], y[CA_M], away[CA_M];
     ca_real change[CA_N];
     int free[CA_N], frees = 0;
@@ -567,7 +584,7 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
         if (lower[i] < upper[i])
             free[frees++] = i;
     }
-    if (served->vertex) {
+    if (served->least) {
         for (int i = 0; i < n; i++)
             thrusts[i] = served->thrusts[i];
         ca_residual(problem, served->wrench, thrusts, left);

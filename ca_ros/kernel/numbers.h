@@ -19,6 +19,15 @@
 #define CA_CHOOSE(in_double, in_float) ((ca_real)(in_double))
 #endif
 
+/* With CA_FIXED all problems have CA_N rotors and CA_M axes: loops of constant length are faster. */
+#ifdef CA_FIXED
+#define CA_ROTORS(problem) ((void)(problem), CA_N)
+#define CA_AXES(problem) ((void)(problem), CA_M)
+#else
+#define CA_ROTORS(problem) ((problem)->n)
+#define CA_AXES(problem) ((problem)->m)
+#endif
+
 /* Residual of an exact allocation, relative to max(1, |u|). */
 #define CA_TOLERANCE CA_CHOOSE(1e-12, 1e-5)
 /* Beyond this, a number is an error of the caller, and its square might not be finite. */
@@ -50,7 +59,8 @@ typedef struct {
     ca_real wrench[CA_M];  /* attainable */
     ca_real thrusts[CA_N]; /* some that give it */
     int held[CA_N];        /* nonzero if all that give it have this thrust at its bound */
-    int vertex;            /* whether these thrusts are the only ones */
+    int unique;            /* whether these thrusts are the only ones */
+    int least;             /* whether they are the least */
     int almost_parallel;   /* whether some are held by a facet that is almost parallel to another */
     int reached;           /* whether the wrench is the demand, up to rounding */
     ca_real level;         /* least share of its demand that an axis got */

@@ -88,8 +88,8 @@ static int move(simplex *s, int k, ca_real way, int target, int *blocked)
 {
     const int x = s->nonbasic[k];
     const ca_real sign = way > 0 ? CA_REAL(1) : CA_REAL(-1);
-    ca_real length = ca_abs(way), room[ROWS] = {0}, speed[ROWS] = {0};
-    int reached = 1, coming[ROWS] = {0}, count = 0;
+    ca_real length = ca_abs(way), room[ROWS], speed[ROWS];
+    int reached = 1;
     *blocked = -1;
     if (target >= 0) {
         const ca_real own = way > 0 ? s->upper[x] - s->value[x] : s->value[x] - s->lower[x];
@@ -104,18 +104,18 @@ static int move(simplex *s, int k, ca_real way, int target, int *blocked)
     for (int r = 0; r < s->rows; r++) {
         const int v = s->basic[r];
         const ca_real rate = sign * s->rates[r][k];
+        speed[r] = 0;
+        room[r] = 0;
         if (v == target || (rate > -STILL && rate < STILL))
             continue;
-        speed[r] = ca_abs(rate);
         room[r] = rate > 0 ? s->upper[v] - s->value[v] : s->value[v] - s->lower[v];
-        if (room[r] < speed[r] * furthest) {
-            coming[count++] = r;
+        if (room[r] < ca_abs(rate) * furthest) {
+            speed[r] = ca_abs(rate);
             furthest = ca_min(furthest, (ca_max(room[r], 0) + SLACK) / speed[r]);
         }
     }
     ca_real fastest = 0, nearest = 0;
-    for (int c = 0; c < count; c++) {
-        const int r = coming[c];
+    for (int r = 0; r < s->rows; r++) {
         if (speed[r] > fastest && room[r] <= speed[r] * furthest &&
             speed[r] * furthest < speed[r] * length) {
             fastest = speed[r];
@@ -287,7 +287,7 @@ static int add_lag(simplex *s, int count, const int *variables, const ca_real *g
 /* The simplex with which a line begins. */
 static void begin(const ca_problem *p, simplex *s)
 {
-    const int n = p->n, m = p->m;
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
     s->rows = m;
     s->columns = n;
     s->count = n + m;
@@ -314,7 +314,7 @@ static void begin(const ca_problem *p, simplex *s)
 
 static void keep(const simplex *s, ca_problem *p)
 {
-    const int n = p->n, m = p->m;
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
     p->doubt = s->doubt;
     for (int k = 0; k < m; k++) {
         p->basic[k] = s->basic[k];
@@ -334,7 +334,7 @@ static void keep(const simplex *s, ca_problem *p)
 static int group_size(const ca_problem *p, int first)
 {
     int size = 1;
-    while (first + size < p->m && p->group[first + size] == p->group[first])
+    while (first + size < CA_AXES(p) && p->group[first + size] == p->group[first])
         size++;
     return size;
 }
@@ -344,7 +344,7 @@ static int group_size(const ca_problem *p, int first)
 static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *reference,
                      int senses, simplex *s)
 {
-    const int n = p->n, m = p->m, first = group_size(p, 0);
+    const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     int variables[CA_M] = {0}, length = -1;
     ca_real ways[CA_M] = {0}, size = 0, share = 1;
     begin(p, s);
@@ -405,13 +405,13 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
 
 static void scale(const ca_problem *p, const ca_real *u, ca_real *goals)
 {
-    for (int k = 0; k < p->m; k++)
+    for (int k = 0; k < CA_AXES(p); k++)
         goals[k] = (u[k] - p->center[k]) / p->extent[k];
 }
 
 void ca_priorities_set_up(ca_problem *p, int on_reference)
 {
-    const int n = p->n, m = p->m, first = group_size(p, 0);
+    const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     simplex s;
     ca_real reference[CA_M] = {0};
 
@@ -466,10 +466,49 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
             p->keep_sense[k] = 0;
 }
 
+/* Thrusts that are not held and not basic may be chosen. Where there is one, choose it so that the
+ * thrusts are the least. Returns how many there are, 2 for more. */
+static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
+{
+    const int n = CA_ROTORS(p);
+    ca_real rates[CA_N], slope = 0, curvature = 0, low = -CA_INFINITY, high = CA_INFINITY;
+    int k = -1;
+    for (int j = 0; j < s->columns; j++) {
+        const int x = s->nonbasic[j];
+        if (x >= n || s->held[x] || !(p->half_range[x] > 0))
+            continue;
+        if (k >= 0)
+            return 2;
+        k = j;
+    }
+    if (k < 0)
+        return 0;
+    for (int i = 0; i < n; i++)
+        rates[i] = 0;
+    rates[s->nonbasic[k]] = p->half_range[s->nonbasic[k]];
+    for (int r = 0; r < s->rows; r++)
+        if (s->basic[r] < n)
+            rates[s->basic[r]] = p->half_range[s->basic[r]] * s->rates[r][k];
+    for (int i = 0; i < n; i++) {
+        slope += rates[i] * thrusts[i];
+        curvature += rates[i] * rates[i];
+        if (ca_abs(rates[i]) > STILL * p->half_range[i]) {
+            const ca_real down = (p->lower[i] - thrusts[i]) / rates[i];
+            const ca_real up = (p->upper[i] - thrusts[i]) / rates[i];
+            low = ca_max(low, ca_min(down, up));
+            high = ca_min(high, ca_max(down, up));
+        }
+    }
+    const ca_real step = ca_min(ca_max(-slope / curvature, low), high);
+    for (int i = 0; i < n; i++)
+        thrusts[i] = ca_clip(thrusts[i] + step * rates[i], p->lower[i], p->upper[i]);
+    return 1;
+}
+
 void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots,
                    int *steps)
 {
-    const int n = p->n, m = p->m, first = group_size(p, 0);
+    const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     simplex s;
     ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, wrench[CA_M], missed[CA_M];
     ca_real *thrusts = served->thrusts;
@@ -481,6 +520,12 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     for (int i = 0; i < n; i++)
         thrusts[i] = ca_clip(p->middle[i] + p->half_range[i] * s.value[i], p->lower[i],
                              p->upper[i]);
+    for (int i = 0; i < n; i++)
+        served->held[i] = s.held[i];
+    served->almost_parallel = s.least_rate < PARALLEL;
+    const int choices = choose(p, &s, thrusts);
+    served->unique = choices == 0;
+    served->least = choices < 2;
     for (int k = 0; k < m; k++)
         wrench[k] = p->center[k] + p->extent[k] * s.value[n + k];
     /* Pivots of almost symmetric vehicles are small and cost digits. */
@@ -489,16 +534,6 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     if (ca_length(m, missed) > tolerance) {
         ca_settle(p, wrench, tolerance, thrusts, steps);
         ca_residual(p, wrench, thrusts, missed);
-    }
-    for (int i = 0; i < n; i++)
-        served->held[i] = s.held[i];
-    served->almost_parallel = s.least_rate < PARALLEL;
-    /* Basic thrusts follow from the others. */
-    served->vertex = 1;
-    for (int j = 0; j < s.columns; j++) {
-        const int x = s.nonbasic[j];
-        if (x < n && p->half_range[x] > 0 && !s.held[x])
-            served->vertex = 0;
     }
     served->reached = 1;
     served->level = 1;
