@@ -298,6 +298,37 @@ def _written(values):
     return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
 
 
+FLOOD = """
+import sys, time
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
+
+name, number = sys.argv[1], float(sys.argv[2])
+rclpy.init()
+if name == 'allocator':
+    topic, message = 'command/wrench', WrenchStamped()
+    message.wrench.force.z = number
+else:
+    topic, message = 'command/motor_speed', Float64MultiArray(data=[number] * 6)
+publisher = rclpy.create_node('flood').create_publisher(type(message), topic, 1)
+encoded = serialize_message(message)
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+begun, sent = time.monotonic(), 0
+while True:
+    if sent < 1e4 * (time.monotonic() - begun):
+        publisher.publish(encoded)
+        sent += 1
+"""
+
+
+def start_flood(graph, name, number):
+    """Flood an allocator or a simulator with commands of this thrust [N] or speed [rad/s]."""
+    return graph.start_silent(sys.executable, '-c', FLOOD, name, str(number))
+
+
 @contextmanager
 def busy_processors():
     """Keep each processor busy with a process of its own."""

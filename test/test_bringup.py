@@ -14,7 +14,7 @@ from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains, Waypoint
-from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import find, load
 from ros import DEADLINE, fly_in_real_time
@@ -23,15 +23,21 @@ HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
 
 
-def fly_offline(method, duration, goal=(1.0, 1.0, 1.0)):
-    """Return the flight that a flight of bringup must be equal to."""
+WAYPOINT = 1.0, 1.0, 1.0, math.radians(45.0)
+"""The default of bringup: x, y, z [m], heading [rad]."""
+
+
+def fly_offline(method, duration, goal=WAYPOINT, start=(0.0, 0.0, 0.0)):
+    """Return the flight without ROS from rest at a point to a waypoint."""
     parameters = load('hexarotor') | {'allocation.method': method}
     vehicle = audit(Vehicle.from_parameters(parameters)).vehicle
     options = options_from_parameters(parameters, vehicle.axes)
+    state = NULL_STATE.copy()
+    state[POSITION] = start
     return fly(
         Controller(vehicle, Gains.from_parameters(parameters)),
-        make_allocator(method, vehicle, **options), RigidBody(vehicle),
-        Waypoint.of(*goal, math.radians(45.0)), duration)
+        make_allocator(method, vehicle, **options), RigidBody(vehicle), Waypoint.of(*goal),
+        duration, state=state)
 
 
 def read(folder):

@@ -7,6 +7,7 @@ from itertools import cycle
 import pytest
 from geometry_msgs.msg import PoseStamped
 
+from ca_ros.bringup.options import parse
 from ca_ros.nodes.executable import split
 from ca_ros.vehicle.files import find
 
@@ -97,13 +98,10 @@ def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
 
 
 WRONG_OPTIONS = [
-    ('bringup', '--namespace', '1 bad'), ('bringup', '--namespace', '/uav1/'),
-    ('bringup', '--duration', '-1'), ('bringup', '--duration', 'nan'),
-    ('bringup', '--waypoint', '1', '2', 'inf'), ('bringup', '--method', 'magic'),
     ('bringup', '--vehicle', 'x8', '--params-file', 'my.yaml'),
+    ('bringup', '--namespace', '1 bad'), ('bringup', '--namespace', '/uav1/'),
     ('bringup', '--ros-args', '-r', 'foo'), ('fault_proxy', '--ros-args', '-r', 'foo'),
-    ('allocator', '--ros-args', '--params-file', 'nope'),
-]
+    ('allocator', '--ros-args', '--params-file', 'nope')]
 
 
 def test_a_wrong_option_is_refused_by_name(graph):
@@ -116,6 +114,25 @@ def test_a_wrong_option_is_refused_by_name(graph):
         last = err.splitlines()[-1]
         assert last.startswith(f'{name}: '), last
         assert any(word.strip('-') in last for word in options), last
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ('--duration -1', '--duration'), ('--duration nan', '--duration'),
+    ('--waypoint 1 2 inf', '--waypoint'), ('--method magic', '--method'),
+    ('--fail 1', 'expected ROTOR@TIME'), ('--fail 1@1e300', "'1@1e300': expected a time"),
+    ('--fail 1@1 --announce soon', "'soon' is neither a time"),
+    ('--fail 1@1 --announce 1e300', "'1e300' is neither a time"),
+    ('--fail 1@1 --announce -1', "'-1' is neither a time"),
+    ('--fail 1@1 --respawn', 'not with --respawn'),
+    *((f'--faults {fault}', 'argument --faults: ')
+      for fault in ('drop', 'drop=0.1', 'dorp:=0.1', 'topics:=command/wrench'))])
+def test_bringup_refuses_what_it_cannot_read(options, words, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        parse(options.split())
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert err.splitlines()[-1].startswith('bringup: error: ')
+    assert words in err
 
 
 def test_a_wrong_value_on_the_command_line_is_refused_in_one_line(graph):

@@ -356,7 +356,7 @@ def check_account(node):
 def check_log(node):
     """A node ends cleanly and has not said what only a bug says."""
     out, err = node.graph.end(node.process, signal.SIGINT)
-    assert (node.process.returncode, out) == (0, '')
+    assert (node.process.returncode, out) == (0, ''), err
     for word in ('Traceback', 'Warning:', 'Error'):
         assert word not in err, err
 

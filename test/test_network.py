@@ -1,5 +1,6 @@
 """More than one host, and more than one vehicle."""
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -44,7 +45,8 @@ def test_five_vehicles_in_one_graph_fly_as_offline_to_the_last_bit(graph, tmp_pa
         assert flight.returncode == 0, f'{name}: {out}{err}'
         assert out.count('reached') == 1, f'{name}: {out}{err}'
         method, goal = FLIGHTS[name]
-        fly_offline(method, DURATION, goal).write_csv(tmp_path / 'offline.csv')
+        offline = fly_offline(method, DURATION, (*goal, math.radians(45.0)))
+        offline.write_csv(tmp_path / 'offline.csv')
         flown = (tmp_path / name / 'flight.csv').read_bytes()
         assert flown == (tmp_path / 'offline.csv').read_bytes(), name
     assert graph.alive() == []

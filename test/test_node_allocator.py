@@ -119,10 +119,6 @@ def client():
 
 # Answers
 
-def test_hover_is_an_equal_share_of_the_weight_for_each_rotor(client):
-    np.testing.assert_allclose(client.ask(HOVER), [HOVER_SPEED] * 6, rtol=1e-12)
-
-
 def test_the_layout_says_what_the_numbers_are(client):
     client.ask(HOVER)
     rows, columns = client.speeds[-1].layout.dim
@@ -154,41 +150,6 @@ def test_saturation_says_which_bound_each_rotor_is_at(client, thrust, sign):
     client.graph.spin_until(
         lambda: client.saturation and client.saturation[-1].data.tolist() == [sign] * 6,
         f'saturation {sign}', repeat=lambda: client.ask((0.0, 0.0, thrust, 0.0, 0.0, 0.0)))
-
-
-@pytest.mark.parametrize(
-    ('thrust', 'level', 'word'),
-    [(9.81, DiagnosticStatus.OK, 'EXACT'), (1e3, DiagnosticStatus.WARN, 'PRIORITIZED')])
-def test_diagnostics_warn_of_a_wrench_that_is_not_attained(client, thrust, level, word):
-    client.ask((0.0, 0.0, thrust, 0.0, 0.0, 0.0))
-    status, values = client.diagnose()
-    assert (status.level, status.message) == (level, word)
-    assert status.name.startswith('allocator')
-    assert values['method'] == 'exact'
-    assert client.diagnostics[-1].header.stamp.sec > 0
-
-
-# Commands that are none
-
-def test_a_wrench_that_is_not_finite_is_as_if_it_had_not_been(client):
-    expected = client.ask(HOVER)
-    before = len(client.speeds)
-    bad = [np.where(np.arange(6) == i, fault, HOVER)
-           for i in range(6) for fault in (math.nan, math.inf, -math.inf)]
-    for wrench in bad:
-        client.send(wrench)
-        assert client.ask(HOVER).tobytes() == expected.tobytes()
-    assert len(client.speeds) == before + len(bad)
-
-
-def test_no_finite_wrench_ends_the_node(graph):
-    client = start(graph)
-    for number in (1e99, 1e101, 1e200, np.finfo(float).max, 5e-324):
-        for i in range(6):
-            client.send(np.where(np.arange(6) == i, number, HOVER))
-    np.testing.assert_allclose(client.ask(HOVER), [HOVER_SPEED] * 6, rtol=1e-12)
-    for message in client.speeds:
-        assert all(40.0 <= speed <= 400.0 for speed in message.data)
 
 
 # Parameters
@@ -259,32 +220,6 @@ def test_health_can_be_set_on_the_running_node(graph):
     assert result.successful, result.reason
     client.twin = twin(*together.values())
     assert client.ask(HOVER).tobytes() == client.expected.speeds.tobytes()
-
-
-REFUSED = [
-    ({'allocation.method': 'magic'}, ['allocation.method', 'magic', *ALLOCATORS]),
-    ({'allocation.method': 1.0}, ['allocation.method', *ALLOCATORS]),
-    ({'rotors.health': [1.0] * 5}, ['rotors.health', '6', '5']),
-    ({'rotors.health': [1.0, 1.0, 1.0, 1.5, 1.0, 1.0]}, ['rotors.health[3]', '1.5']),
-    ({'rotors.health': [-0.5, 1.0, 1.0, 1.0, 1.0, 1.0]}, ['rotors.health[0]', '-0.5']),
-    ({'rotors.health': math.nan}, ['rotors.health', 'nan']),
-    ({'rotors.health': 'broken'}, ['rotors.health', 'broken']),
-    ({'allocation.method': 'direct', 'rotors.health': [1.0] * 5}, ['rotors.health', '6', '5']),
-    ({'allocation.method': 'direct', 'vehicle.mass': 2.0}, ['read-only']),
-    ({'allocation.method': 'conventional', 'allocation.conventional.weight': [1.0, 1.0]},
-     ['allocation.conventional.weight', '6']),
-]
-
-
-@pytest.mark.parametrize(('values', 'words'), REFUSED, ids=lambda x: ', '.join(x))
-def test_wrong_parameters_are_refused_with_a_reason_and_the_old_ones_stay(client, values, words):
-    before, speeds = client.parameters.get(*values), client.ask(HOVER)
-    result = client.parameters.set_atomically(values)
-    assert not result.successful
-    for word in words:
-        assert word in result.reason
-    assert client.parameters.get(*values) == before
-    assert client.ask(HOVER).tobytes() == speeds.tobytes()
 
 
 def test_what_is_built_in_is_read_only(client):

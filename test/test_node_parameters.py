@@ -14,7 +14,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros import ParameterError, Vehicle, make_allocator
+from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, SIMULATOR
 from ca_ros.schema import PARAMETERS, REQUIRED
 from ca_ros.vehicle.files import load
@@ -217,15 +217,21 @@ def test_a_list_that_ros_takes_for_a_string_is_refused_with_what_would_be_right(
         assert words in result.reason
 
 
-@pytest.mark.parametrize('values', [
-    {'no.such': 1.0}, {'rotors.helth': 1.0}, {'allocation.method': 'direct', 'no.such': 1.0},
-    {'rotors.health': None}, {'allocation.method': None},
-    {'allocation.method': 'direct', 'use_sim_time': 5}])
-def test_what_cannot_be_set_changes_nothing_now_or_later(client, values):
+@pytest.mark.parametrize(('values', 'words'), [
+    ({'no.such': 1.0}, ''), ({'rotors.helth': 1.0}, ''), ({'rotors.health': None}, ''),
+    ({'allocation.method': None}, ''), ({'allocation.method': 'direct', 'no.such': 1.0}, ''),
+    ({'allocation.method': 'direct', 'use_sim_time': 5}, ''),
+    ({'allocation.method': 'magic'}, ' '.join(ALLOCATORS)),
+    ({'allocation.method': 'direct', 'rotors.health': [1.0] * 5}, 'rotors.health 6 5'),
+    ({'allocation.method': 'direct', 'vehicle.mass': 2.0}, 'read-only'),
+    ({'allocation.method': 'conventional', 'allocation.conventional.weight': [1.0, 1.0]},
+     'allocation.conventional.weight 6')])
+def test_what_cannot_be_set_changes_nothing_now_or_later(client, values, words):
     before, speeds = client.parameters.get(*ALLOCATOR), client.ask(HOVER)
     result = client.parameters.set_atomically(values)
     assert not result.successful
     assert result.reason
+    assert [word for word in words.split() if word not in result.reason] == []
     assert client.parameters.set_atomically({'use_sim_time': False}).successful
     assert client.parameters.get(*ALLOCATOR) == before
     assert client.ask(HOVER).tobytes() == speeds.tobytes()

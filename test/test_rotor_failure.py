@@ -9,7 +9,6 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, Status, Vehicle, make_allocator
-from ca_ros.bringup.options import parse
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_study import main as dynamic_study
 from ca_ros.flight.closed_loop import Change, fly
@@ -182,20 +181,6 @@ def test_failures_and_announcements_have_their_times():
     never = RotorFailures(failures.failures, None)
     assert never.times() == [1_000_000_000, 1_050_000_000, 3_000_000_000]
     assert never.believed(sound, 4_000_000_000).tolist() == [1.0, 1.0, 1.0]
-
-
-@pytest.mark.parametrize(('options', 'words'), [
-    (['--fail', '1'], 'expected ROTOR@TIME'),
-    (['--fail', '1@1', '--announce', 'soon'], "'soon' is neither a time"),
-    (['--fail', '1@1e300'], "'1@1e300': expected a time"),
-    (['--fail', '1@1', '--announce', '1e300'], "'1e300' is neither a time"),
-    (['--fail', '1@1', '--announce', '-1'], "'-1' is neither a time"),
-    (['--fail', '1@1', '--respawn'], 'not with --respawn'),
-])
-def test_bringup_refuses_what_it_cannot_read(options, words, capsys):
-    with pytest.raises(SystemExit):
-        parse(options)
-    assert words in capsys.readouterr().err
 
 
 def test_a_rotor_that_is_not_there_cannot_fail(graph, tmp_path, capsys):

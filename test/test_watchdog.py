@@ -6,7 +6,6 @@ CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (de
 import math
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.evaluation.environment import stolen
 from ca_ros.nodes.watchdog import TICK, Watchdog
-from ros import Diagnostics, counts
+from ros import Diagnostics, counts, start_flood
 
 TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '6'))
 TIMEOUT = 0.05
@@ -197,47 +196,12 @@ def test_before_the_first_command_nothing_is_over(graph, name):
     node.wait_for('idle')
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_commands_that_are_dropped_do_not_count(graph, name):
-    node = Watched(graph, name)
-    timer = graph.node.create_timer(TICK / 4, lambda: node.send(math.nan))
-    for _ in range(5):
-        timer.cancel()
-        node.fly()
-        timer.reset()
-        node.wait_for_timeout('idle')
-        node.wait_for('idle')
-    timer.cancel()
-
-
-FLOOD = """
-import sys
-import rclpy
-from geometry_msgs.msg import WrenchStamped
-from rclpy.serialization import serialize_message
-from std_msgs.msg import Float64MultiArray
-
-rclpy.init()
-nothing = float('nan')
-if sys.argv[1] == 'command/wrench':
-    message = WrenchStamped()
-    message.wrench.force.z = nothing
-else:
-    message = Float64MultiArray(data=[nothing] * 6)
-publisher = rclpy.create_node('flood').create_publisher(type(message), sys.argv[1], 1)
-encoded = serialize_message(message)
-while True:
-    publisher.publish(encoded)
-"""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('name', NAMES)
 def test_a_flood_of_what_is_dropped_delays_nothing_for_long(graph, name):
     node = Watched(graph, name)
     timer = graph.node.create_timer(TICK, node.send)
-    topic = node.command.topic_name.lstrip('/')
-    flood = graph.start(sys.executable, '-c', FLOOD, topic)
+    flood = start_flood(graph, name, math.nan)
     node.diagnostics.wait(
         node.name, lambda level, message, values: counts(values)['dropped: numbers'] > 1000,
         'a flood')
