@@ -15,10 +15,12 @@ from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -296,6 +298,23 @@ class Parameters:
 
 def _written(values):
     return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+def wrench(numbers, time=0, frame=''):
+    """Return the message of a wrench (6,), force before torque, or of a thrust, at a time [ns]."""
+    message = WrenchStamped()
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time, 10**9)
+    f, t = message.wrench.force, message.wrench.torque
+    f.x, f.y, f.z, t.x, t.y, t.z = map(
+        float, (0, 0, numbers, 0, 0, 0) if np.isscalar(numbers) else numbers)
+    return message
+
+
+def six(message):
+    """Return a wrench (6,), force before torque."""
+    f, t = message.wrench.force, message.wrench.torque
+    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
 
 
 FLOOD = """

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
-from ros import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts
+from ros import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts, wrench
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
@@ -68,9 +68,7 @@ class Node(Said):
 
     def send(self, thrust):
         """Send a thrust [N] to an allocator."""
-        message = WrenchStamped()
-        message.wrench.force.z = thrust
-        self.stream.publish(message)
+        self.stream.publish(wrench(thrust))
 
 
 def fly(node, thrust=HOVER):
@@ -172,22 +170,16 @@ def test_a_second_publisher_is_said_until_it_goes(nodes, topics):
         node.wait(STALE, '')
 
 
-@pytest.mark.parametrize(('make', 'what', 'kinds'), [
-    (best_effort, 'quality', SUBJECTS), (another_type, 'type', ['allocator'])])
-def test_a_publisher_that_does_not_match_is_said(nodes, make, what, kinds):
+@pytest.mark.parametrize(('make', 'topics', 'words', 'kinds'), [
+    (best_effort, STREAMS, 'offers another quality of service: ', SUBJECTS),
+    (another_type, STREAMS, 'offers another type', ['allocator']),
+    (transient_local, OUTPUTS, 'asks for another quality of service: ', SUBJECTS)])
+def test_an_end_that_does_not_match_is_said(nodes, make, topics, words, kinds):
     some = [node for node in nodes if node.kind in kinds]
-    with ends(some, make, STREAMS) as names:
+    with ends(some, make, topics) as names:
         for node, name in zip(some, names, strict=True):
-            node.wait(WARN, f'{name} offers another {what}')
+            node.wait(WARN, f'{name} {words}')
     for node in some:
-        node.wait(STALE, '')
-
-
-def test_a_subscriber_that_does_not_match_is_said(nodes):
-    with ends(nodes, transient_local, OUTPUTS) as names:
-        for node, name in zip(nodes, names, strict=True):
-            node.wait(WARN, f'{name} asks for another quality of service: ')
-    for node in nodes:
         node.wait(STALE, '')
 
 

@@ -166,7 +166,6 @@ def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
             write(clone, block)
     out = shell(clone, graph, """
         python -c "from ca_ros import ALLOCATORS; print(*ALLOCATORS)"
-        python docs/readme.py --check
         python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
         static_study --samples 20 --out out/static
         dynamic_study --duration 1 --out out/dynamic
@@ -176,3 +175,15 @@ def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
     assert 'mean' in out.splitlines()[0].split()
     for name in ('static/static.json', 'dynamic/dynamic.json', 'benchmark/benchmark.json'):
         assert '"mean"' in (clone / 'out' / name).read_text(encoding='utf-8')
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('script', ['readme.py', 'architecture.py'])
+def test_the_generated_parts_are_up_to_date(script):
+    command = [sys.executable, str(ROOT / 'docs' / script), '--check']
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+
+
+def test_readme_is_short():
+    assert len((ROOT / 'README.md').read_text(encoding='utf-8').splitlines()) <= 150

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.fault_proxy import PREFIX, remaps
 from ca_ros.bringup.link_faults import FAULTS, LINKS, Faults, corrupted
-from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time
+from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time, six, wrench
 from test_bringup import fly_offline
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)
@@ -58,24 +58,12 @@ class Proxy:
 
 def wrenches(n):
     """Return n wrenches that tell each other apart."""
-    messages = []
-    for k in range(n):
-        message = WrenchStamped()
-        message.header.frame_id = 'base_link'
-        message.wrench.force.x, message.wrench.torque.z = k + 1.0, -k - 1.0
-        messages.append(message)
-    return messages
+    return [wrench((k + 1, 0, 0, 0, 0, -k - 1), frame='base_link') for k in range(n)]
 
 
 def number(message):
     """Return which of the `wrenches` one is."""
     return round(-message.wrench.torque.z) - 1
-
-
-def values(message):
-    """Return the numbers of a wrench."""
-    f, t = message.wrench.force, message.wrench.torque
-    return [f.x, f.y, f.z, t.x, t.y, t.z]
 
 
 def test_without_faults_every_message_passes_unchanged(graph):
@@ -98,12 +86,12 @@ def test_the_fates_are_those_of_the_seed(graph):
     fates = [faults.fate(k) for k in range(len(messages))]
     expected = []
     for message, fate in zip(messages, fates, strict=True):
-        wrong = fate.corruption and corrupted(values(message), fate.corruption, fate.place)
+        wrong = fate.corruption and corrupted(six(message).tolist(), fate.corruption, fate.place)
         frame = 'corrupted' if fate.corruption == 'frame' else 'base_link'
-        expected += [(frame, wrong or values(message))] * fate.copies
+        expected += [(frame, wrong or six(message).tolist())] * fate.copies
     proxy.send(messages)
     graph.spin_until(lambda: len(proxy.received) >= len(expected), 'what should come')
-    assert repr([(m.header.frame_id, values(m)) for m in proxy.received]) == repr(expected)
+    assert repr([(m.header.frame_id, six(m).tolist()) for m in proxy.received]) == repr(expected)
     counts = proxy.counts()
     assert counts['dropped'] == sum(fate.copies == 0 for fate in fates)
     assert counts['received'] - counts['dropped'] + counts['duplicated'] == counts['passed']

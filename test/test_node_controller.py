@@ -10,7 +10,7 @@ from ca_ros import Vehicle
 from ca_ros.flight.controller import Controller, Gains, Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import load
-from ros import Graph
+from ros import Graph, six
 
 LAW = Controller(
     audit(Vehicle.load('hexarotor')).vehicle, Gains.from_parameters(load('hexarotor')))
@@ -24,7 +24,7 @@ class Client:
     def __init__(self, graph):
         self.graph, self.last = graph, 0
         # In lockstep it gets each message, in order.
-        graph.start(
+        self.process = graph.start_silent(
             'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
         self.waypoint = graph.publisher(PoseStamped, 'command/pose')
         self.pose = graph.publisher(PoseStamped, 'local_position/pose')
@@ -85,12 +85,6 @@ def velocity_message(velocity, angular_velocity, stamp):
     v.x, v.y, v.z = map(float, velocity)
     w.x, w.y, w.z = map(float, angular_velocity)
     return message
-
-
-def six(message):
-    """Return a wrench (6,), force before torque."""
-    force, torque = message.wrench.force, message.wrench.torque
-    return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
 
 
 def expected(state, waypoint=WAYPOINT):

@@ -18,7 +18,7 @@ from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.nodes.parameters import ALLOCATOR, CONTROLLER, SIMULATOR
 from ca_ros.schema import PARAMETERS, REQUIRED
 from ca_ros.vehicle.files import load
-from ros import Graph
+from ros import Graph, wrench
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 from test_parameters import SECTIONS, sections
 
@@ -257,13 +257,8 @@ def test_changes_under_load_are_all_or_nothing(graph, mode):
     wrenches, sent = some_wrenches(50), []
 
     def send():
-        message = WrenchStamped()
-        message.header.stamp.sec = len(sent) + 1
-        wrench = wrenches[len(sent) % len(wrenches)]
-        f, t = message.wrench.force, message.wrench.torque
-        f.x, f.y, f.z, t.x, t.y, t.z = wrench.tolist()
-        sent.append(wrench)
-        command.publish(message)
+        sent.append(wrenches[len(sent) % len(wrenches)])
+        command.publish(wrench(sent[-1], len(sent) * 10**9))
 
     assert parameters.set_atomically(STATES[0]).successful
     timer = graph.node.create_timer(1.0 / RATE, send)
@@ -278,11 +273,11 @@ def test_changes_under_load_are_all_or_nothing(graph, mode):
         label = message.layout.dim[1].label
         if label == 'no stamp':
             continue
-        wrench = sent[int(label.removeprefix('stamp ')) // 10**9 - 1]
+        command = sent[int(label.removeprefix('stamp ')) // 10**9 - 1]
         # Which laws it has met before has an influence on the rounding of the exact method.
         [k] = [
             k for k, twin in enumerate(twins)
-            if np.allclose(message.data, twin.allocate(wrench[2:]).speeds, rtol=0.0, atol=1e-9)]
+            if np.allclose(message.data, twin.allocate(command[2:]).speeds, rtol=0.0, atol=1e-9)]
         answers[k] += 1
     assert min(answers.values()) >= CHANGES / 2
     assert len(answers) == 2

@@ -16,7 +16,7 @@ from ca_ros.flight.controller import Controller, Waypoint
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures, arguments
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import load
-from ros import Diagnostics
+from ros import Diagnostics, wrench
 
 HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
 NEXT = Waypoint.of(1.2, 1.2, 1.06, 0.0)
@@ -244,8 +244,7 @@ def test_a_node_without_any_rotor_leaves_them_at_rest_with_every_method(graph):
     speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
     said = Diagnostics(graph)
     node = graph.connect('allocator')
-    command = WrenchStamped()
-    command.wrench.force.z = 9.81
+    command = wrench(9.81)
     for method in ALLOCATORS:
         for health in (1.0, 0.0, 1.0, 1e-300):
             for result in node.set({'allocation.method': method, 'rotors.health': health}):
