@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ros import busy_processors, counts
+from ros import busy_processors, counts, wrench
 from test_node_allocator import some_wrenches
 
 SECONDS = float(os.environ.get('CA_ROS_SOAK', '600'))
@@ -58,14 +58,12 @@ class Load:
         self.timer.cancel()
 
     def _send(self):
-        message = WrenchStamped()
-        message.header.frame_id = 'map' if self.sent % 101 == 50 else 'base_link'
-        f, t = message.wrench.force, message.wrench.torque
-        f.x, f.y, f.z, t.x, t.y, t.z = self.wrenches[self.sent % len(self.wrenches)].tolist()
+        numbers = self.wrenches[self.sent % len(self.wrenches)].copy()
         if self.sent % 97 == 50:
-            t.z = math.nan
+            numbers[5] = math.nan
+        frame = 'map' if self.sent % 101 == 50 else 'base_link'
         self.sent += 1
-        message.header.stamp.sec = self.sent
+        message = wrench(numbers, self.sent * 10**9, frame)
         self.times[self.sent % REMEMBERED] = time.perf_counter()
         self.command.publish(message)
 

@@ -15,10 +15,12 @@ from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -296,6 +298,54 @@ class Parameters:
 
 def _written(values):
     return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+def wrench(numbers, time=0, frame=''):
+    """Return the message of a wrench (6,), force before torque, or of a thrust, at a time [ns]."""
+    message = WrenchStamped()
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time, 10**9)
+    f, t = message.wrench.force, message.wrench.torque
+    f.x, f.y, f.z, t.x, t.y, t.z = map(
+        float, (0, 0, numbers, 0, 0, 0) if np.isscalar(numbers) else numbers)
+    return message
+
+
+def six(message):
+    """Return a wrench (6,), force before torque."""
+    f, t = message.wrench.force, message.wrench.torque
+    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
+
+
+FLOOD = """
+import sys, time
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
+
+name, number = sys.argv[1], float(sys.argv[2])
+rclpy.init()
+if name == 'allocator':
+    topic, message = 'command/wrench', WrenchStamped()
+    message.wrench.force.z = number
+else:
+    topic, message = 'command/motor_speed', Float64MultiArray(data=[number] * 6)
+publisher = rclpy.create_node('flood').create_publisher(type(message), topic, 1)
+encoded = serialize_message(message)
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+begun, sent = time.monotonic(), 0
+while True:
+    if sent < 1e4 * (time.monotonic() - begun):
+        publisher.publish(encoded)
+        sent += 1
+"""
+
+
+def start_flood(graph, name, number):
+    """Flood an allocator or a simulator with commands of this thrust [N] or speed [rad/s]."""
+    return graph.start_silent(sys.executable, '-c', FLOOD, name, str(number))
 
 
 @contextmanager

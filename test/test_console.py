@@ -10,7 +10,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ros import executable
+from ros import executable, wrench
 
 
 def pipe():
@@ -30,12 +30,10 @@ def commands(graph):
     command = graph.publisher(WrenchStamped, 'command/wrench')
     speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
     graph.connect('/allocator')
-    wrong, good = WrenchStamped(), WrenchStamped()
-    wrong.wrench.force.z, good.wrench.force.z = float('nan'), 9.81
 
     def send():
-        command.publish(wrong)
-        command.publish(good)
+        command.publish(wrench(float('nan')))
+        command.publish(wrench(9.81))
 
     return speeds, send
 

@@ -13,7 +13,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
-from ros import BEST_EFFORT, RELIABLE, Graph, executable
+from ros import BEST_EFFORT, RELIABLE, Graph, executable, wrench
 
 ENDS = int(os.environ.get('CA_ROS_ENDS', '2'))
 AT_ONCE = 5
@@ -41,9 +41,7 @@ class Motors:
 
     def send(self, thrust):
         """Command a thrust [N]."""
-        message = WrenchStamped()
-        message.wrench.force.z = thrust
-        self.command.publish(message)
+        self.command.publish(wrench(thrust))
 
     def fly(self):
         """Command until both kinds of motors turn."""

@@ -1,13 +1,13 @@
 """Every installed executable: its help, how it ends, and what it says of a wrong vehicle."""
 
-import math
 import signal
 from importlib.metadata import entry_points
+from itertools import cycle
 
 import pytest
-import yaml
 from geometry_msgs.msg import PoseStamped
 
+from ca_ros.bringup.options import parse
 from ca_ros.nodes.executable import split
 from ca_ros.vehicle.files import find
 
@@ -55,66 +55,39 @@ def test_arguments_are_ours_or_those_of_ros(own):
 
 # Wrong vehicles
 
-def missing(parameters):
-    del parameters['vehicle']['mass']
-
-
-def wrong_length(parameters):
-    parameters['rotors']['thrust_coefficient'] = [2.5e-5] * 5
-
-
-def negative(parameters):
-    parameters['vehicle']['mass'] = -1.0
-
-
-def crossed(parameters):
-    parameters['rotors']['speed_min'] = 500.0
-
-
-def not_a_number(parameters):
-    parameters['rotors']['positions'][4] = math.nan
-
-
-FAULTS = {
-    missing: ('vehicle.mass', 'missing'),
-    wrong_length: ('rotors.thrust_coefficient', '6', '5'),
-    negative: ('vehicle.mass', 'positive', '-1'),
-    crossed: ('rotors.speed_min', '500', 'rotors.speed_max', '400'),
-    not_a_number: ('rotors.positions[4]', 'finite', 'nan'),
-}
+HEXAROTOR = find('hexarotor').read_text(encoding='utf-8')
+WRONG = {
+    'missing': ('mass: 1.0', '', ('vehicle.mass', 'missing')),
+    'length': ('thrust_coefficient: 2.5e-5', 'thrust_coefficient: [2.5e-5, 2.5e-5]',
+               ('rotors.thrust_coefficient', '6', '2')),
+    'negative': ('mass: 1.0', 'mass: -1.0', ('vehicle.mass', 'positive', '-1')),
+    'crossed': ('speed_min: 40.0', 'speed_min: 500.0',
+                ('rotors.speed_min', '500', 'rotors.speed_max', '400')),
+    'nan': ('mass: 1.0', 'mass: .nan', ('vehicle.mass', 'nan')),
+    'alias': ('mass: 1.0', 'mass: &a [*a]', ('aliases', 'line'))}
+"""What is replaced in the hexarotor's file, by what, and words of the error."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('fault', FAULTS, ids=lambda fault: fault.__name__)
-def test_a_wrong_vehicle_is_refused_in_one_line(graph, tmp_path, fault):
-    content = yaml.safe_load(find('hexarotor').read_text(encoding='utf-8'))
-    fault(content['/**']['ros__parameters'])
-    file = tmp_path / 'wrong.yaml'
-    file.write_text(yaml.safe_dump(content), encoding='utf-8')
-    refused(graph, [
-        *((name, '--vehicle', str(file)) for name in OPTIONS),
-        *((name, '--ros-args', '--params-file', str(file)) for name in NODES),
-    ], FAULTS[fault])
+def test_a_wrong_vehicle_is_refused_in_one_line_by_all_that_read_it(graph, tmp_path):
+    ways = [
+        *((name, '--vehicle') for name in (*OPTIONS, 'static_study', 'dynamic_study')),
+        *((name, '--ros-args', '--params-file') for name in NODES)]
+    # test_parameters.py and test_node_parameters.py have each fault: here each way has one.
+    for way, (fault, (old, new, words)) in zip(ways, cycle(WRONG.items()), strict=False):
+        file = tmp_path / f'{fault}.yaml'
+        assert old in HEXAROTOR
+        file.write_text(HEXAROTOR.replace(old, new), encoding='utf-8')
+        refused(graph, [(*way, str(file))], words)
 
 
 def test_a_geometry_without_yaw_is_refused_in_one_line_by_all_that_allocate(graph, tmp_path):
-    content = yaml.safe_load(find('hexarotor').read_text(encoding='utf-8'))
-    content['/**']['ros__parameters']['rotors']['spins'] = ['cw'] * 6
     file = tmp_path / 'wrong.yaml'
-    file.write_text(yaml.safe_dump(content), encoding='utf-8')
+    file.write_text(HEXAROTOR.replace('ccw', 'cw'), encoding='utf-8')
     names = 'allocator', 'controller', 'static_study', 'dynamic_study', 'benchmark'
     refused(
         graph, [(name, '--vehicle', str(file)) for name in names],
         ['allocation.lost_axes: this vehicle is refused: yaw lost', 'rank 3 for 4 axes'])
-
-
-def test_a_file_that_holds_itself_is_refused_in_one_line_by_all_that_read_it(graph, tmp_path):
-    file = tmp_path / 'wrong.yaml'
-    file.write_text("'/**': &a\n  ros__parameters:\n    vehicle: *a\n", encoding='utf-8')
-    names = 'allocator', 'bringup', 'static_study', 'dynamic_study', 'benchmark'
-    refused(
-        graph, [(name, '--vehicle', str(file)) for name in names],
-        ['wrong.yaml', 'aliases', 'line 3'])
 
 
 def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
@@ -125,13 +98,10 @@ def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
 
 
 WRONG_OPTIONS = [
-    ('bringup', '--namespace', '1 bad'), ('bringup', '--namespace', '/uav1/'),
-    ('bringup', '--duration', '-1'), ('bringup', '--duration', 'nan'),
-    ('bringup', '--waypoint', '1', '2', 'inf'), ('bringup', '--method', 'magic'),
     ('bringup', '--vehicle', 'x8', '--params-file', 'my.yaml'),
+    ('bringup', '--namespace', '1 bad'), ('bringup', '--namespace', '/uav1/'),
     ('bringup', '--ros-args', '-r', 'foo'), ('fault_proxy', '--ros-args', '-r', 'foo'),
-    ('allocator', '--ros-args', '--params-file', 'nope'),
-]
+    ('allocator', '--ros-args', '--params-file', 'nope')]
 
 
 def test_a_wrong_option_is_refused_by_name(graph):
@@ -144,6 +114,25 @@ def test_a_wrong_option_is_refused_by_name(graph):
         last = err.splitlines()[-1]
         assert last.startswith(f'{name}: '), last
         assert any(word.strip('-') in last for word in options), last
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ('--duration -1', '--duration'), ('--duration nan', '--duration'),
+    ('--waypoint 1 2 inf', '--waypoint'), ('--method magic', '--method'),
+    ('--fail 1', 'expected ROTOR@TIME'), ('--fail 1@1e300', "'1@1e300': expected a time"),
+    ('--fail 1@1 --announce soon', "'soon' is neither a time"),
+    ('--fail 1@1 --announce 1e300', "'1e300' is neither a time"),
+    ('--fail 1@1 --announce -1', "'-1' is neither a time"),
+    ('--fail 1@1 --respawn', 'not with --respawn'),
+    *((f'--faults {fault}', 'argument --faults: ')
+      for fault in ('drop', 'drop=0.1', 'dorp:=0.1', 'topics:=command/wrench'))])
+def test_bringup_refuses_what_it_cannot_read(options, words, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        parse(options.split())
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert err.splitlines()[-1].startswith('bringup: error: ')
+    assert words in err
 
 
 def test_a_wrong_value_on_the_command_line_is_refused_in_one_line(graph):

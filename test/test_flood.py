@@ -5,13 +5,12 @@ CA_ROS_FLOOD says for how many seconds each flood lasts (default 2).
 
 import os
 import signal
-import sys
 import time
 
 import pytest
 from rcl_interfaces.srv import GetParameters
 
-from ros import Diagnostics, counts
+from ros import Diagnostics, counts, start_flood
 from test_watchdog import STALL, stood_still
 
 SECONDS = float(os.environ.get('CA_ROS_FLOOD', '2'))
@@ -21,32 +20,6 @@ ANSWERED = 1.0
 
 ASKED = 0.1
 """Period of the requests [s]: in a flood the kernel may lose one before DDS reads it."""
-
-FLOOD = """
-import sys, time
-import rclpy
-from geometry_msgs.msg import WrenchStamped
-from rclpy.serialization import serialize_message
-from std_msgs.msg import Float64MultiArray
-
-topic = sys.argv[1]
-rclpy.init()
-if topic == 'command/wrench':
-    message = WrenchStamped()
-    message.wrench.force.z = 9.81
-else:
-    message = Float64MultiArray(data=[255.0] * 8)
-publisher = rclpy.create_node('flood').create_publisher(type(message), topic, 1)
-encoded = serialize_message(message)
-while not publisher.get_subscription_count():
-    time.sleep(0.01)
-begun, sent = time.monotonic(), 0
-while True:
-    if sent < 1e4 * (time.monotonic() - begun):
-        publisher.publish(encoded)
-        sent += 1
-"""
-
 
 class Asker:
     """Asks a node for a parameter, and notes the longest time until an answer."""
@@ -78,13 +51,12 @@ class Asker:
 @pytest.mark.timeout(1200 + 10 * SECONDS)
 @pytest.mark.parametrize('name', ['allocator', 'simulator'])
 def test_a_node_answers_during_and_after_a_flood(graph, name, record_property):
-    process = graph.start(name, '--vehicle', 'octorotor')
+    process = graph.start(name, '--vehicle', 'hexarotor')
     diagnostics = Diagnostics(graph)
     parameters = graph.connect(f'/{name}')
     during, after = (Asker(graph, f'/{name}', process.pid) for _ in range(2))
     during.ask()
-    topic = 'command/wrench' if name == 'allocator' else 'command/motor_speed'
-    senders = [graph.start_silent(sys.executable, '-c', FLOOD, topic) for _ in range(2)]
+    senders = [start_flood(graph, name, 9.81) for _ in range(2)]
     diagnostics.wait(
         f'/{name}', lambda level, message, values: counts(values)['received'] > 1000, 'a flood')
     end = time.monotonic() + SECONDS

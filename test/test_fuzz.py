@@ -16,13 +16,14 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, Int8MultiArray, MultiArrayDimension
 
+import test_node_controller
+import test_node_simulator
 from ca_ros import AdmissibleSet
-from ca_ros.flight.rigid_body import NULL_STATE, RigidBody
-from ca_ros.nodes.messages import stamp
-from ros import Diagnostics, counts
-from test_node_allocator import HOVER, VEHICLE, six, some_wrenches, twin
+from ca_ros.flight.rigid_body import NULL_STATE
+from ros import Diagnostics, counts, six, wrench
+from test_node_allocator import HOVER, some_wrenches, twin
 from test_node_controller import LAW, REST, WAYPOINT, expected, pose_message, velocity_message
-from test_node_simulator import STEP, published, state_array
+from test_node_simulator import BODY, STEP, nanoseconds, published, state_array
 
 FUZZ = int(os.environ.get('CA_ROS_FUZZ', '500'))
 BATCH = 50
@@ -157,9 +158,7 @@ class Allocator:
 
     def inputs(self):
         """Return type and topic of each input, and a sound message for it."""
-        message = WrenchStamped()
-        message.header.frame_id = 'base_link'
-        return [(WrenchStamped, 'command/wrench', message)]
+        return [(WrenchStamped, 'command/wrench', wrench(0.0, frame='base_link'))]
 
 
 def said(message):
@@ -171,20 +170,14 @@ NONE = *FAULTS, -1.0, -5e-324, 400.1, 1e12, 1e300
 """What is no rotor speed [rad/s]."""
 
 
-class Simulator:
+class Simulator(test_node_simulator.Client):
     """Commands a simulator."""
 
     name = '/simulator'
 
     def __init__(self, graph):
-        self.graph, self.sent = graph, 0
-        self.body, self.state, self.time = RigidBody(VEHICLE), NULL_STATE, 0
-        self.process = graph.start_silent(
-            'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
-        self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
-        self.poses = graph.listen(PoseStamped, 'local_position/pose')
-        self.velocities = graph.listen(TwistStamped, 'local_position/velocity_body')
-        self.speeds = graph.listen(Float64MultiArray, 'motor_speed')
+        super().__init__(graph, 'lockstep')
+        self.sent, self.present, self.time = 0, NULL_STATE, 0
         self.diagnostics = Diagnostics(graph)
         graph.connect('simulator')
         self.rng = np.random.default_rng(3)
@@ -195,8 +188,9 @@ class Simulator:
         if rng.random() < 0.5:
             speeds = [abs(speed) for speed in speeds]
         label = choose(rng, (
-            f'stamp {self.time}', f'stamp {self.time - STEP}', f'stamp {self.time + STEP}',
-            'stamp -1', 'stamp 1e3', 'stamp', '', 'no stamp', 'stamp ' + 30 * '9', 5000 * 'ä'))
+            f'stamp {self.time}', f'stamp {self.time - 1}', f'stamp {self.time - STEP}',
+            f'stamp {self.time + STEP}', 'stamp \N{SUPERSCRIPT TWO}', 'stamp -1', 'stamp 1e3',
+            'stamp', '', 'no stamp', 'stamp ' + 30 * '9', 5000 * 'ä'))
         if label == f'stamp {self.time}' and len(speeds) == 6:
             speeds[rng.integers(6)] = choose(rng, NONE)
         self.send(speeds, *(choose(rng, (label, '')) for _ in range(rng.integers(4))))
@@ -218,21 +212,21 @@ class Simulator:
         """Send a good command and wait for the step that it makes; return the rotor speeds."""
         speeds = self.rng.uniform(200.0, 300.0) + self.rng.uniform(-1.0, 1.0, 6)
         self.send(speeds, f'stamp {self.time}')
-        self.state = self.body.step(self.state, speeds, STEP / 1e9)
+        self.present = BODY.step(self.present, speeds, STEP / 1e9)
         self.time += STEP
         self.graph.spin_until(
             lambda: all(
-                nanoseconds(messages[-1].header.stamp) == self.time if messages else False
+                messages and nanoseconds(messages[-1]) == self.time
                 for messages in (self.poses, self.velocities)), f'the state of {self.time} ns')
         state = state_array(self.poses[-1], self.velocities[-1])
-        assert state.tobytes() == published(self.state).tobytes()
+        assert state.tobytes() == published(self.present).tobytes()
         return speeds
 
     def settle(self):
         """Send a good command; the step that it makes is the only one."""
         speeds = self.ask()
         for message in (*self.poses, *self.velocities):
-            assert nanoseconds(message.header.stamp) in (self.time - STEP, self.time)
+            assert nanoseconds(message) in (self.time - STEP, self.time)
 
         def followed():
             return [message.data.tolist() for message in self.speeds if any(message.data)]
@@ -248,20 +242,14 @@ class Simulator:
         return [(Float64MultiArray, 'command/motor_speed', message)]
 
 
-class Controller:
+class Controller(test_node_controller.Client):
     """Shows states and waypoints to a controller."""
 
     name = '/controller'
 
     def __init__(self, graph):
-        self.graph, self.sent, self.last = graph, 0, 0
-        self.process = graph.start_silent(
-            'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
-        self.waypoint = graph.publisher(PoseStamped, 'command/pose')
-        self.pose = graph.publisher(PoseStamped, 'local_position/pose')
-        self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
-        self.wrenches = graph.listen(WrenchStamped, 'command/wrench')
-        self.diagnostics = Diagnostics(graph)
+        super().__init__(graph)
+        self.sent, self.diagnostics = 0, Diagnostics(graph)
         graph.connect('controller')
         self.waypoint.publish(pose_message(*WAYPOINT, 0))
         self.diagnostics.wait(
@@ -337,11 +325,6 @@ class Controller:
             (TwistStamped, 'local_position/velocity_body', velocity_message(*REST[2:], 0))]
 
 
-def nanoseconds(stamp):
-    """Return a stamp as one number [ns]."""
-    return stamp.sec * 10**9 + stamp.nanosec
-
-
 def check_account(node):
     """What a node has received is served or dropped, with the reason; its output has no bug."""
     def complete(level, message, values):
@@ -356,7 +339,7 @@ def check_account(node):
 def check_log(node):
     """A node ends cleanly and has not said what only a bug says."""
     out, err = node.graph.end(node.process, signal.SIGINT)
-    assert (node.process.returncode, out) == (0, '')
+    assert (node.process.returncode, out) == (0, ''), err
     for word in ('Traceback', 'Warning:', 'Error'):
         assert word not in err, err
 
@@ -428,11 +411,7 @@ class Clock:
 
     def send(self, offset, thrust=9.81, frame='base_link'):
         """Send a command that is so many nanoseconds younger than the beginning."""
-        message = WrenchStamped()
-        message.header.frame_id = frame
-        message.header.stamp = stamp(self.now + offset)
-        message.wrench.force.z = thrust
-        self.command.publish(message)
+        self.command.publish(wrench(thrust, self.now + offset, frame))
         self.sent += 1
 
     def served(self):

@@ -25,6 +25,9 @@ NODES = ('simulator', 'allocator', 'controller')
 IDLE = 40.0
 """Of each rotor [rad/s]."""
 
+SHORT = '--duration', '1', '--waypoint', '0', '0', '0', '--heading', '0'
+"""A flight that is at its waypoint from the start."""
+
 
 @pytest.fixture(autouse=True)
 def _loopback(monkeypatch):
@@ -180,7 +183,7 @@ def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypa
     monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS')
     monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE')
     flight = graph.start_silent(
-        'bringup', '--respawn', '--mode', 'lockstep', '--out', str(tmp_path))
+        'bringup', '--respawn', '--mode', 'lockstep', *SHORT, '--out', str(tmp_path))
     victims = []
 
     def there():
@@ -217,7 +220,7 @@ def test_nothing_flies_on_when_bringup_is_killed(graph, tmp_path):
         graph.spin_until(lambda: set(told[-1].data) == {IDLE}, 'the last command is idle')
     # The next flight is not among them.
     flight = graph.start_silent(
-        'bringup', '--mode', 'lockstep', '--duration', '6', '--out', str(tmp_path))
+        'bringup', '--mode', 'lockstep', *SHORT, '--out', str(tmp_path))
     out, err = graph.outlive(flight)
     assert flight.returncode == 0, out + err
 

@@ -64,13 +64,6 @@ print(*ALLOCATORS, gamma.shape, a.status.name, batch.thrusts.shape)
 """
 
 
-WITH_OSQP = """
-from ca_ros import Vehicle, make_allocator
-
-make_allocator('exact', Vehicle.load('hexarotor'), solver='osqp')
-"""
-
-
 def run(directory, script, blocked=ROS):
     """Run a script in a fresh interpreter that has this package but not the blocked ones."""
     setting = f"""
@@ -158,13 +151,6 @@ def test_a_command_without_its_packages_names_their_extra_in_one_line(tmp_path, 
     [line] = result.stderr.splitlines()
     assert line.startswith(f'{command}: needs ')
     assert line.endswith(": pip install 'ca_ros[studies]'")
-
-
-def test_without_osqp_its_start_is_refused_and_osqp_named(tmp_path):
-    result = run(tmp_path, WITH_OSQP, ('osqp',))
-    assert result.returncode != 0
-    assert 'osqp' in result.stderr.splitlines()[-1]
-    assert result.stderr.splitlines()[-1].startswith('ValueError')
 
 
 # Rooms

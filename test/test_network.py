@@ -7,13 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ca_ros import Vehicle, make_allocator
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains
-from ca_ros.flight.rigid_body import RigidBody
-from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
 from ros import DEADLINE
+from test_bringup import fly_offline
 
 
 @pytest.mark.slow
@@ -27,37 +22,31 @@ def test_three_hosts_fly_though_a_link_is_cut():
         pytest.skip(next(line for line in run.stdout.splitlines() if line.startswith('SKIPPED')))
 
 
-# Five vehicles
+FLIGHTS = {
+    'uav1': ('exact', (1.0, 1.0, 1.0)), 'uav2': ('direct', (-1.0, 2.0, 1.5)),
+    'uav3': ('pseudo_inverse', (2.0, -1.0, 2.0)), 'uav4': ('conventional', (-2.0, -2.0, 0.5)),
+    'uav5': ('exact', (0.0, 0.0, 3.0))}
+"""Method and waypoint of each vehicle."""
 
-WAYPOINTS = [
-    (1.0, 1.0, 1.0), (-1.0, 2.0, 1.5), (2.0, -1.0, 2.0), (-2.0, -2.0, 0.5), (0.0, 0.0, 3.0)]
 DURATION = 8.0
 """[s]"""
 
 
-def offline(waypoint):
-    """Return the flight to a waypoint without ROS, and without other vehicles."""
-    vehicle = Vehicle.load('hexarotor')
-    return fly(
-        Controller(vehicle, Gains.from_parameters(load('hexarotor'))),
-        make_allocator('exact', vehicle), RigidBody(vehicle),
-        Waypoint.of(*waypoint, math.radians(45.0)), DURATION)
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_five_vehicles_in_one_graph_fly_as_if_each_were_alone(graph, tmp_path):
-    names = [f'uav{i}' for i in range(1, 6)]
+def test_five_vehicles_in_one_graph_fly_as_offline_to_the_last_bit(graph, tmp_path):
     flights = {
         name: graph.start_silent(
             'bringup', '--namespace', name, '--mode', 'lockstep', '--duration', str(DURATION),
-            '--out', str(tmp_path / name), '--waypoint', *map(str, waypoint))
-        for name, waypoint in zip(names, WAYPOINTS, strict=True)}
-
-    for (name, flight), waypoint in zip(flights.items(), WAYPOINTS, strict=True):
+            '--method', method, '--out', str(tmp_path / name), '--waypoint', *map(str, goal))
+        for name, (method, goal) in FLIGHTS.items()}
+    for name, flight in flights.items():
         out, err = graph.outlive(flight, 4 * DEADLINE)
+        assert flight.returncode == 0, f'{name}: {out}{err}'
         assert out.count('reached') == 1, f'{name}: {out}{err}'
-        offline(waypoint).write_csv(tmp_path / 'offline.csv')
+        method, goal = FLIGHTS[name]
+        offline = fly_offline(method, DURATION, (*goal, math.radians(45.0)))
+        offline.write_csv(tmp_path / 'offline.csv')
         flown = (tmp_path / name / 'flight.csv').read_bytes()
         assert flown == (tmp_path / 'offline.csv').read_bytes(), name
     assert graph.alive() == []

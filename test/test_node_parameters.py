@@ -14,10 +14,10 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros import ParameterError, Vehicle, make_allocator
+from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.nodes.parameters import ALLOCATOR, DECLARED, PARAMETERS, load
 from ca_ros.schema import REQUIRED
-from ros import Graph
+from ros import Graph, wrench
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 from test_parameters import SECTIONS, sections
 
@@ -215,15 +215,21 @@ def test_a_list_that_ros_takes_for_a_string_is_refused_with_what_would_be_right(
         assert words in result.reason
 
 
-@pytest.mark.parametrize('values', [
-    {'no.such': 1.0}, {'rotors.helth': 1.0}, {'allocation.method': 'direct', 'no.such': 1.0},
-    {'rotors.health': None}, {'allocation.method': None},
-    {'allocation.method': 'direct', 'use_sim_time': 5}])
-def test_what_cannot_be_set_changes_nothing_now_or_later(client, values):
+@pytest.mark.parametrize(('values', 'words'), [
+    ({'no.such': 1.0}, ''), ({'rotors.helth': 1.0}, ''), ({'rotors.health': None}, ''),
+    ({'allocation.method': None}, ''), ({'allocation.method': 'direct', 'no.such': 1.0}, ''),
+    ({'allocation.method': 'direct', 'use_sim_time': 5}, ''),
+    ({'allocation.method': 'magic'}, ' '.join(ALLOCATORS)),
+    ({'allocation.method': 'direct', 'rotors.health': [1.0] * 5}, 'rotors.health 6 5'),
+    ({'allocation.method': 'direct', 'vehicle.mass': 2.0}, 'read-only'),
+    ({'allocation.method': 'conventional', 'allocation.conventional.weight': [1.0, 1.0]},
+     'allocation.conventional.weight 6')])
+def test_what_cannot_be_set_changes_nothing_now_or_later(client, values, words):
     before, speeds = client.parameters.get(*ALLOCATOR), client.ask(HOVER)
     result = client.parameters.set_atomically(values)
     assert not result.successful
     assert result.reason
+    assert [word for word in words.split() if word not in result.reason] == []
     assert client.parameters.set_atomically({'use_sim_time': False}).successful
     assert client.parameters.get(*ALLOCATOR) == before
     assert client.ask(HOVER).tobytes() == speeds.tobytes()
@@ -249,13 +255,8 @@ def test_changes_under_load_are_all_or_nothing(graph, mode):
     wrenches, sent = some_wrenches(50), []
 
     def send():
-        message = WrenchStamped()
-        message.header.stamp.sec = len(sent) + 1
-        wrench = wrenches[len(sent) % len(wrenches)]
-        f, t = message.wrench.force, message.wrench.torque
-        f.x, f.y, f.z, t.x, t.y, t.z = wrench.tolist()
-        sent.append(wrench)
-        command.publish(message)
+        sent.append(wrenches[len(sent) % len(wrenches)])
+        command.publish(wrench(sent[-1], len(sent) * 10**9))
 
     assert parameters.set_atomically(STATES[0]).successful
     timer = graph.node.create_timer(1.0 / RATE, send)
@@ -270,11 +271,11 @@ def test_changes_under_load_are_all_or_nothing(graph, mode):
         label = message.layout.dim[1].label
         if label == 'no stamp':
             continue
-        wrench = sent[int(label.removeprefix('stamp ')) // 10**9 - 1]
+        command = sent[int(label.removeprefix('stamp ')) // 10**9 - 1]
         # Which laws it has met before has an influence on the rounding of the exact method.
         [k] = [
             k for k, twin in enumerate(twins)
-            if np.allclose(message.data, twin.allocate(wrench[2:]).speeds, rtol=0.0, atol=1e-9)]
+            if np.allclose(message.data, twin.allocate(command[2:]).speeds, rtol=0.0, atol=1e-9)]
         answers[k] += 1
     assert min(answers.values()) >= CHANGES / 2
     assert len(answers) == 2

@@ -140,6 +140,7 @@ def test_python_m_ca_ros_names_all_there_is():
         assert f'\n  {name} ' in said, name
     assert all(text.endswith('.') for text in programs.values())
     assert summary('ca_ros.nodes.allocator') in said
+    assert 'python -m ca_ros audit VEHICLE' in said
 
 
 def test_python_m_ca_ros_says_that_there_is_no_rclpy(tmp_path):

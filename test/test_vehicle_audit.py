@@ -1,8 +1,6 @@
 """The audit: what the rotors can command, as they are."""
 
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -274,13 +272,6 @@ def test_the_command_reads_a_file_and_its_faults_in_one_line(tmp_path, capsys):
             (['--health', 'nan'], 'rotors.health: ')):
         assert main(['audit', 'hexarotor', *options]) == 1
         assert words in capsys.readouterr().err
-
-
-def test_without_a_command_it_says_what_there_is():
-    said = subprocess.run(
-        [sys.executable, '-m', 'ca_ros'], capture_output=True, text=True, check=True).stdout
-    assert 'hexarotor_ppnnpn' in said
-    assert 'python -m ca_ros audit VEHICLE' in said
 
 
 # Beyond all vehicles

@@ -6,12 +6,12 @@ CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (de
 import math
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
@@ -24,7 +24,9 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.evaluation.environment import stolen
 from ca_ros.nodes.watchdog import TICK, Watchdog
-from ros import Diagnostics, counts
+from ca_ros.vehicle.parameters import AXES
+from ros import Diagnostics, counts, start_flood, wrench
+from strategies import PARAMETERS, ring
 
 TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '6'))
 TIMEOUT = 0.05
@@ -65,8 +67,7 @@ class Watched:
         """Command a speed of all rotors [rad/s]."""
         speed = self.speed if speed is None else speed
         if self.allocates:
-            message = WrenchStamped()
-            message.wrench.force.z = 6 * 2.5e-5 * speed**2
+            message = wrench(6 * 2.5e-5 * speed**2)
         else:
             message = Float64MultiArray(data=[speed] * 6)
         self.sent = time.monotonic()
@@ -197,47 +198,12 @@ def test_before_the_first_command_nothing_is_over(graph, name):
     node.wait_for('idle')
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_commands_that_are_dropped_do_not_count(graph, name):
-    node = Watched(graph, name)
-    timer = graph.node.create_timer(TICK / 4, lambda: node.send(math.nan))
-    for _ in range(5):
-        timer.cancel()
-        node.fly()
-        timer.reset()
-        node.wait_for_timeout('idle')
-        node.wait_for('idle')
-    timer.cancel()
-
-
-FLOOD = """
-import sys
-import rclpy
-from geometry_msgs.msg import WrenchStamped
-from rclpy.serialization import serialize_message
-from std_msgs.msg import Float64MultiArray
-
-rclpy.init()
-nothing = float('nan')
-if sys.argv[1] == 'command/wrench':
-    message = WrenchStamped()
-    message.wrench.force.z = nothing
-else:
-    message = Float64MultiArray(data=[nothing] * 6)
-publisher = rclpy.create_node('flood').create_publisher(type(message), sys.argv[1], 1)
-encoded = serialize_message(message)
-while True:
-    publisher.publish(encoded)
-"""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('name', NAMES)
 def test_a_flood_of_what_is_dropped_delays_nothing_for_long(graph, name):
     node = Watched(graph, name)
     timer = graph.node.create_timer(TICK, node.send)
-    topic = node.command.topic_name.lstrip('/')
-    flood = graph.start(sys.executable, '-c', FLOOD, topic)
+    flood = start_flood(graph, name, math.nan)
     node.diagnostics.wait(
         node.name, lambda level, message, values: counts(values)['dropped: numbers'] > 1000,
         'a flood')
@@ -250,31 +216,16 @@ def test_a_flood_of_what_is_dropped_delays_nothing_for_long(graph, name):
     node.wait_for('idle')
 
 
-SIXTEEN = """
-/**:
-  ros__parameters:
-    vehicle.mass: 4.0
-    vehicle.inertia: [0.1, 0.1, 0.2]
-    rotors.positions: {positions}
-    rotors.axes: {axes}
-    rotors.spins: [cw, ccw, cw, ccw, cw, ccw, cw, ccw, cw, ccw, cw, ccw, cw, ccw, cw, ccw]
-    rotors.thrust_coefficient: 2.5e-5
-    rotors.torque_coefficient: 5.0e-7
-    rotors.speed_min: 40.0
-    rotors.speed_max: 400.0
-    allocation.axes: [force_x, force_y, thrust, roll, pitch, yaw]
-"""
-
-
 def sixteen_rotors():
-    """Return the parameter file of a vehicle with 16 rotors, tilted so as to command six axes."""
-    angles = np.arange(16) * math.pi / 8.0
-    outwards = np.stack([np.cos(angles), np.sin(angles), np.zeros(16)], axis=1)
-    sideways = np.stack([-np.sin(angles), np.cos(angles), np.zeros(16)], axis=1)
-    tilts = np.where(np.arange(16) % 4 < 2, 0.4, -0.4)[:, None]
-    axes = np.cos(tilts) * [0.0, 0.0, 1.0] + np.sin(tilts) * sideways
-    return SIXTEEN.format(
-        positions=(0.5 * outwards).round(6).ravel().tolist(), axes=axes.round(6).ravel().tolist())
+    """Return the parameters of a vehicle with 16 rotors, tilted so as to command six axes."""
+    positions = ring(16, radius=0.5)
+    x, y, _ = positions.T / 0.5
+    tilts = np.where(np.arange(16) % 4 < 2, 0.4, -0.4)
+    axes = np.column_stack([-np.sin(tilts) * y, np.sin(tilts) * x, np.cos(tilts)])
+    return PARAMETERS | {
+        'vehicle.mass': 4.0, 'vehicle.inertia': [0.1, 0.1, 0.2],
+        'rotors.positions': positions.ravel().tolist(), 'rotors.axes': axes.ravel().tolist(),
+        'rotors.spins': ['cw', 'ccw'] * 8, 'allocation.axes': list(AXES)}
 
 
 @pytest.mark.slow
@@ -282,7 +233,7 @@ def sixteen_rotors():
 def test_a_client_that_keeps_setting_parameters_does_not_postpone_it(
         graph, tmp_path, record_property):
     path = tmp_path / 'sixteen.yaml'
-    path.write_text(sixteen_rotors())
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': sixteen_rotors()}}))
     process = graph.start('allocator', '--vehicle', str(path))
     command = graph.publisher(WrenchStamped, 'command/wrench')
     heard = graph.listen(Float64MultiArray, 'command/motor_speed')
@@ -291,19 +242,18 @@ def test_a_client_that_keeps_setting_parameters_does_not_postpone_it(
     graph.spin_until(client.service_is_ready, 'the service')
     changes = SetParameters.Request(parameters=[
         Parameter('rotors.health', value=1.0 - 0.01 * i).to_parameter_msg() for i in range(5)])
-    wrench, requests, delays = WrenchStamped(), [], []
-    wrench.wrench.force.z = 39.24
+    hover, requests, delays = wrench(39.24), [], []
 
     def answer():
         """Return the place of the last command's answer among the messages; keep setting."""
         waiting = sum(not request.done() for request in requests)
         requests.extend(client.call_async(changes) for _ in range(waiting, 2))
-        label = f'stamp {wrench.header.stamp.sec}000000000'
+        label = f'stamp {hover.header.stamp.sec}000000000'
         return next((i for i, x in enumerate(heard) if x.layout.dim[1].label == label), None)
 
     def send():
-        wrench.header.stamp.sec += 1
-        command.publish(wrench)
+        hover.header.stamp.sec += 1
+        command.publish(hover)
 
     while len(delays) < max(3, TIMEOUTS // 5):
         for _ in range(3):
