@@ -128,7 +128,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     ca_answer answer = {CA_EXACT, 1, 0, 0};
-    ca_real length = 0, missed[CA_M];
+    ca_real length = 0, missed[CA_M], y[CA_M];
 
     for (int k = 0; k < m && length <= CA_ABSURD; k++)
         length = finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
@@ -141,7 +141,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
         return answer;
     }
     const ca_real size = ca_max(1, length), tolerance = CA_TOLERANCE * size;
-    if (ca_attempt(p, u, tolerance, thrusts, &answer.steps) <= tolerance)
+    if (ca_attempt(p, u, tolerance, thrusts, y, &answer.steps) <= tolerance)
         return answer;
 
     ca_served served = {0};
@@ -157,8 +157,11 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     }
     if (served.reached) {
         /* The simplex reaches u: it is attainable, though the thrusts came near it only. */
-        ca_real least[CA_N];
-        const ca_real left = ca_least_norm(p, u, tolerance, least, &answer.steps);
+        ca_real least[CA_N], left;
+        for (int i = 0; i < n; i++)
+            least[i] = thrusts[i];
+        left = on_face ? ca_settle(p, u, tolerance, least, &answer.steps)
+                       : ca_least_norm(p, u, tolerance, 1, least, y, &answer.steps);
         for (int k = 0; k < m; k++)
             missed[k] = served.wrench[k] - u[k];
         if (left <= tolerance || (ca_length(m, missed) <= tolerance && left <= p->slack * size)) {
@@ -176,7 +179,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
         return answer;
     }
     if (!on_face)
-        residual = ca_least_norm(p, served.wrench, goal, thrusts, &answer.steps);
+        residual = ca_least_norm(p, served.wrench, goal, 0, thrusts, y, &answer.steps);
     if (!(residual <= goal))
         answer.status = CA_INEXACT;
     return answer;

@@ -350,7 +350,8 @@ static void copy(int count, const ca_real *from, ca_real *to)
 
 /* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. Returns
  * the least residual that was met, with its thrusts and multipliers. With `early` it ends when u is
- * proven or likely to be unattainable, and leaves the thrusts open then. */
+ * proven or likely to be unattainable; then it leaves the thrusts open, and another iteration can
+ * go on from the multipliers. */
 static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real tolerance,
                        int start, int early, int bound, ca_real *thrusts, ca_real *multipliers,
                        int *steps)
@@ -362,6 +363,8 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
     multiply(m, problem->coordinates, u, target);
     copy(m, start ? multipliers : target, y);
 
+    if (early)
+        copy(m, y, multipliers);
     for (int number = 0; number < bound; number++) {
         ca_real z[WIDE], f[WIDE], left[CA_M], residual;
         int free[WIDE], held[WIDE], frees = 0, helds = 0;
@@ -383,6 +386,9 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
             if (residual <= tolerance)
                 break;
         }
+        /* As many rotors as axes leave one solution. */
+        if (early && count == m)
+            break;
 
         ca_real slopes[CA_M], step[CA_M], away[CA_M], rates[WIDE], change[WIDE];
         int astray = 0;
@@ -466,6 +472,8 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
         }
         for (int k = 0; k < m; k++)
             y[k] += advance * way[k];
+        if (early)
+            copy(m, y, multipliers);
     }
     return least;
 }
@@ -478,7 +486,7 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
     ca_real f[CA_N], least = CA_INFINITY;
     for (int i = 0; i < n; i++)
         f[i] = thrusts[i];
-    for (int number = 0; number < n; number++) {
+    for (int number = 0; number < CA_CHOOSE_INT(n, 3); number++) {
         ca_real left[CA_M], slopes[CA_M], step[CA_M], away[CA_M], change[CA_N];
         int free[CA_N], frees = 0;
         qr_factors factors;
@@ -486,8 +494,7 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
         const ca_real residual = ca_length(m, left);
         if (residual < least) {
             least = residual;
-            for (int i = 0; i < n; i++)
-                thrusts[i] = f[i];
+            copy(n, f, thrusts);
         }
         for (int i = 0; i < n; i++)
             if (f[i] > problem->lower[i] && f[i] < problem->upper[i])
@@ -544,10 +551,9 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
 }
 
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
-                   ca_real *thrusts, int *steps)
+                   ca_real *thrusts, ca_real *y, int *steps)
 {
     const bounded_program plain = {problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    ca_real y[CA_M];
     const ca_real residual =
         iterate(&plain, u, tolerance / 2, 0, 1, ATTEMPT, thrusts, y, steps);
     if (residual <= tolerance)
@@ -555,12 +561,11 @@ ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real toleranc
     return residual;
 }
 
-ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance,
-                      ca_real *thrusts, int *steps)
+ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance, int start,
+                      ca_real *thrusts, ca_real *y, int *steps)
 {
     const bounded_program plain = {problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    ca_real y[CA_M];
-    ca_real residual = iterate(&plain, u, tolerance / 2, 0, 0, STEPS, thrusts, y, steps);
+    ca_real residual = iterate(&plain, u, tolerance / 2, start, 0, STEPS, thrusts, y, steps);
     if (residual > tolerance / 2)
         residual = ca_settle(problem, u, tolerance / 2, thrusts, steps);
     if (residual <= tolerance)

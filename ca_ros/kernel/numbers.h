@@ -13,10 +13,12 @@
 #define ca_abs fabsf
 #define ca_sqrt sqrtf
 #define CA_CHOOSE(in_double, in_float) ((ca_real)(in_float))
+#define CA_CHOOSE_INT(in_double, in_float) (in_float)
 #else
 #define ca_abs fabs
 #define ca_sqrt sqrt
 #define CA_CHOOSE(in_double, in_float) ((ca_real)(in_double))
+#define CA_CHOOSE_INT(in_double, in_float) (in_double)
 #endif
 
 /* With CA_FIXED all problems have CA_N rotors and CA_M axes: loops of constant length are faster. */
@@ -72,11 +74,11 @@ void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *serve
                    int *steps);
 
 /* Least thrusts for u; they return |u - Gamma f| and count their steps. `attempt` gives up when u
- * is proven or likely to be unattainable. */
+ * is proven or likely to be unattainable, with multipliers y at which `least_norm` may start. */
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
-                   ca_real *thrusts, int *steps);
-ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance,
-                      ca_real *thrusts, int *steps);
+                   ca_real *thrusts, ca_real *y, int *steps);
+ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance, int start,
+                      ca_real *thrusts, ca_real *y, int *steps);
 ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served,
                               ca_real tolerance, ca_real *thrusts, int *steps);
 
