@@ -1,4 +1,4 @@
-"""Figures: what is on those of flights, and the files that they become."""
+"""Plots of flights: their content, and their files."""
 
 import argparse
 import time
@@ -10,9 +10,9 @@ from matplotlib import image
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, Curves, animate
+from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, animate
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.flight_metrics import margins, torque_errors
+from ca_ros.evaluation.flight_metrics import judge_samples
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.plots import COLORS, FORMATS, draw_flight, formats, save
 from ca_ros.flight.record import Flight
@@ -52,7 +52,7 @@ def test_a_flight_becomes_a_png_with_a_line_for_each_rotor(tmp_path, name):
         assert (drawn > 500) == (i < max(vehicle.n, 3)), color
 
 
-def test_a_figure_is_the_same_file_each_time(tmp_path, monkeypatch):
+def test_a_plot_is_the_same_file_each_time(tmp_path, monkeypatch):
     written = []
     for day, folder in enumerate([tmp_path / 'a', tmp_path / 'b']):
         folder.mkdir()
@@ -81,15 +81,14 @@ def test_formats_are_a_list_of_known_ones():
 
 def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
     case, failures = Case.load('hexarotor'), RotorFailures((RotorFailure(1, 0.8),), 0.1)
-    flights, curves = {}, {}
+    flights, samples = {}, {}
     for method in ('exact', 'fixed_pseudo_inverse'):
         changes = case.failing(method, failures)
         flight = flights[method] = fly(
             case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes)
-        told = flight, case.controller(), WAYPOINT, changes
-        curves[method] = Curves(margins(*told), torque_errors(*told))
+        samples[method] = judge_samples(flight, case.controller(), WAYPOINT, changes)
     path = tmp_path / 'animation.gif'
-    animate(path, flights, curves, case.vehicle, WAYPOINT, failures)
+    animate(path, flights, samples, case.vehicle, WAYPOINT, failures)
     with Image.open(path) as film:
         assert film.n_frames == 15
         assert film.info['loop'] == 0

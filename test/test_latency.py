@@ -1,4 +1,4 @@
-"""The node benchmark, over real processes; what it measures is not for a test to judge."""
+"""The measurement of the nodes, over real processes; its values are not judged here."""
 
 import json
 import math
@@ -6,122 +6,103 @@ import signal
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message
 
-from ca_ros.evaluation.latency.__main__ import flown
-from ca_ros.evaluation.latency.figures import measure, summary
-from ca_ros.evaluation.latency.side import Block, LatencyError
+from ca_ros.evaluation.latency.client import LatencyError, flown
+from ca_ros.evaluation.latency.latency import measure, metrics
+
+MEASURE = """
+import json, signal, sys
+from ca_ros.evaluation.latency import latency
+latency.RATES = (50.0,)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+try:
+    json.dump(latency.measure_nodes('hexarotor', True), open(sys.argv[1], 'w'))
+except (latency.LatencyError, KeyboardInterrupt) as error:
+    sys.exit(repr(error))
+"""
 
 
-def start(graph, *arguments):
-    """Start the benchmark as `benchmark` does."""
-    return graph.start_silent(
-        sys.executable, '-m', 'ca_ros.evaluation.latency', '--quick', *arguments)
+def start(graph, out):
+    return graph.start_silent(sys.executable, '-c', MEASURE, str(out))
 
 
 @pytest.mark.slow
-def test_the_figures_are_complete_and_consistent(graph, tmp_path):
+def test_the_metrics_are_complete_and_consistent(graph, tmp_path):
     out = tmp_path / 'latency.json'
-    _, err = graph.outlive(start(graph, '--rates', '50', '--out', str(out)))
+    _, err = graph.outlive(start(graph, out))
     assert out.is_file(), err
-    figures = json.loads(out.read_text())
-    assert list(figures['rates']) == ['50']
-    rate = figures['rates']['50']
+    found = json.loads(out.read_text())
+    assert list(found['rates']) == ['50']
+    rate = found['rates']['50']
     for kind in ('allocator', 'echo'):
-        side = rate[kind]
-        assert 0.0 < side['p50'] <= side['p99'] <= side['p99.9']
-        assert 0 < side['answered'] <= side['sent']
-        assert side['sent'] - side['answered'] <= side['late'] <= side['sent']
-        assert figures['sustained'][kind] >= 1.0
-        # It would have failed if one of these had not been answered.
-        assert figures['in_turn'][kind] > 0.0
-    assert rate['ratio_p50'] > 0.0
-    for name in ('sustained', 'in_turn'):
-        part = figures[name]
-        # One round, so the ratio is that of the rates.
-        assert part['ratio'] == pytest.approx(part['allocator'] / part['echo'])
+        own = rate[kind]
+        assert 0.0 < own['p50'] <= own['p99'] <= own['p99.9']
+        assert 0 < own['answered'] <= own['sent']
+        assert own['sent'] - own['answered'] <= own['late'] <= own['sent']
+        assert found['sustained'][kind] >= 1.0
+    assert rate['ratio']['p50'] > 0.0
+    # One round, so the ratio is that of the rates.
+    rates = found['sustained']
+    assert rates['ratio'] == pytest.approx(rates['allocator'] / rates['echo'])
 
 
-def test_a_wrong_vehicle_ends_it_in_one_line_and_leaves_nothing_behind(graph, tmp_path):
-    process = start(graph, '--vehicle', 'nope', '--out', str(tmp_path / 'x'))
-    _, err = graph.outlive(process)
-    assert process.returncode == 1
-    assert err.splitlines()[-1].startswith('latency: ')
-    assert 'nope' in err.splitlines()[-1]
-    assert graph.alive() == []
-
-
-@pytest.mark.parametrize('options', [
-    ('--rates', '0'), ('--rates', 'nan'), ('--rates', '250,fast'), ('--rates', '1e9'),
-    ('--out', 'no/such/folder/x')])
-def test_a_wrong_option_is_refused_before_anything_is_measured(graph, tmp_path, options):
-    process = start(graph, '--out', str(tmp_path / 'x'), *options)
-    _, err = graph.outlive(process)
-    assert process.returncode != 0
-    assert 'Traceback' not in err
-    last = err.splitlines()[-1]
-    assert last.startswith('latency: ')
-    assert options[0] in last
-    assert not (tmp_path / 'x').exists()
-
-
-@pytest.mark.parametrize('kind', ['allocator', 'echo'])
-def test_a_node_that_dies_is_named_and_nothing_is_left_behind(graph, tmp_path, kind):
-    process = start(graph, '--out', str(tmp_path / 'x'))
+def test_a_node_that_dies_is_named_and_an_interrupt_ends_both(graph, tmp_path):
+    process = start(graph, tmp_path / 'x')
 
     def nodes():
         return [
             child for child in graph.alive()
-            if any(word.endswith(f'.{kind}') for word in child.cmdline())]
+            if any(word.endswith('.echo') for word in child.cmdline())]
 
     graph.spin_until(nodes, 'the node')
     nodes()[0].kill()
     _, err = graph.outlive(process)
-    assert process.returncode == 1
-    assert err.splitlines()[-1] == f'latency: the {kind} ended with exit code -9'
-    assert not (tmp_path / 'x').exists()
+    assert 'the echo ended with exit code -9' in err
     assert graph.alive() == []
 
-
-def test_an_interrupt_ends_it_and_its_nodes(graph, tmp_path):
-    process = start(graph, '--out', str(tmp_path / 'x'))
+    process = start(graph, tmp_path / 'x')
     graph.spin_until(lambda: len(graph.alive()) >= 3, 'the nodes')
     _, err = graph.end(process, signal.SIGINT)
-    assert process.returncode == 128 + signal.SIGINT
-    assert 'interrupted' in err.splitlines()[-1]
+    assert 'KeyboardInterrupt' in err
     assert graph.alive() == []
+    assert not (tmp_path / 'x').exists()
 
 
-def test_a_summary_by_hand():
+def block(latencies, delays=0.0):
+    return pd.DataFrame({'sent': 0.0, 'delay': delays, 'latency': latencies})
+
+
+def test_metrics_by_hand():
     latencies = np.array([1e-3, 2e-3, 3e-3, 2e-3, math.nan])
-    delays = np.array([0.0, 0.0, 0.0, 1e-3, 0.0])
-    figures = summary(latencies, delays, 2.5e-3)
-    assert (figures['p50'], figures['sent'], figures['answered']) == (2e-3, 5, 4)
-    # The third is late, the fourth for having gone out late, and the fifth was never answered.
-    assert figures['late'] == 3
+    found = metrics(block(latencies, [0.0, 0.0, 0.0, 1e-3, 0.0]), 2.5e-3)
+    assert (found['p50'], found['sent'], found['answered']) == (2e-3, 5, 4)
+    # The third is late, the fourth because it was sent late, and the fifth was never answered.
+    assert found['late'] == 3
     with pytest.raises(LatencyError):
-        summary(np.full(3, math.nan), np.zeros(3), 1.0)
+        metrics(block(np.full(3, math.nan)), 1.0)
 
 
-class Written:
-    """A side whose blocks are written down: all latencies of a block are the same [ms]."""
+class Recorded:
+    """A client with given blocks: all latencies of a block are the same [ms]."""
 
-    def __init__(self, kind, latencies):
-        self.kind, self.latencies = kind, iter(latencies)
+    def __init__(self, latencies):
+        self.latencies = iter(latencies)
 
     def ask(self, rate, count):
-        return Block(np.full(count, 1e-3 * next(self.latencies)), np.zeros(count), rate)
+        return block(np.full(count, 1e-3 * next(self.latencies)))
 
 
 def test_a_ratio_is_that_of_neighbours_in_time():
     # A machine that slows down threefold, and stalls once, does not show in the ratios 2, 9 and 2.
-    sides = [Written('allocator', [2.0, 9.0, 6.0]), Written('echo', [1.0, 1.0, 3.0])]
-    figures = measure(sides, [100.0], 3, 0.1, lambda: None)['100']
-    assert figures['ratio_p50'] == figures['ratio_p99'] == pytest.approx(2.0)
-    assert figures['allocator']['p50'] == pytest.approx(6e-3)
-    assert figures['echo']['p50'] == pytest.approx(1e-3)
+    clients = {'allocator': Recorded([2.0, 9.0, 6.0]), 'echo': Recorded([1.0, 1.0, 3.0])}
+    found = measure(clients, [100.0], 3, 0.1)['100']
+    assert found['ratio'] == {'p50': pytest.approx(2.0), 'p99': pytest.approx(2.0)}
+    assert found['allocator']['p50'] == pytest.approx(6e-3)
+    assert found['echo']['p50'] == pytest.approx(1e-3)
 
 
 def test_the_commands_are_those_of_a_flight():

@@ -95,7 +95,10 @@ def test_it_has_the_numbers_of_the_studies(text, folders):
     speed = json.loads((folders / 'benchmark' / 'benchmark.json').read_text(encoding='utf-8'))
     for promise in speed['promises']:
         assert promise['what'].replace('`', '') in page.cells
-    assert f'{speed["calls"]["flight"]["exact"]["ratio"]["median"]:.3g}x' in page.words
+    [ratio] = [
+        each['ratio'] for each in speed['results']
+        if (each['part'], each['load'], each['contender']) == ('calls', 'flight', 'exact')]
+    assert f'{ratio:.3g}x' in page.words
     assert re.search(
         r'static_study .*--param vehicle\.mass:=1\.1 --samples 30 --seed 7 --sampling volume',
         said)
@@ -115,7 +118,7 @@ def test_it_needs_nothing_from_elsewhere(text):
     assert 'url(' not in text
 
 
-def test_all_figures_are_in_it(text, folders):
+def test_all_plots_are_in_it(text, folders):
     pictures = [value.partition(',') for value in Page(text).all('src')]
     written = [
         b64decode(data) for _, _, data in pictures]
@@ -180,7 +183,6 @@ def test_another_vehicle_is_not_judged_by_the_paper(tmp_path):
                  '--out', str(out)]) == 0
     said = ''.join(Page(out.read_text(encoding='utf-8')).words)
     said = said[said.index('Tables, plots and how'):]
-    assert 'In steady state' in said
     for word in ('paper', 'hexarotor', 'promise', 'missed by the', 'holds: ', 'not hold'):
         assert word not in said.lower(), word
 
@@ -202,16 +204,10 @@ def test_a_folder_that_is_no_studys_is_refused_in_one_line(folders, tmp_path, ca
     assert 'static_study' in fault(capsys, '--static', str(tmp_path), *out)
     shutil.copytree(folders / 'static', tmp_path / 'static')
     file = tmp_path / 'static' / 'static.json'
-    for wrong, word in (('{', 'not JSON'), ('[]', 'JSON object'), ('[1, [2]]', 'JSON object'),
-                        ('7', 'JSON object'), ('[' * 100_000, 'not JSON'),
-                        ('{"methods": {}}', 'version'), ('{"methods": []}', 'version'),
-                        ('{"samples": ' + '9' * 5000 + '}', 'version')):
-        file.write_text(wrong, encoding='utf-8')
+    for wrong in (b'{', b'[]', b'7', b'[' * 100_000, b'{"methods": {}}', b'\xff\xfe'):
+        file.write_bytes(wrong)
         line = fault(capsys, '--static', str(tmp_path / 'static'), *out)
-        assert 'static.json' in line
-        assert word in line
-    file.write_bytes(b'\xff\xfe')
-    assert 'text' in fault(capsys, '--static', str(tmp_path / 'static'), *out)
+        assert 'static.json: not written by this version of static_study' in line
     assert not (tmp_path / 'x.html').exists()
 
 

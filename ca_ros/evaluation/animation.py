@@ -1,14 +1,14 @@
-"""An animation of flights with rotor failures: one column a method, as a GIF file."""
+"""An animation of flights with rotor failures as a GIF file, one column per method."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -38,52 +38,24 @@ TITLES = {
 }
 BODY, THRUST, LOST, FRONT = '#404040', COLORS[0], COLORS[1], COLORS[2]
 SHADES = {'#000000': 12, BODY: 6, THRUST: 6, LOST: 6, FRONT: 6}
-"""Colours of the palette, and in how many steps each fades to white."""
+"""Colours of the palette, and the number of steps from each to white."""
 
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 33)
-
-
-@dataclass(frozen=True, eq=False)
-class Curves:
-    """What is plotted below a vehicle.
-
-    Attributes
-    ----------
-    margin : (K,) array
-        Margin of the commanded wrenches in the set that the rotors physically have [N, N m].
-    torque_error : (K,) array
-        Length of the difference of commanded and delivered torque [N m].
-    """
-
-    margin: Array
-    torque_error: Array
 
 
 def animate(
     path: Path,
     flights: Mapping[str, Flight],
-    curves: Mapping[str, Curves],
+    samples: Mapping[str, pd.DataFrame],
     vehicle: Vehicle,
     waypoint: Waypoint,
     failures: RotorFailures,
 ) -> None:
     """Write an animation of flights, in real time, as a GIF file.
 
-    Each column shows the vehicle, with the thrust of each rotor as an arrow, and the curves over
-    time. The view follows the vehicle; all columns have one scale. A vehicle that falls below
-    the height of its start after a failure stays there as it is.
-
-    Parameters
-    ----------
-    path : Path
-        Existing files are overwritten.
-    flights : mapping of str to Flight
-        By method.
-    curves : mapping of str to Curves
-    vehicle : Vehicle
-        As it is at the start.
-    waypoint : Waypoint
-    failures : RotorFailures
+    Each column shows the vehicle as it is at the start, with the thrust of each rotor as an
+    arrow, and below it margin and torque error from `judge_samples`. The view follows the vehicle;
+    all columns have one scale. A vehicle that falls below its start after a failure stays there.
     """
     moments = [time / 1e9 for time in failures.times()]
     end = max(float(flight.time[-1]) for flight in flights.values())
@@ -93,8 +65,11 @@ def animate(
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(4.0 * len(flights), 6.0), dpi=100)
         canvas: Any = FigureCanvasAgg(figure)
-        scenes = _scenes(figure, len(flights))
-        cursors = _plots(figure, flights, curves, grounds, moments, (start, end))
+        place = {'left': 0.07, 'right': 0.99, 'bottom': 0.4, 'top': 0.91, 'wspace': 0.06}
+        grid = figure.add_gridspec(1, len(flights), **place)
+        look: dict[str, Any] = {'projection': '3d', 'computed_zorder': False}
+        scenes = [figure.add_subplot(grid[0, i], **look) for i in range(len(flights))]
+        cursors = _plots(figure, flights, samples, grounds, moments, (start, end))
         for time in np.arange(start, end, 1.0 / FRAMES_PER_SECOND):
             for scene, (name, flight) in zip(scenes, flights.items(), strict=True):
                 k = min(int(np.searchsorted(flight.time, time + 1e-9)) - 1, grounds[name])
@@ -104,9 +79,8 @@ def animate(
                 tilt = f'tilt {np.degrees(flight.tilt[k]):2.0f}°'
                 height = f'height {flight.position[k, 2]:.2f} m'
                 caption = 'on the ground' if k == grounds[name] else f'{height}   {tilt}'
-                scene.text2D(
-                    0.5, 1.0, caption, transform=scene.transAxes, ha='center', fontsize='large'
-                )
+                look = {'transform': scene.transAxes, 'ha': 'center', 'fontsize': 'large'}
+                scene.text2D(0.5, 1.0, caption, **look)
                 for cursor, values in cursors[name]:
                     cursor.set_data([flight.time[k]], [values[k]])
             canvas.draw()
@@ -115,41 +89,30 @@ def animate(
 
 
 def _ground(flight: Flight, moments: Sequence[float]) -> int:
-    """Return the sample at which a vehicle falls below its start after a failure, or none: K."""
+    """Return the sample at which a vehicle falls below its start after a failure, or K."""
     low = flight.position[:, 2] < flight.position[0, 2] - 0.05
     found = np.flatnonzero(low & (flight.time > min(moments, default=np.inf)))
     return int(found[0]) if len(found) else len(flight.time)
 
 
-def _scenes(figure: Figure, count: int) -> list[Any]:
-    """Return the 3-D axes, side by side."""
-    grid = figure.add_gridspec(1, count, left=0.07, right=0.99, bottom=0.4, top=0.91, wspace=0.06)
-    return [
-        figure.add_subplot(grid[0, i], projection='3d', computed_zorder=False)
-        for i in range(count)
-    ]
-
-
 def _plots(
     figure: Figure,
     flights: Mapping[str, Flight],
-    curves: Mapping[str, Curves],
+    samples: Mapping[str, pd.DataFrame],
     grounds: Mapping[str, int],
     moments: Sequence[float],
     limits: tuple[float, float],
 ) -> dict[str, list[tuple[Any, Array]]]:
     """Draw the curves; return the marker of the present time on each, and the values."""
-    grid = figure.add_gridspec(
-        2, len(flights), left=0.1, right=0.98, bottom=0.09, top=0.38, hspace=0.3, wspace=0.1
-    )
+    place = {'left': 0.1, 'right': 0.98, 'bottom': 0.09, 'top': 0.38, 'hspace': 0.3}
+    grid = figure.add_gridspec(2, len(flights), wspace=0.1, **place)
     axes = grid.subplots(sharex=True, sharey='row', squeeze=False)
     cursors: dict[str, list[tuple[Any, Array]]] = {}
     for (name, flight), column in zip(flights.items(), axes.T, strict=True):
         cursors[name] = []
         part = slice(0, grounds[name] + 1)
-        for plot, values in zip(
-            column, (curves[name].margin, curves[name].torque_error), strict=True
-        ):
+        for plot, key in zip(column, ('margin', 'torque_error'), strict=True):
+            values = samples[name][key].to_numpy()
             plot.plot(flight.time[part], values[part], color='black')
             plot.axhline(0.0, **DASHED)
             for moment in moments:
@@ -203,7 +166,7 @@ def _draw_vehicle(axes: Any, flight: Flight, k: int, vehicle: Vehicle, waypoint:
 
 
 def _disk(center: Array, axis: Array, radius: float) -> Array:
-    """Return the circle (33, 3) about a centre, at a right angle to an axis."""
+    """Return a circle (33, 3) around a centre, perpendicular to an axis."""
     one = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
     one /= np.linalg.norm(one)
     two = np.cross(axis, one)
@@ -211,7 +174,7 @@ def _disk(center: Array, axis: Array, radius: float) -> Array:
 
 
 def _write(path: Path, frames: Sequence[Image.Image]) -> None:
-    """Write frames with one palette, which keeps the colours and a third of the size."""
+    """Write frames with one palette: the same colours at a third of the size."""
     palette = Image.new('P', (1, 1))
     colors = [
         [round(255.0 * (1.0 - share * (1.0 - part))) for part in to_rgb(color)]

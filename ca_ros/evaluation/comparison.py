@@ -1,4 +1,4 @@
-"""Allocators that only the studies know, to compare the others with."""
+"""Allocators for comparison, which only the studies have."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 
 class FixedPseudoInverse(PseudoInverse):
-    """The clipped pseudo-inverse of all rotors, as in allocators that know no rotor failures.
+    """The clipped pseudo-inverse computed once, for sound rotors.
 
-    The share of a lost rotor is clipped away, not given to the others.
+    The share of a lost rotor is lost and not given to the others.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:

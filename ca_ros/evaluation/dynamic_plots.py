@@ -7,14 +7,16 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.flight_metrics import steady
-from ca_ros.evaluation.plot_style import coinciding, legend, sheet, title
+from ca_ros.evaluation.flight_metrics import STEADY
+from ca_ros.evaluation.plot_style import legend, sheet, styles, title
 from ca_ros.flight.plots import COLORS, DASHED, STYLE, line, save
 from ca_ros.flight.record import Flight
+from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -22,27 +24,15 @@ from ca_ros.vehicle.vehicle import Vehicle
 def draw(
     out: Path,
     flights: Mapping[str, Flight],
+    samples: Mapping[str, pd.DataFrame],
     vehicle: Vehicle,
     waypoint: Waypoint,
+    failures: RotorFailures,
     formats: Sequence[str],
-    moments: Sequence[float] = (),
-    margins: Mapping[str, Array] | None = None,
 ) -> None:
-    """Draw all plots of a dynamic study into a folder.
+    """Draw all plots of a dynamic study into a folder; failures have a plot of their own.
 
-    Parameters
-    ----------
-    out : Path
-    flights : mapping of str to Flight
-    vehicle : Vehicle
-        As it is at the start.
-    waypoint : Waypoint
-    formats : sequence of str
-    moments : sequence of float
-        When a rotor fails or a failure is announced [s]; dotted.
-    margins : mapping of str to (K,) array
-        Margin of the commanded wrenches in the set that the rotors physically have [N, N m];
-        draws the plot of the failure.
+    The samples are from `judge_samples`; the vehicle is as it is at the start.
     """
     with matplotlib.rc_context(STYLE):
         plots = {
@@ -50,28 +40,25 @@ def draw(
             'attitude': _draw_attitude(flights, waypoint),
             'rotor_speeds': _draw_speeds(flights, vehicle),
         }
-        if margins:
-            plots['failure'] = _draw_failure(flights, margins, vehicle, waypoint, moments)
+        if failures.failures:
+            plots['failure'] = _draw_failure(flights, samples, vehicle, waypoint, failures)
         for name, plot in plots.items():
             save(plot, out / name, formats)
 
 
 def _draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
-    """Draw the position over time, and what is missing to the waypoint at the end."""
+    """Draw the position over time, and the error in the last second."""
     figure, head, body = sheet(7.0, 5.4, len(flights))
     panels = body.subplots(3, 2, sharex='col', width_ratios=(3, 1))
-    ends = {
-        name: (flight.time[steady(flight)], flight.position[steady(flight)])
-        for name, flight in flights.items()
-    }
-    for i, (whole, end) in enumerate(panels):
+    for i, (whole, last) in enumerate(panels):
         goal = float(waypoint.position[i])
-        _lines(whole, {name: (f.time, f.position[:, i]) for name, f in flights.items()}, goal)
-        left = {name: (time, 1e3 * (path[:, i] - goal)) for name, (time, path) in ends.items()}
-        _lines(end, left, 0.0)
+        paths = {name: flight.position[:, i] for name, flight in flights.items()}
+        errors = {name: 1e3 * (path - goal) for name, path in paths.items()}
+        _lines(whole, flights, paths, goal)
+        _lines(last, flights, errors, 0.0, STEADY)
         whole.set_ylabel(f'${"xyz"[i]}$ [m]')
-        end.set_ylabel(f'error in ${"xyz"[i]}$ [mm]')
-        end.margins(y=0.2)
+        last.set_ylabel(f'error in ${"xyz"[i]}$ [mm]')
+        last.margins(y=0.2)
     panels[0][1].set_title('last second', fontsize='medium')
     for axes in panels[-1]:
         axes.set_xlabel('time [s]')
@@ -86,10 +73,10 @@ def _draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     goals = (None, None, float(np.degrees(waypoint.heading)))
     for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'heading'), panels, strict=True)):
         angles = {
-            method: (f.time, np.degrees(f.heading if name == 'heading' else f.euler[:, i]))
-            for method, f in flights.items()
+            method: np.degrees(flight.heading if name == 'heading' else flight.euler[:, i])
+            for method, flight in flights.items()
         }
-        _lines(axes, angles, goals[i])
+        _lines(axes, flights, angles, goals[i])
         axes.set_ylabel(f'{name} [°]')
     panels[-1].set_xlabel('time [s]')
     legend(head, panels[0].get_lines())
@@ -97,8 +84,8 @@ def _draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
 
 
 def _draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
-    """Draw the rotor speeds, one panel a method."""
-    rows, columns = -(-len(flights) // 2), 6 if vehicle.n % 6 == 0 else 4
+    """Draw the rotor speeds, one panel per method."""
+    rows, columns = -(-len(flights) // 2), _columns(vehicle)
     figure, head, body = sheet(7.0, 0.4 + 2.2 * rows, vehicle.n, columns)
     panels = body.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).flatten()
     for (name, flight), axes in zip(flights.items(), panels, strict=False):
@@ -118,18 +105,17 @@ def _draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
 
 def _draw_failure(
     flights: Mapping[str, Flight],
-    margins: Mapping[str, Array],
+    samples: Mapping[str, pd.DataFrame],
     vehicle: Vehicle,
     waypoint: Waypoint,
-    moments: Sequence[float],
+    failures: RotorFailures,
 ) -> Figure:
-    """Draw flights with rotor failures beside each other, one column a method."""
-    columns = 6 if vehicle.n % 6 == 0 else 4
-    figure, head, body = sheet(3.2 * len(flights) + 0.6, 7.6, vehicle.n, columns)
+    """Draw flights with rotor failures beside each other, one column per method."""
+    moments = [time / 1e9 for time in failures.times()]
+    figure, head, body = sheet(3.2 * len(flights) + 0.6, 7.6, vehicle.n, _columns(vehicle))
     rows = body.subplots(4, len(flights), sharex=True, sharey='row', squeeze=False)
-    names = ('position [m]', 'tilt [°]', 'rotor speed [rad/s]', 'margin [N, N m]')
-    for name, column in zip(flights, rows.T, strict=True):
-        flight, (position, tilt, speeds, margin) = flights[name], column
+    for (name, flight), column in zip(flights.items(), rows.T, strict=True):
+        position, tilt, speeds, margin = column
         for i, axis in enumerate('xyz'):
             # Where coordinates coincide, those below are wider.
             look = {'color': ('0.65', '0.3', COLORS[1])[i], 'linewidth': 3.2 - 1.0 * i}
@@ -138,27 +124,33 @@ def _draw_failure(
             position.axhline(level, **DASHED)
         tilt.plot(flight.time, np.degrees(flight.tilt), color='black')
         _speeds(speeds, flight, vehicle)
-        margin.plot(flight.time, margins[name], color='black')
+        margin.plot(flight.time, samples[name]['margin'], color='black')
         margin.axhline(0.0, **DASHED)
         for axes in column:
             for moment in moments:
                 axes.axvline(moment, color='black', linestyle=':', linewidth=0.8)
         position.set_title(title(name), fontsize='medium')
         margin.set_xlabel('time [s]')
+    names = ('position [m]', 'tilt [°]', 'rotor speed [rad/s]', 'margin [N, N m]')
     for axes, label in zip(rows[:, 0], names, strict=True):
         axes.set_ylabel(label)
-    rows[0, 0].legend(loc='lower left')
+    first, last = rows[0, 0], rows[3, 0]
+    first.legend(loc='lower left')
     end = max(float(flight.time[-1]) for flight in flights.values())
-    rows[0, 0].set_xlim(max(0.0, min(moments) - 2.0), end)
-    # A vehicle that falls leaves the panel: the others would not be seen beside it.
+    first.set_xlim(max(0.0, min(moments) - 2.0), end)
+    # A falling vehicle leaves the panel, so that the scale suits the others.
     places = np.concatenate([waypoint.position, np.zeros(3)])
-    rows[0, 0].set_ylim(places.min() - 2.0, places.max() + 1.0)
-    found = np.concatenate(list(margins.values()))
-    highest = float(np.nanmax(found, initial=0.0))
-    lowest = max(float(np.nanmin(found, initial=0.0)), -2.0 * highest)
-    rows[3, 0].set_ylim(lowest - 0.1 * highest, 1.1 * highest or 1.0)
-    legend(head, rows[2, 0].get_lines()[: vehicle.n], columns)
+    first.set_ylim(places.min() - 2.0, places.max() + 1.0)
+    margins = pd.concat([own['margin'] for own in samples.values()])
+    highest = float(np.nanmax(margins, initial=0.0))
+    lowest = max(float(np.nanmin(margins, initial=0.0)), -2.0 * highest)
+    last.set_ylim(lowest - 0.1 * highest, 1.1 * highest or 1.0)
+    legend(head, rows[2, 0].get_lines()[: vehicle.n], _columns(vehicle))
     return figure
+
+
+def _columns(vehicle: Vehicle) -> int:
+    return 6 if vehicle.n % 6 == 0 else 4
 
 
 def _speeds(axes: Axes, flight: Flight, vehicle: Vehicle) -> None:
@@ -170,11 +162,18 @@ def _speeds(axes: Axes, flight: Flight, vehicle: Vehicle) -> None:
         axes.axhline(bound, **DASHED)
 
 
-def _lines(axes: Axes, curves: Mapping[str, tuple[Array, Array]], goal: float | None) -> None:
-    """Draw times and values of each method, and the waypoint dashed."""
-    looks = coinciding(list(curves))
-    for name, (time, values) in curves.items():
-        axes.plot(time, values, label=title(name), **looks[name])
+def _lines(
+    axes: Axes,
+    flights: Mapping[str, Flight],
+    values: Mapping[str, Array],
+    goal: float | None,
+    last: float = np.inf,
+) -> None:
+    """Draw values of each method over the last seconds of its flight, and the goal dashed."""
+    for name, look in styles(list(flights), coinciding=True).items():
+        time = flights[name].time
+        part = time >= time[-1] - last
+        axes.plot(time[part], values[name][part], label=title(name), **look)
     if goal is not None:
         axes.axhline(goal, **DASHED)
     axes.margins(x=0.0)

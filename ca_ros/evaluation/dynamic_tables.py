@@ -1,4 +1,4 @@
-"""The tables of the dynamic study, in Markdown: the flights, and the paper's observations."""
+"""The tables of the dynamic study in Markdown: the flights, and the paper's observations."""
 
 from __future__ import annotations
 
@@ -46,13 +46,10 @@ def table(found: Mapping[str, Any]) -> str:
 
 
 def observation_lines(found: Mapping[str, Any]) -> list[str]:
-    """Return what was observed; for the paper's vehicle, a verdict on each of its sentences."""
-    verdicts = found['observations']
+    """Return the paper's observations, and whether they hold."""
     return [
-        f'- {"Holds" if verdicts[what] else "Does not hold"}: {what} ({numbers})'
-        if what in verdicts
-        else f'- {what}: {numbers}'
-        for what, numbers in found['numbers'].items()
+        f'- {"Holds" if holds else "Does not hold"}: {what} ({found["numbers"][what]})'
+        for what, holds in found['observations'].items()
     ]
 
 
@@ -66,24 +63,19 @@ def document(found: Mapping[str, Any]) -> str:
     ]
     if found['failures']:
         lost = ', '.join(found['lost_axes']) or 'none'
-        parts.append(
-            f'Rotor failures: `{" ".join(found["failures"])}`. Lost axes at the end: {lost}.'
-        )
+        words = ' '.join(found['failures'])
+        parts.append(f'Rotor failures: `{words}`. Lost axes at the end: {lost}.')
     parts += [
         table(found),
-        'Steady state is the last second; settled is within 2 % of the step; effort is the '
+        'The steady state is the last second; settled means within 2 % of the step; effort is the '
         'integral of |f|²; time at a bound is the share of the time of all rotors, to within '
-        '0.1 % of their range; a residual is what the controller asked for minus what the rotors '
-        'gave.',
+        '0.1 % of their range; a residual is the commanded wrench minus the delivered one.',
     ]
-    observed = '\n'.join(observation_lines(found))
     if found['observations']:
         parts += [
             "## The paper's observations",
-            observed,
-            f'A height error counts as nonzero from {1e3 * HEIGHT_ERROR:g} mm on. What the paper '
+            '\n'.join(observation_lines(found)),
+            f'Height errors below {1e3 * HEIGHT_ERROR:g} mm count as zero. What the paper '
             'leaves open, and what was tried: docs/reproduction.md.',
         ]
-    elif observed:
-        parts += ['## In steady state', observed]
     return '\n\n'.join(parts) + '\n'

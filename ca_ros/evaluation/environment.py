@@ -1,9 +1,10 @@
-"""What results depend on besides their inputs: versions, machine, threads, load."""
+"""The environment that results depend on: versions, machine, threads, load."""
 
 from __future__ import annotations
 
 import os
 import platform
+import re
 import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -33,18 +34,10 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, str | int]:
     """Return processor, number of cores and system."""
-    processor = platform.processor() or platform.machine()
-    try:
-        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
-        names = [line.split(':', 1)[1].strip() for line in lines if line.startswith('model name')]
-        processor = names[0] if names else processor
-    except OSError:
-        pass
-    return {
-        'processor': processor,
-        'cores': os.cpu_count() or 1,
-        'system': platform.platform(terse=True),
-    }
+    names = re.findall('^model name.*?: (.*)', Path('/proc/cpuinfo').read_text(), re.MULTILINE)
+    processor = names[0].strip() if names else platform.processor() or platform.machine()
+    system = platform.platform(terse=True)
+    return {'processor': processor, 'cores': os.cpu_count() or 1, 'system': system}
 
 
 def environment() -> dict[str, Any]:
@@ -58,13 +51,11 @@ def environment() -> dict[str, Any]:
         'versions': versions(),
         'blas': f'{blas.get("name", "unknown")} {blas.get("version", "")}'.strip(),
         'threads': {name: os.environ.get(name, 'not set') for name in THREADS},
-        'clock': f'time.perf_counter_ns, {time.get_clock_info("perf_counter").resolution:.0e} s',
-        'garbage_collector': 'off while calls are timed',
     }
 
 
 def load_average() -> list[float]:
-    """Return the mean numbers of processes that wanted to run in the last 1, 5 and 15 minutes."""
+    """Return the load averages of the last 1, 5 and 15 minutes."""
     return [round(load, 2) for load in os.getloadavg()]
 
 
@@ -78,10 +69,7 @@ def stalls(seconds: float = 1.0) -> float:
     return count / seconds
 
 
-def stolen(since: float = 0.0) -> float | None:
-    """Return the processor time that went to other machines, less `since` [s]; None if unknown."""
-    try:
-        ticks = Path('/proc/stat').read_text(encoding='ascii').split(maxsplit=9)[8]
-    except OSError:
-        return None
+def stolen(since: float = 0.0) -> float:
+    """Return the processor time that went to other virtual machines, less `since` [s]."""
+    ticks = Path('/proc/stat').read_text(encoding='ascii').split(maxsplit=9)[8]
     return int(ticks) / os.sysconf('SC_CLK_TCK') - since

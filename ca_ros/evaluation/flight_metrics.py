@@ -1,4 +1,4 @@
-"""What a flight to a waypoint is worth, in numbers."""
+"""Metrics of a flight to a waypoint."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.evaluation.judge import FORCES
@@ -21,13 +22,10 @@ from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEADY = 1.0
-"""The last second of a flight is taken for the steady state [s]."""
+"""The last second of a flight counts as the steady state [s]."""
 
 SETTLED = 0.02
 """Share of the step within which a quantity has settled."""
-
-WHOLE = slice(None)
-"""All samples of a flight."""
 
 AT_BOUND = 1e-3
 """Share of a rotor's range of speeds within which it is at a bound."""
@@ -38,29 +36,59 @@ def steady(flight: Flight) -> BoolArray:
     return flight.time >= flight.time[-1] - STEADY
 
 
-def at_bounds(
-    flight: Flight, problem: AllocationProblem, part: slice = WHOLE
-) -> tuple[BoolArray, BoolArray]:
+def at_bounds(speeds: Array, problem: AllocationProblem) -> tuple[BoolArray, BoolArray]:
     """Return which rotors are at their minimum, and which at their maximum, (K, n) each."""
     low, high = problem.vehicle.speeds(problem.lower), problem.vehicle.speeds(problem.upper)
     near = AT_BOUND * (high - low)
-    speeds = flight.speeds[part]
     return speeds <= low + near, speeds >= high - near
 
 
-def metrics(
+def judge_samples(
     flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = ()
-) -> dict[str, Any]:
-    """Return the metrics of a flight by name.
+) -> pd.DataFrame:
+    """Compare the commanded wrenches of a flight with the delivered ones.
 
-    Parameters
-    ----------
-    flight : Flight
-    controller : Controller
-        That flew it: the wrenches that it asked for follow from the samples.
-    waypoint : Waypoint
-    changes : sequence of Change
-        What changed in flight: rotors that failed, and what became known of that.
+    The controller recomputes the commands from the samples; the changes are rotor failures and
+    their announcements.
+
+    Returns
+    -------
+    DataFrame
+        One row per sample: ``force_error`` [N] and ``torque_error`` [N m], the lengths of
+        commanded minus delivered; ``margin`` [N, N m] of the commanded wrench in the admissible
+        set of the rotors as they physically are, NaN where that set has no volume;
+        ``thrusts_squared``, |f|^2 [N^2]; ``movable`` and ``at_bound``: how many rotors can move,
+        and are at a bound.
+    """
+    parts = []
+    for part, pilot, vehicle in _legs(flight, controller, changes):
+        states = zip(
+            flight.position[part],
+            flight.attitude[part],
+            flight.velocity[part],
+            flight.angular_velocity[part],
+            strict=True,
+        )
+        commanded = np.array([pilot.wrench(*state, waypoint) for state in states])
+        thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
+        residual = commanded - thrusts @ control_allocation_matrix(pilot.vehicle).T
+        forces = np.array([axis in FORCES for axis in axes])
+        low, high = at_bounds(flight.speeds[part], pilot.problem)
+        movable = pilot.problem.upper > pilot.problem.lower
+        columns = {
+            'force_error': np.linalg.norm(residual[:, forces], axis=1),
+            'torque_error': np.linalg.norm(residual[:, ~forces], axis=1),
+            'margin': _margin(vehicle, axes, commanded),
+            'thrusts_squared': np.square(thrusts).sum(axis=1),
+            'movable': movable.sum(),
+            'at_bound': (low | high)[:, movable].sum(axis=1),
+        }
+        parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True)
+
+
+def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[str, Any]:
+    """Return the metrics of a flight by name, with samples from `judge_samples`.
 
     Returns
     -------
@@ -70,53 +98,31 @@ def metrics(
         [N^2 s]; ``time_at_bound``, the share of the rotors' time; ``worst_force_residual`` [N] and
         ``worst_torque_residual`` [N m]; and ``greatest_tilt`` [rad].
     """
-    left = waypoint.position - flight.position
-    ways = {name: (left[:, i], float(left[0, i])) for i, name in enumerate('xyz')}
-    turn = difference(waypoint.heading, flight.heading)
-    ways['yaw'] = turn, float(turn[0])
-    # Of no rotors that can move, none is at a bound.
-    effort, force, torque, bound = 0.0, 0.0, 0.0, [np.zeros(0, bool)]
+    ways = dict(zip('xyz', (waypoint.position - flight.position).T, strict=True))
+    ways['yaw'] = difference(waypoint.heading, flight.heading)
+    # The thrusts of a sample act until the next sample; those of the last one do not count.
     intervals = np.append(np.diff(flight.time), 0.0)
-    for part, pilot, vehicle in legs(flight, controller, changes):
-        thrusts = vehicle.thrusts(flight.speeds[part])
-        # A sample's thrusts act until the next sample; those of the last one no more.
-        effort += float((np.square(thrusts).sum(axis=1) * intervals[part]).sum())
-        given = thrusts @ control_allocation_matrix(pilot.vehicle).T
-        residual = demands(flight, pilot, waypoint, part) - given
-        forces = np.array([axis in FORCES for axis in pilot.vehicle.axes])
-        force = max(force, _longest(residual[:, forces]))
-        torque = max(torque, _longest(residual[:, ~forces]))
-        low, high = at_bounds(flight, pilot.problem, part)
-        bound.append((low | high)[:, pilot.problem.upper > pilot.problem.lower].ravel())
     return {
         'steady_state_error': {
-            name: float(left[steady(flight)].mean()) for name, (left, _) in ways.items()
+            name: float(left[steady(flight)].mean()) for name, left in ways.items()
         },
-        'settling_time': {
-            name: _settling_time(flight.time, left, step) for name, (left, step) in ways.items()
-        },
+        'settling_time': {name: _settling_time(flight.time, left) for name, left in ways.items()},
         'overshoot': {
-            name: max(0.0, float((-left / step).max())) if step else 0.0
-            for name, (left, step) in ways.items()
+            name: max(0.0, float((-left / left[0]).max())) if left[0] else 0.0
+            for name, left in ways.items()
         },
-        'effort': effort,
-        'time_at_bound': float(np.concatenate(bound).sum()) / max(1, sum(map(len, bound))),
-        'worst_force_residual': force,
-        'worst_torque_residual': torque,
+        'effort': float((samples['thrusts_squared'].to_numpy() * intervals).sum()),
+        'time_at_bound': float(samples['at_bound'].sum() / max(1, samples['movable'].sum())),
+        'worst_force_residual': float(samples['force_error'].max()),
+        'worst_torque_residual': float(samples['torque_error'].max()),
         'greatest_tilt': float(flight.tilt.max()),
     }
 
 
-def legs(
-    flight: Flight, controller: Controller, changes: Sequence[Change] = ()
+def _legs(
+    flight: Flight, controller: Controller, changes: Sequence[Change]
 ) -> Iterator[tuple[slice, Controller, Vehicle]]:
-    """Return the parts of a flight between its changes.
-
-    Yields
-    ------
-    (slice, Controller, Vehicle)
-        Samples, the controller in charge, and the vehicle as it physically is.
-    """
+    """Yield the samples between changes, the controller, and the vehicle as it physically is."""
     vehicle, start = controller.vehicle, 0
     times = np.round(flight.time * 1e9)
     for change in [*sorted(changes, key=lambda change: change.time), None]:
@@ -129,59 +135,18 @@ def legs(
             vehicle = change.body.vehicle if change.body else vehicle
 
 
-def demands(
-    flight: Flight, controller: Controller, waypoint: Waypoint, part: slice = WHOLE
-) -> Array:
-    """Return the wrenches (K, m) that the controller asked for [N, N m]."""
-    samples = zip(
-        flight.position[part],
-        flight.attitude[part],
-        flight.velocity[part],
-        flight.angular_velocity[part],
-        strict=True,
-    )
-    return np.array([controller.wrench(*sample, waypoint) for sample in samples])
+def _margin(vehicle: Vehicle, axes: Sequence[str], wrenches: Array) -> Any:
+    """Return the margin (K,) of wrenches in the set of a vehicle and of the axes in common."""
+    common = tuple(axis for axis in vehicle.axes if axis in axes)
+    try:
+        admissible = AdmissibleSet(replace(vehicle, axes=common))
+    except ValueError:
+        return np.nan
+    return admissible.margin(wrenches[:, [axes.index(axis) for axis in common]])
 
 
-def margins(
-    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = ()
-) -> Array:
-    """Return the margin (K,) of the commanded wrenches in the admissible set [N, N m].
-
-    The set is that of the rotors as they physically are, and of the axes that these command;
-    NaN where it has no volume.
-    """
-    found = np.full(len(flight.time), np.nan)
-    for part, pilot, vehicle in legs(flight, controller, changes):
-        axes = tuple(axis for axis in vehicle.axes if axis in pilot.vehicle.axes)
-        rows = [pilot.vehicle.axes.index(axis) for axis in axes]
-        try:
-            admissible = AdmissibleSet(replace(vehicle, axes=axes))
-        except ValueError:
-            continue
-        found[part] = admissible.margin(demands(flight, pilot, waypoint, part)[:, rows])
-    return found
-
-
-def torque_errors(
-    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = ()
-) -> Array:
-    """Return the length (K,) of the difference of commanded and delivered torque [N m]."""
-    found = []
-    for part, pilot, vehicle in legs(flight, controller, changes):
-        given = vehicle.thrusts(flight.speeds[part]) @ control_allocation_matrix(pilot.vehicle).T
-        torques = [axis not in FORCES for axis in pilot.vehicle.axes]
-        missed = (demands(flight, pilot, waypoint, part) - given)[:, torques]
-        found.append(np.linalg.norm(missed, axis=1))
-    return np.concatenate(found)
-
-
-def _longest(vectors: Array) -> float:
-    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
-
-
-def _settling_time(time: Array, left: Array, step: float) -> float | None:
-    outside = np.flatnonzero(np.abs(left) > SETTLED * abs(step))
+def _settling_time(time: Array, left: Array) -> float | None:
+    outside = np.flatnonzero(np.abs(left) > SETTLED * abs(left[0]))
     if len(outside) == 0:
         return 0.0
     return float(time[outside[-1] + 1]) if outside[-1] + 1 < len(time) else None

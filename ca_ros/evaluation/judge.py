@@ -1,8 +1,8 @@
-"""The judge of answers: what thrusts are worth, by the problem's own data."""
+"""The judge of answers: errors of thrusts, computed from the problem's data."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from time import perf_counter_ns
 from typing import Any
@@ -17,28 +17,21 @@ VIOLATION = 1e-9
 """Thrusts that are further outside their bounds than this violate them [N]."""
 
 WRONG = 1e-6
-"""Greatest error of a right answer: of the wrench [N, N m], the bounds [N] and the norm [N]."""
+"""Largest error of a right answer: of the wrench [N, N m], the bounds [N] and the norm [N]."""
 
 FORCES = ('force_x', 'force_y', 'thrust')
 """The axes in N; the others are in N m."""
 
 COLUMNS = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}
-"""Columns of the axes that go by another name."""
+"""Columns of the axes whose column has another name."""
 
 
 class AnswerError(ValueError):
-    """What a method answered is no allocation."""
+    """A method did not answer with thrusts of the vehicle's rotors."""
 
 
 class Judge:
-    """Judges thrusts that answer N wrenches.
-
-    Parameters
-    ----------
-    problem : AllocationProblem
-    demands : (N, m) array
-        Wrenches [N, N m].
-    """
+    """Judges thrusts that answer wrenches (N, m) [N, N m]."""
 
     def __init__(self, problem: AllocationProblem, demands: Array) -> None:
         self.problem, self.demands = problem, demands
@@ -52,7 +45,7 @@ class Judge:
 
     @cached_property
     def least_norms(self) -> Array:
-        """Least |f| of all thrusts that give the wrench, (N,), NaN if it is not attainable [N]."""
+        """Least |f| of all thrusts that give the wrench, (N,), NaN if it is unattainable [N]."""
         norms = np.full(len(self.demands), np.nan)
         for i in np.flatnonzero(self.attainable):
             least = self.problem.least(self.problem.multipliers(self.demands[i]))
@@ -69,16 +62,16 @@ class Judge:
         )
 
     def worst(self, answers: Sequence[Any]) -> dict[str, float]:
-        """Return the greatest faults of answers, thrusts (n,) or None for each wrench.
+        """Return the largest errors of answers: thrusts (n,) or None for each wrench.
 
-        For wrenches that are not attainable only the bounds are checked.
+        For unattainable wrenches only the bounds are checked.
 
         Returns
         -------
         dict
             ``error`` [N, N m], ``violation`` [N], ``norm_excess`` [N] over the answers that are
-            right otherwise (NaN if there are none), ``failures``: attainable wrenches without an
-            answer.
+            right otherwise (NaN if there are none), ``failures``: the number of attainable
+            wrenches without an answer, ``attainable``: the number of attainable wrenches.
 
         Raises
         ------
@@ -100,84 +93,64 @@ class Judge:
         return {
             'error': float(error[judged].max(initial=0.0)),
             'violation': float(violation[answered].max(initial=0.0)),
-            'norm_excess': max(float(excess.max()), 0.0) if len(excess) else np.nan,
+            'norm_excess': float(excess.max(initial=0.0)) if len(excess) else np.nan,
             'failures': int((self.attainable & ~answered).sum()),
+            'attainable': int(self.attainable.sum()),
         }
 
 
-def verdict(worst: Any, attainable: int) -> dict[str, Any]:
-    """Return the greatest faults, as of `Judge.worst`, with what is wrong in words."""
-    excess, failures = float(worst['norm_excess']), int(worst['failures'])
+def faults(worst: Mapping[str, Any]) -> str:
+    """Return what is wrong with answers, '' if nothing is, from the result of `Judge.worst`."""
+    missing = f'no answer to {worst["failures"]:.0f} of {worst["attainable"]:.0f}'
     found = {
         'wrench': worst['error'] > WRONG,
         'bounds': worst['violation'] > WRONG,
-        'norm': excess > WRONG,
-        f'no answer to {failures} of {attainable}': failures > 0,
+        'norm': worst['norm_excess'] > WRONG,
+        missing: worst['failures'] > 0,
     }
-    faults = [word for word, wrong in found.items() if wrong]
-    return {
-        'error': float(worst['error']),
-        'violation': float(worst['violation']),
-        'norm_excess': None if np.isnan(excess) else excess,
-        'failures': failures,
-        'attainable': attainable,
-        'faults': faults,
-        'correct': not faults,
-    }
+    return ', '.join(fault for fault, wrong in found.items() if wrong)
 
 
 def evaluate(
     name: str, allocator: Allocator, problem: AllocationProblem, demands: Array, batch: bool
 ) -> pd.DataFrame:
-    """Allocate wrenches and judge the answers.
+    """Allocate wrenches (N, m) [N, N m] and judge the answers by the problem's data.
 
-    Parameters
-    ----------
-    name : str
-        Of the method.
-    allocator : Allocator
-    problem : AllocationProblem
-        By whose data the answers are judged.
-    demands : (N, m) array
-        Wrenches [N, N m].
-    batch : bool
-        Allocate them in one call, and give each the same share of its time; otherwise one by one.
+    A batch is one call, whose time is divided equally; otherwise wrenches are allocated one by
+    one.
 
     Returns
     -------
     DataFrame
-        A row a wrench, with the columns of static.csv but ``sample``, and ``violation``: how far
-        the method's own thrusts were outside their bounds, before saturation [N].
+        One row per wrench: the columns of static.csv but ``sample``, and ``violation``, the
+        largest violation of the bounds by the method's thrusts before saturation [N].
 
     Raises
     ------
     AnswerError
         If the answers are not thrusts of the vehicle's rotors.
     """
-    used = ('thrusts', 'violation', 'status')
-    if batch and hasattr(allocator, 'allocate_batch'):
+    whole = batch and hasattr(allocator, 'allocate_batch')
+    call = allocator.allocate_batch if whole else allocator.allocate
+    answers, times = [], []
+    for u in [demands] if whole else demands:
         start = perf_counter_ns()
-        answer = allocator.allocate_batch(demands)
-        times = np.full(len(demands), (perf_counter_ns() - start) / 1e9 / len(demands))
-        parts: list[Any] = [getattr(answer, part) for part in used]
-    else:
-        answers, times = [], np.empty(len(demands))
-        for i, u in enumerate(demands):
-            start = perf_counter_ns()
-            answers.append(allocator.allocate(u))
-            times[i] = (perf_counter_ns() - start) / 1e9
-        if not all(hasattr(answer, part) for answer in answers for part in used):
-            raise AnswerError(f'{name}: allocate has to return an Allocation')
-        parts = [[getattr(answer, part) for answer in answers] for part in used]
-    thrusts = np.asarray(parts[0], dtype=float)
+        answers.append(call(u))
+        times.append((perf_counter_ns() - start) / 1e9 / (len(demands) if whole else 1))
+    try:
+        used = ('thrusts', 'violation', 'status')
+        parts = [np.array([getattr(each, part) for each in answers]) for part in used]
+    except AttributeError:
+        raise AnswerError(f'{name}: allocate has to return an Allocation') from None
+    thrusts = parts[0].astype(float).reshape(-1, parts[0].shape[-1])
     if thrusts.shape != (len(demands), problem.n) or not np.isfinite(thrusts).all():
         raise AnswerError(
             f'{name}: expected finite thrusts of {problem.n} rotors for each wrench, got an array '
             f'of shape {thrusts.shape}'
         )
     outside, force, torque = Judge(problem, demands).errors(thrusts)
-    violation = np.maximum(np.asarray(parts[1], dtype=float), outside)
-    status = np.broadcast_to(np.asarray(parts[2], dtype=np.int8), outside.shape)
+    violation = np.maximum(parts[1].astype(float).ravel(), outside)
+    status = np.broadcast_to(parts[2].astype(np.int8).ravel(), outside.shape)
     names = [COLUMNS.get(axis, axis) for axis in problem.axes]
     return pd.DataFrame(
         {
@@ -187,7 +160,7 @@ def evaluate(
             'violated': (violation > VIOLATION).astype(np.int8),
             'force_error': force,
             'torque_error': torque,
-            'time': times,
+            'time': np.broadcast_to(times, outside.shape),
             'status': pd.Categorical.from_codes(status, [each.name for each in Status]),
             'violation': violation,
         }

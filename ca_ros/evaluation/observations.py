@@ -1,9 +1,9 @@
-"""What the paper observes in its dynamic simulation, checked by numbers."""
+"""The paper's observations on its dynamic simulation, checked by numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,20 +15,18 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.problem import AllocationProblem
 
 HEIGHT_ERROR = 1e-3
-"""Height error in steady state that counts as one [m].
+"""A smaller height error in steady state counts as zero [m].
 
-With the gains of the parameter file, 0.04 mm are left of the step itself in the last second.
+With the gains of the parameter file, 0.04 mm of the step itself are left in the last second.
 """
 
 SPEED_ERROR = 0.05
-"""Deviation from a speed that does not show in its first decimal [rad/s]."""
+"""A smaller deviation does not change the first decimal of a speed [rad/s]."""
 
 
-@dataclass(frozen=True)
-class Observation:
-    """What is observed, the paper's sentence on it, whether it is true, and the numbers."""
+class Observation(NamedTuple):
+    """A sentence of the paper, whether it holds, and the numbers."""
 
-    subject: str
     sentence: str
     holds: bool
     numbers: str
@@ -37,7 +35,7 @@ class Observation:
 def observe(
     flights: Mapping[str, Flight], problem: AllocationProblem, waypoint: Waypoint
 ) -> list[Observation]:
-    """Return the paper's three observations, as far as the methods they are about were flown."""
+    """Return those of the paper's three observations whose methods were flown."""
     flown = {name: flight for name, flight in flights.items() if name in BUILT_IN}
     made = []
     if 'conventional' in flown:
@@ -57,7 +55,6 @@ def _height(flown: Mapping[str, Flight], waypoint: Waypoint) -> Observation:
     }
     others = {name: error for name, error in errors.items() if name != 'conventional'}
     return Observation(
-        'Height error in steady state',
         'In steady state the conventional allocator has a nonzero height error'
         + (', and no other method has one.' if others else '.'),
         errors['conventional'] > HEIGHT_ERROR and max(others.values(), default=0.0) < HEIGHT_ERROR,
@@ -66,10 +63,9 @@ def _height(flown: Mapping[str, Flight], waypoint: Waypoint) -> Observation:
 
 
 def _maximum(flight: Flight, problem: AllocationProblem) -> Observation:
-    counts = at_bounds(flight, problem)[1][steady(flight)].sum(axis=1)
+    counts = at_bounds(flight.speeds[steady(flight)], problem)[1].sum(axis=1)
     speeds = ', '.join(f'{speed:.1f}' for speed in flight.speeds[-1])
     return Observation(
-        'Rotors at their maximum in steady state, with direct allocation',
         'In steady state direct allocation has two rotors at their maximum.',
         bool((counts == 2).all()),
         f'{counts.min()} to {counts.max()} rotors; {speeds} rad/s at the end',
@@ -82,12 +78,10 @@ def _hover(others: Mapping[str, Flight], problem: AllocationProblem) -> Observat
         name: float(np.abs(flight.speeds[steady(flight)] - hover).max())
         for name, flight in others.items()
     }
-    equal = float(np.ptp(hover)) < SPEED_ERROR
-    speed = f'at {hover.mean():.1f} rad/s' if equal else 'at its speed in least-norm hover'
+    deviations = ', '.join(f'{name} {error:.4f} rad/s' for name, error in worst.items())
     return Observation(
-        'Rotor speeds in steady state, compared with hover of least norm',
-        f'In steady state all methods but direct allocation have each rotor {speed}.',
+        'In steady state all methods but direct allocation have each rotor at '
+        f'{hover.mean():.1f} rad/s.',
         max(worst.values()) <= SPEED_ERROR,
-        'greatest deviation '
-        + ', '.join(f'{name} {error:.4f} rad/s' for name, error in worst.items()),
+        f'greatest deviation {deviations}',
     )

@@ -1,4 +1,4 @@
-"""How the methods look in all plots of the studies."""
+"""The look of the methods, titles and legends in all plots of the studies."""
 
 from __future__ import annotations
 
@@ -10,50 +10,45 @@ from matplotlib.figure import Figure, SubFigure
 
 from ca_ros.flight.plots import COLORS
 
-STYLES: dict[str, dict[str, Any]] = {
-    'exact': {'color': COLORS[5], 'linestyle': '-'},
-    'pseudo_inverse': {'color': COLORS[1], 'linestyle': (0, (6, 2))},
-    'conventional': {'color': COLORS[2], 'linestyle': '-'},
-    'direct': {'color': 'black', 'linestyle': (0, (1, 1.5))},
+STYLES: dict[str, tuple[str, Any, float]] = {
+    'exact': (COLORS[5], '-', 5.0),
+    'pseudo_inverse': (COLORS[1], (0, (6, 2)), 3.0),
+    'conventional': (COLORS[2], '-', 1.6),
+    'direct': ('black', (0, (1, 1.5)), 1.0),
 }
+"""Colour, dashes, and the width where curves coincide: each narrower than those below it."""
+
 OTHERS = [
-    {'color': color, 'linestyle': dashes}
+    (color, dashes, 1.4)
     for dashes in ((0, (6, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 3)))
     for color in (COLORS[3], COLORS[4], COLORS[0])
 ]
-WIDTHS = {'exact': 5.0, 'pseudo_inverse': 3.0, 'conventional': 1.6, 'direct': 1.0}
 
 
-def styles(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return how to draw the curve of each method."""
+def styles(methods: Sequence[str], coinciding: bool = False) -> dict[str, dict[str, Any]]:
+    """Return the line properties of each method's curve."""
     others = [method for method in methods if method not in STYLES]
     found = {}
     for method in methods:
-        look = STYLES.get(method) or OTHERS[others.index(method) % len(OTHERS)]
-        found[method] = {**look, 'linewidth': 3.0 if method == 'exact' else 1.4}
+        known = STYLES.get(method) or OTHERS[others.index(method) % len(OTHERS)]
+        color, dashes, width = known
+        if not coinciding:
+            width = 3.0 if method == 'exact' else 1.4
+        elif method == 'pseudo_inverse':
+            dashes = '-'
+        found[method] = {'color': color, 'linestyle': dashes, 'linewidth': width}
     return found
 
 
-def coinciding(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the same for curves that lie on each other: each narrower than those below it."""
-    looks = styles(methods)
-    for method, width in WIDTHS.items():
-        if method in looks:
-            looks[method]['linewidth'] = width
-    if 'pseudo_inverse' in looks:
-        looks['pseudo_inverse']['linestyle'] = '-'
-    return looks
-
-
 def title(method: str) -> str:
-    """Return a method's name in words; a user's own goes by its class."""
+    """Return a method's name in words; for a user's own method, the name of its class."""
     return method.rpartition(':')[2].replace('_', ' ')
 
 
 def sheet(
     width: float, height: float, entries: int, columns: int | None = None
 ) -> tuple[Figure, SubFigure, SubFigure]:
-    """Return a figure, its strip for a legend above everything, and what is below [inch]."""
+    """Return a figure, the strip for its legend at the top, and the part below it [inch]."""
     strip = 0.25 * ceil(entries / (columns or _columns(entries)))
     figure = Figure(figsize=(width, height + strip), layout='constrained')
     parts: Any = figure.subfigures(2, 1, height_ratios=(strip, height))

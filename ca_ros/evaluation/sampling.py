@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 BLOCK = 1000
-"""Samples are drawn in blocks, each from its own seed: sample i depends on seed and i alone."""
+"""Samples are drawn in blocks, each with its own seed: sample i depends on seed and i alone."""
 
-
-def by_volume(admissible: AdmissibleSet, rng: np.random.Generator) -> Array:
-    """Draw wrenches (BLOCK, m) uniformly by volume."""
-    return admissible.sample(rng, BLOCK)
-
-
-def by_thrusts(admissible: AdmissibleSet, rng: np.random.Generator) -> Array:
-    """Draw thrusts uniformly in their bounds; return the wrenches (BLOCK, m) that they give."""
-    problem = admissible.problem
-    thrusts = rng.uniform(problem.lower, problem.upper, (BLOCK, len(problem.lower)))
-    return thrusts @ problem.gamma.T
-
-
-def on_boundary(admissible: AdmissibleSet, rng: np.random.Generator) -> Array:
-    """Draw wrenches (BLOCK, m) by volume and push them out to the boundary, from the centre."""
-    offsets = admissible.sample(rng, BLOCK) - admissible.center
-    return admissible.center + offsets / gauge(admissible, admissible.center + offsets)[:, None]
-
-
-SAMPLINGS: dict[str, Callable[[AdmissibleSet, np.random.Generator], Array]] = {
-    'volume': by_volume,
-    'thrusts': by_thrusts,
-    'boundary': on_boundary,
+SAMPLINGS = {
+    'volume': 'drawn uniformly by volume in the admissible set',
+    'thrusts': 'given by thrusts that are drawn uniformly in their bounds',
+    'boundary': 'drawn by volume and projected from the centre onto the boundary of the set',
 }
 
 
@@ -46,8 +25,19 @@ def gauge(admissible: AdmissibleSet, wrenches: Array) -> Array:
 
 
 def samples(admissible: AdmissibleSet, sampling: str, seed: int, start: int, stop: int) -> Array:
-    """Return samples `start` to `stop`, without the last (stop - start, m) [N, N m]."""
+    """Return samples `start` to `stop`, excluding the last, (stop - start, m) [N, N m]."""
     first, end = start // BLOCK, -(-stop // BLOCK)
-    draw = SAMPLINGS[sampling]
-    blocks = [draw(admissible, np.random.default_rng([seed, k])) for k in range(first, end)]
-    return np.concatenate(blocks)[start - first * BLOCK : stop - first * BLOCK]
+    rngs = [np.random.default_rng([seed, k]) for k in range(first, end)]
+    blocks = np.concatenate([_block(admissible, sampling, rng) for rng in rngs])
+    return blocks[start - first * BLOCK : stop - first * BLOCK]
+
+
+def _block(admissible: AdmissibleSet, sampling: str, rng: np.random.Generator) -> Array:
+    problem, center = admissible.problem, admissible.center
+    if sampling == 'thrusts':
+        return rng.uniform(problem.lower, problem.upper, (BLOCK, problem.n)) @ problem.gamma.T
+    wrenches = admissible.sample(rng, BLOCK)
+    if sampling == 'boundary':
+        offsets = wrenches - center
+        wrenches = center + offsets / gauge(admissible, center + offsets)[:, None]
+    return wrenches

@@ -1,4 +1,4 @@
-"""The tables of the static study: the paper's Table 1 and ours side by side, in Markdown."""
+"""The tables of the static study in Markdown: the paper's Table 1 beside ours."""
 
 from __future__ import annotations
 
@@ -8,39 +8,32 @@ from typing import Any
 
 from ca_ros.evaluation import paper
 from ca_ros.evaluation.paper import ROWS
+from ca_ros.evaluation.sampling import SAMPLINGS
 from ca_ros.evaluation.tables import table as markdown_table
 
 Metrics = Mapping[str, Any]
 
 ERRORS = ('force_error', 'torque_error')
 
-SAMPLING = {
-    'volume': 'drawn uniformly by volume in the admissible set',
-    'thrusts': 'given by thrusts that are drawn uniformly in their bounds',
-    'boundary': 'drawn by volume and pushed out to the boundary of the admissible set',
-}
-
 
 def table(found: Metrics) -> str:
-    """Return the table of a study as in static.json: Markdown, the paper's rows below ours."""
+    """Return the table of a study as in static.json; the paper's rows are below ours."""
     rows = []
     for name, ours in found['methods'].items():
         pairs = [(ours[key]['mean'], ours[key]['max']) for key in (*ERRORS, 'time')]
-        count = _count(ours['violations'], found['samples'])
-        rows.append((f'`{name}`', count, *map(_pair, pairs)))
+        rows.append(_row(f'`{name}`', ours['violations'], found['samples'], pairs))
         if paper.applies(found) and name in ROWS:
             row = ROWS[name]
             pairs = [row.force_error, row.torque_error, row.time]
-            count = _count(row.violations, paper.SAMPLES)
-            rows.append((f'paper: {row.name}', count, *map(_pair, pairs)))
-    titles = (
-        'method',
-        'violations',
-        'force error [N], mean / max',
-        'torque error [N m], mean / max',
-        'time [s], mean / max',
-    )
+            rows.append(_row(f'paper: {row.name}', row.violations, paper.SAMPLES, pairs))
+    quantities = ('force error [N]', 'torque error [N m]', 'time [s]')
+    titles = ('method', 'violations', *(f'{name}, mean / max' for name in quantities))
     return markdown_table(titles, rows)
+
+
+def _row(name: str, hits: int, samples: int, pairs: list[tuple[float, float]]) -> list[str]:
+    error = f' ± {standard_error(hits, samples):.0f}' if hits else ''
+    return [name, f'{hits}{error} of {samples}', *(f'{a:.1e} / {b:.1e}' for a, b in pairs)]
 
 
 def document(found: Metrics) -> str:
@@ -53,10 +46,9 @@ def document(found: Metrics) -> str:
         else f'Wrenches were allocated in {found["timing"]}: a time is the share of one wrench in '
         'the time of its batch, much less than a call takes.'
     )
-    versions = ', '.join(f'{name} {number}' for name, number in found['versions'].items())
     parts = [
         '# Static study',
-        f'{samples} wrenches{cut}, {SAMPLING[found["sampling"]]} of `{found["vehicle"]}`, '
+        f'{samples} wrenches{cut}, {SAMPLINGS[found["sampling"]]} of `{found["vehicle"]}`, '
         f'seed {found["seed"]}.',
         table(found),
         'Violations are counted before saturation, with their standard error; errors are after '
@@ -66,15 +58,13 @@ def document(found: Metrics) -> str:
     ]
     if paper.applies(found):
         parts += [
-            '## Where they differ from the paper, and why',
+            '## Differences from the paper',
             '\n'.join(_differences(found)),
             'What the paper leaves open, and what was tried: docs/reproduction.md.',
         ]
-    parts += [
-        '## Made with',
-        '- {processor}, {cores} cores, {system}\n'.format(**found['machine']) + f'- {versions}',
-    ]
-    return '\n\n'.join(parts) + '\n'
+    machine = '- {processor}, {cores} cores, {system}\n'.format(**found['machine'])
+    versions = ', '.join(f'{name} {number}' for name, number in found['versions'].items())
+    return '\n\n'.join([*parts, '## Made with', f'{machine}- {versions}']) + '\n'
 
 
 def _more(found: Metrics) -> str:
@@ -88,24 +78,24 @@ def _more(found: Metrics) -> str:
         )
         for name, ours in found['methods'].items()
     ]
-    titles = ('method', 'median time [s]', '99th percentile [s]', 'greatest violation [N]')
+    titles = ('method', 'median time [s]', '99th percentile [s]', 'largest violation [N]')
     return markdown_table((*titles, 'status'), rows)
 
 
 def _differences(found: Metrics) -> list[str]:
-    """Return how the rows of the paper's methods differ from the paper's, an item each."""
+    """Return how the rows of the paper's methods differ from the paper's, one item each."""
     known = {name: ours for name, ours in found['methods'].items() if name in ROWS}
     lines = []
     for name, ours in known.items():
         compared = [_compare_counts(ours['violations'], found['samples'], ROWS[name].violations)]
         for key in ERRORS:
-            mean, greatest = map(_compare, ours[key].values(), getattr(ROWS[name], key))
-            compared.append(f'{key.replace("_", " ")} {mean} on average, {greatest} at most')
+            mean, largest = map(_compare, ours[key].values(), getattr(ROWS[name], key))
+            compared.append(f'{key.replace("_", " ")} {mean} on average, {largest} at most')
         lines.append(f'- `{name}`: {"; ".join(compared)}. {paper.why(found, name)}')
     if found['samples'] > paper.SAMPLES:
         lines.append(
-            f'- The greatest of {found["samples"]} errors is greater than that of '
-            f'{paper.SAMPLES}, as in the paper.'
+            f'- Of {found["samples"]} errors the largest exceeds that of {paper.SAMPLES}, the '
+            "paper's number."
         )
     if base := known.pop('pseudo_inverse', None):
         unit = ROWS['pseudo_inverse'].time[0]
@@ -145,12 +135,3 @@ def _compare(ours: float, theirs: float) -> str:
 def standard_error(hits: int, samples: int) -> float:
     """Return the standard error of a count among independent samples."""
     return sqrt(hits * (1.0 - hits / samples))
-
-
-def _pair(mean_max: tuple[float, float]) -> str:
-    return '{:.1e} / {:.1e}'.format(*mean_max)
-
-
-def _count(hits: int, samples: int) -> str:
-    error = standard_error(hits, samples)
-    return f'{hits} ± {error:.0f} of {samples}' if hits else f'0 of {samples}'

@@ -1,74 +1,70 @@
-"""The plot of a benchmark: times per call, and how they grow with the rotors."""
+"""The plot of a benchmark: times per call, and how they grow with the number of rotors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import matplotlib
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ca_ros.evaluation.benchmark.contenders import BASELINE
 from ca_ros.evaluation.plot_style import title
 from ca_ros.flight.plots import COLORS, DASHED, STYLE
 
 MARKERS = {'uniform': 'o', 'boundary': 's', 'flight': '^'}
-ROTORS = [4, 8, 16, 32]
+ABOVE: dict[str, Any] = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0)}
 
 
-def draw(found: Mapping[str, Any]) -> Figure:
-    """Draw a run as in benchmark.json; what was answered wrongly is hollow."""
+def draw(results: pd.DataFrame) -> Figure:
+    """Draw the results of a run, from `summarize`; markers of wrong answers are hollow."""
+    calls, growth = (results[results['part'] == part] for part in ('calls', 'rotors'))
     with matplotlib.rc_context(STYLE):
-        names = list(found['contenders'])
-        figure = Figure(figsize=(8.0, 1.4 + 0.26 * max(len(names), 9)), layout='constrained')
-        if not found['growth']:
-            _draw_calls(figure.subplots(), found['calls'], names)
-            return figure
-        left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-        _draw_calls(left, found['calls'], names)
-        _draw_growth(right, found['growth'])
+        height = 1.4 + 0.26 * max(calls['contender'].nunique(), 9)
+        figure = Figure(figsize=(8.0, height), layout='constrained')
+        if growth.empty:
+            _draw_calls(figure.subplots(), calls)
+        else:
+            left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+            _draw_calls(left, calls)
+            _draw_growth(right, growth)
     return figure
 
 
-def _draw_calls(axes: Axes, calls: Mapping[str, Any], names: list[str]) -> None:
-    handles = []
+def _draw_calls(axes: Axes, calls: pd.DataFrame) -> None:
+    handles, names = [], list(calls['contender'].unique())
     for color, (load, marker) in zip(COLORS, MARKERS.items(), strict=False):
         look: dict[str, Any] = {'color': color, 'marker': marker, 'linestyle': 'none'}
         handles.append(Line2D([], [], label=load, **look))
-        for row, name in enumerate(names):
-            own = calls[load][name]
-            low, median, high = (1e6 * own['mean'][part] for part in ('low', 'median', 'high'))
-            axes.plot([low, high], [row, row], color=color, linewidth=1.0)
-            filling = color if own['correct'] else 'white'
-            axes.plot(median, row, **look, markerfacecolor=filling)
-    axes.axvline(1e6 * calls['flight'][names[0]]['mean']['median'], **DASHED)
+        for own in calls[calls['load'] == load].itertuples():
+            row = names.index(own.contender)
+            ends = 1e6 * own.time_low, 1e6 * own.time_high
+            axes.plot(ends, [row, row], color=color, linewidth=1.0)
+            filling = 'white' if own.faults else color
+            axes.plot(1e6 * own.time, row, **look, markerfacecolor=filling)
+    unit = calls[(calls['load'] == 'flight') & (calls['contender'] == BASELINE)]
+    axes.axvline(1e6 * unit['time'].iloc[0], **DASHED)
     axes.set_xscale('log')
     axes.set_yticks(range(len(names)), [title(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel('time per call [µs]')
     look = {'color': 'grey', 'marker': 'D', 'markerfacecolor': 'white', 'linestyle': 'none'}
     handles.append(Line2D([], [], label='wrong', **look))
-    axes.legend(handles=handles, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=4)
+    axes.legend(handles=handles, ncols=4, **ABOVE)
 
 
-def _draw_growth(axes: Axes, growth: Mapping[str, Any]) -> None:
-    for color, name in zip(COLORS, growth['flight'], strict=False):
-        for load, dashes in (('flight', '-'), ('uniform', '--')):
-            own = growth[load][name]
-            axes.plot(
-                [int(n) for n in own],
-                [1e6 * each['mean']['median'] for each in own.values()],
-                color=color,
-                linestyle=dashes,
-                marker=MARKERS[load],
-                markersize=3.5,
-                label=f'{title(name)}, {load}',
-            )
+def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
+    names = list(growth['contender'].unique())
+    for (name, load), own in growth.groupby(['contender', 'load'], sort=False):
+        look: dict[str, Any] = {'color': COLORS[names.index(name)], 'marker': MARKERS[load]}
+        look |= {'linestyle': '-' if load == 'flight' else '--', 'markersize': 3.5}
+        axes.plot(own['rotors'], 1e6 * own['time'], label=f'{title(name)}, {load}', **look)
     axes.set_xscale('log', base=2)
     axes.set_yscale('log')
-    axes.set_xticks(ROTORS, [str(n) for n in ROTORS])
+    axes.set_xticks([4, 8, 16, 32], ['4', '8', '16', '32'])
     axes.minorticks_off()
     axes.set_xlabel("rotors of the paper's hexarotor")
     axes.set_ylabel('time per call [µs]')
-    axes.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=7, handlelength=3)
+    axes.legend(ncols=2, fontsize=7, handlelength=3, **ABOVE)

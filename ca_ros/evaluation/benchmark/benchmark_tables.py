@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import pandas as pd
+
+from ca_ros.evaluation.benchmark.contenders import BASELINE
 from ca_ros.evaluation.benchmark.loads import LOADS
 from ca_ros.evaluation.benchmark.measurements import UNIT
-from ca_ros.evaluation.benchmark.timing import TURN
 from ca_ros.evaluation.environment import STALL
 from ca_ros.evaluation.judge import WRONG
 from ca_ros.evaluation.tables import microseconds, number, table
@@ -20,28 +22,38 @@ MARK = ' ✗'
 
 def document(found: Metrics) -> str:
     """Return benchmark.md for a run as in benchmark.json."""
-    parts = [
+    parts = _parts(found)
+    p99 = [title for load in LOADS for title in (f'{load}: p99 [us]', 'x')]
+    rows = _rows(parts['calls'], lambda each: (microseconds(each.p99), _range(each, 'ratio')))
+    setup = {name: number(1e3 * about['setup']) for name, about in found['contenders'].items()}
+    sections = [
         '# Benchmark',
         summary(found),
         '## Percentiles and spread',
-        *_percentiles(found),
-        *(['## Number of rotors', *_growth(found)] if found['growth'] else []),
+        '99th percentile of single calls, its median over repetitions; the interquartile range of '
+        'the ratios of the repetitions; the time of the set-up, once.',
+        table(
+            ('contender', *p99, 'set-up [ms]'),
+            [(f'`{name}`', *own, setup[name]) for name, own in rows.items()],
+        ),
+        *(_growth(found['rival'], parts['rotors']) if 'rotors' in parts else []),
         '## Batches',
-        *_batches(found),
+        _batches(parts['batches']),
         '## Closed loop',
-        _closed_loop(found['closed_loop']),
+        _closed_loop(found['flight'], parts['closed loop']),
         '## The node',
         *_node(found['node']),
         '## Made with',
         '\n'.join(f'- {line}' for line in _made_with(found)),
         '## Limitations',
-        '\n'.join(f'- {line}' for line in _limitations(found)),
+        'The times are of Python calls on small problems with warm caches; docs/performance.md '
+        'lists all limitations.',
     ]
-    return '\n\n'.join(parts) + '\n'
+    return '\n\n'.join(sections) + '\n'
 
 
 def summary(found: Metrics) -> str:
-    """Return what matters most: what is promised, and the times per call."""
+    """Return the most important tables: the promises, and the times per call."""
     settings, around = found['settings'], found['environment']
     quick = ', a **quick** one: each number rests on little' if settings['quick'] else ''
     parts = [
@@ -49,12 +61,13 @@ def summary(found: Metrics) -> str:
         f'{around["load_average"][0]:g}, on {around["machine"]["cores"]} cores.'
     ]
     if found['promises']:
+        verdicts = {True: 'met', False: '**missed**', None: 'not measured'}
         rows = [
             (
                 each['what'],
                 f'{"at least" if each["at_least"] else "at most"} {each["limit"]:g}',
                 '' if each['measured'] is None else number(each['measured']),
-                {True: 'met', False: '**missed**', None: 'not measured'}[each['met']],
+                verdicts[each['met']],
             )
             for each in found['promises']
         ]
@@ -62,29 +75,35 @@ def summary(found: Metrics) -> str:
     return '\n\n'.join([*parts, '## Times per call', *_calls(found)])
 
 
+def _parts(found: Metrics) -> dict[Any, pd.DataFrame]:
+    return dict(iter(pd.DataFrame(found['results']).groupby('part', sort=False)))
+
+
+def _rows(
+    results: pd.DataFrame, cells: Callable[[Any], tuple[str, ...]]
+) -> dict[Any, tuple[str, ...]]:
+    """Return the cells of all results of each contender."""
+    return {
+        name: tuple(cell for each in own.itertuples() for cell in cells(each))
+        for name, own in results.groupby('contender', sort=False)
+    }
+
+
 def _calls(found: Metrics) -> list[str]:
+    calls = _parts(found)['calls']
+    times = _rows(calls, lambda each: (_time(each, f' ({number(each.ratio)}x)'),))
+    faults = _rows(calls, lambda each: (f'{each.load}: {each.faults}',) if each.faults else ())
+    worst = calls.groupby('contender')[['error', 'violation', 'norm_excess']].max()
     rows = []
-    for name in found['contenders']:
-        own = {load: found['calls'][load][name] for load in LOADS}
-        faults = [f'{load}: {", ".join(e["faults"])}' for load, e in own.items() if e['faults']]
-        excesses = [e['norm_excess'] for e in own.values() if e['norm_excess'] is not None]
-        rows.append(
-            (
-                f'`{name}`',
-                *(f'{_time(e)} ({number(e["ratio"]["median"])}x){_mark(e)}' for e in own.values()),
-                number(max(e['error'] for e in own.values())),
-                number(max(e['violation'] for e in own.values())),
-                number(max(excesses)) if excesses else 'none right',
-                '; '.join(faults) or 'nothing',
-            )
-        )
-    errors = ('wrench error', 'violation [N]', 'norm excess [N]', 'wrong')
+    for name in times:
+        errors = ['none right' if pd.isna(value) else number(value) for value in worst.loc[name]]
+        rows.append((f'`{name}`', *times[name], *errors, '; '.join(faults[name]) or 'nothing'))
+    errors = ['wrench error', 'violation [N]', 'norm excess [N]', 'wrong']
     parts = [
         'Microseconds per call, in brackets in units of the clipped pseudo-inverse '
-        f'(`{found["settings"]["baseline"]}`); errors are the worst of all answers. '
-        f'{MARK.strip()} marks a time for which answers were wrong: the wrench [N, N m], the '
-        f'bounds or the least norm missed by more than {WRONG:g}, or no answer to an attainable '
-        'wrench.',
+        f'(`{BASELINE}`); errors are the worst of all answers. {MARK.strip()} marks a time for '
+        'which answers were wrong: the wrench [N, N m], the bounds or the least norm missed by '
+        f'more than {WRONG:g}, or no answer to an attainable wrench.',
         table(('contender', *(f'{load} [us]' for load in LOADS), *errors), rows),
     ]
     if found['absent']:
@@ -98,69 +117,36 @@ def _calls(found: Metrics) -> list[str]:
     return [*parts, f'The loads: {"; ".join(about)}.']
 
 
-def _percentiles(found: Metrics) -> list[str]:
-    titles = [title for load in LOADS for title in (f'{load}: p99 [us]', 'x')]
-    rows = []
-    for name, about in found['contenders'].items():
-        own = [found['calls'][load][name] for load in LOADS]
-        words = [w for e in own for w in (microseconds(e['p99']['median']), _range(e['ratio']))]
-        setup = number(1e3 * about['setup']) if 'setup' in about else ''
-        rows.append((f'`{name}`', *words, setup))
-    return [
-        '99th percentile of single calls, its median over repetitions; the middle half of the '
-        'ratios of the repetitions; the time of the set-up, once.',
-        table(('contender', *titles, 'set-up [ms]'), rows),
-    ]
-
-
-def _growth(found: Metrics) -> list[str]:
-    peer = f'the fastest peer, `{found["rival"]}`' if found['rival'] else 'no peer'
+def _growth(rival: str | None, results: pd.DataFrame) -> list[str]:
+    peer = f'the fastest peer, `{rival}`' if rival else 'no peer'
     parts = [
+        '## Number of rotors',
         "The paper's hexarotor with other numbers of rotors on its circle, which together give "
-        f'the same thrust. Baseline, `exact` and {peer}.'
+        f'the same thrust. Baseline, `exact` and {peer}.',
     ]
-    for load, contenders in found['growth'].items():
-        rows = [
-            (f'`{name}`', *(_time(each) + _mark(each) for each in own.values()))
-            for name, own in contenders.items()
-        ]
-        parts.append(table((f'{load} [us], rotors', *contenders['exact']), rows))
+    for load, part in results.groupby('load', sort=False):
+        rows = _rows(part, lambda each: (_time(each),)).items()
+        titles = (f'{load} [us], rotors', *map(str, part['rotors'].unique()))
+        parts.append(table(titles, [(f'`{name}`', *own) for name, own in rows]))
     return parts
 
 
-def _batches(found: Metrics) -> list[str]:
-    batch, rows = found['batch'], []
-    for name, time in batch['time'].items():
-        method, _, size = name.partition(' ')
-        what = f'`{method}`, batches of {size}' if size else f'`{found["rival"]}`, one by one'
-        rate = f'{1.0 / time["median"]:,.0f}'
-        rows.append((what, str(batch['wrenches'][name]), microseconds(time['median']), rate))
-    linear = ', '.join(
-        f'{size}: {number(each["median"])} ({_range(each)})'
-        for size, each in batch['linearity'].items()
-    )
-    parts = [
-        table(('uniform wrenches', 'wrenches', 'us per wrench', 'wrenches per second'), rows),
-        f"Time per wrench in units of the smallest size's: {linear}.",
-    ]
-    if 'speedup' in batch:
-        parts.append(
-            f'`exact` in batches of {batch["largest"]} has {number(batch["speedup"]["median"])} '
-            f'({_range(batch["speedup"])}) times the throughput of the loop.'
-        )
-    if not batch['correct']:
-        parts.append('**Answers of `exact` in the batch were wrong.**')
-    return parts
+def _batches(results: pd.DataFrame) -> str:
+    rows = []
+    for each in results.assign(time=1e6 * results['time']).itertuples():
+        load = f'batches of {each.load}' if each.load.isdecimal() else each.load
+        rows.append((f'`{each.contender}`, {load}', number(each.time), f'{1e6 / each.time:,.0f}'))
+    return table(('uniform wrenches', 'us per wrench', 'wrenches per second'), rows)
 
 
-def _closed_loop(loop: Metrics) -> str:
+def _closed_loop(flight: Metrics, results: pd.DataFrame) -> str:
+    exact, unit = (results[results['contender'] == name].iloc[0] for name in ('exact', BASELINE))
     return (
-        f'{loop["duration"]:g} s of flight with `exact`, {loop["steps"]} steps of controller, '
-        f'allocator and rigid body, take {loop["time"]["median"]:.3f} s '
-        f'({loop["time"]["low"]:.3f} to {loop["time"]["high"]:.3f}); {UNIT} clipped '
-        f'pseudo-inverses take {1e3 * loop["unit"]["median"]:.3g} ms, so that is '
-        f'{number(loop["ratio"]["median"])} ({_range(loop["ratio"])}) of these units. The flight '
-        f'ends {number(loop["final_error"])} m from its waypoint.'
+        f'{exact.load} of flight with `exact`, {flight["steps"]} steps of controller, allocator '
+        f'and rigid body, take {exact.time:.3f} s ({_range(exact, "time")}); {UNIT} clipped '
+        f'pseudo-inverses take {1e3 * unit.time:.3g} ms, so that is {number(exact.ratio)} '
+        f'({_range(exact, "ratio")}) of these units. The flight ends '
+        f'{number(flight["final_error"])} m from its waypoint.'
     )
 
 
@@ -169,78 +155,52 @@ def _node(node: Metrics) -> list[str]:
         return [f'Not measured: {node["absent"]}.']
     if 'error' in node:
         return [f'**Not measured: {node["error"]}.**']
-    rows = [
-        (
-            f'{rate} Hz, {name}',
-            *(microseconds(both[name][key]) for key in ('p50', 'p99', 'p99.9')),
-            str(both[name]['late']),
-            f'{both[name]["answered"]} of {both[name]["sent"]}',
-        )
-        for rate, both in node['rates'].items()
-        for name in ('allocator', 'echo')
-    ]
-    sustained = node['sustained']
-    ratios = '; '.join(
-        f'{rate} Hz: p50 {number(both["ratio_p50"])}, p99 {number(both["ratio_p99"])}'
-        for rate, both in node['rates'].items()
-    )
-    settings = ', '.join(f'{name} {value}' for name, value in node.get('settings', {}).items())
+    rows, ratios = [], []
+    for rate, both in node['rates'].items():
+        for kind in ('allocator', 'echo'):
+            own = both[kind]
+            times = (microseconds(own[key]) for key in ('p50', 'p99', 'p99.9'))
+            counts = str(own['late']), f'{own["answered"]} of {own["sent"]}'
+            rows.append((f'{rate} Hz, {kind}', *times, *counts))
+        ratio = {key: number(value) for key, value in both['ratio'].items()}
+        ratios.append(f'{rate} Hz: p50 {ratio["p50"]}, p99 {ratio["p99"]}')
+    highest = {name: number(value) for name, value in node['sustained'].items()}
     return [
         'From a command to its motor speeds, the allocator node beside an echo node that only '
         'copies numbers.',
         table(('', 'p50 [us]', 'p99 [us]', 'p99.9 [us]', 'late', 'answered'), rows),
-        f'Allocator over echo, {ratios}. Highest sustained rate: {number(sustained["allocator"])} '
-        f'Hz, echo {number(sustained["echo"])} Hz, ratio {number(sustained["ratio"])}.',
-        *([f'Settings: {settings}.'] if settings else []),
+        f'Allocator over echo, {"; ".join(ratios)}. Highest sustained rate: '
+        f'{highest["allocator"]} Hz, echo {highest["echo"]} Hz, ratio {highest["ratio"]}.',
+        f'Settings: {_words(node["settings"], " ")}.',
     ]
 
 
 def _made_with(found: Metrics) -> list[str]:
     around, settings = found['environment'], found['settings']
-    machine, stolen = around['machine'], around['stolen']
-    return [
+    machine = around['machine']
+    lines = [
         f'{machine["processor"]}, {machine["cores"]} cores, {machine["system"]}; load '
-        f'{around["load_average"][0]:g} before and {around["load_average_after"][0]:g} after'
-        + ('' if stolen is None else f'; {stolen:.1f} s of its time went to other machines')
-        + f'; a busy process was stopped for {1e3 * STALL:g} ms and more '
-        f'{around["stalls"]:.1f} times a second',
+        f'{around["load_average"][0]:g} before and {around["load_average_after"][0]:g} after; '
+        f'{around["stolen"]:.1f} s of its time went to other machines; a busy process was stopped '
+        f'for {1e3 * STALL:g} ms and more {around["stalls"]:.1f} times a second',
         f'{_words(around["versions"], " ")}; BLAS of NumPy: {around["blas"]}',
         _words(around['threads']),
-        f'clock {around["clock"]}; garbage collector {around["garbage_collector"]}',
         f'seed {settings["seed"]}; {_words(settings["plan"])}; {found["wall_time"]:.0f} s in all',
-        *(
-            f'`{name}`: {about["interface"]}'
-            + (f'; {about["package"]} {about["version"]}' if 'package' in about else '')
-            + (f'; {_words(about["settings"])}' if about.get('settings') else '')
-            for name, about in found['contenders'].items()
-        ),
     ]
-
-
-def _limitations(found: Metrics) -> list[str]:
-    lines = [
-        'Times are of Python calls: called from C or C++, a solver avoids most of the interface '
-        'cost measured here.',
-        'Problems are small, four equations and a handful of rotors; nothing is said of others.',
-        f'Contenders take turns of {TURN} calls, so caches are warm; first calls are not timed.',
-        'Peers keep their state from call to call, as they would on board.',
-        'Background load affects the times and percentiles more than the ratios and medians.',
-    ]
-    if found['settings']['quick']:
-        lines.append('This was a quick run: few wrenches and few repetitions, see above.')
+    for name, about in found['contenders'].items():
+        package = f'{about["package"]} {about.get("version", "")}'.strip()
+        parts = (about['interface'], package, _words(about['settings']))
+        lines.append(f'`{name}`: {"; ".join(filter(None, parts))}')
     return lines
 
 
-def _time(own: Metrics) -> str:
-    return microseconds(own['mean']['median'])
+def _time(own: Any, beside: str = '') -> str:
+    return f'{microseconds(own.time)}{beside}{MARK if own.faults else ""}'
 
 
-def _mark(own: Metrics) -> str:
-    return '' if own['correct'] else MARK
-
-
-def _range(values: Metrics) -> str:
-    return f'{number(values["low"])} to {number(values["high"])}'
+def _range(own: Any, name: str) -> str:
+    low, high = (getattr(own, f'{name}_{end}') for end in ('low', 'high'))
+    return f'{number(low)} to {number(high)}'
 
 
 def _words(values: Metrics, between: str = '=') -> str:

@@ -1,14 +1,12 @@
-"""The wrenches that a benchmark has allocated: its loads."""
+"""The loads of a benchmark: the wrenches that are allocated."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ca_ros.allocation import Allocation
-from ca_ros.allocation.exact import Exact
+from ca_ros.allocation import make_allocator
 from ca_ros.arrays import Array
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.flight.closed_loop import fly
@@ -24,13 +22,13 @@ LOADS = {
     'boundary': 'where random rays from the centre of the admissible set leave it: a third of the '
     'wrenches on the boundary, to rounding, a third inside and a third outside, by 1e-3, 1e-6 or '
     '1e-9 of the distance from the centre',
-    'flight': 'as the controller asks for them, one after the other, in a flight to four '
-    'waypoints of which three are so far away that rotors saturate',
+    'flight': 'the successive commands of the controller in a flight to four waypoints, of which '
+    'three are so far away that rotors saturate',
 }
-"""The loads, and what they are."""
+"""The loads by name, in words."""
 
 DEPTHS = (1e-3, 1e-6, 1e-9)
-"""Of wrenches near the boundary, relative to the distance from the centre."""
+"""Distances of wrenches from the boundary, relative to the distance from the centre."""
 
 WAYPOINTS = (
     Waypoint.of(1.0, 1.0, 1.0, np.pi / 4.0),
@@ -38,17 +36,17 @@ WAYPOINTS = (
     Waypoint.of(-20.0, 15.0, -10.0, np.pi / 3.0),
     Waypoint.of(20.0, -15.0, 10.0, -np.pi / 2.0),
 )
-"""The paper's, and three far away in turn."""
+"""The paper's waypoint, and three far away."""
 
 TIME_STEP = 0.01
-"""Between two wrenches of a flight [s]."""
+"""Time between two wrenches of a flight [s]."""
 
 PAPER = 6
-"""Rotors of the paper's vehicle."""
+"""Number of rotors of the paper's vehicle."""
 
 
 def boundary(admissible: AdmissibleSet, rng: np.random.Generator, size: int) -> Array:
-    """Draw wrenches (size, m) on the boundary, inside and outside of it, in turn [N, N m]."""
+    """Draw wrenches (size, m) inside, on and outside the boundary, in turn [N, N m]."""
     center = admissible.center
     offsets = admissible.sample(rng, size) - center
     offsets /= gauge(admissible, center + offsets)[:, None]
@@ -57,37 +55,27 @@ def boundary(admissible: AdmissibleSet, rng: np.random.Generator, size: int) -> 
 
 
 def flight(vehicle: Vehicle, gains: Gains, size: int) -> Array:
-    """Return the wrenches (size, m) of a flight to `WAYPOINTS`, as long to each [N, N m]."""
-    allocator, body = _Recorder(vehicle), RigidBody(vehicle)
-    controller, state = Controller(vehicle, gains), NULL_STATE
+    """Return the wrenches (size, m) of a flight to `WAYPOINTS`, equally long to each [N, N m]."""
+    allocator, body = make_allocator('exact', vehicle), RigidBody(vehicle)
+    controller, state, wrenches = Controller(vehicle, gains), NULL_STATE, []
     ends = np.linspace(0, size, len(WAYPOINTS) + 1).astype(int)
     for waypoint, steps in zip(WAYPOINTS, np.diff(ends), strict=True):
-        # The last sample of a leg is the first of the next.
-        flown = fly(controller, allocator, body, waypoint, steps * TIME_STEP, TIME_STEP, state)
-        allocator.wrenches.pop()
-        velocity = rotation_matrix(flown.attitude[-1]) @ flown.velocity[-1]
-        state = np.concatenate(
-            [flown.position[-1], velocity, flown.attitude[-1], flown.angular_velocity[-1]]
+        goal = waypoint, steps * TIME_STEP, TIME_STEP
+        flown = fly(controller, allocator, body, *goal, state)
+        samples = zip(
+            flown.position, flown.attitude, flown.velocity, flown.angular_velocity, strict=True
         )
-    return np.array(allocator.wrenches).reshape(size, len(vehicle.axes))
-
-
-class _Recorder(Exact):
-    """The exact allocator, with a record of the wrenches that it was asked for."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        super().__init__(vehicle)
-        self.wrenches: list[Array] = []
-
-    def allocate(self, u: ArrayLike) -> Allocation:
-        self.wrenches.append(np.array(u, dtype=float))
-        return super().allocate(u)
+        # The last sample of a leg is the first of the next.
+        *earlier, (position, attitude, velocity, rates) = samples
+        wrenches += [controller.wrench(*each, waypoint) for each in earlier]
+        state = np.concatenate([position, rotation_matrix(attitude) @ velocity, attitude, rates])
+    return np.array(wrenches).reshape(size, len(vehicle.axes))
 
 
 def ring(n: int) -> dict[str, Any]:
-    """Return the parameters of the paper's hexarotor with n rotors on its circle instead of six.
+    """Return the parameters of the paper's hexarotor with n rotors on its circle.
 
-    All n together give the thrust that the six give, so the admissible sets are much alike.
+    All n together give the same thrust as the six, so the admissible sets are similar.
     """
     parameters: dict[str, Any] = dict(load('hexarotor'))
     radius = float(np.linalg.norm(parameters['rotors.positions'][:2]))
@@ -97,6 +85,6 @@ def ring(n: int) -> dict[str, Any]:
     parameters['rotors.spins'] = ['cw', 'ccw'] * (n // 2)
     for name in ('rotors.thrust_coefficient', 'rotors.torque_coefficient'):
         parameters[name] *= PAPER / n
-    # The weight of the file is for six rotors; the exact allocator does not use it.
+    # The file's weight is for six rotors; the exact allocator does not use it.
     parameters['allocation.conventional.weight'] = 1e-4
     return parameters

@@ -13,20 +13,20 @@ class Plan:
     Attributes
     ----------
     wrenches, flight : int
-        Wrenches of the flight, and of each other load.
+        Wrenches of the loads other than the flight, and of the flight.
     repetitions, least : int
-        Repetitions; a slow contender takes part in `least` of them at least.
+        Repetitions, and the least number of them in which a slow contender takes part.
     budget : float
         Time of a slow contender on a load [s].
     batches : mapping of int to int
         Number of batches of each size in a repetition.
     looped : int
-        Wrenches of the loop beside the batches.
+        Number of wrenches of the loop that batches are compared with.
     rounds : int
         Repetitions of batches and flights.
     rotors : tuple of int
     duration : float
-        Of the closed loop [s].
+        Duration of the closed loop [s].
     """
 
     wrenches: int
@@ -43,14 +43,6 @@ class Plan:
 
 FULL = Plan(1000, 1000, 41, 5, 5.0, {10_000: 100, 100_000: 10, 1_000_000: 1}, 100_000, 11)
 
-QUICK = replace(
-    FULL,
-    wrenches=100,
-    repetitions=31,
-    least=2,
-    budget=0.1,
-    batches={10_000: 5, 100_000: 1, 1_000_000: 1},
-    looped=5_000,
-    rounds=3,
-)
-"""Less of everything but the flight, for a shorter flight would be another one."""
+# A shorter flight would have other wrenches, so its number is not reduced.
+QUICK = replace(FULL, wrenches=100, repetitions=31, least=2, budget=0.1, looped=5_000, rounds=3)
+QUICK = replace(QUICK, batches={10_000: 5, 100_000: 1, 1_000_000: 1})

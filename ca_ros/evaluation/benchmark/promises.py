@@ -1,20 +1,20 @@
-"""What is promised of the speed, and whether a run has kept it."""
+"""The limits that the package promises to meet, and whether a run met them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
-import numpy as np
+import pandas as pd
 
-from ca_ros.evaluation.benchmark.timing import spread
+from ca_ros.evaluation.benchmark.contenders import BASELINE
+from ca_ros.evaluation.benchmark.results import ratio
+from ca_ros.evaluation.benchmark.timing import Key
 from ca_ros.evaluation.tables import number
 
-NODES = ('allocator', 'echo')
-OSQP = ('osqp', 'osqp_polished')
-
 QUICK_TIME = 60.0
-"""How long `benchmark --quick` may take [s]."""
+"""Longest time of `benchmark --quick` [s]."""
 
 
 def promise(
@@ -27,60 +27,66 @@ def promise(
     return {'what': what, 'limit': limit, 'measured': measured, 'at_least': at_least, 'met': met}
 
 
-def promises(found: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return all promises for a run as in benchmark.json."""
-    calls, batch, loop, node = (found[key] for key in ('calls', 'batch', 'closed_loop', 'node'))
-    made: list[dict[str, Any]] = []
+def promises(found: Mapping[str, Any], rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return all promises for a run of the paper's vehicle, as in benchmark.json and .csv."""
+    node, rival, plan = found['node'], found['rival'], found['settings']['plan']
+    compare = partial(ratio, rows)
 
-    def add(what: str, limit: float, measured: float | None, at_least: bool = False) -> None:
-        made.append(promise(what, limit, measured, at_least))
+    def key(part: str, load: str, name: str = 'exact', rotors: int = 6) -> Key:
+        return Key(part, load, name, rotors)
 
-    ratio = {load: own['exact']['ratio'] for load, own in calls.items() if 'exact' in own}
-    median = {load: own['median'] for load, own in ratio.items()}
-    add('`exact` on a flight, in units of the clipped pseudo-inverse', 2.0, median.get('flight'))
-    add('`exact` on uniform wrenches, in the same units', 5.0, median.get('uniform'))
+    def against(load: str, other: str) -> float | None:
+        return compare(key('calls', load), key('calls', load, other))
+
     osqp = {
-        f'{name}, {load}': times
-        for load, own in calls.items()
-        for name in OSQP
-        if (times := compare(own, 'exact', name)) is not None
+        f'{name}, {load}': against(load, name)
+        for load in found['loads']
+        for name in ('osqp', 'osqp_polished')
     }
-    worst = max(osqp, key=osqp.__getitem__, default='None')
-    what = f'`exact` over raw OSQP, on all loads and with both settings (the worst: {worst})'
-    add(what, 1.0, osqp.get(worst))
-    what = "`exact` over DAQP's one-shot call, on a flight"
-    add(what, 1.0, compare(calls['flight'], 'exact', 'daqp'))
-    what = (
-        f'throughput of a batch of {batch["largest"]} over that of a loop over the fastest peer '
-        f'({found["rival"] or "none is installed"})'
-    )
-    add(what, 8.0, batch['speedup']['median'] if 'speedup' in batch else None, at_least=True)
-    what = 'departure of time from being linear in the size of a batch, greatest share'
-    linear = [abs(each['median'] - 1.0) for each in batch['linearity'].values()]
-    add(what, 0.1, max(linear, default=None))
-    rotors = found['growth']['flight']['exact'] if found['growth'] else {}
-    add('32 rotors over 6 rotors, `exact` on a flight', 4.0, compare(rotors, '32', '6'))
-    what = f'{loop["duration"]:g} s of closed loop with `exact`, in units of 1000 clipped '
-    add(f'{what}pseudo-inverses', 75.0, loop['ratio']['median'])
+    known = {what: value for what, value in osqp.items() if value is not None}
+    worst = max(known, key=known.__getitem__, default='None')
+    least, *larger = [key('batches', str(size)) for size in plan['batches']]
+    linear = [value for size in larger if (value := compare(size, least)) is not None]
+    whole = larger[-1] if larger else least
+    flight = f'{plan["duration"]:g} s'
     slow, fast = (node.get('rates', {}).get(rate, {}) for rate in ('250', '1000'))
-    late = {name: own['late'] / own['sent'] for name, own in fast.items() if name in NODES}
-    over = 'of the node over that of an echo node'
-    add(f'latency p50 {over}, 250 Hz', 1.15, slow.get('ratio_p50'))
-    add(f'latency p99 {over}, 250 Hz', 1.3, slow.get('ratio_p99'))
-    sustained = node.get('sustained', {}).get('ratio')
-    add(f'highest sustained rate {over}', 0.85, sustained, at_least=True)
+    kinds = [kind for kind in ('allocator', 'echo') if kind in fast]
+    late = {kind: fast[kind]['late'] / fast[kind]['sent'] for kind in kinds}
     beside = f' (of the echo node: {number(late["echo"])})' if 'echo' in late else ''
-    add(f'share of commands answered late at 1 kHz{beside}', 1e-3, late.get('allocator'))
+    unit, over = 'in units of the clipped pseudo-inverse', 'of the node over that of an echo node'
+    made: list[tuple[Any, ...]] = [
+        (f'`exact` on a flight, {unit}', 2.0, against('flight', BASELINE)),
+        ('`exact` on uniform wrenches, in the same units', 5.0, against('uniform', BASELINE)),
+        (f'`exact` over raw OSQP, all loads and settings (worst: {worst})', 1.0, known.get(worst)),
+        ("`exact` over DAQP's one-shot call, on a flight", 1.0, against('flight', 'daqp')),
+        (
+            f'throughput of a batch of {whole.load} over that of a loop over the fastest peer '
+            f'({rival or "none is installed"})',
+            8.0,
+            compare(key('batches', 'one by one', str(rival)), whole),
+            True,
+        ),
+        (
+            'departure of time from being linear in the size of a batch, greatest share',
+            0.1,
+            max((abs(value - 1.0) for value in linear), default=None),
+        ),
+        (
+            '32 rotors over 6 rotors, `exact` on a flight',
+            4.0,
+            compare(key('rotors', 'flight', rotors=32), key('rotors', 'flight')),
+        ),
+        (
+            f'{flight} of closed loop with `exact`, in units of 1000 clipped pseudo-inverses',
+            75.0,
+            compare(key('closed loop', flight), key('closed loop', flight, BASELINE)),
+        ),
+        (f'latency p50 {over}, 250 Hz', 1.15, slow.get('ratio', {}).get('p50')),
+        (f'latency p99 {over}, 250 Hz', 1.3, slow.get('ratio', {}).get('p99')),
+        (f'highest sustained rate {over}', 0.85, node.get('sustained', {}).get('ratio'), True),
+        (f'share of commands answered late at 1 kHz{beside}', 1e-3, late.get('allocator')),
+    ]
     if found['settings']['quick']:
         what = '`benchmark --quick`, from the vehicle to the tables [s]'
-        add(what, QUICK_TIME, found['wall_time'])
-    return made
-
-
-def compare(calls: Mapping[str, Any], one: str, other: str) -> float | None:
-    """Return the median ratio of the times of two entries; None if one was not measured."""
-    if one not in calls or other not in calls:
-        return None
-    times = (np.array(calls[name]['repetitions'], dtype=float) for name in (one, other))
-    ratios = np.divide(*times)
-    return None if np.isnan(ratios).all() else spread(ratios)['median']
+        made.append((what, QUICK_TIME, found['wall_time']))
+    return [promise(*each) for each in made]

@@ -1,8 +1,8 @@
 """Times of calls, interleaved, so that background load affects all contenders equally.
 
-Contenders take turns: each allocates up to `TURN` wrenches at a stretch, then the next one, in an
-order that is shuffled for each turn.  When all have been through all wrenches, a repetition is
-complete; ratios are computed within it, and only then the median over repetitions is taken.
+Contenders take turns: each allocates up to `TURN` wrenches, then the next one does, in an order
+that is shuffled for each turn.  A repetition is complete when all have allocated all wrenches.
+Ratios are computed within a repetition, and their median over the repetitions is taken.
 """
 
 from __future__ import annotations
@@ -10,183 +10,151 @@ from __future__ import annotations
 import gc
 import random
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from time import perf_counter, perf_counter_ns
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
 from ca_ros.arrays import Array
+from ca_ros.evaluation.benchmark.peers import Call
 from ca_ros.evaluation.benchmark.plan import Plan
 from ca_ros.evaluation.judge import AnswerError, Judge
 
 TURN = 250
-"""Calls at a stretch."""
+"""Calls in a turn."""
 
 
-@dataclass(frozen=True, eq=False)
-class Track:
-    """A contender and the wrenches that it allocates.
+class Key(NamedTuple):
+    """What a row of measurements is about; its fields are columns."""
 
-    Attributes
-    ----------
-    call : callable
-        From a wrench (m,) to an answer; this is what is timed.
-    thrusts : callable
-        From an answer to thrusts (n,), or None if there are none; this is not timed.
-    judge : Judge
-        Has the wrenches, as many for all contenders of a measurement.
-    """
+    part: str
+    load: str
+    contender: str
+    rotors: int
 
-    call: Callable[[Array], Any]
-    thrusts: Callable[[Any], Any]
+
+class Track(NamedTuple):
+    """A call, and the judge that has its wrenches; as many wrenches for all in a measurement."""
+
+    call: Call
     judge: Judge
 
 
-def measure(
-    tracks: Mapping[tuple[str, int], Track],
-    plan: Plan,
-    seed: int,
-    what: str = 'calls',
-) -> pd.DataFrame:
-    """Time contenders against each other.
+def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
+    """Time contenders against each other, in an order that the seed determines.
 
-    Parameters
-    ----------
-    tracks : mapping of (str, int) to Track
-    plan : Plan
-    seed : int
-        Of the order.
-    what : str
-        Shown beside the progress.
-
-    Returns
-    -------
-    DataFrame
-        A row a contender and repetition in which it took part: ``contender``, ``rotors``,
-        ``repetition`` (-1: before the measurement, not timed), ``mean`` and ``p99`` of the time of
-        a call [s], and what `Judge.worst` says of the answers.
+    Returns one row per contender and repetition in which it took part: the fields of `Key`,
+    ``repetition`` (-1 for the first pass, which is not timed), ``time`` (the mean) and ``p99`` of
+    a call [s], and the errors of the answers from `Judge.worst`.
     """
-    rows = {key: list(track.judge.demands) for key, track in tracks.items()}
-    chance, found = random.Random(seed), []
+    wrenches = {key: list(track.judge.demands) for key, track in tracks.items()}
+    size = len(next(iter(wrenches.values())))
+    chance, rows, counts = random.Random(seed), [], {}
 
-    def note(
-        key: tuple[str, int], repetition: int, mean: float, p99: float, answers: list[Any]
-    ) -> None:
+    def note(key: Key, repetition: int, time: float, p99: float, answers: list[Any]) -> None:
         try:
             worst = tracks[key].judge.worst(answers)
         except AnswerError as error:
-            raise AnswerError(f'{key[0]}: {error}') from None
-        labels: dict[str, Any] = {'contender': key[0], 'rotors': key[1]}
-        found.append({**labels, 'repetition': repetition, 'mean': mean, 'p99': p99, **worst})
+            raise AnswerError(f'{key.contender}: {error}') from None
+        measured = {'repetition': repetition, 'time': time, 'p99': p99}
+        rows.append({**key._asdict(), **measured, **worst})
+
+    def turns(keys: list[Key]) -> Iterator[tuple[Key, list[Array]]]:
+        for start in range(0, size, TURN):
+            for key in chance.sample(keys, len(keys)):
+                # The caches hold the data of other contenders: one call before, not timed.
+                tracks[key].call(wrenches[key][start - 1])
+                yield key, wrenches[key][start : start + TURN]
 
     with without_garbage_collection():
-        counts = {}
         for key, track in tracks.items():
-            # Not timed: the first calls fill caches.
-            first, answers = _one_by_one(track, rows[key])
+            # The first calls fill caches and are not timed.
+            first, answers = _one_by_one(track.call, wrenches[key])
             note(key, -1, np.nan, np.nan, answers)
-            wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * len(first))
+            wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * size)
             counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
-        for repetition in _progress(plan.repetitions, what):
+        for repetition in _progress(plan.repetitions, tracks):
             part = [key for key in tracks if takes_part(repetition, counts[key], plan.repetitions)]
-            spent: dict[tuple[str, int], int] = dict.fromkeys(part, 0)
-            single: dict[tuple[str, int], list[int]] = {key: [] for key in part}
-            given: dict[tuple[str, int], list[Any]] = {key: [] for key in part}
-            for key, before, turn in _turns(part, rows, chance):
-                spent[key] += _together(tracks[key].call, before, turn)
-            for key, before, turn in _turns(part, rows, chance):
-                tracks[key].call(before)
-                one_by_one, answers = _one_by_one(tracks[key], turn)
-                single[key] += one_by_one
+            spent = dict.fromkeys(part, 0)
+            single: dict[Key, list[int]] = {key: [] for key in part}
+            given: dict[Key, list[Any]] = {key: [] for key in part}
+            for key, turn in turns(part):
+                spent[key] += _together(tracks[key].call, turn)
+            for key, turn in turns(part):
+                times, answers = _one_by_one(tracks[key].call, turn)
+                single[key] += times
                 given[key] += answers
             for key in part:
-                mean = spent[key] / 1e9 / len(rows[key])
                 p99 = float(np.percentile(single[key], 99)) / 1e9
-                note(key, repetition, mean, p99, given[key])
-    return pd.DataFrame(found)
+                note(key, repetition, spent[key] / 1e9 / size, p99, given[key])
+    return pd.DataFrame(rows)
 
 
 def takes_part(repetition: int, count: int, repetitions: int) -> bool:
-    """Tell whether this is one of `count` repetitions, evenly spread from the first on."""
+    """Return whether this is one of `count` repetitions, evenly spread from the first on."""
     return repetition * count // repetitions != (repetition - 1) * count // repetitions
 
 
-def _turns(
-    keys: Sequence[tuple[str, int]],
-    rows: Mapping[tuple[str, int], list[Array]],
-    chance: random.Random,
-) -> Iterator[tuple[tuple[str, int], Array, list[Array]]]:
-    """Yield contender, the wrench before and the wrenches of each turn."""
-    size = len(rows[keys[0]]) if keys else 0
-    for start in range(0, size, TURN):
-        for key in chance.sample(keys, len(keys)):
-            yield key, rows[key][start - 1], rows[key][start : start + TURN]
-
-
-def _together(call: Callable[[Array], Any], before: Array, rows: list[Array]) -> int:
-    """Return how long the calls of a turn take [ns]."""
-    # The first call finds the caches full of the data of other contenders.
-    call(before)
+def _together(call: Call, wrenches: list[Array]) -> int:
+    """Return the time of the calls of a turn [ns]."""
     start = perf_counter_ns()
-    for u in rows:
+    for u in wrenches:
         call(u)
     return perf_counter_ns() - start
 
 
-def _one_by_one(track: Track, rows: list[Array]) -> tuple[list[int], list[Any]]:
-    """Return how long each call takes [ns], and the thrusts."""
-    call, times, answers = track.call, [], []
-    for u in rows:
+def _one_by_one(call: Call, wrenches: list[Array]) -> tuple[list[int], list[Any]]:
+    """Return the time of each call [ns], and the thrusts."""
+    times, answers = [], []
+    for u in wrenches:
         start = perf_counter_ns()
         answer = call(u)
         times.append(perf_counter_ns() - start)
-        thrusts = track.thrusts(answer)
+        thrusts = getattr(answer, 'thrusts', answer)
         # A copy: the solver may reuse its memory.
         answers.append(None if thrusts is None else np.array(thrusts, dtype=float))
     return times, answers
 
 
 def rounds(
-    jobs: Mapping[str, Callable[[], Any]],
-    repetitions: int,
-    seed: int,
-    what: str,
+    jobs: Mapping[Key, tuple[Callable[[], Any], float]], repetitions: int, seed: int
 ) -> pd.DataFrame:
-    """Return the time of each job [s], a column a job, a row a repetition, shuffled in each."""
-    chance, times = random.Random(seed), pd.DataFrame(columns=list(jobs), dtype=float)
-    for repetition in _progress(repetitions, what):
-        for name in chance.sample(list(jobs), len(jobs)):
+    """Time jobs, each with the number of units in it, in a shuffled order.
+
+    Returns one row per job and repetition: the fields of `Key`, ``repetition``, and the ``time``
+    of a unit [s].
+    """
+    chance = random.Random(seed)
+    times: dict[Key, list[float]] = {key: [] for key in jobs}
+    for _ in _progress(repetitions, jobs):
+        for key in chance.sample(list(jobs), len(jobs)):
+            job, units = jobs[key]
             with without_garbage_collection():
                 start = perf_counter()
-                jobs[name]()
-                times.loc[repetition, name] = perf_counter() - start
-    return times
+                job()
+                times[key].append((perf_counter() - start) / units)
+    return pd.DataFrame(
+        {**key._asdict(), 'repetition': i, 'time': time}
+        for key, own in times.items()
+        for i, time in enumerate(own)
+    )
 
 
-def _progress(repetitions: int, what: str) -> Iterable[int]:
+def _progress(repetitions: int, keys: Iterable[Key]) -> Iterable[int]:
     """Count repetitions; show their progress on a terminal."""
-    return tqdm(range(repetitions), desc=what, disable=not sys.stderr.isatty())
+    return tqdm(range(repetitions), desc=next(iter(keys)).part, disable=not sys.stderr.isatty())
 
 
 @contextmanager
 def without_garbage_collection() -> Iterator[None]:
     """Collect garbage now, and not while something is timed."""
     gc.collect()
-    enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if enabled:
-            gc.enable()
-
-
-def spread(values: Any) -> dict[str, float]:
-    """Return the median and the ends of the middle half of values that are not NaN."""
-    low, median, high = np.nanpercentile(values, (25, 50, 75)).tolist()
-    return {'median': median, 'low': low, 'high': high}
+        gc.enable()

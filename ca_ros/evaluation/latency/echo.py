@@ -20,8 +20,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 class EchoNode(VehicleNode):
     """Answers each command/wrench with its numbers, as many as the vehicle has rotors.
 
-    A benchmark compares the allocator node with it: both have the same messages, quality of
-    service, executor and start.
+    It has the same messages, quality of service, executor and start as the allocator node.
     """
 
     declared = ALLOCATOR
@@ -35,11 +34,11 @@ class EchoNode(VehicleNode):
         self.listen(topics.WRENCH, self._serve)
 
     def build(self, parameters: dict[str, Any]) -> int:
-        """Count the rotors."""
+        """Return the number of rotors."""
         return Vehicle.from_parameters(parameters).n
 
     def adopt(self, built: int) -> None:
-        """Answer with so many numbers from the next command on."""
+        """Set the number of rotors from the next command on."""
         self._chosen = np.arange(built) % len(AXES)
         self._message = speeds_message(np.zeros(built), None)
 

@@ -1,4 +1,4 @@
-"""The chapters of a report: what the folders of the studies and the benchmark hold."""
+"""The chapters of a report: the results in the folders of the studies and the benchmark."""
 
 from __future__ import annotations
 
@@ -21,19 +21,23 @@ WIDE = ('slices', 'violations', 'position', 'failure', 'benchmark')
 """Plots that need the whole width."""
 
 FACTS = ('seed', 'versions', 'machine', 'environment')
-"""What a result depends on besides the parameters, as far as its JSON says it."""
+"""Keys of the JSON files that a result depends on, beside the parameters."""
+
+
+FAULTS = (AttributeError, LookupError, RecursionError, StopIteration, TypeError, ValueError)
+"""Errors from files that have another content."""
 
 
 class ChapterError(ValueError):
-    """A folder does not hold what it should."""
+    """A folder does not hold the results of its program."""
 
 
 def _static_tiles(found: Metrics) -> Tiles:
     name, own = _first(found)
     return [
-        (f'{own["violations"]} of {found["samples"]}', f'answers of {name} break a bound'),
-        (f'{own["force_error"]["max"]:.1e} N', f'greatest force error of {name}'),
-        (f'{own["torque_error"]["max"]:.1e} N m', f'greatest torque error of {name}'),
+        (f'{own["violations"]} of {found["samples"]}', f'answers of {name} violate a bound'),
+        (f'{own["force_error"]["max"]:.1e} N', f'largest force error of {name}'),
+        (f'{own["torque_error"]["max"]:.1e} N m', f'largest torque error of {name}'),
         (f'{1e6 * own["time"]["median"]:.3g} µs', f'median time of {name}'),
     ]
 
@@ -41,25 +45,23 @@ def _static_tiles(found: Metrics) -> Tiles:
 def _dynamic_tiles(found: Metrics) -> Tiles:
     name, own = _first(found)
     settled = own['settling_time']['z']
+    time = 'never' if settled is None else f'{settled:.2f} s'
     return [
         *_share(found['observations'].values(), "of the paper's observations hold"),
         (f'{1e3 * own["steady_state_error"]["z"]:.2f} mm', f'height error of {name} at the end'),
-        (
-            'never' if settled is None else f'{settled:.2f} s',
-            f'until the height of {name} settles',
-        ),
-        (f'{100.0 * own["time_at_bound"]:.1f} %', f'of its time a rotor of {name} is at a bound'),
+        (time, f'until the height of {name} settles'),
+        (f'{100.0 * own["time_at_bound"]:.1f} %', f'of the time a rotor of {name} is at a bound'),
     ]
 
 
 def _benchmark_tiles(found: Metrics) -> Tiles:
     verdicts = [each['met'] for each in found['promises'] if each['met'] is not None]
-    tiles = _share(verdicts, 'promises met, of those that were measured')
-    for load, own in found['calls'].items():
-        if 'exact' in own:
-            time = 1e6 * own['exact']['mean']['median']
-            about = f'the time of a clipped pseudo-inverse: exact, {load}, {time:.3g} µs'
-            tiles.append((f'{own["exact"]["ratio"]["median"]:.3g}x', about))
+    tiles = _share(verdicts, 'of the measured promises met')
+    for each in found['results']:
+        if (each['part'], each['contender']) == ('calls', 'exact'):
+            time = f'{each["load"]}, {1e6 * each["time"]:.3g} µs'
+            about = f'the time of a clipped pseudo-inverse: exact, {time}'
+            tiles.append((f'{each["ratio"]:.3g}x', about))
     return tiles
 
 
@@ -74,7 +76,7 @@ def _share(verdicts: Any, what: str) -> Tiles:
 
 
 class Kind(NamedTuple):
-    """A kind of folder: its captions are of plots, by file name without suffix, in their order."""
+    """A kind of folder: title, program, tiles, and the captions of its plots in their order."""
 
     title: str
     program: str
@@ -82,63 +84,36 @@ class Kind(NamedTuple):
     captions: Mapping[str, str]
 
 
+STATIC = {
+    'slices': 'Commands on a grid in sections of the admissible set, and the wrenches achieved.',
+    'errors': 'Share of the samples with at most this error.',
+    'latency': 'Share of the calls that take at most this time.',
+    'violations': 'Where in the admissible set the pseudo-inverse violates the bounds before '
+    'saturation, and how often, from the centre to the boundary.',
+}
+DYNAMIC = {
+    'position': 'Position over time; on the right the error in the last second. The waypoint is '
+    'dashed.',
+    'attitude': 'Roll and pitch (Euler angles 123) and heading over time. The commanded heading '
+    'is dashed.',
+    'rotor_speeds': 'Rotor speeds over time. The bounds are dashed.',
+    'failure': 'Position, tilt, rotor speeds, and the margin of the commanded wrench in the '
+    'admissible set of the rotors as they are. Failure and announcement are dotted.',
+}
+BENCHMARK = {'benchmark': 'Times per call on each load. Hollow markers: wrong answers.'}
+
 KINDS = {
-    'static': Kind(
-        'Static study',
-        'static_study',
-        _static_tiles,
-        {
-            'slices': 'What becomes of a grid of commands in sections of the admissible set. '
-            'A line leads from what was commanded to what was achieved.',
-            'errors': 'Share of the samples whose error is not greater.',
-            'latency': 'Share of the calls that take no longer.',
-            'violations': 'Where in the admissible set the pseudo-inverse violates the bounds '
-            'before saturation, and how often, from the centre to the boundary.',
-        },
-    ),
-    'dynamic': Kind(
-        'Dynamic study',
-        'dynamic_study',
-        _dynamic_tiles,
-        {
-            'position': 'Position over time; on the right what is missing in the last second. '
-            'The waypoint is dashed.',
-            'attitude': 'Roll and pitch (Euler angles 123) and heading over time. The heading '
-            'that is asked for is dashed.',
-            'rotor_speeds': 'Rotor speeds over time. The bounds are dashed.',
-            'failure': 'Position, tilt, rotor speeds, and the margin of the commanded wrench in '
-            'the admissible set of the rotors as they are. Failure and announcement are dotted.',
-        },
-    ),
-    'benchmark': Kind(
-        'Benchmark',
-        'benchmark',
-        _benchmark_tiles,
-        {'benchmark': 'Times per call on each load. Hollow markers: wrong answers.'},
-    ),
+    'static': Kind('Static study', 'static_study', _static_tiles, STATIC),
+    'dynamic': Kind('Dynamic study', 'dynamic_study', _dynamic_tiles, DYNAMIC),
+    'benchmark': Kind('Benchmark', 'benchmark', _benchmark_tiles, BENCHMARK),
 }
 """The chapters of a report, in their order; the files of each have its name."""
 
 
 def chapter(name: str, folder: Path | None) -> dict[str, Any]:
-    """Read a folder.
+    """Return the template's variables for a chapter; ``start`` is None without a folder.
 
-    Parameters
-    ----------
-    name : str
-        A name in `KINDS`.
-    folder : Path or None
-        None for a chapter that is absent.
-
-    Returns
-    -------
-    dict
-        What the template shows of it; ``start`` is None if it is absent.
-
-    Raises
-    ------
-    ChapterError
-        In one line that names the file and the fault.
+    Raises a ChapterError in one line that names the file and the fault.
     """
     kind = KINDS[name]
     head = {'name': name, 'title': kind.title, 'program': kind.program, 'start': None}
@@ -146,10 +121,8 @@ def chapter(name: str, folder: Path | None) -> dict[str, Any]:
         return head
     file = folder / f'{name}.json'
     try:
-        text = file.with_suffix('.md').read_text(encoding='utf-8')
         found = json.loads(file.read_text(encoding='utf-8'))
-        if not isinstance(found, dict):
-            raise ChapterError(f'{file}: expected a JSON object, as {kind.program} writes it')
+        text = file.with_suffix('.md').read_text(encoding='utf-8')
         start, rest, headings = html(text, name)
         return head | {
             'start': start,
@@ -165,17 +138,11 @@ def chapter(name: str, folder: Path | None) -> dict[str, Any]:
             'facts': _flat({key: found[key] for key in FACTS if key in found}),
             'parameters': _flat(found.get('settings', found)['parameters']),
         }
-    except ChapterError:
-        raise
     except OSError as error:
         raise ChapterError(
-            f'{error.filename}: not there or not to be read; {kind.program} --out DIR makes it'
+            f'{error.filename}: cannot be read; {kind.program} --out DIR writes it'
         ) from None
-    except UnicodeDecodeError as error:
-        raise ChapterError(f'{folder}: not a file of text: {error}') from None
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise ChapterError(f'{file}: not JSON: {error}') from None
-    except (KeyError, TypeError, AttributeError, ValueError, StopIteration) as error:
+    except FAULTS as error:
         raise ChapterError(
             f'{file}: not written by this version of {kind.program}: {error!r}'
         ) from None

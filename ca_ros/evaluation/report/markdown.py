@@ -1,4 +1,4 @@
-"""Markdown as HTML of text, headings, lists, tables and code alone, for the page of a report."""
+"""Markdown to HTML for a report: text, headings, lists, tables and code, nothing else."""
 
 from __future__ import annotations
 
@@ -9,35 +9,27 @@ import mistune
 from markupsafe import Markup, escape
 
 BADGES = {'Holds: ': 'yes', 'Does not hold: ': 'no'}
-"""Items of lists that begin so are verdicts."""
+"""List items with these beginnings are verdicts."""
 
 SHORT = 24
-"""Up to so many characters a cell of numbers stays in one line."""
+"""Number of characters up to which a cell of numbers stays in one line."""
 
 
 class Renderer(mistune.HTMLRenderer):
-    """Renders no HTML of the text's own, and links and pictures as their text.
-
-    Parameters
-    ----------
-    anchor : str
-        What the anchors of the headings begin with.
-    """
+    """Escapes HTML in the text, and renders links and pictures as their text."""
 
     def __init__(self, anchor: str) -> None:
         super().__init__(escape=True)
         self.anchor, self.headings = anchor, list[tuple[str, str]]()
 
     def link(self, text: str, url: str, title: str | None = None) -> str:
-        """Return the text of a link: the page is to need nothing from elsewhere."""
+        """Return the text of a link or picture: the page loads nothing."""
         return text
 
-    def image(self, text: str, url: str, title: str | None = None) -> str:
-        """Return the text of a picture."""
-        return text
+    image = link
 
     def heading(self, text: str, level: int, **attrs: Any) -> str:
-        """Return a heading one level lower, as the page has two above; the title is left out."""
+        """Return a heading one level lower, below those of the page; the title is left out."""
         if level == 1:
             return ''
         words = Markup(text).striptags()
@@ -46,14 +38,14 @@ class Renderer(mistune.HTMLRenderer):
         return f'<h{level + 1} id="{self.anchor}-{slug}">{text}</h{level + 1}>\n'
 
     def list_item(self, text: str) -> str:
-        """Return an item, with the look of a verdict if it is one."""
+        """Return an item; verdicts have a class of their own."""
         for beginning, badge in BADGES.items():
             if Markup(text).striptags().startswith(beginning):
                 return f'<li class="{badge}">{text}</li>\n'
         return f'<li>{text}</li>\n'
 
     def table(self, text: str) -> str:
-        """Return a table; each cell knows its column's name, which a narrow screen shows."""
+        """Return a table; each cell has its column's name, which a narrow screen shows."""
         names = [Markup(name).striptags() for name in re.findall(r'<th.*?>(.*?)</th>', text)]
 
         def labelled(row: re.Match[str]) -> str:
@@ -66,32 +58,21 @@ class Renderer(mistune.HTMLRenderer):
         return f'<div class="scroll"><table>\n{rows}</table></div>\n'
 
     def table_row(self, text: str) -> str:
-        """Return a row; the paper's look different from ours."""
+        """Return a row; the paper's rows have a class of their own."""
         other = ' class="other"' if Markup(text).striptags().startswith('paper: ') else ''
         return f'<tr{other}>{text}</tr>\n'
 
     def table_cell(self, text: str, align: str | None = None, head: bool = False) -> str:
-        """Return a cell; those that are aligned to the right hold numbers."""
+        """Return a cell; cells aligned to the right hold numbers."""
         look = ' short' if len(Markup(text).striptags()) <= SHORT else ''
         kind, number = 'th' if head else 'td', f'class="number{look}"' if align == 'right' else ''
         return f'<{kind} {number}>{text}</{kind}>'
 
 
 def html(text: str, anchor: str) -> tuple[Markup, Markup, list[tuple[str, str]]]:
-    """Return a Markdown text without its title as HTML, and its headings.
+    """Return a Markdown text without its title as HTML, with a prefix for its anchors.
 
-    Parameters
-    ----------
-    text : str
-    anchor : str
-        What the anchors of its headings begin with.
-
-    Returns
-    -------
-    start, rest : Markup
-        What comes before the first heading, and all from there on.
-    headings : list of (str, str)
-        Anchor and text of each heading.
+    Returns the parts before and from the first heading, and anchor and text of each heading.
     """
     renderer = Renderer(anchor)
     whole = str(mistune.create_markdown(renderer=renderer, plugins=['table'])(text))

@@ -1,4 +1,4 @@
-"""The report: studies and benchmark on one page of HTML that needs nothing else."""
+"""The report: studies and benchmark on one self-contained page of HTML."""
 
 from __future__ import annotations
 
@@ -32,24 +32,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='report',
-        description='Put the results of the studies and the benchmark on one page of HTML, with '
-        'all plots in it: it can be read without a network, and sent as a file.',
-        epilog='Plots are taken as SVG where there are such: make them with --figures svg.',
+        description='Put the results of the studies and the benchmark on one page of HTML that '
+        'contains all plots: it can be read without a network, and sent as a file.',
+        epilog='SVG plots are preferred: make them with --figures svg.',
     )
+    parser.formatter_class = argparse.ArgumentDefaultsHelpFormatter
+    add = parser.add_argument
     for name, kind in KINDS.items():
-        parser.add_argument(
-            f'--{name}', type=Path, metavar='DIR', help=f'folder of the results of {kind.program}'
-        )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=Path('report.html'),
-        metavar='FILE',
-        help='the page (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--title', default='Control allocation with ca_ros', help='of the page (%(default)s)'
-    )
+        add(f'--{name}', type=Path, metavar='DIR', help=f'folder of the results of {kind.program}')
+    add('--out', type=Path, default=Path('report.html'), metavar='FILE', help='the page')
+    add('--title', default='Control allocation with ca_ros', help='title of the page')
     options = parser.parse_args(argv)
     if all(getattr(options, name) is None for name in KINDS):
         parser.error(f'nothing to report: give {" or ".join(f"--{name} DIR" for name in KINDS)}')
@@ -58,14 +50,9 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
 
 def page(title: str, chapters: Sequence[dict[str, Any]]) -> str:
     """Return the page of a report."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    template = environment.get_template('page.html')
+    text = Path(__file__).with_name('page.html').read_text(encoding='utf-8')
+    look: dict[str, Any] = {'autoescape': True, 'trim_blocks': True, 'lstrip_blocks': True}
+    template = jinja2.Template(text, undefined=jinja2.StrictUndefined, **look)
     return template.render(title=title, chapters=chapters, version=version('ca_ros'))
 
 

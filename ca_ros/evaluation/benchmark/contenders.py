@@ -1,0 +1,119 @@
+"""The contenders of a benchmark: the baseline, our methods, and the solvers of others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ca_ros.allocation import Allocator
+from ca_ros.evaluation.benchmark import peers
+from ca_ros.evaluation.benchmark.peers import Call
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.vehicle import Vehicle
+
+BASELINE = 'clipped_pinv'
+"""The clipped pseudo-inverse; its time is the unit of all others."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A way to answer wrenches: 'baseline', 'method' of this package, or 'peer'.
+
+    Its interface is what a call does, in words. `build` returns the call for a problem; the
+    settings other than the solver's defaults are its keyword arguments.
+    """
+
+    kind: str
+    interface: str
+    build: Callable[..., Call]
+    package: str = ''
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def call(self, problem: AllocationProblem) -> Call:
+        """Return the call for a problem; raise an ImportError without the package."""
+        return self.build(problem, **self.settings)
+
+
+def method(make: Callable[[Vehicle], Allocator]) -> Contender:
+    """Return a method of this package, or of the user's own, as a contender."""
+    interface = 'allocate, checks and result included'
+    return Contender('method', interface, lambda problem: make(problem.vehicle).allocate)
+
+
+def peer(package: str, build: Callable[..., Call], interface: str, **settings: Any) -> Contender:
+    """Return a solver of others as a contender."""
+    return Contender('peer', interface, build, package, settings)
+
+
+def _clipped_pinv(problem: AllocationProblem) -> Call:
+    inverse, low, high = np.linalg.pinv(problem.gamma), problem.lower, problem.upper
+    minimum, maximum = np.minimum, np.maximum
+    return lambda u: minimum(maximum(inverse @ u, low), high)
+
+
+UPDATE = 'update of l and u, then solve, warm-started;'
+TIGHT = {'eps_abs': 1e-5, 'eps_rel': 1e-5, 'polishing': True}
+
+CONTENDERS: dict[str, Contender] = {
+    BASELINE: Contender('baseline', 'minimum(maximum(inverse @ u, low), high)', _clipped_pinv),
+    'osqp': peer('osqp', peers.osqp, f'{UPDATE} default tolerances'),
+    'osqp_polished': peer(
+        'osqp', peers.osqp, f'{UPDATE} tolerances of 1e-5, then polishing', **TIGHT
+    ),
+    'daqp': peer('daqp', peers.daqp, 'one-shot daqp.solve'),
+    'daqp_reused': peer(
+        'daqp', peers.daqp_reused, 'Model.update of both bounds, then solve in the same workspace'
+    ),
+    'quadprog': peer(
+        'quadprog',
+        peers.quadprog,
+        'solve_qp with the factor of the Hessian given, arrays in Fortran order',
+    ),
+    'piqp': peer('piqp', peers.piqp, 'DenseSolver.update of b, then solve; scaling reused'),
+    'proxqp': peer(
+        'proxsuite',
+        peers.proxqp,
+        'dense.QP.update of b, then solve from the equality-constrained guess',
+        **{'eps_abs': 1e-9, 'eps_rel': 0.0, 'max_iter': 100},
+    ),
+    'clarabel': peer(
+        'clarabel',
+        peers.clarabel,
+        'DefaultSolver.update of b, then solve',
+        **{'max_threads': 1, 'presolve_enable': False},
+    ),
+    'highs': peer('highspy', peers.highs, 'changeRowsBounds, then run', threads=1),
+}
+"""The baseline and the peers by name; a run adds the methods."""
+
+
+def set_up(
+    contenders: Mapping[str, Contender], problem: AllocationProblem
+) -> tuple[dict[str, Call], dict[str, Any], dict[str, str]]:
+    """Set up the contenders whose packages are installed.
+
+    Returns the calls, what benchmark.json has about them (interface, version, settings, and the
+    time of the set-up [s]), and how to install the packages of the others.
+    """
+    calls: dict[str, Call] = {}
+    about: dict[str, Any] = {}
+    absent: dict[str, str] = {}
+    for name, each in contenders.items():
+        start = perf_counter()
+        try:
+            calls[name] = each.call(problem)
+        except ImportError:
+            absent[name] = f'pip install {each.package}'
+            continue
+        setup = perf_counter() - start
+        about[name] = {'kind': each.kind, 'interface': each.interface, 'setup': setup}
+        about[name] |= {'package': each.package, 'settings': dict(each.settings)}
+        with suppress(PackageNotFoundError):
+            about[name]['version'] = version(each.package) if each.package else ''
+    return calls, about, absent

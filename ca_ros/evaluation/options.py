@@ -1,0 +1,74 @@
+"""The command lines and result files of the studies and the benchmark."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ca_ros.evaluation.cases import BUILT_IN
+from ca_ros.evaluation.comparison import FOR_COMPARISON
+from ca_ros.flight.plots import add_option
+
+NOT_REPEATED = ('out', 'figures', 'fail', 'announce', 'ros_arguments')
+"""Options that `command` leaves out: places of files, and what the dynamic study adds itself."""
+
+
+def parser(prog: str, description: str) -> argparse.ArgumentParser:
+    """Return a parser with the options that the studies and the benchmark share."""
+    made = argparse.ArgumentParser(prog=prog, description=description)
+    made.formatter_class = argparse.ArgumentDefaultsHelpFormatter
+    add = made.add_argument
+    add('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
+    methods = (
+        f'what to compare: {", ".join([*BUILT_IN, *FOR_COMPARISON])}, module:Class for a '
+        f'method of your own, all for the first {len(BUILT_IN)}'
+    )
+    add('--methods', default='all', metavar='A,B', help=methods)
+    change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
+    add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
+    add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
+    add_option(made)
+    return made
+
+
+def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
+    """Return an argparse type: a positive, finite number."""
+
+    def read(text: str) -> Any:
+        with suppress(ValueError):
+            if 0 < (number := kind(text)) < float('inf'):
+                return number
+        raise argparse.ArgumentTypeError(f'{text!r} is not a positive number')
+
+    return read
+
+
+def natural(text: str) -> int:
+    """Return a whole number from 0 on; an argparse type."""
+    if text.isdecimal():
+        return int(text)
+    raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
+
+
+def write(stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str) -> None:
+    """Write the rows as CSV, the metrics as JSON and a document as Markdown."""
+    rows.to_csv(stem.with_suffix('.csv'), index=False, lineterminator='\n')
+    text = json.dumps(found, indent=2) + '\n'
+    stem.with_suffix('.json').write_text(text, encoding='utf-8')
+    stem.with_suffix('.md').write_text(document, encoding='utf-8')
+
+
+def command(prog: str, options: argparse.Namespace) -> list[str]:
+    """Return the command line that gives the same results, with the defaults spelled out."""
+    words = [prog]
+    for name, value in vars(options).items():
+        if name not in NOT_REPEATED and value is not None and value is not False:
+            for each in value if isinstance(value, list) else [value]:
+                words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]
+    return words
