@@ -103,6 +103,8 @@ def loop_bounds(folder: Path) -> str:
     rows = []
     for file in ('least_norm.c', 'priorities.c'):
         text = (folder / file).read_text(encoding='utf-8')
-        for constant, value in re.findall(r'^#define ([A-Z_]+) (\d+)$', text, re.MULTILINE):
-            rows.append(f'| `{constant}` | {value} | {file} |')
+        for comment, block in re.findall(r'/\* ([^/]*?) \*/\n((?:#define .*\n)+)', text):
+            words = ' '.join(word for word in comment.split() if word != '*')
+            for constant, value in re.findall(r'^#define ([A-Z_]+) (\d+)$', block, re.MULTILINE):
+                rows.append(f'| `{constant}` | {value} | {words} ({file}) |')
     return '\n'.join(rows)
