@@ -32,7 +32,11 @@ setup(
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',
     packages=find_packages(include=[package, f'{package}.*']),
-    package_data={package: ['py.typed', 'evaluation/report/page.html', 'kernel/*.[ch]']},
+    package_data={
+        package: [
+            'py.typed', 'evaluation/report/page.html', 'firmware/templates/*', 'kernel/*.[ch]',
+        ],
+    },
     ext_modules=kernels,
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
@@ -95,6 +99,7 @@ setup(
             'controller = ca_ros.nodes.controller:main',
             'dynamic_study = ca_ros.evaluation.commands:dynamic_study',
             'fault_proxy = ca_ros.bringup.fault_proxy:main',
+            'firmware = ca_ros.firmware.command:main',
             'report = ca_ros.evaluation.commands:report',
             'simulator = ca_ros.nodes.simulator:main',
             'static_study = ca_ros.evaluation.commands:static_study',

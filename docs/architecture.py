@@ -13,8 +13,8 @@ DOCS = Path(__file__).resolve().parent
 PAGE, PACKAGE = DOCS / 'architecture.md', DOCS.parent / 'ca_ros'
 
 ORDER = (
-    'vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'nodes', 'bringup',
-    'evaluation',
+    'vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'flight', 'nodes',
+    'bringup', 'evaluation',
 )
 """The subpackages, each after those that it imports; others come last."""
 

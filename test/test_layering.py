@@ -155,8 +155,8 @@ def test_a_command_without_its_packages_names_their_extra_in_one_line(tmp_path, 
 
 # Rooms
 
-ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'nodes', 'bringup',
-         'evaluation']
+ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'flight', 'nodes',
+         'bringup', 'evaluation']
 """From the first to the last on the way of a wrench: none imports a later one."""
 
 PACKAGE = Path(__file__).parent.parent / 'ca_ros'

@@ -4,7 +4,7 @@
 /* Part of an axis that is independent of those before it, below which there is no volume. */
 #define INDEPENDENT CA_CHOOSE(1e-9, 1e-5)
 
-static int finite(ca_real x)
+static int is_finite(ca_real x)
 {
     return ca_abs(x) <= CA_ABSURD;
 }
@@ -82,7 +82,7 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
     if (!(p->slack >= 0 && p->slack <= 1))
         return CA_BAD_NUMBER;
     for (int i = 0; i < n; i++) {
-        if (!finite(lower[i]) || !finite(upper[i]) || lower[i] > upper[i])
+        if (!is_finite(lower[i]) || !is_finite(upper[i]) || lower[i] > upper[i])
             return CA_BAD_NUMBER;
         p->lower[i] = lower[i];
         p->upper[i] = upper[i];
@@ -95,11 +95,11 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
         p->group[k] = options->group[k];
         p->keep_sense[k] = options->keep_sense[k];
         p->reference[k] = options->reference[k];
-        if (!finite(p->reference[k]))
+        if (!is_finite(p->reference[k]))
             return CA_BAD_NUMBER;
         for (int i = 0; i < n; i++) {
             const ca_real entry = gamma[k * n + i];
-            if (!finite(entry))
+            if (!is_finite(entry))
                 return CA_BAD_NUMBER;
             p->gamma[k][i] = entry;
             p->center[k] += entry * p->middle[i];
@@ -131,7 +131,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     ca_real length = 0, missed[CA_M], y[CA_M];
 
     for (int k = 0; k < m && length <= CA_ABSURD; k++)
-        length = finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
+        length = is_finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
     length = length <= CA_ABSURD ? ca_length(m, u) : length;
     if (!(length <= CA_ABSURD)) {
         for (int i = 0; i < n; i++)

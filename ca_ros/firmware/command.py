@@ -1,0 +1,87 @@
+"""The exact allocator of a vehicle, as C99 with golden vectors for a flight controller."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ca_ros.allocation.parameters import ALLOCATION
+from ca_ros.arguments import split
+from ca_ros.firmware.export import identifier, write
+from ca_ros.firmware.faults import faults_of
+from ca_ros.firmware.firmware import DTYPES, Firmware
+from ca_ros.schema import ParameterError, Value, check_given, complete
+from ca_ros.vehicle.files import read
+from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.vehicle import Vehicle
+
+PARAMETERS = {**VEHICLE, **ALLOCATION}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Export a vehicle; return the exit code."""
+    options = _parse(split(sys.argv[1:] if argv is None else argv)[0])
+    try:
+        vehicle = Vehicle.load(options.vehicle)
+        given = read(options.vehicle)
+    except ParameterError as error:
+        print(f'firmware: {error}', file=sys.stderr)
+        return 1
+    try:
+        parameters = checked(given)
+        name = identifier(str(parameters['vehicle.name']))
+        faults = faults_of(vehicle, options.faults)
+        firmware = Firmware.make(faults, parameters, options.precision)
+        write(firmware, name, options.out)
+    except (ValueError, OSError) as error:
+        print(f'firmware: {options.vehicle}: {error}', file=sys.stderr)
+        return 1
+    print(
+        f'written: {name} with {len(faults) - 1} faults, in {options.precision} precision, in '
+        f'{options.out}\n`make -C {options.out}` compiles and checks it'
+    )
+    return 0
+
+
+def checked(given: Mapping[str, Any]) -> dict[str, Value]:
+    """Return the parameters of the vehicle and of its allocation.
+
+    Raises
+    ------
+    ParameterError
+        If one of them is wrong.
+    """
+    ours = {name: value for name, value in given.items() if name.startswith('allocation.')}
+    check_given(ours, PARAMETERS)
+    return complete(given, PARAMETERS)
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='firmware',
+        description='Write the exact allocator of a vehicle as C99 for a flight controller: the '
+        "kernel, the vehicle's constants, golden vectors, a Makefile and a README.",
+    )
+    parser.add_argument('--vehicle', required=True, help='a shipped vehicle or a YAML file')
+    parser.add_argument(
+        '--out', type=Path, required=True, metavar='DIR', help='a folder that is new or empty'
+    )
+    parser.add_argument(
+        '--precision', choices=tuple(DTYPES), default='single', help='default: single'
+    )
+    parser.add_argument(
+        '--faults',
+        nargs='+',
+        default=['single'],
+        metavar='FAULT',
+        help='what can be announced in flight: none; single, the loss of each rotor by itself '
+        '(default); or the health of each rotor in [0, 1], separated by commas, for each fault',
+    )
+    return parser.parse_args(argv)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,130 @@
+"""The files of an exported vehicle."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from string import Template
+
+from ca_ros import kernel
+from ca_ros.firmware import golden, literals
+from ca_ros.firmware.firmware import Firmware
+from ca_ros.firmware.footprint import measure
+from ca_ros.firmware.readme import facts
+from ca_ros.problem.commandable import unit
+from ca_ros.schema import ParameterError
+
+KERNEL = ('exact.h', 'numbers.h', 'exact.c', 'least_norm.c', 'priorities.c')
+FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
+TEMPLATES = {
+    'vehicle.h': '{name}.h',
+    'vehicle.c': '{name}.c',
+    'golden.h': 'golden.h',
+    'vehicle.mk': 'vehicle.mk',
+    'README.md': 'README.md',
+}
+TAKEN = {'ca', 'golden', 'vehicle', *(file.partition('.')[0] for file in (*KERNEL, *FIXED))}
+
+
+def identifier(name: str) -> str:
+    """Return a vehicle's name as it is in C and in the names of files.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a name in C.
+    """
+    found = re.sub(r'\W+', '_', name, flags=re.ASCII).lower()
+    if not re.match('[a-z]', found) or found in TAKEN:
+        raise ParameterError(
+            f'vehicle.name: expected a name that begins with a letter and is not one of '
+            f'{", ".join(sorted(TAKEN))}, got {name!r}'
+        )
+    return found
+
+
+def write(firmware: Firmware, name: str, out: Path) -> None:
+    """Write all files of a vehicle.
+
+    Parameters
+    ----------
+    firmware : Firmware
+    name : str
+        As `identifier` returns it.
+    out : path
+        A folder; it is made if it is not there.
+
+    Raises
+    ------
+    ParameterError
+        If the folder is not empty.
+    OSError
+        If it cannot be written to.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise ParameterError(f'--out: {out} exists already and is not an empty folder')
+    out.mkdir(parents=True, exist_ok=True)
+    for file in KERNEL:
+        shutil.copyfile(Path(kernel.__file__).with_name(file), out / file)
+    templates = Path(__file__).with_name('templates')
+    for file in FIXED:
+        shutil.copyfile(templates / file, out / file)
+    fields = {'name': name, 'NAME': name.upper(), **_numbers(firmware), **_words(firmware, name)}
+    core = 'Cortex-M4F' if firmware.single else 'Cortex-M7'
+    for template, target in TEMPLATES.items():
+        if template == 'README.md':
+            fields |= facts(firmware, measure(out, name, core), out)
+        text = Template((templates / template).read_text(encoding='utf-8')).substitute(fields)
+        (out / target.format(name=name)).write_text(text, encoding='utf-8')
+
+
+def _numbers(firmware: Firmware) -> dict[str, str]:
+    """Return the tables of the vehicle."""
+    problem, precision = firmware.problem, firmware.precision
+    rows = [row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows]
+
+    def table(column: int) -> str:
+        values = (rotors[column] for rotors in firmware.rotors)
+        return '\n'.join(literals.indented(f'{literals.braced(v, precision)},', 1) for v in values)
+
+    return {
+        'n': str(problem.n),
+        'm': str(len(problem.axes)),
+        'count': str(len(firmware.faults)),
+        'problems': literals.problems(firmware),
+        'axes': '\n'.join(f'    {literals.braced(row)},' for row in rows),
+        'thrust_coefficient': table(0),
+        'speed_min': table(1),
+        'speed_max': table(2),
+        'vectors': golden.vectors(firmware),
+    }
+
+
+def _words(firmware: Firmware, name: str) -> dict[str, str]:
+    """Return what stands in the header and in vehicle.mk."""
+    problem, single = firmware.problem, firmware.single
+    definitions = f'-DCA_N={problem.n} -DCA_M={len(problem.axes)}{" -DCA_FLOAT" * single}'
+    faults = [
+        f'    {name.upper()}_{fault.constant} = {i}, /* {fault.meaning}{_dropped(firmware, i)} */'
+        for i, fault in enumerate(firmware.faults)
+    ]
+    wrench = [f' *         [{k}] {axis} [{unit(axis)}]' for k, axis in enumerate(problem.axes)]
+    return {
+        'definitions': definitions,
+        'precision': (
+            '#ifndef CA_FLOAT\n#define CA_FLOAT\n#endif'
+            if single
+            else '#ifdef CA_FLOAT\n#error "this vehicle was exported in double precision"\n#endif'
+        ),
+        'real': 'float' if single else 'double',
+        'core': 'M4' if single else 'M7',
+        'faults': '\n'.join(faults),
+        'wrench': '\n'.join(wrench),
+    }
+
+
+def _dropped(firmware: Firmware, fault: int) -> str:
+    kept = firmware.faults[fault].problem.axes
+    lost = ', '.join(axis for axis in firmware.problem.axes if axis not in kept)
+    return f'; not commanded: {lost}' if lost else ''

@@ -1,0 +1,93 @@
+"""The faults that firmware can be told of: what is then known of the rotors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.schema import ParameterError
+from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
+
+CHOICES = ('none', 'single')
+"""Words for sets of faults: none at all, or the loss of each rotor by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """What is known of the rotors; the first fault of a list is that there is none.
+
+    Attributes
+    ----------
+    constant : str
+        Its name in C, without the vehicle's.
+    meaning : str
+    report : Audit
+        What the rotors can still command.
+    """
+
+    constant: str
+    meaning: str
+    report: Audit
+
+    @property
+    def problem(self) -> AllocationProblem:
+        """The problem of the axes that can be commanded independently."""
+        return self.report.problem
+
+
+def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
+    """Return the vehicle as it is, and its faults.
+
+    As in the nodes, a vehicle that cannot command every axis and hover at the start is refused
+    unless its `lost_axes` is 'drop', and axes that a fault takes away are dropped in any case.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    words : sequence of str
+        'none', 'single', or the health of each rotor in [0, 1], separated by commas.
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle is refused, a word is wrong, or a fault leaves no axis to be commanded.
+    """
+    report = accept(vehicle)
+    found = [_fault('NO_FAULT', 'the rotors are as in the file', report)]
+
+    def after(health: ArrayLike) -> Audit:
+        # Axes that are lost already stay so.
+        return audit(report.problem.vehicle.with_health(health))
+
+    for word in words:
+        if word == 'single':
+            for i in np.flatnonzero(vehicle.health >= HEALTH_MIN).tolist():
+                health = np.array(vehicle.health)
+                health[i] = 0.0
+                name = f'ROTOR_{i + 1}_LOST'
+                found.append(_fault(name, f'rotor {i + 1} is lost', after(health)))
+        elif word != 'none':
+            name = f'FAULT_{len(found)}'
+            found.append(_fault(name, f'health {word}', after(_health(word))))
+    return found
+
+
+def _fault(constant: str, meaning: str, report: Audit) -> Fault:
+    if report.vehicle.powerless or not report.problem.spans:
+        raise ParameterError(f'{meaning}: no axis is left that the rotors can command')
+    return Fault(constant, meaning, report)
+
+
+def _health(word: str) -> list[float]:
+    try:
+        return [float(number) for number in word.split(',')]
+    except ValueError:
+        raise ParameterError(
+            f'--faults: expected {" or ".join(CHOICES)}, or the health of each rotor separated '
+            f'by commas, got {word!r}'
+        ) from None

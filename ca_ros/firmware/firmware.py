@@ -1,0 +1,167 @@
+"""The firmware of one vehicle, as the machine that exports it computes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ca_ros.allocation.exact import POLICIES, Exact
+from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.options import allocator_from_parameters
+from ca_ros.arrays import Array
+from ca_ros.firmware.faults import Fault
+from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
+from ca_ros.problem.problem import ABSURD, AllocationProblem
+from ca_ros.schema import ParameterError
+
+DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float64}
+
+LIMIT = {'single': 1e12, 'double': ABSURD}
+"""CA_ABSURD of the kernel: beyond it a wrench is invalid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Firmware:
+    """A vehicle's faults with a kernel for each, in one precision.
+
+    Attributes
+    ----------
+    faults : sequence of Fault
+        The first is that there is none.
+    kernels : sequence of Kernel
+        One for each fault.
+    parameters : mapping
+        Of the vehicle's file.
+    precision : 'single' or 'double'
+    """
+
+    faults: Sequence[Fault]
+    kernels: Sequence[Kernel]
+    parameters: Mapping[str, Any]
+    precision: str
+
+    @classmethod
+    def make(
+        cls, faults: Sequence[Fault], parameters: Mapping[str, Any], precision: str
+    ) -> Firmware:
+        """Set the kernels up, with the options of the method `exact` in the parameters.
+
+        Raises
+        ------
+        ParameterError
+            If the method is another, the vehicle is too large or the kernel is not built.
+        """
+        method = parameters['allocation.method']
+        if method != 'exact':
+            raise ParameterError(
+                f'allocation.method: firmware is made of the method exact, got {method}'
+            )
+        n = faults[0].problem.n
+        if n > ROTORS_MAX:
+            raise ParameterError(f'the kernel is for up to {ROTORS_MAX} rotors, got {n}')
+        kind = load(precision)
+        if kind is None:
+            raise ParameterError(
+                f'the extension module ca_ros.kernel._{precision} is not built: install a C '
+                'compiler, then ca_ros again'
+            )
+        made = [_kernel(kind, fault.problem, parameters, DTYPES[precision]) for fault in faults]
+        return cls(faults, made, parameters, precision)
+
+    @property
+    def problem(self) -> AllocationProblem:
+        """The problem without a fault."""
+        return self.faults[0].problem
+
+    @property
+    def dtype(self) -> type[np.floating]:
+        """The type of all numbers."""
+        return DTYPES[self.precision]
+
+    @property
+    def single(self) -> bool:
+        """Whether the numbers are of single precision."""
+        return self.precision == 'single'
+
+    @cached_property
+    def rows(self) -> list[list[int]]:
+        """For each fault, the components of the wrench that are commanded."""
+        axes = self.problem.axes
+        return [[axes.index(axis) for axis in fault.problem.axes] for fault in self.faults]
+
+    @cached_property
+    def rotors(self) -> list[tuple[Array, Array, Array]]:
+        """For each fault, k_f, and the bounds of the speeds, (n,) each; k_f of a lost one is 1."""
+        found = []
+        for fault in self.faults:
+            vehicle = fault.problem.vehicle
+            k_f = vehicle.thrust_per_squared_speed
+            least, greatest = (bound.astype(self.dtype) for bound in vehicle.speed_limits)
+            found.append((np.where(k_f > 0.0, k_f, 1.0).astype(self.dtype), least, greatest))
+        return found
+
+    def allocate(self, fault: int, wrench: Array) -> tuple[int, Array]:
+        """Return the status and the speeds (n,), to the last bit as the firmware does.
+
+        Parameters
+        ----------
+        fault : int
+        wrench : (m,) array
+            Of the firmware's precision [N, N m].
+        """
+        known = 0 <= fault < len(self.faults)
+        row = fault if known else 0
+        k_f, least, greatest = self.rotors[row]
+        if not (known and np.all(np.abs(wrench) <= self.dtype(LIMIT[self.precision]))):
+            return INVALID, least
+        thrusts = np.empty(self.problem.n, self.dtype)
+        answer = self.kernels[row].allocate(np.ascontiguousarray(wrench[self.rows[row]]), thrusts)
+        status = 0 if answer is None else answer[0]
+        if status in (INVALID, POLICIES['reject']):
+            return status, least
+        # Quotient, square root and comparisons are the same to the last bit in C.
+        speeds = np.sqrt(np.maximum(thrusts, self.dtype(0)) / k_f)
+        return status, np.minimum(np.maximum(speeds, least), greatest)
+
+    def effort(self, fault: int, wrenches: Array) -> tuple[int, int]:
+        """Return the greatest numbers of steps and of pivots for wrenches (N, m)."""
+        demands = np.ascontiguousarray(wrenches[:, self.rows[fault]])
+        size = len(demands)
+        work: Any = np.empty((size, 2), np.int32)
+        self.kernels[fault].allocate_batch(
+            demands,
+            np.empty((size, self.problem.n), self.dtype),
+            np.empty(size, np.int8),
+            np.empty(size, self.dtype),
+            work,
+        )
+        steps, pivots = work.max(axis=0).tolist()
+        return steps, pivots
+
+
+def _kernel(
+    kind: type[Kernel],
+    problem: AllocationProblem,
+    parameters: Mapping[str, Any],
+    dtype: type[np.floating],
+) -> Kernel:
+    # The kernel starts at the pseudo-inverse; OSQP may be absent.
+    chosen = {**parameters, 'allocation.exact.solver': 'newton'}
+    exact = allocator_from_parameters(chosen, problem)
+    assert isinstance(exact, Exact)
+    # As the allocator chooses for its own kernel, which has another precision or is NumPy.
+    if exact.policy == 'prioritize':
+        assert exact.order is not None
+        groups, reversal, inside = exact.order, exact.reversal, False
+        reference = problem.hover
+    else:
+        groups, reversal, inside = [problem.axes], 'allow', True
+        reference = exact.admissible.reference
+    status = int(POLICIES[exact.policy])
+    return kernel_for(
+        kind, problem, groups, reversal, reference, inside, status, exact.slack, dtype
+    )

@@ -1,0 +1,97 @@
+"""What the exported function takes on a Cortex-M, where its compiler is installed."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+from shutil import which
+from typing import NamedTuple
+
+TOOLS = ('make', 'arm-none-eabi-gcc', 'arm-none-eabi-size')
+
+NODE = re.compile(r'node: { title: "([^"]*)" label: "[^"]*?(\d+) bytes \((\w+)\)')
+EDGE = re.compile(r'edge: { sourcename: "([^"]*)" targetname: "([^"]*)"')
+
+
+class Footprint(NamedTuple):
+    """Sizes in bytes, the version of the compiler, and the core."""
+
+    flash: int
+    ram: int
+    stack: int
+    compiler: str
+    core: str
+
+
+def measure(folder: Path, name: str, core: str) -> Footprint | str:
+    """Compile an exported vehicle; return what it takes, or why that is not known.
+
+    Parameters
+    ----------
+    folder : path
+        It is left as it is.
+    name : str
+        The vehicle's.
+    core : str
+        What its Makefile compiles for.
+    """
+    if missing := [tool for tool in TOOLS if not which(tool)]:
+        return f'{", ".join(missing)} not installed'
+    try:
+        return _measured(folder, name, core)
+    except OSError as error:
+        return ' '.join(str(error).split())
+
+
+def _measured(folder: Path, name: str, core: str) -> Footprint:
+    with tempfile.TemporaryDirectory() as build:
+        _run(
+            'make', '-s', '-C', str(folder), 'CROSS=arm-none-eabi-', f'BUILD={build}',
+            'CFLAGS=-O2 -fcallgraph-info=su', f'{build}/used.elf',
+        )  # fmt: skip
+        sizes = _run('arm-none-eabi-size', f'{build}/used.elf').splitlines()[1].split()
+        graph = ''.join(file.read_text(encoding='utf-8') for file in Path(build).glob('*.ci'))
+    text, data, bss = map(int, sizes[:3])
+    compiler = _run('arm-none-eabi-gcc', '--version').partition('\n')[0]
+    return Footprint(text + data, data + bss, deepest(graph, f'{name}_allocate'), compiler, core)
+
+
+def deepest(graph: str, function: str) -> int:
+    """Return the stack that a function and all that it calls take at most [bytes].
+
+    Parameters
+    ----------
+    graph : str
+        What GCC writes with ``-fcallgraph-info=su``.
+
+    Raises
+    ------
+    OSError
+        If a frame has no bound, or functions call each other in a circle.
+    """
+    frames = {}
+    for title, size, kind in NODE.findall(graph):
+        if kind != 'static':
+            raise OSError(f'the stack of {title} has no bound that the compiler knows')
+        frames[title] = int(size)
+    calls: dict[str, set[str]] = {}
+    for caller, called in EDGE.findall(graph):
+        calls.setdefault(caller, set()).add(called)
+
+    def depth(title: str, above: tuple[str, ...]) -> int:
+        if title in above:
+            raise OSError(f'{title} calls itself')
+        below = (depth(called, (*above, title)) for called in calls.get(title, ()))
+        # Functions of the C library have no entry: the few that are called take some words.
+        return frames.get(title, 0) + max(below, default=0)
+
+    return depth(function, ())
+
+
+def _run(*command: str) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise OSError(f'{command[0]}: {done.stderr.strip() or done.stdout.strip()}')
+    return done.stdout

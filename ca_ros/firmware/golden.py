@@ -1,0 +1,87 @@
+"""Golden vectors: wrenches inside, on and outside of the admissible set, with their answers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.firmware.firmware import Firmware
+from ca_ros.firmware.literals import braced, indented
+from ca_ros.problem.problem import AllocationProblem
+
+SIZE = 12
+"""Wrenches of each kind for each fault."""
+
+BEYOND = 3.0
+"""Greatest distance of a wrench from the middle of the set, in units of the boundary's."""
+
+
+def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:
+    """Return wrenches (3 size, m): attainable ones, then on the boundary, then beyond it."""
+    rng = np.random.default_rng((seed, fault))
+    problem = firmware.faults[fault].problem
+    gamma = firmware.problem.gamma
+    inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ gamma.T
+    on = _on_facets(problem, rng, size) @ gamma.T
+    center = gamma @ problem.middle
+    beyond = center + rng.uniform(1.0, BEYOND, (size, 1)) * (on - center)
+    return np.vstack([inside, on, beyond]).astype(firmware.dtype)
+
+
+def special(firmware: Firmware) -> Array:
+    """Return wrenches (N, m) at rest, at hover, too large, infinite and not a number."""
+    hover = firmware.problem.hover
+    numbers = [0.0, 1e30, -1e30, np.inf, -np.inf, np.nan]
+    found = [np.zeros_like(hover), hover, -hover, 1e6 * hover]
+    for k in range(len(hover)):
+        for number in numbers:
+            found.append(hover.copy())
+            found[-1][k] = number
+    return np.array(found).astype(firmware.dtype)
+
+
+def vectors(firmware: Firmware) -> str:
+    """Return the initialisers of the golden vectors."""
+    lines = []
+    last = len(firmware.faults)
+    for fault in range(last):
+        given = [wrenches(firmware, fault, SIZE), special(firmware)]
+        lines += [_vector(firmware, fault, wrench) for wrench in np.vstack(given)]
+    hover = firmware.problem.hover.astype(firmware.dtype)
+    lines += [_vector(firmware, fault, hover) for fault in (-1, last)]
+    return '\n'.join(lines)
+
+
+def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
+    """Return the greatest numbers of steps and pivots over 3 size wrenches for each fault."""
+    efforts = [
+        firmware.effort(fault, wrenches(firmware, fault, size, seed))
+        for fault in range(len(firmware.faults))
+    ]
+    return max(steps for steps, _ in efforts), max(pivots for _, pivots in efforts)
+
+
+def _vector(firmware: Firmware, fault: int, wrench: Array) -> str:
+    status, speeds = firmware.allocate(fault, wrench)
+    first, last = (braced(array, firmware.precision) for array in (wrench, speeds))
+    return indented(f'{{{fault}, {first}, {status}, {last}}},', 1)
+
+
+def _on_facets(problem: AllocationProblem, rng: np.random.Generator, size: int) -> Array:
+    """Return thrusts (size, n) of wrenches on random facets of the admissible set.
+
+    On the facet that is parallel to the columns of m - 1 rotors, these have any thrusts, and the
+    others are at the bound on its side.
+    """
+    turning = np.flatnonzero(problem.half_range)
+    columns = ((problem.gamma * problem.half_range / problem.extent[:, None]).T)[turning]
+    free = rng.permuted(np.tile(np.arange(len(turning)), (size, 1)), axis=1)
+    free = free[:, : len(problem.axes) - 1]
+    parallel = columns[free]
+    # The eigenvector of the least eigenvalue is normal to all of them.
+    normals = np.linalg.eigh(np.swapaxes(parallel, 1, 2) @ parallel)[1][:, :, 0]
+    ways = rng.choice([-1.0, 1.0], (size, 1)) * np.sign(normals @ columns.T)
+    np.put_along_axis(ways, free, rng.uniform(-1.0, 1.0, free.shape), axis=1)
+    thrusts = np.tile(problem.middle, (size, 1))
+    thrusts[:, turning] += problem.half_range[turning] * ways
+    return thrusts

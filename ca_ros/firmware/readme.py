@@ -1,0 +1,110 @@
+"""What the README of an exported vehicle says of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ca_ros.allocation.options import order_from_parameters
+from ca_ros.firmware import golden
+from ca_ros.firmware.firmware import LIMIT, Firmware
+from ca_ros.firmware.footprint import Footprint
+from ca_ros.problem.commandable import unit
+
+SAMPLE = 3333
+"""Wrenches of each kind and fault, over which steps are counted."""
+
+FORWARD_RIGHT_DOWN = {
+    'force_x': 'F_x',
+    'force_y': '-F_y',
+    'thrust': '-F_z',
+    'roll': 'M_x',
+    'pitch': '-M_y',
+    'yaw': '-M_z',
+}
+"""The components of a wrench in terms of those in the frame of autopilots."""
+
+HOW_TO_MEASURE = """\
+Flash, RAM and stack were not measured: {why}.
+`make size` prints them: flash is text + data, RAM is data + bss, and the stack is at most the sum
+of the frames along the deepest chain of calls."""
+
+
+def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[str, str]:
+    """Return the fields of the README's template.
+
+    Parameters
+    ----------
+    firmware : Firmware
+    footprint : Footprint or str
+        Or why it was not measured.
+    folder : path
+        Where the kernel's files are.
+    """
+    problem = firmware.problem
+    sample = golden.effort(firmware, SAMPLE, seed=1)
+    few = golden.effort(firmware, golden.SIZE, seed=0)
+    suffix = 'f' * firmware.single
+    return {
+        'axes_listed': ', '.join(problem.axes),
+        'hover': ', '.join(f'{float(f"{number:.6g}")}{suffix}' for number in problem.hover),
+        'absurd': f'{LIMIT[firmware.precision]:g}',
+        'wrench_table': '\n'.join(
+            f'| {k} | {axis} [{unit(axis)}] | {FORWARD_RIGHT_DOWN[axis]} |'
+            for k, axis in enumerate(problem.axes)
+        ),
+        'unattainable': unattainable(firmware.parameters, problem.axes),
+        'fault_table': '\n'.join(
+            f'| {i} | `{fault.constant}` | {", ".join(fault.problem.axes)} | {fault.report} |'
+            for i, fault in enumerate(firmware.faults)
+        ),
+        'footprint': measured(footprint),
+        'loop_bounds': loop_bounds(folder),
+        'golden_steps': str(few[0]),
+        'golden_pivots': str(few[1]),
+        'sample_size': f'{3 * SAMPLE * len(firmware.faults):,}'.replace(',', ' '),
+        'sample_steps': str(sample[0]),
+        'sample_pivots': str(sample[1]),
+        'precision_name': firmware.precision,
+    }
+
+
+def unattainable(parameters: Mapping[str, Any], axes: Sequence[str]) -> str:
+    """Say what becomes of a wrench that is not attainable."""
+    policy = parameters['allocation.exact.policy']
+    if policy == 'scale':
+        return 'is scaled towards hover until it is attainable (`CA_SCALED`)'
+    if policy == 'reject':
+        return 'is rejected: all rotors get their least speeds (`CA_REJECTED`)'
+    order = '; '.join(' and '.join(group) for group in order_from_parameters(parameters, axes))
+    reversal = parameters['allocation.exact.reversal']
+    return (
+        f'is served in the order of priorities: {order} (`CA_PRIORITIZED`, with\n'
+        f'`allocation.exact.reversal: {reversal}`)'
+    )
+
+
+def measured(footprint: Footprint | str) -> str:
+    """Return a table of what the function takes, or how to measure it."""
+    if isinstance(footprint, str):
+        return HOW_TO_MEASURE.format(why=footprint)
+    return (
+        f'| flash | RAM | stack, at most |\n|---|---|---|\n'
+        f'| {footprint.flash} bytes | {footprint.ram} bytes | {footprint.stack} bytes |\n\n'
+        f'This is with {footprint.compiler}, -O2,\nfor a {footprint.core}. '
+        '`make size` measures anew.'
+    )
+
+
+def loop_bounds(folder: Path) -> str:
+    """Return a table of the constants that bound the iterations of the kernel."""
+    rows = []
+    for file in ('least_norm.c', 'priorities.c'):
+        text = (folder / file).read_text(encoding='utf-8')
+        for comment, block in re.findall(r'/\* ([^/]*?) \*/\n((?:#define .*\n)+)', text):
+            words = ' '.join(word for word in comment.split() if word != '*')
+            for constant, value in re.findall(r'^#define ([A-Z_]+) (\d+)$', block, re.MULTILINE):
+                rows.append(f'| `{constant}` | {value} | {words} ({file}) |')
+    return '\n'.join(rows)

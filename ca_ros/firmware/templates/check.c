@@ -1,0 +1,23 @@
+/* Compare the answers to the golden vectors, bit by bit. */
+#include <stdio.h>
+#include <string.h>
+
+#include "golden.h"
+
+int main(void)
+{
+    const int count = (int)(sizeof golden / sizeof *golden);
+    int wrong = 0;
+    for (int i = 0; i < count; i++) {
+        ca_real speeds[CA_N];
+        const int status = ALLOCATE(golden[i].fault, golden[i].wrench, speeds);
+        if (status == golden[i].status && !memcmp(speeds, golden[i].speeds, sizeof speeds))
+            continue;
+        if (!wrong++)
+            printf("%s: the first difference is in golden vector %d, of fault %d\n", VEHICLE, i,
+                   golden[i].fault);
+    }
+    printf("%s: %d of %d golden vectors are reproduced to the last bit\n", VEHICLE, count - wrong,
+           count);
+    return wrong != 0;
+}

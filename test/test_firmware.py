@@ -1,0 +1,386 @@
+"""The exported firmware reproduces its golden vectors, here and on emulated boards."""
+
+import re
+import shutil
+import subprocess
+from functools import cache
+
+import numpy as np
+import pytest
+import yaml
+
+from ca_ros import ParameterError, Status, Vehicle, make_allocator
+from ca_ros.allocation import AllocationProblem
+from ca_ros.firmware import firmware as module
+from ca_ros.firmware import footprint, golden
+from ca_ros.firmware.command import checked, main
+from ca_ros.firmware.export import identifier
+from ca_ros.firmware.faults import faults_of
+from ca_ros.firmware.firmware import Firmware
+from ca_ros.firmware.literals import real
+from ca_ros.kernel import INVALID, load
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.files import find, read
+
+VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
+PRECISIONS = ('single', 'double')
+ARM = ('make', 'arm-none-eabi-gcc', 'qemu-system-arm')
+
+pytestmark = pytest.mark.skipif(
+    not all(map(load, PRECISIONS)), reason='the extension modules are not built')
+
+
+@pytest.fixture(scope='module')
+def exported(tmp_path_factory):
+    """Return a function that exports a vehicle, each once, and returns its folder."""
+    @cache
+    def export(name, precision='single'):
+        out = tmp_path_factory.mktemp('firmware') / f'{name}_{precision}'
+        assert main(['--vehicle', name, '--out', str(out), '--precision', precision]) == 0
+        return out
+    return export
+
+
+@cache
+def firmware_of(name, precision='double'):
+    """Return the firmware of a vehicle, with the loss of each rotor as its faults."""
+    parameters = checked(read(name))
+    return Firmware.make(faults_of(Vehicle.load(name), ['single']), parameters, precision)
+
+
+@pytest.fixture
+def variant(tmp_path):
+    """Return a function that writes the hexarotor's file with other parameters."""
+    def write(**changes):
+        content = yaml.safe_load(find('hexarotor').read_text(encoding='utf-8'))
+        parameters = content['/**']['ros__parameters']
+        for name, value in changes.items():
+            *groups, key = name.split('__')
+            section = parameters
+            for group in groups:
+                section = section.setdefault(group, {})
+            section[key] = value
+        file = tmp_path / 'variant.yaml'
+        file.write_text(yaml.safe_dump(content), encoding='utf-8')
+        return str(file)
+    return write
+
+
+def needs(*tools):
+    missing = [tool for tool in tools if not shutil.which(tool)]
+    if missing:
+        pytest.skip(f'needs {", ".join(missing)}')
+
+
+def make(folder, *arguments, flags='-O1 -Werror'):
+    """Run make without a warning, and return what it prints."""
+    done = subprocess.run(
+        ['make', '-s', '-C', str(folder), f'CFLAGS={flags}', *arguments],
+        capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, ''), done.stderr
+    return done.stdout
+
+
+def reproduced(text):
+    """Return how many golden vectors there are, if all are reproduced in each check."""
+    found = re.findall(r'(\d+) of (\d+) golden vectors are reproduced to the last bit', text)
+    assert found
+    assert all(right == count for right, count in found)
+    return [int(count) for _, count in found]
+
+
+# Firmware
+
+@pytest.mark.parametrize(
+    ('compiler', 'precision'), [('gcc', 'single'), ('gcc', 'double'), ('clang', 'single')])
+@pytest.mark.parametrize('name', VEHICLES)
+def test_golden_vectors_are_reproduced_here(name, compiler, precision, exported):
+    needs('make', compiler)
+    [count] = reproduced(make(exported(name, precision), f'CC={compiler}', f'BUILD={compiler}'))
+    faults = Vehicle.load(name).n + 1
+    assert count >= 3 * golden.SIZE * faults
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('precision', PRECISIONS)
+@pytest.mark.parametrize('name', VEHICLES)
+def test_golden_vectors_are_reproduced_on_emulated_boards(name, precision, exported):
+    needs(*ARM)
+    assert len(reproduced(make(exported(name, precision), 'qemu'))) == 2
+
+
+def test_a_difference_in_one_bit_is_found(exported, tmp_path):
+    needs('make', 'gcc')
+    folder = tmp_path / 'changed'
+    shutil.copytree(exported('hexarotor'), folder, ignore=shutil.ignore_patterns('gcc', 'clang'))
+    golden_h = folder / 'golden.h'
+    text = golden_h.read_text(encoding='utf-8')
+    last = text.rindex('0x1.')
+    exponent = text.index('p', last)
+    golden_h.write_text(f'{text[:exponent]}8{text[exponent:]}', encoding='utf-8')
+    done = subprocess.run(
+        ['make', '-s', '-C', str(folder), 'check'], capture_output=True, text=True)
+    assert done.returncode != 0
+    assert 'hexarotor: 449 of 450 golden vectors' in done.stdout
+    assert 'the first difference is in golden vector 449' in done.stdout
+
+
+def test_cppcheck_finds_nothing(exported):
+    needs('cppcheck')
+    folder = exported('hexarotor')
+    definitions = re.search('DEFINITIONS := (.*)', (folder / 'vehicle.mk').read_text())[1]
+    done = subprocess.run(
+        ['cppcheck', '--quiet', '--std=c99', '--enable=warning,performance,portability',
+         '--error-exitcode=1', *definitions.split(),
+         *(str(folder / f'{name}.c') for name in (
+             'hexarotor', 'exact', 'least_norm', 'priorities', 'check'))],
+        capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_library_calls_nothing_and_the_header_is_for_cpp(exported, tmp_path):
+    needs('make', 'gcc', 'g++', 'nm')
+    folder = exported('hexarotor')
+    make(folder, 'CC=gcc', 'BUILD=gcc')
+    library = folder / 'gcc' / 'libhexarotor.a'
+    listed = subprocess.run(['nm', str(library)], capture_output=True, text=True, check=True)
+    symbols = re.findall(r'\b([A-Za-z]) (\w+)$', listed.stdout, re.MULTILINE)
+    allowed = {'sqrtf', 'memcpy', 'memset', 'memmove', '__stack_chk_fail'}
+    outside = {name for kind, name in symbols if kind == 'U'} - {
+        name for kind, name in symbols if kind == 'T'}
+    assert outside <= allowed
+    # Nothing that changes: neither .data nor .bss.
+    assert not {name for kind, name in symbols if kind in 'dDbBC'}
+    source = tmp_path / 'caller.cpp'
+    source.write_text("""
+        #include "hexarotor.h"
+        int main()
+        {
+            const float wrench[HEXAROTOR_AXES] = {9.81f, 0.0f, 0.0f, 0.0f};
+            float speeds[HEXAROTOR_ROTORS];
+            return hexarotor_allocate(HEXAROTOR_ROTOR_1_LOST, wrench, speeds);
+        }
+        """, encoding='utf-8')
+    program = tmp_path / 'caller'
+    flags = ['-std=c++14', '-Wall', '-Wextra', '-Wpedantic', '-Werror', f'-I{folder}']
+    subprocess.run(['g++', *flags, source, library, '-o', program], check=True)
+    # Hover after the loss of rotor 1 leaves a yaw torque.
+    assert subprocess.run([program]).returncode == Status.PRIORITIZED
+
+
+# Golden vectors
+
+@pytest.mark.parametrize('name', [*VEHICLES, 'quadrotor'])
+def test_golden_vectors_are_the_answers_of_the_allocator(name):
+    """The wrenches are inside, on and outside, and the answers those of `exact` after a fault."""
+    firmware = firmware_of(name)
+    single = firmware_of(name, 'single')
+    vehicle = Vehicle.load(name)
+    for i in (0, 1, vehicle.n):
+        health = np.ones(vehicle.n)
+        health[i - 1 if i else []] = 0.0
+        problem = audit(vehicle.with_health(health)).problem
+        assert firmware.faults[i].problem.axes == problem.axes
+        allocator = make_allocator('exact', problem)
+        rows = firmware.rows[i]
+        demands = golden.wrenches(firmware, i, golden.SIZE)
+        margins = allocator.admissible.margin(demands[:, rows])
+        inside, on, outside = np.split(margins, 3)
+        assert inside.min() > -1e-9
+        assert np.abs(on).max() < 1e-9
+        assert outside.max() < 1e-9
+        for u in demands:
+            answer = allocator.allocate(u[rows])
+            status, speeds = firmware.allocate(i, u)
+            assert status == answer.status
+            np.testing.assert_allclose(speeds, answer.speeds, rtol=1e-9)
+            speeds = single.allocate(i, u.astype(np.float32))[1]
+            _, least, greatest = single.rotors[i]
+            assert np.all((least <= speeds) & (speeds <= greatest))
+
+
+def test_what_is_no_wrench_or_no_fault_gets_idle_speeds():
+    firmware = firmware_of('quadrotor', 'single')
+    special = golden.special(firmware)
+    wrong = ~(np.abs(special) <= 1e12).all(axis=1)
+    assert wrong.sum() == 4 * 5
+    for fault in range(5):
+        for u in special[wrong]:
+            status, speeds = firmware.allocate(fault, u)
+            assert status == INVALID
+            idle = np.full(4, Vehicle.load('quadrotor').speed_min[0], np.float32)
+            idle[fault - 1 if fault else []] = 0.0
+            np.testing.assert_array_equal(speeds, idle)
+    hover = firmware.problem.hover.astype(np.float32)
+    for fault in (-1, 5):
+        assert firmware.allocate(fault, hover)[0] == INVALID
+
+
+def test_an_axis_that_a_fault_takes_away_is_ignored(exported):
+    firmware = firmware_of('quadrotor')
+    assert firmware.rows == [[0, 1, 2, 3], *[[0, 1, 2]] * 4]
+    speeds = [firmware.allocate(1, np.array([6.0, 0.1, 0.0, yaw]))[1] for yaw in (0.0, 0.7)]
+    np.testing.assert_array_equal(*speeds)
+    header = (exported('quadrotor') / 'quadrotor.h').read_text(encoding='utf-8')
+    assert 'QUADROTOR_ROTOR_2_LOST = 2, /* rotor 2 is lost; not commanded: yaw */' in header
+
+
+@pytest.mark.parametrize('value', [0.1, -1.0, 3e-40, 1e30, 0.0, -0.0, 400.0])
+def test_literals_keep_every_bit(value):
+    number = float(np.float32(value))
+    text = real(number, 'single')
+    assert text.endswith('f')
+    assert np.float32(float.fromhex(text[:-1])).tobytes() == np.float32(value).tobytes()
+    assert float.fromhex(real(value, 'double')) == value
+    assert real(-np.inf, 'single') == '-INFINITY'
+
+
+# Options of the vehicle's file
+
+OPTIONS = [
+    {},
+    {'policy': 'scale'},
+    {'policy': 'reject'},
+    {'reversal': 'allow'},
+    {'order': ['yaw', 'roll pitch', 'thrust']},
+    {'slack': 1e-4},
+    {'solver': 'osqp'},
+]
+
+
+@pytest.mark.parametrize('options', OPTIONS, ids=str)
+def test_the_options_of_the_file_are_those_of_the_firmware(options, variant):
+    file = variant(**{f'allocation__exact__{name}': value for name, value in options.items()})
+    vehicle = Vehicle.load(file)
+    firmware = Firmware.make(faults_of(vehicle, ['none']), checked(read(file)), 'double')
+    allocator = make_allocator('exact', AllocationProblem(vehicle), **options)
+    assert firmware.kernels[0].fields()['slack'][2] == [options.get('slack', 1e-9)]
+    for u in golden.wrenches(firmware, 0, golden.SIZE)[golden.SIZE:]:
+        answer = allocator.allocate(u)
+        status, speeds = firmware.allocate(0, u)
+        assert status == answer.status
+        np.testing.assert_allclose(speeds, answer.speeds, rtol=1e-9)
+
+
+def test_faults_are_none_or_have_any_health(tmp_path, capsys):
+    for words, count in ((['none'], 1), (['single', '0,0.5,1,1,1,1'], 8)):
+        out = tmp_path / str(count)
+        assert main(['--vehicle', 'hexarotor', '--out', str(out), '--faults', *words]) == 0
+        header = (out / 'hexarotor.h').read_text(encoding='utf-8')
+        assert f'#define HEXAROTOR_FAULTS {count}\n' in header
+    assert 'HEXAROTOR_FAULT_7 = 7, /* health 0,0.5,1,1,1,1 */' in header
+    assert 'hexarotor with 7 faults' in capsys.readouterr().out
+
+
+def test_a_vehicle_of_one_axis_is_exported(variant, tmp_path):
+    needs('make', 'gcc')
+    file = variant(allocation__axes=['thrust'])
+    out = tmp_path / 'out'
+    assert main(['--vehicle', file, '--out', str(out)]) == 0
+    # GCC takes an array of ca_margin that has one entry for one without.
+    reproduced(make(out, flags='-O1 -Werror -Wno-maybe-uninitialized'))
+
+
+# Errors
+
+def ring(n):
+    angles = 2.0 * np.pi * np.arange(n) / n
+    return np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles]).ravel().tolist()
+
+
+LOST = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]
+
+FAULTS = [
+    ({}, ['--vehicle', 'nonacopter'], 'nonacopter: neither a file nor a shipped vehicle'),
+    ({'allocation__method': 'direct'}, [], 'allocation.method: firmware is made of the method ex'),
+    ({'rotors__positions': ring(33), 'rotors__spins': ['cw'] * 16 + ['ccw'] * 17}, [],
+     'the kernel is for up to 32 rotors, got 33'),
+    ({'vehicle__name': '6 rotors'}, [], 'vehicle.name: expected a name that begins with a let'),
+    ({'vehicle__name': 'exact'}, [], 'vehicle.name: expected a name that begins with a let'),
+    ({'rotors__health': LOST}, [], 'allocation.lost_axes: this vehicle is refused: '),
+    ({'rotors__health': 0.0, 'allocation__lost_axes': 'drop'}, [],
+     'the rotors are as in the file: no axis is left that the rotors can command'),
+    ({'allocation__exact__odrer': ['yaw']}, [], 'allocation.exact.odrer: no such parameter'),
+    ({'rotors__health': 'none'}, [], 'rotors.health: '),
+    ({}, ['--faults', 'double'], '--faults: expected none or single, or the health of '),
+    ({}, ['--faults', '0,1'], 'rotors.health: expected 1 or 6 numbers in [0, 1], got [0.0, 1.0]'),
+    ({}, ['--faults', '0,0,0,0,0,0'], 'health 0,0,0,0,0,0: no axis is left'),
+]
+
+
+@pytest.mark.parametrize(('changes', 'arguments', 'message'), FAULTS)
+def test_errors_name_the_fault_in_one_line(changes, arguments, message, variant, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main(['--vehicle', variant(**changes), '--out', str(out), *arguments]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith('firmware: ')
+    assert message in line
+    assert not out.exists()
+
+
+def test_a_folder_that_is_not_empty_is_left_alone(tmp_path, capsys):
+    (tmp_path / 'mine').touch()
+    assert main(['--vehicle', 'hexarotor', '--out', str(tmp_path)]) == 1
+    assert f'--out: {tmp_path} exists already and is not an empty folder' in (
+        capsys.readouterr().err)
+    assert [file.name for file in tmp_path.iterdir()] == ['mine']
+
+
+def test_a_kernel_that_is_not_built_is_named(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(module, 'load', lambda precision: None)
+    assert main(['--vehicle', 'hexarotor', '--out', str(tmp_path)]) == 1
+    assert 'ca_ros.kernel._single is not built: install a C compiler' in capsys.readouterr().err
+
+
+def test_lost_axes_are_dropped_if_the_file_says_so(variant):
+    file = variant(rotors__health=LOST, allocation__lost_axes='drop')
+    [fault] = faults_of(Vehicle.load(file), ['none'])
+    assert fault.problem.axes == ('thrust', 'roll')
+
+
+@pytest.mark.parametrize(('name', 'expected'), [('my X8', 'my_x8'), ('hexa-2', 'hexa_2')])
+def test_names_become_those_of_c(name, expected):
+    assert identifier(name) == expected
+    with pytest.raises(ParameterError):
+        identifier('?')
+
+
+# What it takes
+
+def test_the_readme_says_what_the_function_takes(exported):
+    text = (exported('hexarotor') / 'README.md').read_text(encoding='utf-8')
+    assert '$' not in text
+    assert re.search(r'\| `STEPS` \| \d+ \| .*\(least_norm.c\) \|', text)
+    if not all(map(shutil.which, footprint.TOOLS)):
+        assert 'not installed' in text
+        pytest.skip('needs arm-none-eabi-gcc')
+    flash, ram, stack = map(int, re.search(
+        r'\| (\d+) bytes \| (\d+) bytes \| (\d+) bytes \|', text).groups())
+    assert 10_000 < flash < 40_000
+    assert ram == 0
+    assert 1000 < stack < 4000
+
+
+def test_without_the_tools_the_readme_says_how_to_measure(monkeypatch, tmp_path):
+    monkeypatch.setattr(footprint, 'which', lambda tool: None)
+    assert main(['--vehicle', 'quadrotor', '--out', str(tmp_path)]) == 0
+    text = (tmp_path / 'README.md').read_text(encoding='utf-8')
+    assert 'arm-none-eabi-gcc, arm-none-eabi-size not installed.\n`make size` prints them' in text
+
+
+def graph(*frames, **calls):
+    nodes = ''.join(
+        f'node: {{ title: "{name}" label: "{name}\\nfile.c:1:2\\n{size} bytes ({kind})" }}\n'
+        for name, size, kind in frames)
+    return nodes + ''.join(
+        f'edge: {{ sourcename: "{caller}" targetname: "{called}" label: "" }}\n'
+        for caller, names in calls.items() for called in names.split())
+
+
+def test_the_stack_is_that_of_the_deepest_chain_of_calls():
+    frames = [(name, size, 'static') for name, size in zip('abcd', (8, 100, 30, 80), strict=True)]
+    assert footprint.deepest(graph(*frames, a='b c', c='d memset'), 'a') == 8 + 30 + 80
+    with pytest.raises(OSError, match='calls itself'):
+        footprint.deepest(graph(*frames, a='b', b='a'), 'a')
+    with pytest.raises(OSError, match='has no bound'):
+        footprint.deepest(graph(('a', 8, 'dynamic')), 'a')
