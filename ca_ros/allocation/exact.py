@@ -35,31 +35,32 @@ THREAD_MIN = 8192
 
 
 class Exact(Allocator):
-    """The least thrusts that give the wrench exactly, Eqs. (20)-(22).
+    """Allocate the wrench exactly, with the smallest thrusts, Eqs. (20)-(22).
 
-    ``min |f|^2`` subject to ``Gamma f = u`` and the bounds.  It is feasible for every u in the
-    admissible set; outside, the policy names a wrench in the set, which is then allocated exactly.
-    Batches use all processors that the process may run on.
+    The allocator solves ``min |f|^2`` subject to ``Gamma f = u`` and the bounds of the thrusts.
+    The problem is feasible for every u in the admissible set.  For a u outside the set, the policy
+    chooses an attainable wrench, which is then allocated exactly.  A batch uses all processors
+    that the process may run on.
 
     Parameters
     ----------
     vehicle : Vehicle or AllocationProblem
     policy : 'prioritize', 'scale' or 'reject'
-        What to serve for a wrench outside the admissible set: `AdmissibleSet.prioritize`,
-        `AdmissibleSet.scale` or nothing.
+        What to allocate for a wrench outside the admissible set: the result of
+        `AdmissibleSet.prioritize`, the result of `AdmissibleSet.scale`, or nothing.
     order : sequence of groups of axes, optional
-        Of 'prioritize'.
-    reversal : 'prevent', 'avoid' or 'allow'
-        Of 'prioritize', see `AdmissibleSet.prioritize`.
+        The priorities of 'prioritize'.
     about : (m,) array, optional
-        Reference of 'scale' [N, N m].
+        The reference of 'scale' [N, N m].
     solver : 'newton' or 'osqp'
-        Where the solution begins: at the pseudo-inverse, or at OSQP's answer.  It ends at the same
-        thrusts, to rounding.  With 'osqp' the solver is the NumPy implementation.
+        Where the solver starts: at the pseudo-inverse or at the solution of OSQP.  Both end at the
+        same thrusts, to rounding.  With 'osqp' the NumPy implementation solves the problem.
+    reversal : 'prevent', 'avoid' or 'allow'
+        An option of 'prioritize', see `AdmissibleSet.prioritize`.
     slack : float
-        Where facets of the admissible set are almost parallel, because the vehicle is symmetric
-        but for the digits of its file, an attainable wrench u may be missed by up to
-        ``slack max(1, |u|)``, so that the thrusts do not jump [N, N m].
+        Greatest error of an attainable wrench u, as a share of max(1, |u|).  It is used only where
+        facets of the admissible set are almost parallel, because the vehicle is symmetric except
+        for the rounding of its file.  There it keeps the thrusts from jumping.
 
     Attributes
     ----------
@@ -69,12 +70,13 @@ class Exact(Allocator):
     Raises
     ------
     ValueError
-        If an option is wrong, the vehicle's admissible set has no volume, or OSQP is not there.
+        If an option is wrong, the vehicle's admissible set has no volume, or OSQP is missing.
     """
 
     parameters: ClassVar = {
         'policy': Parameter(
-            'what the exact allocator serves for a wrench that is not attainable',
+            'what exact allocates for an unattainable wrench. prioritize: the axes in the order '
+            'of their priorities; scale: the wrench scaled towards hover; reject: nothing',
             str,
             default='prioritize',
             choices=tuple(POLICIES),
@@ -88,24 +90,25 @@ class Exact(Allocator):
             mutable=True,
         ),
         'reversal': Parameter(
-            'what thrust gives up so that no axis after the first group is reversed. '
-            'prevent: as much as that takes; avoid: no more than down or up to hover; allow: '
-            'nothing',
+            'how far thrust may deviate from its demand so that no axis after the first group is '
+            'reversed. prevent: as far as necessary; avoid: no further than hover; allow: not '
+            'at all',
             str,
             default=REVERSAL,
             choices=REVERSALS,
             mutable=True,
         ),
         'slack': Parameter(
-            'share of a wrench, or of 1 N or 1 N m, by which it may be missed where the vehicle '
-            'is symmetric but for the digits of its file',
+            'greatest error of an attainable wrench u, as a share of max(1, |u|). It is used '
+            'only for vehicles that are symmetric except for the rounding of their file',
             default=1e-9,
             minimum=0.0,
             maximum=1e-2,
             mutable=True,
         ),
         'solver': Parameter(
-            'where the solution begins: at the pseudo-inverse, or at the answer of OSQP',
+            'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of '
+            'OSQP. Both end at the same thrusts',
             str,
             default='newton',
             choices=('newton', 'osqp'),
