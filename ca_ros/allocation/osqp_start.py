@@ -1,4 +1,4 @@
-"""OSQP's answer to the exact allocator's quadratic program, as a start for the exact solution."""
+"""OSQP's solution of the exact allocator's quadratic program, where Newton's method starts."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from ca_ros.problem.problem import AllocationProblem
 class OsqpStart:
     """The multipliers that OSQP finds for Eqs. (20)-(22).
 
-    OSQP's thrusts are off by its tolerance, on the boundary of the admissible set by much more,
-    and its status does not tell; so nothing of them is used but where to begin.
+    OSQP's thrusts have errors of the size of its tolerance, and much larger ones on the boundary
+    of the admissible set.  OSQP's status does not show that.  Therefore only its multipliers are
+    used, as the start of Newton's method.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ class OsqpStart:
             scipy.sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n)])),
             *self._bounds(np.zeros(m)),
             verbose=False,
-            # The answer is to depend on the wrench alone, and a bad one is of no great harm.
+            # The result must depend on the wrench alone; a bad start costs only time.
             warm_starting=False,
             max_iter=200,
             eps_abs=1e-5,

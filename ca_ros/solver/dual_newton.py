@@ -13,34 +13,34 @@ STEPS = 50
 """Limit of Newton's iteration; the tests have not seen more than 20 steps."""
 
 FLAT = 1e-8
-"""Singular value of the free rotors' part of `basis` below which an axis is not served."""
+"""Singular value of the free rows of `basis` below which the free rotors do not span an axis."""
 
 STEEP = 2e4
-"""Multipliers beyond this, in units of the greatest thrust, belong to facets almost parallel."""
+"""Multipliers above this, in units of the greatest thrust, indicate almost parallel facets."""
 
 SOFT = 0.05
-"""Multiple of `STEEP` at which a relaxed solution misses the wrench by all that it may."""
+"""Multiple of `STEEP` at which a relaxed solution uses the whole slack."""
 
 SAME = 1e-7
-"""Change of a thrust, in units of the greatest, that is not worth any slack."""
+"""Change of a thrust, in units of the greatest thrust, for which no slack is used."""
 
 ROUNDING = 16 * float(np.finfo(float).eps)
-"""Share of |y| up to which thrusts that y determines are uncertain."""
+"""Rounding error of thrusts that are computed from y, as a share of |y|."""
 
 
 class Solution(NamedTuple):
-    """What `DualNewton.solve` has found.
+    """The result of `DualNewton.solve`.
 
     Attributes
     ----------
     thrusts : (n,) array
-        Within their bounds; those with the least |A f - u| that were met [N].
+        Within their bounds; of all iterates those with the least |A f - u| [N].
     multipliers : (m,) array
         y with ``thrusts = clip(A^T y)``, up to rounding.
     attained : bool
-        Whether there are thrusts with |A f - u| within the tolerance.
+        Whether |A f - u| is within the tolerance.
     relaxed : bool
-        Whether the thrusts make use of `slack`.
+        Whether the thrusts use the slack.
     """
 
     thrusts: Array
@@ -52,25 +52,25 @@ class Solution(NamedTuple):
 class DualNewton:
     """Solve ``min |f|^2`` subject to ``A f = u`` and ``lower <= f <= upper``, Eqs. (20)-(22).
 
-    The cost is separable, so for multipliers y of the equation the best thrusts are ``f(y) =
-    clip(A^T y)``, and what is left is ``A f(y) = u``: piecewise linear, and the gradient of a
-    concave function, the dual.  Newton's method starts at the pseudo-inverse, takes the rotors
-    between their bounds for free, and searches exactly along each step, so that it ends after
-    finitely many.  The bounds hold throughout.
+    The cost is separable, so for given multipliers y of the equation the optimal thrusts are
+    ``f(y) = clip(A^T y)``.  The remaining equation ``A f(y) = u`` is piecewise linear, and it is
+    the gradient of a concave function, the dual.  Newton's method solves it: it starts at the
+    pseudo-inverse, treats the rotors between their bounds as free, and searches exactly along
+    each step.  It ends after finitely many steps.  The bounds hold in every iteration.
 
     Parameters
     ----------
     matrix : (m, n) array
-        A, of rank m.
+        A, with rank m.
     lower, upper : (n,) arrays
         Bounds.
 
     Attributes
     ----------
     basis : (n, m) array
-        Orthonormal columns that span A's rows.
+        Orthonormal columns that span the rows of A.
     coordinates : (m, m) array
-        With them the equation is ``basis^T f = coordinates u``.
+        The equation is equivalent to ``basis^T f = coordinates u``.
     """
 
     def __init__(self, matrix: Array, lower: Array, upper: Array) -> None:
@@ -82,13 +82,13 @@ class DualNewton:
     def solve(
         self, u: Array, tolerance: float, start: Array | None = None, slack: float = 0.0
     ) -> Solution:
-        """Find the least thrusts that give u.
+        """Find the smallest thrusts that produce u.
 
-        A facet of the attainable set that has more than m - 1 columns of A in it falls apart, if
-        the columns are not quite in one plane, into facets that are almost parallel.  Near these
-        the least thrusts change by newtons while u changes by next to nothing, and the
-        multipliers are large.  With `slack`, u is then missed by up to so much in favour of
-        smaller thrusts, which depend on u as if the columns were in one plane.
+        A facet of the attainable set may contain more than m - 1 columns of A.  If these columns
+        lie in one plane only up to rounding, the facet splits into facets that are almost
+        parallel.  Near them the multipliers are large, and the smallest thrusts change by newtons
+        while u changes by 1e-9.  There the solver may miss u by up to `slack`, so that the thrusts
+        depend on u as if the columns lay in one plane.
 
         Parameters
         ----------
@@ -113,14 +113,14 @@ class DualNewton:
             n, m = self.basis.shape
             room = slack / (np.sqrt(m) * np.linalg.norm(self._back))
             rate = np.sqrt(room / (SOFT * steep))
-            # What may be missed of u is a further actuator for each axis.
+            # One more actuator for each axis stands for the part of u that may be missed.
             wider = copy(self)
             wider.basis = np.vstack([self.basis, rate * np.eye(m)])
             wider.matrix = np.hstack([self.matrix, rate * self._back])
             wider.lower = np.append(self.lower, np.full(m, -room / rate))
             wider.upper = np.append(self.upper, np.full(m, room / rate))
             softer, after, _ = wider._solve(u, tolerance, None)
-            # On the boundary multipliers may be large, and the thrusts the same without slack.
+            # On the boundary multipliers may be large although slack changes nothing.
             greatest = float(np.abs(softer[:n] - thrusts).max())
             relaxed = greatest > SAME * float(self.upper.max(initial=1.0))
             if relaxed:
@@ -159,14 +159,14 @@ class DualNewton:
     def _steps(
         self, u: Array, y: Array, tolerance: float
     ) -> tuple[Array, Array, Array, list[Array]]:
-        """Return thrusts, the y they belong to, what they leave of u, and steps to be tried."""
+        """Return thrusts, their y, the residual of u, and the steps to try."""
         basis = self.basis
         unbounded = basis @ y
         free = (unbounded > self.lower) & (unbounded < self.upper)
         thrusts = self.clip(unbounded)
         left = u - self.matrix @ thrusts
-        # Newton's system is basis_F^T basis_F step = gradient; by the singular values of basis_F
-        # it is solved without squaring its condition.
+        # Newton's system is basis_F^T basis_F step = gradient.  The singular values of basis_F
+        # solve it without squaring its condition number.
         directions, singular, axes = np.linalg.svd(basis[free], full_matrices=True)
         sizes = np.zeros(len(y))
         sizes[: len(singular)] = singular
@@ -174,15 +174,15 @@ class DualNewton:
         flat = sizes < FLAT
         shares = slopes[~flat] / sizes[~flat]
         step = (shares / sizes[~flat]) @ axes[~flat]
-        # Along an axis that no free rotor serves, what is left is either rounding, to be ignored,
-        # or a reason to go that way alone: the search ends where the next rotor comes free.
+        # Along an axis that the free rotors do not span, the residual is either a rounding error,
+        # which is ignored, or the step goes along this axis until the next rotor becomes free.
         away = slopes[flat] @ axes[flat]
         if float(np.linalg.norm(self._back @ away)) > 0.8 * tolerance:
             return thrusts, y, left, [away, step]
         change = np.zeros(len(thrusts))
         change[free] = directions[:, : len(shares)] @ shares
-        # If the step leaves the active set as it is, this is the answer.  The thrusts themselves
-        # lose fewer digits in it than y, which may be large.
+        # If the step does not change the active set, it ends at the solution.  Adding the step to
+        # the thrusts loses fewer digits than adding it to y, which may be large.
         stepped = self.clip(thrusts + change)
         aimed = self.clip(unbounded + basis @ step)
         lost = 1e-10 * (1.0 + np.abs(stepped).max()) + ROUNDING * np.linalg.norm(y + step)
@@ -191,12 +191,12 @@ class DualNewton:
         return thrusts, y, left, [step]
 
     def unbounded(self, u: Array) -> Array:
-        """Return the least thrusts (n,) for u (m,) without regard to the bounds, Eq. (12)."""
+        """Return the smallest thrusts (n,) for u (m,) without bounds, Eq. (12)."""
         thrusts: Array = self.basis.dot(self.coordinates.dot(u))
         return thrusts
 
     def settle(self, thrusts: Array, u: Array, tolerance: float) -> Array:
-        """Let the rotors between their bounds make up for what rounding has left of u.
+        """Remove the rounding error of u by the rotors between their bounds.
 
         Parameters
         ----------
@@ -209,7 +209,7 @@ class DualNewton:
         Returns
         -------
         (n,) array
-            Those with the least |A f - u| that were met.
+            Of all iterates those with the least |A f - u|.
         """
         best, least = thrusts, np.inf
         for _ in range(len(thrusts)):
@@ -233,20 +233,20 @@ class DualNewton:
 
 def _search(start: Array, rate: Array, lower: Array, upper: Array, goal: float) -> float:
     """Return t >= 0 with ``rate @ clip(start + t rate) = goal``; the left side grows with t."""
-    # A rotor that stands still up to rounding would have its corner nowhere near.
+    # The corner of a rotor that moves only by rounding would be far away.
     moving: BoolArray = np.abs(rate) > 1e-12 * np.abs(rate).max(initial=0.0)
     start, rate, lower, upper = start[moving], rate[moving], lower[moving], upper[moving]
     corners = np.concatenate([(lower - start) / rate, (upper - start) / rate])
     corners = np.sort(np.append(corners[corners > 0.0], 0.0))
     values = np.minimum(np.maximum(start + np.outer(corners, rate), lower), upper) @ rate - goal
-    # At the boundary of the admissible set the goal is reached for good at a corner: go there and
-    # not beyond.
+    # On the boundary of the admissible set the goal is reached at a corner, and kept beyond it:
+    # the search ends at the corner.
     rounding = 1e-14 * float(np.abs(rate) @ np.maximum(np.abs(lower), np.abs(upper)))
     after = int(np.searchsorted(values, -rounding))
     if after == 0:
         return 0.0
     if after == len(corners):
-        # Not attainable, if only by a rounding error: all that can move is moved, and clearly so.
+        # Unattainable, perhaps by a rounding error: move every rotor clearly to its bound.
         return float(2.0 * corners[-1])
     share = min(values[after - 1] / (values[after - 1] - values[after]), 1.0)
     return float(corners[after - 1] + share * (corners[after] - corners[after - 1]))

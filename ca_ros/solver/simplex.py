@@ -1,4 +1,4 @@
-"""Linear functions of bounded variables, pushed to their goals one after the other."""
+"""Lexicographic linear programs over bounded variables."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from collections.abc import Sequence
 from ca_ros.arrays import Array
 
 ZERO = 1e-8
-"""Rate below which a variable does not depend on another; all are of the order of 1."""
+"""Rate below which a variable does not depend on another; rates are of the order of 1."""
 
 SLACK = 1e-12
-"""How far variables may be beyond their bounds because of rounding."""
+"""Distance by which rounding may move a variable out of its bounds."""
 
 ROUNDING = 1e-9
-"""Rate below which a variable does not come to its bound."""
+"""Rate below which a variable does not block a move."""
 
 PIVOTS_PER_VARIABLE = 8
-"""Limit of the pivots of one push, per variable; the tests have not seen more than one."""
+"""Limit of the pivots of one push, per variable; the tests need one at most."""
 
 
 class Simplex:
     """The simplex method for bounded variables, for goals in lexicographic order.
 
-    The variables are x_1 ... x_n within -1 and 1, and the rows ``y = A x``, unbounded at first.
-    The state is a dictionary: m basic variables as linear functions of the others.  All variables
-    are within their bounds at all times, and `push` moves one of them as far towards its goal as
-    the others allow.
+    The variables are x_1 ... x_n, between -1 and 1, and the rows ``y = A x``, which have no bounds
+    at first.  The state is a dictionary: m basic variables as linear functions of the nonbasic
+    ones.  All variables always satisfy their bounds.  `push` moves one variable towards its goal,
+    as far as the bounds of the others allow.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class Simplex:
     lower, upper : lists of float
         Their bounds.
     doubt : float
-        How much further variables might have been pushed, but for `ZERO` and for rounding errors
-        that pivots magnify.
+        Bound of the distance that pushes may have missed because of `ZERO` and of rounding
+        errors, which pivots magnify.
     """
 
     def __init__(self, matrix: Array) -> None:
@@ -65,12 +65,12 @@ class Simplex:
     def push(self, v: int, goal: float) -> bool:
         """Move variable v as far towards a goal as the bounds of all others allow.
 
-        From then on v is never further from the goal.
+        Later pushes never move v away from the goal again.
 
         Returns
         -------
         bool
-            Whether v is at the goal.
+            Whether v has reached the goal.
         """
         reached = self.value[v] == goal or self._push(v, goal)
         self.lower[v], self.upper[v] = sorted((self.value[v], goal))
@@ -94,7 +94,7 @@ class Simplex:
                 ):
                     best, k = abs(rate), j
                     if pivot > len(value):
-                        # The first that moves v, not the fastest: so the method cannot cycle.
+                        # Take the first that moves v, not the fastest, to prevent cycles.
                         break
             if k < 0:
                 rates = zip(self._rates[r], self._nonbasic, strict=True)
@@ -114,7 +114,7 @@ class Simplex:
         return False
 
     def release(self, v: int) -> None:
-        """Make variable v nonbasic, and keep it at its value."""
+        """Fix variable v at its value, and make it nonbasic."""
         self.lower[v] = self.upper[v] = self.value[v]
         if v in self._basic:
             r = self._basic.index(v)
@@ -125,14 +125,14 @@ class Simplex:
             self._pivot(r, sizes.index(max(sizes)))
 
     def add_ray(self, rows: Sequence[int], direction: Sequence[float]) -> int:
-        """Add the length, from 0, of a way that nonbasic variables go together.
+        """Add a variable, the distance that nonbasic variables move together along a line.
 
         Parameters
         ----------
         rows : sequence of int
-            Nonbasic variables; from now on they move with the share alone.
+            Nonbasic variables; from now on they move along the line only.
         direction : sequence of float
-            How far each of them goes in a unit of length; of the order of 1.
+            Their changes per unit of the new variable; of the order of 1.
 
         Returns
         -------
@@ -150,12 +150,12 @@ class Simplex:
     def add_lag(
         self, rows: Sequence[int], goals: Sequence[float], weights: Sequence[float]
     ) -> int:
-        """Add the greatest distance of some variables to their goals, in units of their weights.
+        """Add a variable, the greatest weighted distance of some variables to their goals.
 
         Returns
         -------
         int
-            The new variable; it is nonbasic, and 0 is its goal.
+            The new variable; it is nonbasic, and its goal is 0.
         """
         most = max(
             abs(goal - self.value[v]) / weight
@@ -171,7 +171,7 @@ class Simplex:
             else:
                 rates = [float(x == v) for x in self._nonbasic]
             for sign in (1.0, -1.0):
-                # The variable with as much of the lag is at the goal or beyond, on either side.
+                # The variable plus its share of the lag is at the goal or beyond, on either side.
                 sides = (goal, float('inf')) if sign > 0.0 else (-float('inf'), goal)
                 self._rates.append([*rates[:-1], sign * weight])
                 self._basic.append(self._new(self.value[v] + sign * weight * most, *sides))
@@ -184,9 +184,9 @@ class Simplex:
         return len(self.value) - 1
 
     def _move(self, k: int, way: float, goal: float, target: int) -> tuple[int, bool]:
-        """Move nonbasic variable k, up to the first bound in the way.
+        """Move nonbasic variable k, at most to the first bound that blocks it.
 
-        Returns the row whose variable came to its bound, or -1, and whether the way was gone.
+        Return the row of the variable that blocks, or -1, and whether the move was completed.
         """
         value, lower, upper = self.value, self.lower, self.upper
         x, sign = self._nonbasic[k], 1.0 if way > 0.0 else -1.0
@@ -195,8 +195,8 @@ class Simplex:
             own = upper[x] - value[x] if way > 0.0 else value[x] - lower[x]
             if own < length:
                 length, reached = own, False
-        # Bounds may be missed by rounding, so that of those in the way the fastest variable, which
-        # makes the best pivot, is at its bound and not the first by rounding (Harris).
+        # Harris's ratio test: bounds may be exceeded by rounding errors, so that of the variables
+        # that block almost together the fastest one, the best pivot, leaves the basis.
         coming, furthest = [], length
         for r, v in enumerate(self._basic):
             rate = sign * self._rates[r][k]
@@ -242,7 +242,7 @@ class Simplex:
         self._basic[r], self._nonbasic[k] = self._nonbasic[k], self._basic[r]
 
     def _drop(self, kept: Sequence[bool]) -> None:
-        """Leave out the nonbasic variables that are not kept: they do not move any more."""
+        """Remove the nonbasic variables that are not kept; they do not move any more."""
         if all(kept):
             return
         self._nonbasic = [x for x, keep in zip(self._nonbasic, kept, strict=True) if keep]
