@@ -1,4 +1,4 @@
-"""Priorities: what to give up first when a wrench is not attainable."""
+"""Priorities: which axes to serve first when a wrench is not attainable."""
 
 from __future__ import annotations
 
@@ -67,21 +67,21 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
     Raises
     ------
     ValueError
-        If an axis is missing, stands twice or is unknown, or a group is empty.
+        If an axis is missing, repeated or unknown, or a group is empty.
     """
     listed = [order] if isinstance(order, str) else order
     groups = [tuple(group.split() if isinstance(group, str) else group) for group in listed]
     flat = [axis for group in groups for axis in group]
     if len(set(flat)) < len(flat) or () in groups or not set(axes) <= set(flat) <= set(AXES):
         raise ValueError(
-            f'order: expected groups in which each of {", ".join(axes)} stands once, got {order}'
+            f'order: expected groups that name each of {", ".join(axes)} once, got {order}'
         )
     kept = (tuple(axis for axis in group if axis in axes) for group in groups)
     return tuple(group for group in kept if group)
 
 
 def sensed(groups: Sequence[Sequence[str]], reversal: str) -> list[str]:
-    """Return the axes that are not to be reversed if lesser ones can prevent it.
+    """Return the axes whose sense has priority over the amounts of less important axes.
 
     Parameters
     ----------
@@ -98,22 +98,23 @@ def sensed(groups: Sequence[Sequence[str]], reversal: str) -> list[str]:
 
 
 class Prioritization:
-    """Serve groups of axes in their order, and reverse no axis that a lesser one can pay for.
+    """Serve groups of axes in the order of their priority.
 
-    These quantities are served one after the other, each as far as those before it allow:
+    Three steps serve the axes one after the other, each as far as the steps before it allow:
 
-    1. the first group: on the straight line from the reference to its demand, as far as possible;
-    2. the sense of the other axes, in their order: each is between its reference and its demand,
-       or as near to that as possible, so that it is not reversed, exceeded or moved without
-       demand (`reversal`);
-    3. the amount of each other group: as near to its demand as possible.
+    1. The first group moves on the straight line from the reference to its demand, as far as
+       possible.
+    2. Each other axis is brought between its reference and its demand, or as near to that range
+       as possible, in the order of the axes.  Thus it is not reversed, not exceeded, and not moved
+       without a demand.  `reversal` chooses the axes of this step.
+    3. Each other group comes as near to its demand as possible.
 
-    An axis is lost if it cannot be at its reference while the axes before it are at theirs, such
-    as the yaw of a hexarotor that lost a rotor.  Step 2 leaves lost axes out.
+    An axis is lost if it cannot be at its reference while the more important axes are at theirs,
+    such as the yaw of a hexarotor without one rotor.  Step 2 omits lost axes.
 
-    Every step is a linear program over the thrusts.  What is served is continuous in the demand.
-    In step 3 the axes of a group first get the same share of their demands, as great as possible,
-    and then, in their order, what else is possible.
+    Every step is a linear program over the thrusts.  The result is continuous in the demand.  In
+    step 3 all axes of a group first get the same share of their demands, as large as possible.
+    Then each axis gets what remains possible, in their order.
 
     Parameters
     ----------
@@ -123,9 +124,9 @@ class Prioritization:
     reference : (m,) array, optional
         By default hover [N, N m].
     reversal : 'prevent', 'avoid' or 'allow'
-        The axes of step 2.  'prevent': all but thrust, which pays for the sense of the others as
-        much as that takes.  'avoid': thrust too, which then pays only with what lies between its
-        demand and its reference.  'allow': none.
+        The axes of step 2.  'prevent': all but thrust, so that thrust deviates from its demand as
+        far as the others need.  'avoid': thrust too, so that it deviates no further than to its
+        reference.  'allow': none.
     begin : (m,) array, optional
         Attainable wrench where the line of step 1 begins.  By default it is the reference, moved
         towards the middle of the set if that is outside the set or near its boundary.

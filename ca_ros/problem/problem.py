@@ -1,4 +1,4 @@
-"""The control allocation problem: the data by which every allocator is judged."""
+"""The control allocation problem: the data that every allocator and every check uses."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
 
 ABSURD = 1e100
-"""Beyond this a number is an error in the caller, and its square would not be finite [N, N m]."""
+"""Greatest number that a wrench may have; larger ones are errors of the caller [N, N m]."""
 
 
 HOVER_ROUNDING = 1e-12
-"""Share of the way from the middle of the set by which hover has to be inside."""
+"""Distance of hover to the boundary that counts as inside, as a share of the range."""
 
 
 def lengths(vectors: Array) -> Array:
-    """Return the Euclidean lengths (...) of vectors (..., m); for short ones the fastest."""
+    """Return the Euclidean lengths (...) of vectors (..., m), faster than NumPy for short ones."""
     if vectors.ndim == 1:
         return np.sqrt(vectors.dot(vectors))
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
@@ -36,8 +36,8 @@ def lengths(vectors: Array) -> Array:
 class AllocationProblem:
     """Find f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
 
-    It is judged by its mathematics alone: a vehicle that allocators would refuse, since it cannot
-    command every axis or hover, is a problem all the same.
+    A problem needs no audit: it may also be made of a vehicle that allocators refuse because it
+    cannot command every axis or hover.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class AllocationProblem:
 
     @cached_property
     def simplex(self) -> Simplex:
-        """Thrusts and wrench, counted from their middles in units of `half_range` and `extent`.
+        """The simplex method with thrusts and axes, relative to their middles and half ranges.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class AllocationProblem:
         """Whether hover is inside the admissible set, not on its boundary."""
         if not self.spans:
             return False
-        # Thrusts off their bounds may all change a little, and with them the wrench.
+        # If all thrusts can change a little in both directions, so can the wrench.
         room = 2.0 * HOVER_ROUNDING * self.half_range
         thrusts = self.least_norm.unbounded(self.hover)
         if np.all((self.lower + room < thrusts) & (thrusts < self.upper - room)):
@@ -131,7 +131,7 @@ class AllocationProblem:
         return self.least_norm.solve(u, float(self.tolerance(u))).attained
 
     def attains_unbounded(self, u: Array) -> bool:
-        """Tell whether the pseudo-inverse gives thrusts for a wrench (m,) within the bounds."""
+        """Tell whether the pseudo-inverse of a wrench (m,) satisfies the bounds."""
         thrusts = self.least_norm.unbounded(u)
         return bool((thrusts == self.clip(thrusts)).all())
 
@@ -150,7 +150,7 @@ class AllocationProblem:
 
     @property
     def facet_choices(self) -> int:
-        """Number of choices of m - 1 rotors, among which the facets of `image` are."""
+        """Number of choices of m - 1 rotors; each may span a facet of `image`."""
         return comb(len(self.lower), len(self.axes) - 1)
 
     @cached_property
@@ -162,7 +162,7 @@ class AllocationProblem:
         """Return the error of a problem whose admissible set has no volume."""
         return ValueError(
             'the admissible set has no volume: the rotors cannot command '
-            f'{", ".join(self.axes)} independently (ca_ros.audit tells which they can)'
+            f'{", ".join(self.axes)} independently (ca_ros.audit says which)'
         )
 
     @cached_property
@@ -212,7 +212,7 @@ class AllocationProblem:
 
     def residual(self, demands: Array, thrusts: Array) -> Array:
         """Return demands (..., m) minus the wrenches that thrusts (..., n) give [N, N m]."""
-        # The last digits of a matrix product depend on the number of wrenches; these do not.
+        # Unlike a matrix product, einsum gives the same digits for any number of wrenches.
         return demands - np.einsum('...j,kj->...k', thrusts, self.gamma)
 
     def violation(self, thrusts: Array) -> Array:
@@ -220,7 +220,7 @@ class AllocationProblem:
         return np.abs(thrusts - self.clip(thrusts)).max(axis=-1)
 
     def least(self, multipliers: Array) -> Array:
-        """Return the least-norm thrusts (..., n) that multipliers (..., m) stand for [N]."""
+        """Return the least-norm thrusts (..., n) for multipliers (..., m) [N]."""
         return self.clip(multipliers @ self.gamma)
 
     def tolerance(self, u: Array) -> Array:
