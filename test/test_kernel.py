@@ -1,6 +1,8 @@
 """The kernel in C against the NumPy implementation, and against hostile input."""
 
+import copy
 import os
+import pickle
 
 import numpy as np
 import pytest
@@ -189,6 +191,25 @@ def test_arrays_of_another_kind_are_refused(array):
     kernel = kernel_of(AllocationProblem(HEXAROTOR))
     with pytest.raises((TypeError, ValueError, BufferError)):
         kernel.allocate(array, np.empty(6))
+
+
+def test_a_kernel_without_a_problem_says_so():
+    kernel = load().__new__(load())
+    for use in (lambda: kernel.allocate(np.empty(4), np.empty(6)),
+                lambda: kernel.allocate_batch(*[np.empty(0)] * 4, None),
+                lambda: kernel.margin(np.empty(4))):
+        with pytest.raises(ValueError, match='no problem'):
+            use()
+
+
+@pytest.mark.parametrize(
+    'twin', [copy.copy, copy.deepcopy, lambda a: pickle.loads(pickle.dumps(a))])
+def test_copies_give_the_same_answers(twin):
+    allocator = make_allocator('exact', HEXAROTOR, policy='scale', about=[12.0, 0.1, 0.0, 0.0])
+    for u in ([9.81, 0.1, 0.0, 0.0], [9.81, 3.0, 1.0, 0.2]):
+        one, other = allocator.allocate(u), twin(allocator).allocate(u)
+        np.testing.assert_array_equal(one.thrusts, other.thrusts)
+        assert (one.status, one.level) == (other.status, other.level)
 
 
 def test_a_wrong_choice_of_the_engine_is_named(monkeypatch):

@@ -135,7 +135,7 @@ class Exact(Allocator):
         ):
             check(name, value, self.parameters)
         self.policy, self.order, self.reversal, self.about = policy, order, reversal, about
-        self.slack = slack
+        self.slack, self.solver = slack, solver
         problem = self.problem
         self._n = problem.n
         groups = groups_of(ORDER if order is None else order, problem.axes)
@@ -153,6 +153,11 @@ class Exact(Allocator):
         self._engine = (
             kernel_for(kernel, *options) if kernel else NumpyEngine(*options, solver == 'osqp')
         )
+
+    def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:
+        # The kernel cannot be copied; its set-up takes microseconds.
+        options = (self.policy, self.order, self.about, self.solver, self.reversal, self.slack)
+        return type(self), (self.problem, *options)
 
     @cached_property
     def admissible(self) -> AdmissibleSet:

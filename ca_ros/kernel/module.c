@@ -23,6 +23,14 @@ typedef struct {
     ca_problem problem;
 } kernel;
 
+/* Whether `__init__` has set up a problem; raises a ValueError if not. */
+static int ready(const kernel *self)
+{
+    if (self->problem.n == 0)
+        PyErr_SetString(PyExc_ValueError, "this Kernel has no problem: its set-up failed");
+    return self->problem.n > 0;
+}
+
 /* Get a contiguous buffer of `count` numbers, or of a multiple of it if `rows` is given. */
 static int get(PyObject *object, Py_buffer *view, char format, Py_ssize_t count, Py_ssize_t *rows,
                int writable)
@@ -58,6 +66,8 @@ PyDoc_STRVAR(allocate_doc,
 static PyObject *allocate(kernel *self, PyObject *const *arguments, Py_ssize_t count)
 {
     Py_buffer u, thrusts;
+    if (!ready(self))
+        return NULL;
     if (count != 2) {
         PyErr_SetString(PyExc_TypeError, "expected u and thrusts");
         return NULL;
@@ -90,6 +100,8 @@ static PyObject *allocate_batch(kernel *self, PyObject *const *arguments, Py_ssi
     Py_buffer views[5];
     Py_ssize_t rows = -1;
     int taken = 0;
+    if (!ready(self))
+        return NULL;
     if (count != 5) {
         PyErr_SetString(PyExc_TypeError, "expected wrenches, thrusts, status, levels and work");
         return NULL;
@@ -129,7 +141,7 @@ static PyObject *margin(kernel *self, PyObject *wrench)
 {
     Py_buffer u;
     ca_real distance;
-    if (!get(wrench, &u, FORMAT, self->problem.m, NULL, 0))
+    if (!ready(self) || !get(wrench, &u, FORMAT, self->problem.m, NULL, 0))
         return NULL;
     Py_BEGIN_ALLOW_THREADS
     distance = ca_margin(&self->problem, u.buf);
