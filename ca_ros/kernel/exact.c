@@ -1,7 +1,7 @@
 /* Set-up, allocation, and the queries of exact.h. */
 #include "numbers.h"
 
-/* Part of an axis that is independent of those before it, below which there is no volume. */
+/* Share of an axis that is independent of the other axes, below which the set has no volume. */
 #define INDEPENDENT CA_CHOOSE(1e-9, 1e-5)
 
 static int is_finite(ca_real x)
@@ -9,8 +9,8 @@ static int is_finite(ca_real x)
     return ca_abs(x) <= CA_ABSURD;
 }
 
-/* Orthonormal columns that span the rows of Gamma: Gamma^T = basis R by Gram and Schmidt, twice.
- * With `ranges`, of Gamma times the ranges of the thrusts. Returns 0 if the rows are dependent. */
+/* Orthonormal columns that span the rows of Gamma, or of Gamma times the ranges of the thrusts:
+ * Gamma^T = basis R by the Gram-Schmidt method, twice. Returns 0 if the rows are dependent. */
 static int span(ca_problem *p, int ranges)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
@@ -118,7 +118,7 @@ int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *
               const ca_real *upper, const ca_options *options)
 {
     const int fault = prepare(p, n, m, gamma, lower, upper, options);
-    /* A problem that is none has neither rotors nor axes. */
+    /* After an error the problem has no rotors and no axes. */
     if (fault)
         *p = (ca_problem){0};
     return fault;
@@ -156,7 +156,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
             return answer;
     }
     if (served.reached) {
-        /* The simplex reaches u: it is attainable, though the thrusts came near it only. */
+        /* u is attainable according to the simplex method, but the thrusts miss it. */
         ca_real least[CA_N], left;
         for (int i = 0; i < n; i++)
             least[i] = thrusts[i];
@@ -210,8 +210,8 @@ void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
     }
 }
 
-/* A unit vector normal to m - 1 scaled generators, by elimination with full pivoting; 0 if they
- * are not independent. */
+/* A unit vector normal to m - 1 columns of Gamma, by elimination with full pivoting. Returns 0 if
+ * the columns are dependent. */
 static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
 {
     const int m = CA_AXES(p);
@@ -265,7 +265,7 @@ static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
             sum -= rows[r][k] * solution[k];
         solution[r] = sum / rows[r][r];
     }
-    /* In the units of the wrench again. */
+    /* Back to the units of the wrench. */
     for (int k = 0; k < m; k++)
         normal[axis[k]] = solution[k] / p->extent[axis[k]];
     const ca_real length = ca_length(m, normal);

@@ -2,18 +2,19 @@
  *
  *     minimise |f|^2   subject to   Gamma f = u,   lower <= f <= upper
  *
- * f are the thrusts of n rotors [N], u is a wrench of m axes [N, N m]. For a wrench that no thrusts
- * within the bounds give, a policy chooses an attainable one. docs/exact.md and docs/priorities.md
- * explain the methods; equation numbers are those of "Evaluation of Control Allocation Methods for
+ * f are the thrusts of n rotors [N], u is a wrench of m axes [N, N m]. If no thrusts within the
+ * bounds produce u, a policy chooses an attainable wrench. docs/exact.md and docs/priorities.md
+ * explain the methods. The equation numbers are those of "Evaluation of Control Allocation Methods for
  * Multirotor Aerial Vehicles".
  *
- * The library allocates no memory and keeps no state: an answer depends on the problem and the
- * wrench alone. Every loop has a bound.
+ * The library allocates no memory and keeps no state. A result depends only on the problem and the
+ * wrench. Every loop has a bound.
  */
 #ifndef CA_ROS_KERNEL_EXACT_H
 #define CA_ROS_KERNEL_EXACT_H
 
-/* Greatest numbers of rotors and axes: for one vehicle, define them as its numbers. */
+/* Maximum numbers of rotors and axes. For a single vehicle, define them as its numbers; if all
+ * problems have these numbers, define CA_FIXED too, which makes the code faster. */
 #ifndef CA_N
 #define CA_N 32
 #endif
@@ -29,15 +30,15 @@ typedef double ca_real;
 #endif
 
 enum ca_status {
-    CA_EXACT = 0,       /* the wrench is given, to rounding */
-    CA_PRIORITIZED = 1, /* unattainable; the axes were served in the order of their priority */
-    CA_SCALED = 2,      /* unattainable; its direction from the reference was kept */
-    CA_INEXACT = 3,     /* an iteration came to its bound: the thrusts give something near */
-    CA_REJECTED = 4,    /* unattainable, and the policy is to reject; thrusts at lower bounds */
-    CA_INVALID = 5      /* the wrench is not finite or absurd; thrusts at lower bounds */
+    CA_EXACT = 0,       /* the thrusts produce the wrench, up to rounding */
+    CA_PRIORITIZED = 1, /* unattainable: axes served in the order of their priority */
+    CA_SCALED = 2,      /* unattainable: scaled towards the reference */
+    CA_INEXACT = 3,     /* an iteration reached its bound: the wrench is approximate */
+    CA_REJECTED = 4,    /* unattainable, policy reject: thrusts at their lower bounds */
+    CA_INVALID = 5      /* not finite or too large: thrusts at their lower bounds */
 };
 
-/* What `ca_set_up` returns. */
+/* Results of `ca_set_up`. */
 enum ca_fault {
     CA_SOUND = 0,
     CA_BAD_SIZE = 1,    /* n or m out of range */
@@ -46,20 +47,20 @@ enum ca_fault {
     CA_BAD_ORDER = 4    /* the priorities do not name each axis once, group by group */
 };
 
-/* What to do about an unattainable wrench, and how fast rotors turn. */
+/* What to do with an unattainable wrench. */
 typedef struct {
     int policy;              /* CA_PRIORITIZED, CA_SCALED or CA_REJECTED */
     int order[CA_M];         /* axes, the most important first */
-    int group[CA_M];         /* group of each entry of `order`: 0, and up by 0 or 1 from one to the
-                                next; axes of one group are served together */
-    int keep_sense[CA_M];    /* per axis: nonzero if lesser amounts must not reverse it */
-    ca_real reference[CA_M]; /* where demands are counted from: hover [N, N m] */
-    int on_reference;        /* nonzero if lines begin at the reference, which is attainable */
-    ca_real slack;           /* by how much of max(1, |u|) an attainable wrench may be missed where
-                                facets of the admissible set are almost parallel */
+    int group[CA_M];         /* group of each entry of `order`, in ascending order from 0; the axes
+                                of one group are served together */
+    int keep_sense[CA_M];    /* per axis: nonzero if less important axes must not reverse it */
+    ca_real reference[CA_M]; /* the wrench from which demands are counted: hover [N, N m] */
+    int on_reference;        /* nonzero if the reference is attainable, and lines begin there */
+    ca_real slack;           /* greatest error of an attainable wrench near almost parallel facets
+                                of the admissible set, as a share of max(1, |u|) */
 } ca_options;
 
-/* The problem as `ca_set_up` prepares it: constant data, which may lie in flash.
+/* The prepared problem. It is constant data, and may be in flash.
  * X(type, name, dimensions) */
 #define CA_FIELDS(X) \
     X(int, n, )                             /* number of rotors */ \
@@ -82,8 +83,8 @@ typedef struct {
     X(int, keep_sense, [CA_M]) \
     X(ca_real, reference, [CA_M]) \
     X(ca_real, begin, [CA_M])               /* where the line of the first group begins, scaled */ \
-    X(int, on_reference, )                  /* whether that is the reference */ \
-    X(int, basic, [CA_M])                   /* the simplex at the beginning of the line */ \
+    X(int, on_reference, )                  /* whether it begins at the reference */ \
+    X(int, basic, [CA_M])                   /* the simplex dictionary at this point */ \
     X(int, nonbasic, [CA_N]) \
     X(ca_real, rates, [CA_M][CA_N]) \
     X(ca_real, thrust_value, [CA_N])        /* its variables: thrusts and axes, scaled */ \
@@ -98,12 +99,12 @@ typedef struct {
 } ca_problem;
 #undef CA_MEMBER
 
-/* What became of a wrench. */
+/* The result of an allocation, besides the thrusts. */
 typedef struct {
     int status;    /* enum ca_status */
-    ca_real level; /* least share of its demand that an axis got, counted from the reference */
-    int steps;     /* Newton steps and corrections that were taken */
-    int pivots;    /* moves of the simplex method that were taken */
+    ca_real level; /* smallest share of its demand that an axis got, from the reference */
+    int steps;     /* Newton steps and corrections */
+    int pivots;    /* pivots of the simplex method */
 } ca_answer;
 
 /* Prepare a problem. `gamma` has m rows of n numbers; returns an enum ca_fault. */
@@ -120,8 +121,8 @@ void ca_residual(const ca_problem *problem, const ca_real *u, const ca_real *thr
 /* The active set, active[n]: -1 at the lower bound, +1 at the upper bound, 0 between them. */
 void ca_active_set(const ca_problem *problem, const ca_real *thrusts, signed char *active);
 
-/* Signed distance of u to the boundary of the admissible set, positive inside [N, N m]. It looks
- * at all choices of m - 1 rotors: for a few rotors fast, for many not. */
+/* Signed distance of u from the boundary of the admissible set, positive inside [N, N m]. The
+ * function tests all choices of m - 1 rotors, which is slow for many rotors. */
 ca_real ca_margin(const ca_problem *problem, const ca_real *u);
 
 /* Rotor speeds [rad/s] of thrusts [N], f = k w^2, within speed_min and speed_max, Eq. (11). */

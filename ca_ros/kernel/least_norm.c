@@ -1,37 +1,38 @@
 /* Least-norm thrusts within bounds, Eqs. (20)-(22), by a dual Newton method.
  *
- * The cost is separable, so for multipliers y of basis^T f = c the best thrusts are
- * f(y) = clip(basis y), and what is left is basis^T f(y) = c: piecewise linear, and the gradient
- * of a concave function, the dual. Newton's method starts at the pseudo-inverse, y = c, takes the
- * rotors between their bounds for free, and searches exactly along each step.
+ * The cost is separable, so for given multipliers y of basis^T f = c the optimal thrusts are
+ * f(y) = clip(basis y). The remaining equation basis^T f(y) = c is piecewise linear, and it is the
+ * gradient of a concave function, the dual. Newton's method starts at the pseudo-inverse, y = c,
+ * treats the rotors between their bounds as free, and searches exactly along each step.
  */
 #include "numbers.h"
 
-/* Bounds of Newton's iteration: at first, and where the wrench is known to be attainable. */
+/* Bounds of Newton's iteration: for any wrench, and for a wrench known to be attainable. */
 #define ATTEMPT 10
 #define STEPS 50
-/* Number of steps along axes that no free rotor serves, after which u is likely unattainable. */
+/* Number of steps along axes that the free rotors do not span after which u is considered likely
+ * to be unattainable. */
 #define STRAYS 1
-/* Size of the free rotors' part of the basis below which an axis is not served. */
+/* Norm of a column of the free rows of the basis below which they do not span an axis. */
 #define FLAT CA_CHOOSE(1e-8, 1e-4)
-/* Least pivot of normal equations that are well conditioned. */
+/* Least pivot of well-conditioned normal equations. */
 #define WELL CA_CHOOSE(1e-2, 3e-2)
-/* Multipliers beyond this, in units of the greatest thrust, belong to facets almost parallel. */
+/* Multipliers above this, in units of the greatest thrust, indicate almost parallel facets. */
 #define STEEP CA_CHOOSE(2e4, 2e2)
-/* Multiple of STEEP at which a relaxed solution misses the wrench by all that it may. */
+/* Multiple of STEEP at which a relaxed solution uses the whole slack. */
 #define SOFT CA_REAL(0.05)
-/* Change of a thrust, in units of the greatest, that is not worth any slack. */
+/* Change of a thrust, in units of the greatest thrust, for which no slack is used. */
 #define SAME CA_CHOOSE(1e-7, 1e-4)
-/* Share of |y| up to which thrusts that y determines are uncertain. */
+/* Rounding error of thrusts that are computed from y, as a share of |y|. */
 #define ROUNDING CA_CHOOSE(16 * 2.2e-16, 16 * 1.2e-7)
-/* Uncertainty of thrusts at a change of the active set. */
+/* Difference of thrusts that counts as a change of the active set. */
 #define CHANGED CA_CHOOSE(1e-10, 1e-5)
 /* Share of the fastest rate below which a rotor does not move along a step. */
 #define STILL CA_CHOOSE(1e-12, 1e-6)
-/* Share of the greatest thrusts by which a sum along a step is uncertain. */
+/* Rounding error of a sum along a step, as a share of its terms. */
 #define SUM CA_CHOOSE(1e-14, 1e-6)
 
-/* A relaxed program has an actuator more for each axis: what may be missed of it. */
+/* A relaxed program has one more actuator for each axis: the error of the axis. */
 #define WIDE (CA_N + CA_M)
 
 typedef struct {
@@ -42,8 +43,8 @@ typedef struct {
     ca_real rate;                  /* of the actuators beyond n */
 } bounded_program;
 
-/* Q R of the rows of the basis that belong to free rotors, with the axes in the order of `axis`;
- * where they do not serve all axes, also P T of R^T. */
+/* The factors Q R of the free rows of the basis, with the columns in the order of `axis`. If the
+ * rows do not span all axes, also the factors P T of R^T. */
 typedef struct {
     int free, rank;
     int axis[CA_M];
@@ -121,8 +122,8 @@ static void factorize(const bounded_program *program, const int *free, int count
     }
 }
 
-/* Solve basis_F^T basis_F step = slopes without squaring its condition; change = basis_F step.
- * `away` is the part of slopes that no free rotor serves. */
+/* Solve basis_F^T basis_F step = slopes without squaring the condition number; change = basis_F
+ * step. `away` is the part of `slopes` that the free rows do not span. */
 static void solve_free(const qr_factors *f, int m, const ca_real *slopes, ca_real *step,
                        ca_real *change, ca_real *away)
 {
@@ -207,7 +208,7 @@ static int solve_normal(const bounded_program *program, const int *free, int fre
     ca_real h[CA_M][CA_M], inverse[CA_M] = {0};
     if (frees < m)
         return 0;
-    /* basis^T basis is 1: sum the fewer rows. */
+    /* basis^T basis is the identity, so either the free or the other rows can be summed. */
     const int few = bounds < frees, count = few ? bounds : frees;
     const int *rotors = few ? bound : free;
     const ca_real sign = few ? CA_REAL(-1) : CA_REAL(1);
@@ -279,8 +280,8 @@ static ca_real excess(const search_line *line, ca_real t, ca_real goal)
     return sum - goal;
 }
 
-/* Return t >= 0 at which the excess is zero. `short_of` is how much is missing where all that can
- * move is moved: a wrench with such a gap is unattainable. */
+/* Return t >= 0 at which the excess is zero. If every rotor reaches a bound before that,
+ * `short_of` is the remaining gap: the wrench is unattainable. */
 static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *rates, ca_real goal,
                       ca_real *short_of)
 {
@@ -295,7 +296,7 @@ static ca_real search(const bounded_program *program, const ca_real *z, const ca
     line.corner[0] = 0;
     for (int i = 0; i < program->count; i++) {
         const ca_real size = ca_abs(rates[i]);
-        /* The corner of a rotor that is still up to rounding would be nowhere near. */
+        /* The corner of a rotor that moves only by rounding would be far away. */
         if (!(size > STILL * fastest))
             continue;
         const ca_real lower = program->lower[i], upper = program->upper[i];
@@ -316,8 +317,8 @@ static ca_real search(const bounded_program *program, const ca_real *z, const ca
         rounding += size * ca_max(ca_abs(lower), ca_abs(upper));
     }
     rounding *= SUM;
-    /* At the boundary of the admissible set the goal is reached for good at a corner, to rounding:
-     * the search ends there. `low` is a corner before the goal, `high` one at or after it. */
+    /* On the boundary of the admissible set the goal is reached at a corner and kept beyond it: the
+     * search ends at the corner. `low` is a corner before the goal, `high` one at or after it. */
     low = -1;
     high = corners;
     ca_real before = 0, after = 0;
@@ -349,9 +350,9 @@ static void copy(int count, const ca_real *from, ca_real *to)
 }
 
 /* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. Returns
- * the least residual that was met, with its thrusts and multipliers. With `early` it ends when u is
- * proven or likely to be unattainable; then it leaves the thrusts open, and another iteration can
- * go on from the multipliers. */
+ * the least residual of all iterates, with its thrusts and multipliers. With `early` it stops when u
+ * is proven or likely to be unattainable. Then the thrusts are not set, and another iteration can
+ * continue from the multipliers. */
 static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real tolerance,
                        int start, int early, int bound, ca_real *thrusts, ca_real *multipliers,
                        int *steps)
@@ -386,7 +387,7 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
             if (residual <= tolerance)
                 break;
         }
-        /* As many rotors as axes leave one solution. */
+        /* With as many rotors as axes there is only one solution. */
         if (early && count == m)
             break;
 
@@ -403,9 +404,9 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
             ca_real missed[CA_M];
             factorize(program, free, frees, &factors);
             solve_free(&factors, m, slopes, step, change, away);
-            /* Along an axis that no free rotor serves, what is left is either rounding, to be
-             * ignored, or a reason to go that way alone: the search ends where the next rotor
-             * comes free. */
+            /* Along an axis that the free rotors do not span, the residual is either a rounding
+             * error, which is ignored, or the step goes along this axis until the next rotor
+             * becomes free. */
             multiply(m, problem->back, away, missed);
             astray = factors.rank < m && ca_length(m, missed) > CA_REAL(0.8) * tolerance;
             if (astray && early && ++strays > STRAYS)
@@ -413,8 +414,8 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
             multiply_basis(program, step, rates);
         }
         if (!astray) {
-            /* If the step leaves the active set as it is, this is the answer. The thrusts
-             * themselves lose fewer digits in it than y, which may be large. */
+            /* If the step does not change the active set, it ends at the solution. Adding the step
+             * to the thrusts loses fewer digits than adding it to y, which may be large. */
             ca_real after[CA_M], greatest = 0, change_of_set = 0;
             for (int k = 0; k < m; k++)
                 after[k] = y[k] + step[k];
@@ -460,7 +461,7 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
         if (!(advance > 0))
             break;
         if (early && short_of > 0) {
-            /* The plane normal to `way` has all attainable wrenches on one side: how far is u? */
+            /* All attainable wrenches are on one side of a plane. Compute the distance of u. */
             ca_real normal[CA_M];
             for (int k = 0; k < m; k++) {
                 normal[k] = 0;
@@ -512,7 +513,7 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
     return least;
 }
 
-/* Where the multipliers y are large, miss u by up to the slack in favour of smaller thrusts. */
+/* If the multipliers y are large, allow an error of u up to the slack for smaller thrusts. */
 static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
                   const ca_real *y, int *steps)
 {
@@ -521,7 +522,7 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
     const ca_real slack = problem->slack * ca_max(1, ca_length(m, u));
     if (!(tolerance < slack && ca_length(m, y) > steep))
         return;
-    /* What may be missed of u is a further actuator for each axis. */
+    /* One more actuator for each axis stands for its error. */
     ca_real basis[WIDE][CA_M], lower[WIDE], upper[WIDE], f[WIDE], multipliers[CA_M];
     ca_real norm = 0, difference = 0;
     for (int k = 0; k < m; k++)
@@ -542,7 +543,7 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
     }
     const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper, rate};
     iterate(&relaxed, u, tolerance / 2, 0, 0, STEPS, f, multipliers, steps);
-    /* On the boundary multipliers may be large, and the thrusts the same without slack. */
+    /* On the boundary multipliers may be large although slack changes nothing. */
     for (int i = 0; i < n; i++)
         difference = ca_max(difference, ca_abs(f[i] - thrusts[i]));
     if (difference > SAME * problem->greatest)
@@ -581,7 +582,7 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
     ca_real change[CA_N];
     int free[CA_N], frees = 0;
     qr_factors factors;
-    /* Thrusts that are held need no multipliers: without them these are small. */
+    /* With the held thrusts fixed, the multipliers are small. */
     for (int i = 0; i < n; i++) {
         lower[i] = served->held[i] ? served->thrusts[i] : problem->lower[i];
         upper[i] = served->held[i] ? served->thrusts[i] : problem->upper[i];
@@ -605,7 +606,7 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
         iterate(&face, served->wrench, tolerance / 2, 1, 0, STEPS, thrusts, y, steps);
     if (residual <= tolerance)
         return residual;
-    /* Near a corner of the face: these give the wrench as well, though they may not be least. */
+    /* Fall back to the thrusts of the simplex method, which may not have the least norm. */
     for (int i = 0; i < n; i++)
         thrusts[i] = served->thrusts[i];
     ca_residual(problem, served->wrench, thrusts, left);

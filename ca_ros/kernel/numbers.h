@@ -1,4 +1,4 @@
-/* What the files of the library share. */
+/* Constants and functions that the files of the library share. */
 #ifndef CA_ROS_KERNEL_NUMBERS_H
 #define CA_ROS_KERNEL_NUMBERS_H
 
@@ -21,7 +21,7 @@
 #define CA_CHOOSE_INT(in_double, in_float) (in_double)
 #endif
 
-/* With CA_FIXED all problems have CA_N rotors and CA_M axes: loops of constant length are faster. */
+/* With CA_FIXED all problems have CA_N rotors and CA_M axes, and loops have constant lengths. */
 #ifdef CA_FIXED
 #define CA_ROTORS(problem) ((void)(problem), CA_N)
 #define CA_AXES(problem) ((void)(problem), CA_M)
@@ -32,7 +32,7 @@
 
 /* Residual of an exact allocation, relative to max(1, |u|). */
 #define CA_TOLERANCE CA_CHOOSE(1e-12, 1e-5)
-/* Beyond this, a number is an error of the caller, and its square might not be finite. */
+/* Greatest number of a wrench or a problem. Its square is finite. */
 #define CA_ABSURD CA_CHOOSE(1e100, 1e12)
 
 static inline ca_real ca_min(ca_real a, ca_real b) { return a < b ? a : b; }
@@ -56,25 +56,25 @@ static inline ca_real ca_length(int count, const ca_real *a)
     return ca_sqrt(ca_dot(count, a, a));
 }
 
-/* What is served of a demand. */
+/* The attainable wrench that is served for a demand. */
 typedef struct {
     ca_real wrench[CA_M];  /* attainable */
-    ca_real thrusts[CA_N]; /* some that give it */
-    int held[CA_N];        /* nonzero if all that give it have this thrust at its bound */
-    int unique;            /* whether these thrusts are the only ones */
-    int least;             /* whether they are the least */
-    int almost_parallel;   /* whether some are held by a facet that is almost parallel to another */
-    int reached;           /* whether the wrench is the demand, up to rounding */
-    ca_real level;         /* least share of its demand that an axis got */
+    ca_real thrusts[CA_N]; /* thrusts that produce it */
+    int held[CA_N];        /* nonzero if a thrust is at its bound in all solutions */
+    int unique;            /* whether there is only one solution */
+    int least;             /* whether the thrusts have the least norm */
+    int almost_parallel;   /* whether the facet is almost parallel to another one */
+    int reached;           /* whether the wrench equals the demand, up to rounding */
+    ca_real level;         /* smallest share of its demand that an axis got */
 } ca_served;
 
-/* Work out where lines begin; the fields before `begin` are set already. */
+/* Set `begin` and the fields after it. */
 void ca_priorities_set_up(ca_problem *problem, int on_reference);
 void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *served, int *pivots,
                    int *steps);
 
-/* Least thrusts for u; they return |u - Gamma f| and count their steps. `attempt` gives up when u
- * is proven or likely to be unattainable, with multipliers y at which `least_norm` may start. */
+/* Least-norm thrusts for u. The functions return |u - Gamma f| and count their steps. `attempt`
+ * stops when u is proven or likely to be unattainable; `least_norm` can continue from its y. */
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
                    ca_real *thrusts, ca_real *y, int *steps);
 ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance, int start,
@@ -82,7 +82,7 @@ ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real toler
 ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served,
                               ca_real tolerance, ca_real *thrusts, int *steps);
 
-/* Let the rotors between their bounds make up for what rounding has left of u. */
+/* Remove the rounding error of u by the rotors between their bounds. */
 ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
                   int *steps);
 

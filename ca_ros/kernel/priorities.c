@@ -1,20 +1,20 @@
-/* Priorities: what to serve of a wrench that is not attainable.
+/* Priorities: which wrench to serve if the demand is not attainable.
  *
- * Groups of axes are served one after the other, each as far as those before it allow. Every step
- * is a linear program over the thrusts, solved by the simplex method for bounded variables: the
- * variables are thrusts x in -1 ... 1 and axes y = A x, scaled, and the state is a dictionary, m
- * basic variables as linear functions of the others. All variables are within their bounds at all
- * times, and a push moves one of them as far towards its goal as the others allow.
+ * Groups of axes are served one after the other, each as far as the groups before it allow. Each
+ * step is a linear program over the thrusts, solved by the simplex method for bounded variables.
+ * The variables are thrusts x between -1 and 1 and axes y = A x, scaled. The state is a dictionary:
+ * m basic variables as linear functions of the nonbasic ones. All variables always satisfy their
+ * bounds. A push moves one variable towards its goal, as far as the bounds of the others allow.
  */
 #include "numbers.h"
 
-/* Rate below which a variable does not depend on another; all are of the order of 1. */
+/* Rate below which a variable does not depend on another; rates are of the order of 1. */
 #define ZERO CA_CHOOSE(1e-8, 1e-5)
 /* Rate below which it is a rounding error. */
 #define NOISE CA_CHOOSE(1e-13, 1e-5)
-/* How far variables may be beyond their bounds because of rounding. */
+/* Distance by which rounding may move a variable out of its bounds. */
 #define SLACK CA_CHOOSE(1e-12, 1e-6)
-/* Rate below which a variable does not come to its bound. */
+/* Rate below which a variable does not block a move. */
 #define STILL CA_CHOOSE(1e-9, 1e-5)
 /* Bound of the pivots of one push, per variable. */
 #define PIVOTS_PER_VARIABLE 8
@@ -26,13 +26,13 @@
 #define LAG CA_REAL(1e-3)
 /* Least weight of an axis in its group, relative to the greatest. */
 #define LAG_RATIO CA_REAL(1e-6)
-/* Multiple of the simplex's doubt by which a demand may be missed and count as served. */
+/* Multiple of the doubt of the simplex method up to which an error of a demand is ignored. */
 #define DOUBT CA_REAL(10)
 
-/* Rate below which a thrust is nearly free in the facet that holds it at its bound. */
+/* Rate below which two facets are almost parallel. */
 #define PARALLEL CA_REAL(1e-3)
 
-/* A group of several axes that is not the first adds a variable, and two with each of its axes. */
+/* Each later group of several axes adds one variable, and two more for each of its axes. */
 #define ROWS (3 * CA_M)
 #define COLUMNS (CA_N + CA_M)
 #define VARIABLES (CA_N + CA_M + 1 + 3 * CA_M)
@@ -42,10 +42,10 @@ typedef struct {
     int basic[ROWS], nonbasic[COLUMNS];
     ca_real rates[ROWS][COLUMNS];
     ca_real value[VARIABLES], lower[VARIABLES], upper[VARIABLES];
-    /* How much further variables might have been pushed, but for rounding. */
+    /* Bound of the distance that pushes may have missed because of rounding. */
     ca_real doubt;
     int pivots;
-    /* Whether a thrust has to be at its bound in all solutions, and the least rate that says so. */
+    /* Whether a thrust is at its bound in all solutions, and the least rate that proves it. */
     int held[CA_N];
     ca_real least_rate;
     int thrusts;
@@ -81,9 +81,9 @@ static void exchange(simplex *s, int r, int k)
     s->pivots++;
 }
 
-/* Move nonbasic variable k by `way`, or up to the first bound in it. Returns whether the way was
- * gone; `blocked` is the row whose variable came to its bound, or -1. The variable `target` does
- * not block, and if there is one, the bounds of k itself count. */
+/* Move nonbasic variable k by `way`, at most to the first bound that blocks it. Returns whether the
+ * move was completed; `blocked` is the row of the variable that blocks, or -1. The variable `target`
+ * does not block. If there is a target, the bounds of k itself do. */
 static int move(simplex *s, int k, ca_real way, int target, int *blocked)
 {
     const int x = s->nonbasic[k];
@@ -98,8 +98,8 @@ static int move(simplex *s, int k, ca_real way, int target, int *blocked)
             reached = 0;
         }
     }
-    /* Bounds may be missed by rounding, so that of those in the way the fastest variable, which
-     * makes the best pivot, is at its bound and not the first by rounding (Harris). */
+    /* Harris's ratio test: bounds may be exceeded by rounding errors, so that of the variables that
+     * block almost together the fastest one, the best pivot, leaves the basis. */
     ca_real furthest = length;
     for (int r = 0; r < s->rows; r++) {
         const int v = s->basic[r];
@@ -161,7 +161,7 @@ static int push_away(simplex *s, int v, ca_real goal)
                                                                  : s->value[x] > s->lower[x])) {
                 best = ca_abs(rate);
                 k = j;
-                /* Later the first that moves v, not the fastest: so the method cannot cycle. */
+                /* Later take the first that moves v, not the fastest, to prevent cycles. */
                 if (pivot > s->count)
                     break;
             }
@@ -194,8 +194,8 @@ static int push_away(simplex *s, int v, ca_real goal)
     return 0;
 }
 
-/* Move variable v as far towards a goal as the bounds of all others allow; from then on it is
- * never further from the goal. Returns whether it is there. */
+/* Move variable v towards a goal, as far as the bounds of the others allow. Later pushes never move
+ * v away from the goal again. Returns whether v has reached the goal. */
 static int push(simplex *s, int v, ca_real goal)
 {
     const int reached = s->value[v] == goal || push_away(s, v, goal);
@@ -204,7 +204,7 @@ static int push(simplex *s, int v, ca_real goal)
     return reached;
 }
 
-/* Make variable v nonbasic, and keep it at its value. */
+/* Fix variable v at its value, and make it nonbasic. */
 static void release(simplex *s, int v)
 {
     const int r = find(s->rows, s->basic, v);
@@ -232,7 +232,8 @@ static int add(simplex *s, ca_real value, ca_real lower, ca_real upper)
     return s->count++;
 }
 
-/* Add the length of a way that nonbasic variables go together; they then move with it alone. */
+/* Add a variable, the distance that nonbasic variables move together along a line. From now on they
+ * move along the line only. */
 static int add_ray(simplex *s, int count, const int *variables, const ca_real *direction)
 {
     int kept = 0;
@@ -257,7 +258,7 @@ static int add_ray(simplex *s, int count, const int *variables, const ca_real *d
     return s->nonbasic[kept] = add(s, 0, 0, CA_INFINITY);
 }
 
-/* Add the greatest distance of some variables to their goals, in units of their weights. */
+/* Add a variable, the greatest weighted distance of some variables to their goals. */
 static int add_lag(simplex *s, int count, const int *variables, const ca_real *goals,
                    const ca_real *weights)
 {
@@ -276,7 +277,7 @@ static int add_lag(simplex *s, int count, const int *variables, const ca_real *g
             for (int k = 0; k < column; k++)
                 s->rates[row][k] = r >= 0 ? s->rates[r][k] : (ca_real)(s->nonbasic[k] == v);
             s->rates[row][column] = weight;
-            /* The variable with as much of the lag is at the goal or beyond, on either side. */
+            /* The variable plus its share of the lag is at the goal or beyond, on either side. */
             s->basic[row] = add(s, s->value[v] + weight * most, side ? -CA_INFINITY : goals[i],
                                 side ? goals[i] : CA_INFINITY);
         }
@@ -284,7 +285,7 @@ static int add_lag(simplex *s, int count, const int *variables, const ca_real *g
     return lag;
 }
 
-/* The simplex with which a line begins. */
+/* Restore the dictionary at the beginning of the line. */
 static void begin(const ca_problem *p, simplex *s)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
@@ -339,8 +340,8 @@ static int group_size(const ca_problem *p, int first)
     return size;
 }
 
-/* Serve a demand: goals, in units of the simplex. Returns the share of its line that the first
- * group went. */
+/* Serve a demand, given as scaled goals. Returns the share of the line that the first group moved
+ * along. */
 static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *reference,
                      int senses, simplex *s)
 {
@@ -432,7 +433,7 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
         p->thrust_value[i] = 0;
     }
     if (first > 1) {
-        /* The line begins at the reference, or where that is not well inside, before it. */
+        /* The line begins at the reference, or before it if the reference is not well inside. */
         ca_real direction[CA_M], size = 0, part = 1;
         int variables[CA_M] = {0};
         for (int i = 0; i < first; i++)
@@ -466,8 +467,8 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
             p->keep_sense[k] = 0;
 }
 
-/* Thrusts that are not held and not basic may be chosen. Where there is one, choose it so that the
- * thrusts are the least. Returns how many there are, 2 for more. */
+/* A thrust that is neither held nor basic can be chosen. If there is one such thrust, choose it so
+ * that the thrusts have the least norm. Returns the number of such thrusts, 2 for more. */
 static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p);
@@ -528,7 +529,7 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     served->least = choices < 2;
     for (int k = 0; k < m; k++)
         wrench[k] = p->center[k] + p->extent[k] * s.value[n + k];
-    /* Pivots of almost symmetric vehicles are small and cost digits. */
+    /* The small pivots of almost symmetric vehicles lose digits. */
     ca_residual(p, wrench, thrusts, missed);
     const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench)) / 2;
     if (ca_length(m, missed) > tolerance) {
