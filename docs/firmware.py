@@ -1,0 +1,248 @@
+"""Count the instructions of the exact allocator on an emulated microcontroller.
+
+Fills the table of docs/firmware.md.  The kernel, the clipped pseudo-inverse and the code that OSQP
+generates are compiled for a Cortex-M4F in single precision, and run by QEMU, which counts.  Needs
+gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm, and takes a quarter of an hour,
+most of it for OSQP.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from shutil import which
+
+import numpy as np
+import osqp
+from marks import filled
+from scipy import sparse
+
+import ca_ros
+from ca_ros.allocation.result import Status
+from ca_ros.arrays import Array
+from ca_ros.evaluation.benchmark.loads import boundary
+from ca_ros.evaluation.sampling import gauge
+from ca_ros.evaluation.tables import table
+from ca_ros.firmware.literals import braced
+from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.prioritization import ORDER, REVERSAL, groups_of, sensed
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.vehicle import Vehicle
+
+DOCS = Path(__file__).resolve().parent
+PAGE, PROGRAM = DOCS / 'firmware.md', DOCS / 'instructions.c'
+KERNEL = Path(ca_ros.__file__).parent / 'kernel'
+
+VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
+KINDS = ('inside', 'boundary', 'outside')
+METHODS = {
+    'clipped_pinv': 'clipped pseudo-inverse',
+    'kernel': 'kernel of `exact`',
+    'osqp': "OSQP's generated code",
+}
+CLOCK = 168e6
+"""Of a flight controller with an STM32F4 [Hz]."""
+
+COMPILER, EMULATOR = 'arm-none-eabi-gcc', 'qemu-system-arm'
+TOOLS = COMPILER, EMULATOR
+
+FLAGS = [
+    '-std=c99',
+    '-O2',
+    '-ffp-contract=off',
+    '-mcpu=cortex-m4',
+    '-mthumb',
+    '-mfloat-abi=hard',
+    '-mfpu=fpv4-sp-d16',
+    '-nostartfiles',
+    '-Wl,--entry=0,--section-start=.vectors=0,-Ttext=0x100,-Tdata=0x20000000',
+]
+
+EMULATION = [
+    *('-M', 'mps2-an386', '-nographic', '-monitor', 'none', '-serial', 'none'),
+    *('-icount', 'shift=6,sleep=off', '-semihosting-config', 'enable=on,target=native'),
+]
+
+
+def missing() -> list[str]:
+    """Return the tools that are not installed."""
+    return [tool for tool in TOOLS if which(tool) is None]
+
+
+def wrenches(problem: AllocationProblem, kind: str, size: int, seed: int = 0) -> Array:
+    """Draw wrenches (size, m): inside by volume, at the boundary, outside up to thrice as far."""
+    admissible, rng = AdmissibleSet(problem), np.random.default_rng(seed)
+    if kind == 'boundary':
+        return boundary(admissible, rng, size).astype(np.float32)
+    drawn = admissible.sample(rng, size)
+    if kind == 'outside':
+        shares = rng.uniform(1.0, 3.0, size) / gauge(admissible, drawn)
+        drawn = problem.center + (drawn - problem.center) * shares[:, None]
+    return drawn.astype(np.float32)
+
+
+def data(problem: AllocationProblem) -> str:
+    """Return the header with the vehicle's numbers and the default options."""
+    axes, n, m = problem.axes, problem.n, len(problem.axes)
+    groups = groups_of(ORDER, axes)
+    keeps = sensed(groups, REVERSAL)
+    options = (
+        f'{int(Status.PRIORITIZED)}',
+        braced([axes.index(axis) for group in groups for axis in group]),
+        braced([i for i, group in enumerate(groups) for _ in group]),
+        braced([int(axis in keeps) for axis in axes]),
+        braced(problem.hover, 'single'),
+        '0',
+        '1e-9f',
+    )
+    arrays = {
+        f'matrix[{m}][{n}]': problem.gamma,
+        f'inverse[{n}][{m}]': np.linalg.pinv(problem.gamma),
+        f'lower[{n}]': problem.lower,
+        f'upper[{n}]': problem.upper,
+    }
+    lines = [
+        f'static const float {name} __attribute__((unused)) = '
+        + braced(np.ravel(values), 'single')
+        + ';'
+        for name, values in arrays.items()
+    ]
+    return '\n'.join([*lines, f'#define OPTIONS {{{", ".join(options)}}}', ''])
+
+
+def generate_osqp(problem: AllocationProblem, folder: Path) -> list[str]:
+    """Write OSQP's embedded code for Eqs. (20)-(22); return its sources and include options."""
+    n, start = problem.n, problem.center
+    rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n)]))
+    ends = (np.concatenate([start, bounds]) for bounds in (problem.lower, problem.upper))
+    solver = osqp.OSQP()
+    solver.setup(sparse.identity(n, format='csc'), np.zeros(n), rows, *ends, verbose=False)
+    solver.codegen(str(folder), parameters='vectors', use_float=True, force_rewrite=True)
+    sources = [folder / 'workspace.c', *folder.glob('src/*.c')]
+    includes = (folder, folder / 'inc' / 'public', folder / 'inc' / 'private')
+    return [*map(str, sources), *(f'-I{path}' for path in includes)]
+
+
+def build(problem: AllocationProblem, method: str, kernel: Path, folder: Path) -> Path:
+    """Compile a method for a vehicle; return the program."""
+    (folder / 'data.h').write_text(data(problem), encoding='utf-8')
+    parts = [f'-I{folder}', f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
+    if method == 'kernel':
+        sources = (path for path in kernel.glob('*.c') if path.name != 'module.c')
+        parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{kernel}', *map(str, sources)]
+    elif method == 'osqp':
+        parts += ['-DCOUNT_OSQP', *generate_osqp(problem, folder / 'osqp')]
+    program = folder / f'{method}.elf'
+    subprocess.run(
+        [COMPILER, *FLAGS, str(PROGRAM), *parts, '-lm', '-o', str(program)], check=True
+    )
+    return program
+
+
+def run(program: Path, drawn: Array) -> Array:
+    """Run a program for wrenches (size, m); return instructions and status (size, 2)."""
+    load = program.with_suffix('.wrenches')
+    load.write_bytes(np.uint32(len(drawn)).tobytes() + drawn.tobytes())
+    device = f'loader,file={load},addr=0x21000000,force-raw=on'
+    done = subprocess.run(
+        [EMULATOR, *EMULATION, '-device', device, '-kernel', str(program)],
+        check=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    fault, *lines = done.stdout.splitlines()
+    if fault != '0' or len(lines) != len(drawn):
+        raise RuntimeError(f'{program.name}: {done.stdout[:200]!r}')
+    return np.array([line.split() for line in lines], dtype=np.int64)
+
+
+def count(
+    problem: AllocationProblem, methods: Sequence[str], size: int, kernel: Path = KERNEL
+) -> dict[tuple[str, str], Array]:
+    """Return the instructions (size,) of each call, by method and kind of wrenches."""
+    counts = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for method in methods:
+            program = build(problem, method, kernel, Path(folder))
+            for kind in KINDS:
+                counts[method, kind] = run(program, wrenches(problem, kind, size))
+    return counts
+
+
+def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, ...]]:
+    """Return the rows of the table for a vehicle."""
+    rows = []
+    base = counts['clipped_pinv', KINDS[0]][0, 0]
+    for (method, kind), found in counts.items():
+        if method == 'clipped_pinv' and kind != KINDS[0]:
+            # Each of its calls takes the same instructions.
+            continue
+        drawn = 'all' if method == 'clipped_pinv' else kind
+        values = float(np.median(found[:, 0])), int(found[:, 0].max())
+        row = [f'{value:,.0f}' for value in values]
+        row += [f'{value / base:,.1f}' for value in values]
+        time = f'{1e3 * values[1] / CLOCK:.3g}'
+        rows.append((f'`{name}`', METHODS[method], drawn, *row, time))
+    return rows
+
+
+def settings(size: int) -> str:
+    """Return how it was counted, in a sentence."""
+    versions = (
+        subprocess.run([tool, '--version'], check=True, stdout=subprocess.PIPE, text=True).stdout
+        for tool in TOOLS
+    )
+    compiler, emulator = (
+        re.search(r'\d+\.\d+\.\d+', re.sub(r'\(.*?\)', '', text, count=1))[0]
+        for text in versions
+    )
+    return (
+        f'{size:,} wrenches of each kind; GCC {compiler} with `-O2 -ffp-contract=off`, QEMU '
+        f'{emulator}, OSQP {version("osqp")} with its default settings (`eps_abs` and `eps_rel` '
+        f'of 1e-3, warm start). The times assume one instruction a cycle at {CLOCK / 1e6:.0f} MHz.'
+    )
+
+
+def main() -> None:
+    """Count; fill the page or print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--size', type=int, default=10_000, help='wrenches of each kind')
+    parser.add_argument('--kernel', type=Path, default=KERNEL, help='folder of its C files')
+    parser.add_argument(
+        '--count-only', action='store_true', help='print the table, without OSQP, fill no page'
+    )
+    arguments = parser.parse_args()
+    if missing():
+        parser.error(f'not installed: {", ".join(missing())}')
+    methods = [method for method in METHODS if method != 'osqp' or not arguments.count_only]
+    rows = []
+    for name in VEHICLES:
+        problem = AllocationProblem(Vehicle.load(name))
+        rows += rows_of(name, count(problem, methods, arguments.size, arguments.kernel))
+    titles = (
+        'vehicle',
+        'method',
+        'wrenches',
+        'median',
+        'worst',
+        'median, in pseudo-inverses',
+        'worst, in pseudo-inverses',
+        'worst [ms]',
+    )
+    content = table(titles, rows, words=3)
+    if arguments.count_only:
+        print(content)
+    else:
+        content += f'\n\n{settings(arguments.size)}'
+        page = PAGE.read_text(encoding='utf-8')
+        PAGE.write_text(filled(page, 'instructions', content), encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

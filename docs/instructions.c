@@ -1,0 +1,131 @@
+/* Counts the instructions of a method, per call, on an emulated Cortex-M4F (QEMU, mps2-an386).
+ *
+ * With `-icount shift=6` an instruction takes 64 ns of virtual time, and the board's timer ticks
+ * every 40 ns. So each call is counted to the instruction. `data.h` has the vehicle's numbers;
+ * the wrenches are loaded into memory by QEMU, their number first.
+ */
+#include <stdint.h>
+
+#include "data.h"
+
+#define REGISTER(address) (*(volatile uint32_t *)(address))
+#define TIMER 0x40000000u /* CMSDK timer 0: control, value, reload; it counts down */
+#define CPACR 0xE000ED88u
+#define WRENCHES ((const uint32_t *)0x21000000u)
+#define STACK 0x20400000u
+
+static void semihosting(int operation, const void *argument)
+{
+    register int r0 __asm__("r0") = operation;
+    register const void *r1 __asm__("r1") = argument;
+    __asm__ volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
+}
+
+static void print(uint32_t number, char end)
+{
+    char text[12], *first = text + sizeof text;
+    *--first = 0;
+    *--first = end;
+    do {
+        *--first = (char)('0' + number % 10);
+        number /= 10;
+    } while (number);
+    semihosting(4, first);
+}
+
+#if defined COUNT_KERNEL
+#include "exact.h"
+static ca_problem problem;
+
+static void start(void)
+{
+    static const ca_options options = OPTIONS;
+    print((uint32_t)ca_set_up(&problem, CA_N, CA_M, &matrix[0][0], lower, upper, &options), '\n');
+}
+
+static int call(const float *u, float *f)
+{
+    return ca_allocate(&problem, u, f).status;
+}
+#elif defined COUNT_OSQP
+#include "osqp.h"
+#include "workspace.h"
+
+static void start(void)
+{
+    print(0, '\n');
+}
+
+static int call(const float *u, float *f)
+{
+    float low[CA_M + CA_N], high[CA_M + CA_N];
+    for (int k = 0; k < CA_M; k++)
+        low[k] = high[k] = u[k];
+    for (int i = 0; i < CA_N; i++) {
+        low[CA_M + i] = lower[i];
+        high[CA_M + i] = upper[i];
+    }
+    osqp_update_data_vec(&solver, 0, low, high);
+    osqp_solve(&solver);
+    for (int i = 0; i < CA_N; i++)
+        f[i] = solver.solution->x[i];
+    return solver.info->status_val;
+}
+#else
+static void start(void)
+{
+    print(0, '\n');
+}
+
+static int call(const float *u, float *f)
+{
+    for (int i = 0; i < CA_N; i++) {
+        float sum = 0;
+        for (int k = 0; k < CA_M; k++)
+            sum += inverse[i][k] * u[k];
+        sum = sum < lower[i] ? lower[i] : sum;
+        f[i] = sum > upper[i] ? upper[i] : sum;
+    }
+    return 0;
+}
+#endif
+
+static int nothing(const float *u, float *f)
+{
+    (void)u;
+    (void)f;
+    return 0;
+}
+
+static uint32_t instructions(int (*volatile method)(const float *, float *), const float *u,
+                             int *status)
+{
+    float f[CA_N];
+    const uint32_t before = REGISTER(TIMER + 4);
+    *status = method(u, f);
+    return (uint32_t)((uint64_t)(before - REGISTER(TIMER + 4)) * 40 / 64);
+}
+
+static void run(void)
+{
+    int status;
+    REGISTER(CPACR) |= 0xFu << 20; /* the floating-point unit */
+    __asm__ volatile("dsb\nisb");
+    REGISTER(TIMER + 8) = REGISTER(TIMER + 4) = 0xFFFFFFFFu;
+    REGISTER(TIMER) = 1;
+    start();
+    const uint32_t size = WRENCHES[0];
+    const float *u = (const float *)(WRENCHES + 1);
+    const uint32_t empty = instructions(nothing, u, &status);
+    for (uint32_t i = 0; i < size; i++, u += CA_M) {
+        const uint32_t count = instructions(call, u, &status) - empty;
+        print(count, ' ');
+        print((uint32_t)status, '\n');
+    }
+    semihosting(0x18, (const void *)0x20026);
+    for (;;)
+        continue;
+}
+
+__attribute__((section(".vectors"), used)) static const uintptr_t vectors[16] = {
+    STACK, (uintptr_t)run, (uintptr_t)run, (uintptr_t)run};

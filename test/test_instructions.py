@@ -1,0 +1,33 @@
+"""The instructions that the kernel takes on an emulated microcontroller; see docs/firmware.py."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.vehicle import Vehicle
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs'))
+firmware = pytest.importorskip('firmware', reason='needs packages that rosdep does not know')
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(firmware.missing()),
+                       reason=f'needs {", ".join(firmware.missing())}'),
+]
+
+PRODUCT_WORST, OSQP_MEDIAN = 150.0, 0.1
+"""What a call may take: clipped pseudo-inverses, and a share of OSQP's calls."""
+
+
+@pytest.mark.parametrize('name', firmware.VEHICLES)
+def test_the_kernel_takes_few_instructions(name):
+    counts = firmware.count(AllocationProblem(Vehicle.load(name)), tuple(firmware.METHODS), 100)
+    for kind in firmware.KINDS:
+        product, kernel, osqp = (counts[method, kind][:, 0] for method in firmware.METHODS)
+        # A product of 6 x 4 takes about 250, whatever the wrench.
+        assert 200 < product.min() == product.max() < 400
+        assert kernel.max() <= PRODUCT_WORST * product[0]
+        assert np.median(kernel) <= OSQP_MEDIAN * np.median(osqp)

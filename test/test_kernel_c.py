@@ -1,0 +1,98 @@
+"""The kernel's C files: sanitizers with hostile input, warnings, cppcheck, and what they need.
+
+`CA_ROS_HOSTILE` is how many inputs the sanitizers get.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import ca_ros
+
+INPUTS = os.environ.get('CA_ROS_HOSTILE', '100000')
+
+KERNEL = Path(ca_ros.__file__).parent / 'kernel'
+SOURCES = sorted(str(path) for path in KERNEL.glob('*.c') if path.name != 'module.c')
+DRIVER = str(Path(__file__).parent / 'kernel' / 'hostile.c')
+
+FLAGS = ['-std=c99', '-ffp-contract=off', f'-I{KERNEL}']
+WARNINGS = ['-Werror', '-Wall', '-Wextra', '-Wpedantic', '-Wconversion', '-Wshadow',
+            '-Wdouble-promotion', '-Wfloat-conversion']
+SANITIZERS = ['-O1', '-g', '-fsanitize=address,undefined', '-fno-sanitize-recover=all']
+
+FIXED = ['-DCA_FIXED', '-DCA_N=6', '-DCA_M=4']
+BUILDS = {'double': [], 'single': ['-DCA_FLOAT'], 'double 6x4': FIXED,
+          'single 6x4': ['-DCA_FLOAT', *FIXED]}
+COMPILERS = ['gcc', 'clang']
+
+NEEDED = {'sqrt', 'fabs', 'sqrtf', 'fabsf', 'memcpy', 'memset', 'memmove'}
+"""Symbols of other libraries that the kernel may need; compilers add those of memory."""
+
+
+def needs(*tools):
+    """Skip the test if a tool is missing."""
+    for tool in tools:
+        if shutil.which(tool) is None:
+            pytest.skip(f'needs {tool}, which is not installed')
+
+
+def run(*command):
+    """Run a command; return what it prints."""
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert done.returncode == 0, f'{" ".join(command)}\n{done.stdout}'
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('build', BUILDS)
+def test_sanitizers_find_nothing_in_hostile_inputs(build, tmp_path, record_property):
+    needs('gcc')
+    program = str(tmp_path / 'hostile')
+    command = ['gcc', *FLAGS, *SANITIZERS, *BUILDS[build]]
+    (tmp_path / 'empty.c').write_text('int main(void) { return 0; }\n')
+    if subprocess.run([*command, str(tmp_path / 'empty.c'), '-o', program],
+                      capture_output=True).returncode:
+        pytest.skip('needs the libraries of the address and undefined behaviour sanitizers')
+    run(*command, *SOURCES, DRIVER, '-lm', '-o', program)
+    answers = dict(re.findall(r'(\w+ \d): (\d+)', run(program, INPUTS)))
+    record_property('inputs', int(INPUTS))
+    # All of them were met, but for `inexact`.
+    assert all(int(n) > 0 for name, n in answers.items() if name != 'status 3'), answers
+
+
+@pytest.mark.parametrize('build', BUILDS)
+@pytest.mark.parametrize('compiler', COMPILERS)
+def test_compilers_do_not_warn(compiler, build, tmp_path):
+    needs(compiler)
+    for source in [*SOURCES, DRIVER]:
+        run(compiler, '-O2', *FLAGS, *WARNINGS, *BUILDS[build], '-c', source, '-o',
+            str(tmp_path / 'part.o'))
+
+
+@pytest.mark.parametrize('build', ['double', 'single'])
+def test_cppcheck_finds_nothing(build):
+    needs('cppcheck')
+    run('cppcheck', '--enable=warning,performance,portability', '--error-exitcode=1', '--quiet',
+        '--std=c99', '--inline-suppr', *BUILDS[build], *SOURCES)
+
+
+@pytest.mark.parametrize('build', BUILDS)
+@pytest.mark.parametrize('compiler', COMPILERS)
+def test_the_library_needs_square_roots_alone_and_has_no_variables(compiler, build, tmp_path):
+    needs(compiler, 'nm')
+    symbols = ''
+    for source in SOURCES:
+        part = str(tmp_path / 'part.o')
+        # Distributions switch on checks that need further symbols.
+        run(compiler, '-O2', *FLAGS, *BUILDS[build], '-fno-pic', '-fno-stack-protector',
+            '-U_FORTIFY_SOURCE', '-c', source, '-o', part)
+        symbols += run('nm', part)
+    found = re.findall(r'([A-Za-z]) (\w+)$', symbols, re.MULTILINE)
+    defined = {name for kind, name in found if kind == 'T'}
+    assert {name for kind, name in found if kind == 'U'} - defined <= NEEDED
+    assert all(name.startswith('ca_') for name in defined)
+    assert not [name for kind, name in found if kind in 'BbCcDdGgSs']
