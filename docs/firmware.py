@@ -133,8 +133,13 @@ def build(problem: AllocationProblem, method: str, kernel: Path, folder: Path) -
     (folder / 'data.h').write_text(data(problem), encoding='utf-8')
     parts = [f'-I{folder}', f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
     if method == 'kernel':
-        sources = (path for path in kernel.glob('*.c') if path.name != 'module.c')
-        parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{kernel}', *map(str, sources)]
+        parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{kernel}']
+        objects = [folder / f'{name}.o' for name in ('exact', 'least_norm', 'priorities')]
+        for part in objects:
+            source = kernel / f'{part.stem}.c'
+            command = [COMPILER, *FLAGS, '-O3', '-fno-math-errno', '-finline-limit=2000', *parts, '-c', source, '-o', part]
+            subprocess.run(command, check=True)
+        parts += map(str, objects)
     elif method == 'osqp':
         parts += ['-DCOUNT_OSQP', *generate_osqp(problem, folder / 'osqp')]
     program = folder / f'{method}.elf'

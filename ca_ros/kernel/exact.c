@@ -152,7 +152,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     if (on_face && (served.reached || p->policy != CA_REJECTED)) {
         residual = ca_least_norm_on_face(p, &served, goal, thrusts, &answer.steps);
         ca_residual(p, u, thrusts, missed);
-        if (served.reached && ca_length(m, missed) <= tolerance)
+        if (ca_length(m, missed) <= tolerance)
             return answer;
     }
     if (served.reached) {

@@ -27,7 +27,7 @@
 /* Least weight of an axis in its group, relative to the greatest. */
 #define LAG_RATIO CA_REAL(1e-6)
 /* Multiple of the doubt of the simplex method up to which an error of a demand is ignored. */
-#define DOUBT CA_REAL(10)
+#define DOUBT CA_CHOOSE(10, 1)
 
 /* Rate below which two facets are almost parallel. */
 #define PARALLEL CA_REAL(1e-3)
