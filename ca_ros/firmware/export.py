@@ -104,7 +104,9 @@ def _numbers(firmware: Firmware) -> dict[str, str]:
 def _words(firmware: Firmware, name: str) -> dict[str, str]:
     """Return what stands in the header and in vehicle.mk."""
     problem, single = firmware.problem, firmware.single
-    definitions = f'-DCA_N={problem.n} -DCA_M={len(problem.axes)}{" -DCA_FLOAT" * single}'
+    fixed = all(fault.problem.axes == problem.axes for fault in firmware.faults)
+    definitions = f'-DCA_N={problem.n} -DCA_M={len(problem.axes)}'
+    definitions += ' -DCA_FIXED' * fixed + ' -DCA_FLOAT' * single
     faults = [
         f'    {name.upper()}_{fault.constant} = {i}, /* {fault.meaning}{_dropped(firmware, i)} */'
         for i, fault in enumerate(firmware.faults)

@@ -49,7 +49,7 @@ def _measured(folder: Path, name: str, core: str) -> Footprint:
     with tempfile.TemporaryDirectory() as build:
         _run(
             'make', '-s', '-C', str(folder), 'CROSS=arm-none-eabi-', f'BUILD={build}',
-            'CFLAGS=-O2 -fcallgraph-info=su', f'{build}/used.elf',
+            'CFLAGS=-O3 -fcallgraph-info=su', f'{build}/used.elf',
         )  # fmt: skip
         sizes = _run('arm-none-eabi-size', f'{build}/used.elf').splitlines()[1].split()
         graph = ''.join(file.read_text(encoding='utf-8') for file in Path(build).glob('*.ci'))

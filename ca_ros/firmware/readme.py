@@ -93,7 +93,7 @@ def measured(footprint: Footprint | str) -> str:
     return (
         f'| flash | RAM | stack, at most |\n|---|---|---|\n'
         f'| {footprint.flash} bytes | {footprint.ram} bytes | {footprint.stack} bytes |\n\n'
-        f'This is with {footprint.compiler}, -O2,\nfor a {footprint.core}. '
+        f'This is with {footprint.compiler}, -O3,\nfor a {footprint.core}. '
         '`make size` measures anew.'
     )
 
