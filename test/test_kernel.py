@@ -186,7 +186,7 @@ def test_a_problem_that_is_none_is_refused(changes, message):
 
 
 @pytest.mark.parametrize('array', [np.zeros(3), np.zeros((2, 2)), np.zeros(4, np.float32),
-                                   np.zeros((4, 2))[:, 0]])
+                                   np.zeros((4, 2))[:, 0], np.empty(4, 'V0')])
 def test_arrays_of_another_kind_are_refused(array):
     kernel = kernel_of(AllocationProblem(HEXAROTOR))
     with pytest.raises((TypeError, ValueError, BufferError)):
@@ -200,6 +200,13 @@ def test_a_kernel_without_a_problem_says_so():
                 lambda: kernel.margin(np.empty(4))):
         with pytest.raises(ValueError, match='no problem'):
             use()
+
+
+def test_a_kernel_keeps_its_problem():
+    kernel = kernel_of(AllocationProblem(HEXAROTOR))
+    with pytest.raises(ValueError, match='another Kernel'):
+        kernel.__init__(np.ones((1, 1)), np.zeros(1), np.ones(1), np.zeros(1), [0], [0], [0], 1,
+                        False, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -180,8 +180,19 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     }
     if (!on_face)
         residual = ca_least_norm(p, served.wrench, goal, 0, thrusts, y, &answer.steps);
-    if (!(residual <= goal))
-        answer.status = CA_INEXACT;
+    if (!(residual <= goal)) {
+        /* The thrusts of the simplex method produce the wrench too, if not with the least norm. */
+        for (int i = 0; i < n; i++)
+            thrusts[i] = served.thrusts[i];
+        ca_residual(p, served.wrench, thrusts, missed);
+        if (!(ca_length(m, missed) <= goal))
+            answer.status = CA_INEXACT;
+        ca_residual(p, u, thrusts, missed);
+        if (ca_length(m, missed) <= tolerance) {
+            answer.status = CA_EXACT;
+            answer.level = 1;
+        }
+    }
     return answer;
 }
 

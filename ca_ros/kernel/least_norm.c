@@ -10,6 +10,8 @@
 /* Bounds of Newton's iteration: for any wrench, and for a wrench known to be attainable. */
 #define ATTEMPT 10
 #define STEPS 50
+/* Number of steps without a smaller residual after which the iteration ends. */
+#define IDLE 16
 /* Number of steps along axes that the free rotors do not span after which u is considered likely
  * to be unattainable. */
 #define STRAYS 1
@@ -360,7 +362,7 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
     const ca_problem *problem = program->problem;
     const int m = CA_AXES(problem), count = program->count;
     ca_real target[CA_M], y[CA_M], least = CA_INFINITY;
-    int strays = 0;
+    int strays = 0, idle = 0;
     multiply(m, problem->coordinates, u, target);
     copy(m, start ? multipliers : target, y);
 
@@ -380,6 +382,9 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
         }
         leave(program, u, f, left);
         residual = ca_length(m, left);
+        idle = residual < least ? 0 : idle + 1;
+        if (idle > IDLE)
+            break;
         if (residual <= tolerance || (!early && residual < least)) {
             least = residual;
             copy(count, f, thrusts);
@@ -602,13 +607,5 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
     ca_residual(problem, served->wrench, f, left);
     multiply(m, problem->coordinates, left, slopes);
     solve_free(&factors, m, slopes, y, change, away);
-    const ca_real residual =
-        iterate(&face, served->wrench, tolerance / 2, 1, 0, STEPS, thrusts, y, steps);
-    if (residual <= tolerance)
-        return residual;
-    /* Fall back to the thrusts of the simplex method, which may not have the least norm. */
-    for (int i = 0; i < n; i++)
-        thrusts[i] = served->thrusts[i];
-    ca_residual(problem, served->wrench, thrusts, left);
-    return ca_length(m, left);
+    return iterate(&face, served->wrench, tolerance / 2, 1, 0, STEPS, thrusts, y, steps);
 }

@@ -38,7 +38,7 @@ static int get(PyObject *object, Py_buffer *view, char format, Py_ssize_t count,
     const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
     if (PyObject_GetBuffer(object, view, flags) < 0)
         return 0;
-    const Py_ssize_t numbers = view->len / view->itemsize;
+    const Py_ssize_t numbers = view->itemsize ? view->len / view->itemsize : 0;
     const int fits = rows ? numbers % count == 0 && (*rows < 0 || numbers / count == *rows)
                           : numbers == count && view->ndim == 1;
     if (view->format[0] != format || view->format[1] || !fits) {
@@ -225,6 +225,11 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
     ca_options options;
     double slack;
     int taken = 0, fault = CA_BAD_SIZE;
+    if (self->problem.n) {
+        /* Another thread may be using it. */
+        PyErr_SetString(PyExc_ValueError, "this Kernel has a problem: make another Kernel");
+        return -1;
+    }
     if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd", names, &inputs[0],
                                      &inputs[1], &inputs[2], &inputs[3], &order, &group, &senses,
                                      &options.policy, &options.on_reference, &slack))
