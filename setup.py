@@ -3,6 +3,10 @@ from glob import glob
 from setuptools import Extension, find_packages, setup
 
 package = 'ca_ros'
+commands = [
+    'allocator', 'benchmark', 'bringup', 'controller', 'dynamic_study', 'fault_proxy', 'firmware',
+    'report', 'simulator', 'static_study',
+]
 solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
@@ -92,17 +96,6 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [
-            'allocator = ca_ros.nodes.allocator:main',
-            'benchmark = ca_ros.evaluation.commands:benchmark',
-            'bringup = ca_ros.bringup.bringup:main',
-            'controller = ca_ros.nodes.controller:main',
-            'dynamic_study = ca_ros.evaluation.commands:dynamic_study',
-            'fault_proxy = ca_ros.bringup.fault_proxy:main',
-            'firmware = ca_ros.firmware.command:main',
-            'report = ca_ros.evaluation.commands:report',
-            'simulator = ca_ros.nodes.simulator:main',
-            'static_study = ca_ros.evaluation.commands:static_study',
-        ],
+        'console_scripts': [f'{command} = {package}.commands:{command}' for command in commands],
     },
 )

@@ -11,8 +11,8 @@ from os import environ
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.commands import COMMANDS
 from ca_ros.evaluation import audit_command
-from ca_ros.evaluation.commands import COMMANDS
 from ca_ros.kernel import load
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.files import config_directory

@@ -10,6 +10,7 @@ import pytest
 from ca_ros import AdmissibleSet, Status, make_allocator
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.kernel import INVALID, load
+from ca_ros.problem.audit import audit
 from ca_ros.problem.problem import AllocationProblem
 from strategies import FLEET, HEXAROTOR, random_vehicle
 
@@ -223,3 +224,29 @@ def test_a_wrong_choice_of_the_engine_is_named(monkeypatch):
     monkeypatch.setenv('CA_ROS_KERNEL', 'fortran')
     with pytest.raises(ValueError, match=r'CA_ROS_KERNEL.*fortran'):
         make_allocator('exact', HEXAROTOR)
+
+
+def test_a_thrust_that_would_move_an_axis_at_its_goal_is_no_choice():
+    # The second axis reaches its goal without a pivot and stays basic. With two rotors that move
+    # and two axes there is one solution, here the thrusts themselves.
+    gamma = np.array([[2.2, -0.3, -0.9], [0.1, -0.6, 0.9]])
+    lower, upper = np.array([0.0, 0.0, 0.5]), np.array([1.0, 1.0, 0.5])
+    expected = np.array([0.06, 0.53, 0.5])
+    for order in ([0, 1], [1, 0]):
+        kernel = load()(gamma, lower, upper, gamma @ (lower + upper) / 2, order, [0, 1], [0, 1], 1,
+                        False, 1e-9)
+        thrusts = np.empty(3)
+        assert kernel.allocate(gamma @ expected, thrusts) is None
+        np.testing.assert_allclose(thrusts, expected, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('name', [*FLEET])
+def test_it_answers_as_numpy_does_with_rotors_lost(name, pair):
+    rng = np.random.default_rng(13)
+    for lost in range(min(FLEET[name].n, 3)):
+        health = np.ones(FLEET[name].n)
+        health[lost] = 0.0
+        problem = audit(FLEET[name].with_health(health)).problem
+        engines = pair(problem, slack=0.0)
+        for demands in wrenches(problem, rng, 40):
+            compare(*engines, demands)

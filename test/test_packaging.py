@@ -15,7 +15,7 @@ import pytest
 
 from ca_ros import ALLOCATORS
 from ca_ros.__main__ import installed, summary
-from ca_ros.evaluation.commands import STUDIES
+from ca_ros.commands import STUDIES
 from ca_ros.vehicle.files import config_directory
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -64,7 +64,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
         # Axes that are lost already stay so.
         return audit(report.problem.vehicle.with_health(health))
 
-    for word in words:
+    for word in dict.fromkeys(words):
         if word == 'single':
             for i in np.flatnonzero(vehicle.health >= HEALTH_MIN).tolist():
                 health = np.array(vehicle.health)

@@ -547,13 +547,14 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
             basis[n + k][j] = j == k ? rate : 0;
     }
     const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper, rate};
+    ca_real missed[CA_M];
     iterate(&relaxed, u, tolerance / 2, 0, 0, STEPS, f, multipliers, steps);
+    ca_residual(problem, u, f, missed);
     /* On the boundary multipliers may be large although slack changes nothing. */
     for (int i = 0; i < n; i++)
         difference = ca_max(difference, ca_abs(f[i] - thrusts[i]));
-    if (difference > SAME * problem->greatest)
-        for (int i = 0; i < n; i++)
-            thrusts[i] = f[i];
+    if (difference > SAME * problem->greatest && ca_length(m, missed) <= slack)
+        copy(n, f, thrusts);
 }
 
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,

@@ -487,9 +487,13 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
     for (int i = 0; i < n; i++)
         rates[i] = 0;
     rates[s->nonbasic[k]] = p->half_range[s->nonbasic[k]];
-    for (int r = 0; r < s->rows; r++)
+    for (int r = 0; r < s->rows; r++) {
         if (s->basic[r] < n)
             rates[s->basic[r]] = p->half_range[s->basic[r]] * s->rates[r][k];
+        else if (ca_abs(s->rates[r][k]) > ZERO)
+            /* The thrust would move an axis that has reached its goal. */
+            return 0;
+    }
     for (int i = 0; i < n; i++) {
         slope += rates[i] * thrusts[i];
         curvature += rates[i] * rates[i];

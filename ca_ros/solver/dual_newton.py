@@ -122,7 +122,8 @@ class DualNewton:
             softer, after, _ = wider._solve(u, tolerance, None)
             # On the boundary multipliers may be large although slack changes nothing.
             greatest = float(np.abs(softer[:n] - thrusts).max())
-            relaxed = greatest > SAME * float(self.upper.max(initial=1.0))
+            missed = float(np.linalg.norm(u - self.matrix @ softer[:n]))
+            relaxed = greatest > SAME * float(self.upper.max(initial=1.0)) and missed <= slack
             if relaxed:
                 thrusts, y = softer[:n], after
         return Solution(thrusts, self.coordinates.T @ y, residual <= tolerance, relaxed)

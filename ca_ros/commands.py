@@ -1,0 +1,54 @@
+"""The package's commands, which name what is not installed in one line."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from importlib import import_module
+
+COMMANDS = {
+    'allocator': 'ca_ros.nodes.allocator',
+    'benchmark': 'ca_ros.evaluation.benchmark.benchmark',
+    'bringup': 'ca_ros.bringup.bringup',
+    'controller': 'ca_ros.nodes.controller',
+    'dynamic_study': 'ca_ros.evaluation.dynamic_study',
+    'fault_proxy': 'ca_ros.bringup.fault_proxy',
+    'firmware': 'ca_ros.firmware.command',
+    'report': 'ca_ros.evaluation.report.report',
+    'simulator': 'ca_ros.nodes.simulator',
+    'static_study': 'ca_ros.evaluation.static_study',
+}
+"""The module of each command, which has the function main."""
+
+STUDIES = ('jinja2', 'matplotlib', 'mistune', 'pandas', 'tqdm')
+"""The modules that the extra `studies` installs."""
+
+ROS = (
+    'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'rclpy',
+    'rosgraph_msgs', 'std_msgs',
+)  # fmt: skip
+"""The modules that ROS 2 or the extra `ros` installs."""
+
+HINTS = {
+    **dict.fromkeys(STUDIES, "pip install 'ca_ros[studies]'"),
+    **dict.fromkeys(ROS, "source ROS 2 Jazzy, or pip install 'ca_ros[ros]' (x86-64 Linux)"),
+}
+
+
+def run(command: str) -> int | None:
+    """Run a command; return its exit code."""
+    try:
+        code: int | None = import_module(COMMANDS[command]).main()
+    except ModuleNotFoundError as missing:
+        package = (missing.name or '').partition('.')[0]
+        if package not in HINTS:
+            raise
+        print(f'{command}: needs {package}: {HINTS[package]}', file=sys.stderr)
+        return 1
+    return code
+
+
+(
+    allocator, benchmark, bringup, controller, dynamic_study, fault_proxy, firmware, report,
+    simulator, static_study,
+) = (partial(run, command) for command in COMMANDS)  # fmt: skip
