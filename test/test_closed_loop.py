@@ -37,6 +37,14 @@ def flights():
     return {method: fly_with(method, 10.0) for method in ALLOCATORS}
 
 
+def test_both_engines_of_exact_fly_alike(flights, monkeypatch):
+    monkeypatch.setenv('CA_ROS_KERNEL', 'numpy')
+    other = fly_with('exact', 10.0)
+    np.testing.assert_allclose(
+        flights['exact'].position, other.position, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(flights['exact'].speeds, other.speeds, rtol=0.0, atol=1e-6)
+
+
 @every_method
 def test_the_waypoint_is_reached(flights, method):
     flight = flights[method]

@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros import Vehicle, make_allocator
 from ros import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts, wrench
 
 OK, WARN, ERROR, STALE = (
@@ -242,6 +243,7 @@ def test_latencies_and_losses_are_said(graph):
     latencies = [float(values[f'latency {name} [us]']) for name in ('p50', 'p99', 'max')]
     assert 0.0 < latencies[0] <= latencies[1] <= latencies[2]
     assert values['method'] == 'exact'
+    assert values['engine'] == make_allocator('exact', Vehicle.load('hexarotor')).engine
     assert 'hover margin' in values['audit']
     # A loss is an error for as long as it lasts.
     assert parameters.set_atomically({'rotors.health': [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}).successful
