@@ -93,24 +93,26 @@ def check(name: str, value: Any, table: Mapping[str, Parameter]) -> Value:
 
 
 def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
-    expected = f'{name}: must be {parameter.range()}, got {_shortened(value)}'
+    def wrong() -> ParameterError:
+        return ParameterError(f'{name}: must be {parameter.range()}, got {_shortened(value)}')
+
     if parameter.kind is not float:
         if not isinstance(value, parameter.kind) or (
             parameter.choices and value not in parameter.choices
         ):
-            raise ParameterError(expected)
+            raise wrong()
         return value
     try:
         # YAML 1.1 reads 1e-4, without a point, as a string.  ROS reads a number, as here.
         number = nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
-        raise ParameterError(expected) from None
+        raise wrong() from None
     if (
         not isfinite(number)
         or not parameter.minimum <= number <= parameter.maximum
         or (parameter.positive and number <= 0.0)
     ):
-        raise ParameterError(expected)
+        raise wrong()
     if abs(number) > LARGEST:
         raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {number:g}')
     return number

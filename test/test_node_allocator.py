@@ -210,6 +210,30 @@ def test_health_can_be_set_on_the_running_node(graph):
     assert client.ask(HOVER).tobytes() == client.expected.speeds.tobytes()
 
 
+def test_a_change_of_health_counts_from_the_next_command_on_and_loses_none(graph):
+    client = start(graph)
+    healths = [[1.0, 1.0, 1.0, 0.0, 1.0, 1.0], [1.0, 0.6, 1.0, 1.0, 1.0, 1.0], 1.0] * 5
+    expected = []
+    for health, following in zip(healths, [*healths[1:], None], strict=True):
+        [result] = client.parameters.set({'rotors.health': health})
+        assert result.successful, result.reason
+        client.twin = twin(health=health)
+        speeds = client.ask(HOVER)
+        assert speeds.tobytes() == client.expected.speeds.tobytes()
+        expected.append({speeds.tobytes()})
+        # These are not waited for: the next change may overtake some of them.
+        later = None if following is None else twin(health=following)
+        for numbers in some_wrenches(5):
+            client.send(numbers)
+            answers = [client.expected, *([later.allocate(numbers[2:])] if later else [])]
+            expected.append({answer.speeds.tobytes() for answer in answers})
+    graph.spin_until(lambda: len(client.speeds) >= client.sent, 'an answer to each command')
+    labels = [message.layout.dim[1].label for message in client.speeds]
+    assert labels == [f'stamp {number}000000007' for number in range(1, client.sent + 1)]
+    for message, answers in zip(client.speeds, expected, strict=True):
+        assert np.array(message.data).tobytes() in answers
+
+
 def test_what_is_built_in_is_read_only(client):
     fixed = [name for name, parameter in ALLOCATOR.items() if not parameter.mutable]
     assert {'vehicle.mass', 'rotors.positions', 'rotors.spins', 'rotors.speed_max'} <= set(fixed)

@@ -124,7 +124,7 @@ class ParameterNode(Node):
             self.executor.spin_streams(0.0)
         try:
             parameters = complete({**self.parameters, **ours}, self.declared)
-            # A rebuild takes milliseconds, and happens only where necessary.
+            # A rebuild takes longer than an allocation, and happens only where necessary.
             rebuild = any(name not in NODE for name in ours)
             self._candidate = parameters, self.build(parameters) if rebuild else self._built
         except ValueError as error:

@@ -58,6 +58,7 @@ class VehicleNode(ParameterNode):
         if self.unknown:
             self.get_logger().warning(f'no parameters of this node: {", ".join(self.unknown)}')
         self.audit: Audit | None = None
+        self._logged_audit: Audit | None = None
         self.counts: Counter[str] = Counter()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.mode = str(self.parameters['mode'])
@@ -87,13 +88,20 @@ class VehicleNode(ParameterNode):
         return accept(Vehicle.from_parameters(parameters), lost_axes)
 
     def note(self, report: Audit) -> None:
-        """Keep an audit, and log it if it differs from the one before."""
-        if str(report) != str(self.audit):
+        """Keep an audit; one in flight is logged later, because its text takes milliseconds."""
+        start = self.audit is None
+        self.audit = report
+        if start:
+            self._log_audit(report)
+
+    def _log_audit(self, report: Audit) -> None:
+        """Log an audit if it differs from the one before."""
+        if str(report) != str(self._logged_audit):
             if report.sound:
                 self.get_logger().info(f'audit: {report}')
             else:
                 self.get_logger().error(f'audit: {report}')
-        self.audit = report
+        self._logged_audit = report
 
     def listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
         """Subscribe to a stream that should have one publisher.
@@ -187,6 +195,8 @@ class VehicleNode(ParameterNode):
     def _tick(self) -> None:
         now = monotonic()
         self.watch()
+        if self.audit is not None and self.audit is not self._logged_audit:
+            self._log_audit(self.audit)
         if now >= self._looked + 1.0:
             self._looked = now
             self._look_around()

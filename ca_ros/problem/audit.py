@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ca_ros.arrays import Array
 from ca_ros.problem.commandable import (
     INDEPENDENCE_MIN,
     authority,
@@ -44,14 +45,6 @@ class Audit:
         The problem of the axes that are not lost.
     hovers, keeps_hovering : bool
         Whether hover is inside the admissible set of `asked`, and of `kept`.
-    rank : int
-        Rank of Gamma: number of axes that the rotors can command in theory.
-    independence : dict
-        For each axis of `asked`, the sine of the angle between its row of Gamma, with columns
-        weighted by the ranges of the thrusts, and the span of the other rows: 1 is best, 0 means
-        that the axis cannot be commanded.
-    condition : float
-        Condition number of that Gamma with rows of unit length.
     """
 
     asked: AllocationProblem
@@ -59,9 +52,6 @@ class Audit:
     kept: AllocationProblem
     hovers: bool
     keeps_hovering: bool
-    rank: int
-    independence: dict[str, float]
-    condition: float
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -71,6 +61,32 @@ class Audit:
         served: they come after the other axes.
         """
         return tuple(axis for axis in self.asked.axes if axis not in self.kept.axes)
+
+    @property
+    def rank(self) -> int:
+        """Rank of Gamma: number of axes that the rotors can command in theory."""
+        return int((self._singular > 1e-9).sum())
+
+    @cached_property
+    def independence(self) -> dict[str, float]:
+        """For each axis of `asked`, how far it can be commanded independently of the others.
+
+        It is the sine of the angle between its row of Gamma, with columns weighted by the ranges
+        of the thrusts, and the span of the other rows: 1 is best, 0 means that the axis cannot be
+        commanded.
+        """
+        distances = independence(unit_rows(self.asked)).tolist()
+        return dict(zip(self.asked.axes, distances, strict=True))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of that Gamma with rows of unit length."""
+        greatest, least = self._singular[[0, -1]].tolist()
+        return greatest / least if least > 0.0 else np.inf
+
+    @cached_property
+    def _singular(self) -> Array:
+        return np.array(np.linalg.svd(unit_rows(self.asked), compute_uv=False), float)
 
     @cached_property
     def hover_margin(self) -> float:
@@ -168,8 +184,6 @@ def audit(vehicle: Vehicle) -> Audit:
     Audit
     """
     full = AllocationProblem(vehicle)
-    rows = unit_rows(full)
-    singular = np.linalg.svd(rows, compute_uv=False)
     independent = independent_part(full)
     hovering = hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:
@@ -181,9 +195,6 @@ def audit(vehicle: Vehicle) -> Audit:
         kept=hovering,
         hovers=full.hovers,
         keeps_hovering=hovering.hovers,
-        rank=int((singular > 1e-9).sum()),
-        independence=dict(zip(full.axes, independence(rows).tolist(), strict=True)),
-        condition=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf,
     )
 
 

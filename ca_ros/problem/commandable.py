@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -20,6 +21,9 @@ INDEPENDENCE_MIN = 0.05
 
 At 0.05 a command along the axis takes twenty times the thrusts that it would take alone.
 """
+
+DEPENDENT = 1e-6
+"""Singular value of rows of length 1 below which their pseudo-inverse has too few digits."""
 
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:
@@ -45,11 +49,15 @@ def unit_rows(problem: AllocationProblem) -> Array:
     return rows / np.where(lengths > 0.0, lengths, 1.0)
 
 
-def independence(unit: Array) -> Array:
+def independence(rows: Array) -> Array:
     """Return the distance (m,) of each of the `unit_rows` (m, n) from the span of the others."""
+    left, singular, _ = np.linalg.svd(rows, full_matrices=False)
+    if rows.shape[0] <= rows.shape[1] and singular[-1] > DEPENDENT:
+        # The columns of the pseudo-inverse have the inverse of the distance as length.
+        return 1.0 / np.linalg.norm(left / singular, axis=1)
     distances = []
-    for i, row in enumerate(unit):
-        others = np.delete(unit, i, axis=0).T
+    for i, row in enumerate(rows):
+        others = np.delete(rows, i, axis=0).T
         rest = row - others @ np.linalg.lstsq(others, row, rcond=1e-12)[0]
         distances.append(np.linalg.norm(rest))
     return np.array(distances)
@@ -110,8 +118,16 @@ def spin_torque(asked: AllocationProblem, kept: AllocationProblem) -> float:
 
 def authority(problem: AllocationProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
-    units = dict(zip(problem.axes, np.eye(len(problem.axes)), strict=True))
-    return {
-        axis: (-problem.reach(problem.hover, -unit), problem.reach(problem.hover, unit))
-        for axis, unit in units.items()
-    }
+    at_hover = problem.simplex.copy()
+    rows = range(problem.n, problem.n + len(problem.axes))
+    for v, goal in zip(rows, problem.scaled(problem.hover).tolist(), strict=True):
+        at_hover.push(v, goal)
+        at_hover.release(v)
+
+    def room(v: int, goal: float) -> float:
+        line = at_hover.copy()
+        line.push(v, goal)
+        return line.value[v] - at_hover.value[v]
+
+    scaled = zip(problem.axes, rows, problem.extent.tolist(), strict=True)
+    return {axis: (room(v, -inf) * size, room(v, inf) * size) for axis, v, size in scaled}

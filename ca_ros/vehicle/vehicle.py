@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,8 @@ class Vehicle:
         ParameterError
             In one line that names the key and the fault.
         """
-        check_given({name: given[name] for name in given if _concerns_vehicle(name)}, VEHICLE)
+        concerned = {name: given[name] for name in given if _concerns_vehicle(name.split('.')[0])}
+        check_given(concerned, VEHICLE)
         p: dict[str, Any] = complete(given, VEHICLE)
         arms = values.arms(p)
         n = len(arms)
@@ -236,6 +237,7 @@ class Vehicle:
         return [tuple(row) for row in np.column_stack(columns).tolist()]
 
 
-def _concerns_vehicle(name: str) -> bool:
-    """Return whether the group of a parameter is the vehicle's, or a misspelling of one."""
-    return bool(get_close_matches(name.partition('.')[0], ('vehicle', 'rotors'), cutoff=0.8))
+@lru_cache
+def _concerns_vehicle(group: str) -> bool:
+    """Return whether a group of parameters is the vehicle's, or a misspelling of one."""
+    return bool(get_close_matches(group, ('vehicle', 'rotors'), cutoff=0.8))
