@@ -7,13 +7,12 @@ import ast
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
-from os import environ
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
 from ca_ros.evaluation import audit_command
-from ca_ros.kernel import load
+from ca_ros.kernel import chosen, load
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.files import config_directory
 from ca_ros.vehicle.vehicle import Vehicle
@@ -109,10 +108,15 @@ def vehicles() -> dict[str, str]:
 
 def kernel() -> str:
     """Say what the exact allocator runs on."""
+    try:
+        engine = chosen(1, 1)
+    except ValueError as error:
+        return str(error)
+    if engine is not None:
+        return 'the kernel in C'
     if load() is None:
         return 'NumPy; the kernel in C was not built: install a C compiler, then ca_ros again'
-    wanted = environ.get('CA_ROS_KERNEL')
-    return 'NumPy, by CA_ROS_KERNEL' if wanted == 'numpy' else 'the kernel in C'
+    return 'NumPy, by CA_ROS_KERNEL'
 
 
 def rclpy() -> str:

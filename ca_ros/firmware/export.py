@@ -24,7 +24,9 @@ TEMPLATES = {
     'vehicle.mk': 'vehicle.mk',
     'README.md': 'README.md',
 }
-TAKEN = {'ca', 'golden', 'vehicle', *(file.partition('.')[0] for file in (*KERNEL, *FIXED))}
+HEADERS = ('errno', 'float', 'limits', 'math', 'stdio', 'stdlib', 'string', 'time')
+TAKEN = {'ca', 'golden', 'vehicle', *(Path(file).stem for file in (*KERNEL, *FIXED)), *HEADERS}
+"""Names of other files and of C's headers."""
 
 
 def identifier(name: str) -> str:

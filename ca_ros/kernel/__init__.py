@@ -71,7 +71,7 @@ class Kernel(Protocol):
 
 
 def load(precision: str = 'double') -> type[Kernel] | None:
-    """Return the class of the extension module; None if it is not built.
+    """Return the class of the extension module; None if it cannot be imported.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def load(precision: str = 'double') -> type[Kernel] | None:
     """
     try:
         kernel: type[Kernel] = import_module(f'ca_ros.kernel._{precision}').Kernel
-    except ModuleNotFoundError:
+    except ImportError:
         return None
     return kernel
 

@@ -29,6 +29,22 @@ typedef float ca_real;
 typedef double ca_real;
 #endif
 
+/* The names of the functions end in the numbers and the type, such as ca_allocate_6_4_float: files
+ * that were compiled with different definitions do not link, and several vehicles do. */
+#define CA_JOIN(name, n, m, type) name##_##n##_##m##_##type
+#define CA_SUFFIXED(name, n, m, type) CA_JOIN(name, n, m, type)
+#ifdef CA_FLOAT
+#define CA_SYMBOL(name) CA_SUFFIXED(name, CA_N, CA_M, float)
+#else
+#define CA_SYMBOL(name) CA_SUFFIXED(name, CA_N, CA_M, double)
+#endif
+#define ca_set_up CA_SYMBOL(ca_set_up)
+#define ca_allocate CA_SYMBOL(ca_allocate)
+#define ca_residual CA_SYMBOL(ca_residual)
+#define ca_active_set CA_SYMBOL(ca_active_set)
+#define ca_margin CA_SYMBOL(ca_margin)
+#define ca_speeds CA_SYMBOL(ca_speeds)
+
 enum ca_status {
     CA_EXACT = 0,       /* the thrusts produce the wrench, up to rounding */
     CA_PRIORITIZED = 1, /* unattainable: axes served in the order of their priority */

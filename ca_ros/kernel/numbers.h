@@ -56,6 +56,13 @@ static inline ca_real ca_length(int count, const ca_real *a)
     return ca_sqrt(ca_dot(count, a, a));
 }
 
+#define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)
+#define ca_prioritize CA_SYMBOL(ca_prioritize)
+#define ca_attempt CA_SYMBOL(ca_attempt)
+#define ca_least_norm CA_SYMBOL(ca_least_norm)
+#define ca_least_norm_on_face CA_SYMBOL(ca_least_norm_on_face)
+#define ca_settle CA_SYMBOL(ca_settle)
+
 /* The attainable wrench that is served for a demand. */
 typedef struct {
     ca_real wrench[CA_M];  /* attainable */

@@ -1,7 +1,7 @@
 /* Control allocation of the vehicle $name: a wrench in, rotor speeds out. README.md explains it.
  * Written by the command firmware of ca_ros. */
-#ifndef ${NAME}_H
-#define ${NAME}_H
+#ifndef ${NAME}_ALLOCATION_H
+#define ${NAME}_ALLOCATION_H
 
 /* All files of the kernel have to be compiled with the same definitions, see vehicle.mk. */
 #ifndef CA_N
