@@ -128,7 +128,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     ca_answer answer = {CA_EXACT, 1, 0, 0};
-    ca_real length = 0, missed[CA_M], y[CA_M];
+    ca_real length = 0, missed[CA_M] = {0}, y[CA_M] = {0};
 
     for (int k = 0; k < m && length <= CA_ABSURD; k++)
         length = is_finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;

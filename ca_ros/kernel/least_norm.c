@@ -284,8 +284,8 @@ static ca_real excess(const search_line *line, ca_real t, ca_real goal)
 
 /* Return t >= 0 at which the excess is zero. If every rotor reaches a bound before that,
  * `short_of` is the remaining gap: the wrench is unattainable. */
-static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *rates, ca_real goal,
-                      ca_real *short_of)
+static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *rates,
+                      ca_real goal, ca_real *short_of)
 {
     search_line line;
     ca_real fastest = 0, rounding = 0;
@@ -352,8 +352,8 @@ static void copy(int count, const ca_real *from, ca_real *to)
 }
 
 /* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. Returns
- * the least residual of all iterates, with its thrusts and multipliers. With `early` it stops when u
- * is proven or likely to be unattainable. Then the thrusts are not set, and another iteration can
+ * the least residual of all iterates, with its thrusts and multipliers. With `early` it stops when
+ * u is proven or likely to be unattainable. Then the thrusts are not set, and another iteration can
  * continue from the multipliers. */
 static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real tolerance,
                        int start, int early, int bound, ca_real *thrusts, ca_real *multipliers,
@@ -382,8 +382,10 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
         }
         leave(program, u, f, left);
         residual = ca_length(m, left);
-        idle = residual < least ? 0 : idle + 1;
-        if (idle > IDLE)
+        /* In single precision, steps rarely help if the rounding errors of y exceed the tolerance. */
+        const int uncertain = CA_CHOOSE_INT(0, ROUNDING * ca_length(m, y) > 16 * tolerance);
+        idle = residual < (uncertain ? least / 2 : least) ? 0 : idle + 1;
+        if (idle > (uncertain ? IDLE / 4 : IDLE))
             break;
         if (residual <= tolerance || (!early && residual < least)) {
             least = residual;
@@ -546,7 +548,8 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
         for (int j = 0; j < m; j++)
             basis[n + k][j] = j == k ? rate : 0;
     }
-    const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper, rate};
+    const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper,
+                                     rate};
     ca_real missed[CA_M];
     iterate(&relaxed, u, tolerance / 2, 0, 0, STEPS, f, multipliers, steps);
     ca_residual(problem, u, f, missed);
@@ -560,7 +563,8 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
                    ca_real *thrusts, ca_real *y, int *steps)
 {
-    const bounded_program plain = {problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
+    const bounded_program plain = {
+        problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
     const ca_real residual =
         iterate(&plain, u, tolerance / 2, 0, 1, ATTEMPT, thrusts, y, steps);
     if (residual <= tolerance)
@@ -571,7 +575,8 @@ ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real toleranc
 ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance, int start,
                       ca_real *thrusts, ca_real *y, int *steps)
 {
-    const bounded_program plain = {problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
+    const bounded_program plain = {
+        problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
     ca_real residual = iterate(&plain, u, tolerance / 2, start, 0, STEPS, thrusts, y, steps);
     if (residual > tolerance / 2)
         residual = ca_settle(problem, u, tolerance / 2, thrusts, steps);

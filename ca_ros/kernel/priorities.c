@@ -82,8 +82,8 @@ static void exchange(simplex *s, int r, int k)
 }
 
 /* Move nonbasic variable k by `way`, at most to the first bound that blocks it. Returns whether the
- * move was completed; `blocked` is the row of the variable that blocks, or -1. The variable `target`
- * does not block. If there is a target, the bounds of k itself do. */
+ * move was completed; `blocked` is the row of the variable that blocks, or -1. The variable
+ * `target` does not block. If there is a target, the bounds of k itself do. */
 static int move(simplex *s, int k, ca_real way, int target, int *blocked)
 {
     const int x = s->nonbasic[k];
