@@ -382,7 +382,7 @@ static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real
         }
         leave(program, u, f, left);
         residual = ca_length(m, left);
-        /* In single precision, steps rarely help if the rounding errors of y exceed the tolerance. */
+        /* In single precision, steps rarely help if rounding errors of y exceed the tolerance. */
         const int uncertain = CA_CHOOSE_INT(0, ROUNDING * ca_length(m, y) > 16 * tolerance);
         idle = residual < (uncertain ? least / 2 : least) ? 0 : idle + 1;
         if (idle > (uncertain ? IDLE / 4 : IDLE))
