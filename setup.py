@@ -38,7 +38,8 @@ setup(
     packages=find_packages(include=[package, f'{package}.*']),
     package_data={
         package: [
-            'py.typed', 'evaluation/report/page.html', 'firmware/templates/*', 'kernel/*.[ch]',
+            'py.typed', 'evaluation/benchmark/*.c', 'evaluation/report/page.html',
+            'firmware/templates/*', 'kernel/*.[ch]',
         ],
     },
     ext_modules=kernels,

@@ -19,7 +19,8 @@ from ca_ros.arguments import split
 from ca_ros.evaluation.benchmark import loads
 from ca_ros.evaluation.benchmark.benchmark_plot import draw
 from ca_ros.evaluation.benchmark.benchmark_tables import document, summary
-from ca_ros.evaluation.benchmark.contenders import BASELINE, CONTENDERS, method, set_up
+from ca_ros.evaluation.benchmark.c_contenders import compiled
+from ca_ros.evaluation.benchmark.contenders import BASELINE, CONTENDERS, POLICIES, method, set_up
 from ca_ros.evaluation.benchmark.measurements import (
     time_batches,
     time_calls,
@@ -29,6 +30,7 @@ from ca_ros.evaluation.benchmark.measurements import (
 from ca_ros.evaluation.benchmark.plan import FULL, QUICK, Plan
 from ca_ros.evaluation.benchmark.promises import promises
 from ca_ros.evaluation.benchmark.results import fastest, records, summarize
+from ca_ros.evaluation.benchmark.setups import time_setups
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.environment import THREADS, environment, load_average, stolen
 from ca_ros.evaluation.judge import AnswerError
@@ -87,16 +89,21 @@ def run(
         'flight': loads.flight(case.vehicle, gains, plan.flight),
     }
     own = {name: method(partial(case.allocator, name)) for name in methods}
-    contenders = {BASELINE: CONTENDERS[BASELINE], **own, **CONTENDERS}
+    policies = POLICIES if 'exact' in own else {}
+    contenders = {BASELINE: CONTENDERS[BASELINE], **own, **policies, **CONTENDERS}
     problem, shared = admissible.problem, (plan, options.seed)
     calls, about, absent = set_up(contenders, problem)
     parts = [time_calls(problem, calls, wrenches, *shared)]
     peers = [name for name, each in about.items() if each['kind'] == 'peer']
     rival = fastest(summarize(parts[0]), 'uniform', peers)
+    in_c, about_c = compiled(problem, admissible.center)
+    if in_c:
+        parts.append(time_calls(problem, in_c, wrenches, *shared, 'C'))
     # The other numbers of rotors and the promises are those of the paper's vehicle.
     paper = of_the_paper(case.parameters)
     if paper:
         parts.append(time_rotors(plan, rival, options.seed))
+        parts.append(time_setups(*shared))
     allocators = {name: case.allocator(name) for name in dict.fromkeys(['exact', *methods])}
     loop = (rival, calls[rival]) if rival else None
     parts.append(time_batches(admissible, allocators, loop, *shared))
@@ -124,6 +131,7 @@ def run(
         },
         'contenders': about,
         'absent': absent,
+        'C': about_c,
         'results': records(summarize(rows)),
         'rival': rival,
         'flight': {

@@ -15,12 +15,14 @@ from ca_ros.evaluation.plot_style import title
 from ca_ros.flight.plots import COLORS, DASHED, STYLE
 
 MARKERS = {'uniform': 'o', 'boundary': 's', 'flight': '^'}
+LINES = {'uniform': '--', 'boundary': ':', 'flight': '-'}
 ABOVE: dict[str, Any] = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0)}
 
 
 def draw(results: pd.DataFrame) -> Figure:
     """Draw the results of a run, from `summarize`; markers of wrong answers are hollow."""
-    calls, growth = (results[results['part'] == part] for part in ('calls', 'rotors'))
+    calls, in_c, growth = (results[results['part'] == part] for part in ('calls', 'C', 'rotors'))
+    calls = pd.concat([calls, in_c.assign(contender=in_c['contender'] + ' in C')])
     with matplotlib.rc_context(STYLE):
         height = 1.4 + 0.26 * max(calls['contender'].nunique(), 9)
         figure = Figure(figsize=(8.0, height), layout='constrained')
@@ -56,15 +58,23 @@ def _draw_calls(axes: Axes, calls: pd.DataFrame) -> None:
 
 
 def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
-    names = list(growth['contender'].unique())
-    for (name, load), own in growth.groupby(['contender', 'load'], sort=False):
-        look: dict[str, Any] = {'color': COLORS[names.index(name)], 'marker': MARKERS[load]}
-        look |= {'linestyle': '-' if load == 'flight' else '--', 'markersize': 3.5}
-        axes.plot(own['rotors'], 1e6 * own['time'], label=f'{title(name)}, {load}', **look)
+    names, handles = list(growth['contender'].unique()), []
+    for name, color in zip(names, COLORS, strict=False):
+        handles.append(Line2D([], [], label=title(name), color=color))
+        for load, own in growth[growth['contender'] == name].groupby('load'):
+            look: dict[str, Any] = {
+                'marker': MARKERS[load],
+                'linestyle': LINES[load],
+                'markersize': 3.5,
+            }
+            axes.plot(own['rotors'], 1e6 * own['time'], color=color, **look)
+    for load, line in LINES.items():
+        look = {'marker': MARKERS[load], 'linestyle': line, 'markersize': 3.5}
+        handles.append(Line2D([], [], label=load, color='grey', **look))
     axes.set_xscale('log', base=2)
     axes.set_yscale('log')
     axes.set_xticks([4, 8, 16, 32], ['4', '8', '16', '32'])
     axes.minorticks_off()
     axes.set_xlabel("rotors of the paper's hexarotor")
     axes.set_ylabel('time per call [µs]')
-    axes.legend(ncols=2, fontsize=7, handlelength=3, **ABOVE)
+    axes.legend(handles=handles, ncols=2, fontsize=8, handlelength=3, **ABOVE)

@@ -2,41 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
+from ca_ros.evaluation.benchmark.call_tables import (
+    MARK,
+    PYTHON,
+    C,
+    by_contender,
+    percentiles,
+    spread,
+    time,
+    times,
+)
 from ca_ros.evaluation.benchmark.contenders import BASELINE
-from ca_ros.evaluation.benchmark.loads import LOADS
 from ca_ros.evaluation.benchmark.measurements import UNIT
+from ca_ros.evaluation.benchmark.setups import ROTORS, SETUPS
 from ca_ros.evaluation.environment import STALL
 from ca_ros.evaluation.judge import WRONG
 from ca_ros.evaluation.tables import microseconds, number, table
 
 Metrics = Mapping[str, Any]
 
-MARK = ' ✗'
-"""Beside a time for which wrong answers were given."""
-
 
 def document(found: Metrics) -> str:
     """Return benchmark.md for a run as in benchmark.json."""
     parts = _parts(found)
-    p99 = [title for load in LOADS for title in (f'{load}: p99 [us]', 'x')]
-    rows = _rows(parts['calls'], lambda each: (microseconds(each.p99), _range(each, 'ratio')))
-    setup = {name: number(1e3 * about['setup']) for name, about in found['contenders'].items()}
     sections = [
         '# Benchmark',
         summary(found),
         '## Percentiles and spread',
-        '99th percentile of single calls, its median over repetitions; the interquartile range of '
-        'the ratios of the repetitions; the time of the set-up, once.',
-        table(
-            ('contender', *p99, 'set-up [ms]'),
-            [(f'`{name}`', *own, setup[name]) for name, own in rows.items()],
-        ),
+        'Percentiles of single calls and the worst call of a repetition, their medians over the '
+        'repetitions; the slowest of all calls, which is often one that the machine interrupted; '
+        'the interquartile range of the ratios of the repetitions.',
+        *percentiles(parts['calls'], PYTHON),
+        '## In C',
+        *_in_c(found['C'], parts.get('C')),
         *(_growth(found['rival'], parts['rotors']) if 'rotors' in parts else []),
+        '## Set-up',
+        *_setup(found['contenders'], parts.get('set-up')),
         '## Batches',
         _batches(parts['batches']),
         '## Closed loop',
@@ -46,8 +52,8 @@ def document(found: Metrics) -> str:
         '## Made with',
         '\n'.join(f'- {line}' for line in _made_with(found)),
         '## Limitations',
-        'The times are of Python calls on small problems with warm caches; docs/performance.md '
-        'lists all limitations.',
+        'The times are of small problems with warm caches; docs/performance.md lists all '
+        'limitations.',
     ]
     return '\n\n'.join(sections) + '\n'
 
@@ -79,32 +85,15 @@ def _parts(found: Metrics) -> dict[Any, pd.DataFrame]:
     return dict(iter(pd.DataFrame(found['results']).groupby('part', sort=False)))
 
 
-def _rows(
-    results: pd.DataFrame, cells: Callable[[Any], tuple[str, ...]]
-) -> dict[Any, tuple[str, ...]]:
-    """Return the cells of all results of each contender."""
-    return {
-        name: tuple(cell for each in own.itertuples() for cell in cells(each))
-        for name, own in results.groupby('contender', sort=False)
-    }
-
-
 def _calls(found: Metrics) -> list[str]:
     calls = _parts(found)['calls']
-    times = _rows(calls, lambda each: (_time(each, f' ({number(each.ratio)}x)'),))
-    faults = _rows(calls, lambda each: (f'{each.load}: {each.faults}',) if each.faults else ())
-    worst = calls.groupby('contender')[['error', 'violation', 'norm_excess']].max()
-    rows = []
-    for name in times:
-        errors = ['none right' if pd.isna(value) else number(value) for value in worst.loc[name]]
-        rows.append((f'`{name}`', *times[name], *errors, '; '.join(faults[name]) or 'nothing'))
-    errors = ['wrench error', 'violation [N]', 'norm excess [N]', 'wrong']
     parts = [
         'Microseconds per call, in brackets in units of the clipped pseudo-inverse '
         f'(`{BASELINE}`); errors are the worst of all answers. {MARK.strip()} marks a time for '
         'which answers were wrong: the wrench [N, N m], the bounds or the least norm missed by '
-        f'more than {WRONG:g}, or no answer to an attainable wrench.',
-        table(('contender', *(f'{load} [us]' for load in LOADS), *errors), rows),
+        f'more than {WRONG:g}, or no answer to an attainable wrench. p99.9 and the worst call are '
+        'those of the load on which they are greatest.',
+        times(calls, PYTHON),
     ]
     if found['absent']:
         absent = ', '.join(f'`{name}` ({how})' for name, how in found['absent'].items())
@@ -117,6 +106,37 @@ def _calls(found: Metrics) -> list[str]:
     return [*parts, f'The loads: {"; ".join(about)}.']
 
 
+def _in_c(about: Metrics, calls: pd.DataFrame | None) -> list[str]:
+    absent = '; '.join(f'`{name}`: {why}' for name, why in about['absent'].items())
+    parts = [f'Not measured: {absent}.'] if absent else []
+    if calls is None:
+        return parts
+    interfaces = '; '.join(f'`{name}`, {what}' for name, what in about['contenders'].items())
+    return [
+        'Nanoseconds per call, for which the clock is read in C, in brackets in units of the '
+        'clipped pseudo-inverse in C. A time of a single call has the resolution of the clock and '
+        f'includes {number(1e9 * about["clock"])} ns for reading it.',
+        times(calls, C),
+        *percentiles(calls, C),
+        *parts,
+        f'A call is: {interfaces}. Compiler: {about["compiler"]}; DAQP is the library that is '
+        'inside its Python package.',
+    ]
+
+
+def _setup(contenders: Metrics, changes: pd.DataFrame | None) -> list[str]:
+    parts = []
+    if changes is not None:
+        cells = by_contender(changes, lambda own: (number(1e3 * own.time),)).items()
+        titles = (f'{axes} [ms]' for axes in changes['load'].unique())
+        parts = [
+            f'{ROTORS} rotors, another of which has failed each time:',
+            table(('', *titles), [(SETUPS[name][0], *own) for name, own in cells]),
+        ]
+    setup = [(f'`{name}`', number(1e3 * own['setup'])) for name, own in contenders.items()]
+    return [*parts, 'The set-up of the contenders, once:', table(('', 'set-up [ms]'), setup)]
+
+
 def _growth(rival: str | None, results: pd.DataFrame) -> list[str]:
     peer = f'the fastest peer, `{rival}`' if rival else 'no peer'
     parts = [
@@ -125,7 +145,7 @@ def _growth(rival: str | None, results: pd.DataFrame) -> list[str]:
         f'the same thrust. Baseline, `exact` and {peer}.',
     ]
     for load, part in results.groupby('load', sort=False):
-        rows = _rows(part, lambda each: (_time(each),)).items()
+        rows = by_contender(part, lambda own: (time(own, PYTHON),)).items()
         titles = (f'{load} [us], rotors', *map(str, part['rotors'].unique()))
         parts.append(table(titles, [(f'`{name}`', *own) for name, own in rows]))
     return parts
@@ -134,18 +154,19 @@ def _growth(rival: str | None, results: pd.DataFrame) -> list[str]:
 def _batches(results: pd.DataFrame) -> str:
     rows = []
     for each in results.assign(time=1e6 * results['time']).itertuples():
-        load = f'batches of {each.load}' if each.load.isdecimal() else each.load
+        load = f'batches of {each.load}' if each.load[0].isdecimal() else each.load
         rows.append((f'`{each.contender}`, {load}', number(each.time), f'{1e6 / each.time:,.0f}'))
-    return table(('uniform wrenches', 'us per wrench', 'wrenches per second'), rows)
+    found = table(('uniform wrenches', 'us per wrench', 'wrenches per second'), rows)
+    return f'On one core, unless two are named.\n\n{found}'
 
 
 def _closed_loop(flight: Metrics, results: pd.DataFrame) -> str:
     exact, unit = (results[results['contender'] == name].iloc[0] for name in ('exact', BASELINE))
     return (
         f'{exact.load} of flight with `exact`, {flight["steps"]} steps of controller, allocator '
-        f'and rigid body, take {exact.time:.3f} s ({_range(exact, "time")}); {UNIT} clipped '
+        f'and rigid body, take {exact.time:.3f} s ({spread(exact, "time")}); {UNIT} clipped '
         f'pseudo-inverses take {1e3 * unit.time:.3g} ms, so that is {number(exact.ratio)} '
-        f'({_range(exact, "ratio")}) of these units. The flight ends '
+        f'({spread(exact, "ratio")}) of these units. The flight ends '
         f'{number(flight["final_error"])} m from its waypoint.'
     )
 
@@ -192,15 +213,6 @@ def _made_with(found: Metrics) -> list[str]:
         parts = (about['interface'], package, _words(about['settings']))
         lines.append(f'`{name}`: {"; ".join(filter(None, parts))}')
     return lines
-
-
-def _time(own: Any, beside: str = '') -> str:
-    return f'{microseconds(own.time)}{beside}{MARK if own.faults else ""}'
-
-
-def _range(own: Any, name: str) -> str:
-    low, high = (getattr(own, f'{name}_{end}') for end in ('low', 'high'))
-    return f'{number(low)} to {number(high)}'
 
 
 def _words(values: Metrics, between: str = '=') -> str:

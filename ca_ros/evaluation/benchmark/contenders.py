@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import Allocator, make_allocator
 from ca_ros.evaluation.benchmark import peers
 from ca_ros.evaluation.benchmark.peers import Call
 from ca_ros.problem.problem import AllocationProblem
@@ -49,6 +50,13 @@ def method(make: Callable[[Vehicle], Allocator]) -> Contender:
 def peer(package: str, build: Callable[..., Call], interface: str, **settings: Any) -> Contender:
     """Return a solver of others as a contender."""
     return Contender('peer', interface, build, package, settings)
+
+
+POLICIES = {
+    f'exact_{policy}': method(partial(make_allocator, 'exact', policy=policy))
+    for policy in ('scale', 'reject')
+}
+"""The policies of the exact allocator other than prioritize, its default, by name."""
 
 
 def _clipped_pinv(problem: AllocationProblem) -> Call:

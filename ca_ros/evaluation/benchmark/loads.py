@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 LOADS = {
@@ -22,8 +24,8 @@ LOADS = {
     'boundary': 'where random rays from the centre of the admissible set leave it: a third of the '
     'wrenches on the boundary, to rounding, a third inside and a third outside, by 1e-3, 1e-6 or '
     '1e-9 of the distance from the centre',
-    'flight': 'the successive commands of the controller in a flight to four waypoints, of which '
-    'three are so far away that rotors saturate',
+    'flight': 'the successive commands of the controller in a flight to four waypoints in turn, '
+    'three of which are so far away that rotors saturate',
 }
 """The loads by name, in words."""
 
@@ -41,6 +43,12 @@ WAYPOINTS = (
 TIME_STEP = 0.01
 """Time between two wrenches of a flight [s]."""
 
+LEG = 250
+"""Wrenches on the way to a waypoint; fewer if a flight has too few for all waypoints."""
+
+TILT = np.radians(25.0)
+"""Tilt of rotors about their arms, alternately left and right, as of hexarotor_tilted [rad]."""
+
 PAPER = 6
 """Number of rotors of the paper's vehicle."""
 
@@ -55,11 +63,12 @@ def boundary(admissible: AdmissibleSet, rng: np.random.Generator, size: int) -> 
 
 
 def flight(vehicle: Vehicle, gains: Gains, size: int) -> Array:
-    """Return the wrenches (size, m) of a flight to `WAYPOINTS`, equally long to each [N, N m]."""
+    """Return the wrenches (size, m) of a flight to `WAYPOINTS` in turn [N, N m]."""
     allocator, body = make_allocator('exact', vehicle), RigidBody(vehicle)
     controller, state, wrenches = Controller(vehicle, gains), NULL_STATE, []
-    ends = np.linspace(0, size, len(WAYPOINTS) + 1).astype(int)
-    for waypoint, steps in zip(WAYPOINTS, np.diff(ends), strict=True):
+    legs = max(size // LEG, len(WAYPOINTS))
+    ends = np.linspace(0, size, legs + 1).astype(int)
+    for waypoint, steps in zip(cycle(WAYPOINTS), np.diff(ends), strict=False):
         goal = waypoint, steps * TIME_STEP, TIME_STEP
         flown = fly(controller, allocator, body, *goal, state)
         samples = zip(
@@ -88,3 +97,12 @@ def ring(n: int) -> dict[str, Any]:
     # The file's weight is for six rotors; the exact allocator does not use it.
     parameters['allocation.conventional.weight'] = 1e-4
     return parameters
+
+
+def tilted_ring(n: int) -> dict[str, Any]:
+    """Return the parameters of `ring` with tilted rotors, which command all six axes."""
+    angles, tilts = 2.0 * np.pi * np.arange(n) / n, TILT * (-1.0) ** np.arange(n)
+    sides = np.sin(tilts)
+    axes = np.column_stack([-sides * np.sin(angles), sides * np.cos(angles), np.cos(tilts)])
+    changes = {'rotors.axes': axes.ravel().tolist(), 'allocation.axes': list(AXES)}
+    return ring(n) | changes

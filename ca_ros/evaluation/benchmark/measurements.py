@@ -1,7 +1,8 @@
-"""The parts of a benchmark: calls, growth with the number of rotors, batches, closed loop."""
+"""The parts of a benchmark: calls, number of rotors, batches, closed loop."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -28,6 +29,9 @@ from ca_ros.vehicle.vehicle import Vehicle
 UNIT, UNITS = 1000, 20
 """Calls of the baseline in the unit of the closed loop, and units in a repetition."""
 
+TWO_CORES = ', two cores'
+"""What the load of a batch on two cores ends with; others are on one."""
+
 
 def time_calls(
     problem: AllocationProblem,
@@ -35,13 +39,14 @@ def time_calls(
     wrenches: Mapping[str, Array],
     plan: Plan,
     seed: int,
+    part: str = 'calls',
 ) -> pd.DataFrame:
     """Return rows of `measure` for each load, wrenches (W, m) [N, N m]."""
     parts = []
     for load, demands in wrenches.items():
         judge = Judge(problem, demands)
         tracks = {
-            Key('calls', load, name, problem.n): Track(call, judge) for name, call in calls.items()
+            Key(part, load, name, problem.n): Track(call, judge) for name, call in calls.items()
         }
         parts.append(measure(tracks, plan, seed))
     return pd.concat(parts)
@@ -53,14 +58,17 @@ def time_rotors(plan: Plan, rival: str | None, seed: int) -> pd.DataFrame:
     others = {rival: CONTENDERS[rival]} if rival else {}
     contenders = {BASELINE: CONTENDERS[BASELINE], **exact, **others}
     parts = []
-    for load in ('uniform', 'flight'):
+    for load in loads.LOADS:
         tracks: dict[Key, Track] = {}
         for n in plan.rotors:
             parameters = loads.ring(n)
             vehicle = Vehicle.from_parameters(parameters)
             admissible = AdmissibleSet(vehicle)
+            chance = np.random.default_rng(seed)
             if load == 'uniform':
-                wrenches = admissible.sample(np.random.default_rng(seed), plan.wrenches)
+                wrenches = admissible.sample(chance, plan.wrenches)
+            elif load == 'boundary':
+                wrenches = loads.boundary(admissible, chance, plan.wrenches)
             else:
                 wrenches = loads.flight(vehicle, Gains.from_parameters(parameters), plan.flight)
             judge = Judge(admissible.problem, wrenches)
@@ -79,7 +87,8 @@ def time_batches(
 ) -> pd.DataFrame:
     """Return rows of `rounds`: times per uniform wrench, of `exact` for all sizes of batches.
 
-    The other allocators get the smallest size alone; the rival is called in a loop.
+    The other allocators get the smallest size alone; the rival is called in a loop.  All run on
+    one core; if there are two, the greatest size also on two.
     """
     sizes, n = plan.batches, admissible.problem.n
     wrenches = admissible.sample(np.random.default_rng(seed), max(sizes))
@@ -89,12 +98,25 @@ def time_batches(
         _batches(allocator, wrenches, min(sizes), 1)
         for size, count in (sizes if name == 'exact' else {min(sizes): 1}).items():
             job = partial(_batches, allocator, wrenches, size, count)
-            jobs[Key('batches', str(size), name, n)] = job, size * count
+            jobs[Key('batches', str(size), name, n)] = partial(_on, 1, job), size * count
+            if name == 'exact' and size == max(sizes) and len(os.sched_getaffinity(0)) > 1:
+                key = Key('batches', f'{size}{TWO_CORES}', name, n)
+                jobs[key] = partial(_on, 2, job), size * count
     if rival is not None:
         looped = wrenches[: plan.looped]
         key = Key('batches', 'one by one', rival[0], n)
-        jobs[key] = partial(_loop, rival[1], looped, n), len(looped)
+        jobs[key] = partial(_on, 1, partial(_loop, rival[1], looped, n)), len(looped)
     return rounds(jobs, plan.rounds, seed)
+
+
+def _on(cores: int, job: Callable[[], Any]) -> None:
+    """Do a job on some of the cores that the process may use."""
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(allowed)[-cores:])
+    try:
+        job()
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 def _batches(allocator: Allocator, wrenches: Array, size: int, count: int) -> None:

@@ -41,8 +41,7 @@ class Plan:
     duration: float = 10.0
 
 
-FULL = Plan(1000, 1000, 41, 5, 5.0, {10_000: 100, 100_000: 10, 1_000_000: 1}, 100_000, 11)
+FULL = Plan(5000, 5000, 21, 5, 5.0, {10_000: 100, 100_000: 10, 1_000_000: 1}, 100_000, 11)
 
-# A shorter flight would have other wrenches, so its number is not reduced.
-QUICK = replace(FULL, wrenches=100, repetitions=31, least=2, budget=0.1, looped=5_000, rounds=3)
-QUICK = replace(QUICK, batches={10_000: 5, 100_000: 1, 1_000_000: 1})
+QUICK = replace(FULL, wrenches=100, flight=1000, repetitions=31, least=2, budget=0.1)
+QUICK = replace(QUICK, looped=5_000, rounds=3, batches={10_000: 5, 100_000: 1, 1_000_000: 1})

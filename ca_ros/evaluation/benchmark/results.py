@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from ca_ros.evaluation.benchmark.contenders import BASELINE
-from ca_ros.evaluation.benchmark.timing import Key
+from ca_ros.evaluation.benchmark.timing import PERCENTILES, Key
 from ca_ros.evaluation.judge import faults
 
 KEY = list(Key._fields)
@@ -20,7 +20,8 @@ def summarize(rows: pd.DataFrame) -> pd.DataFrame:
 
     The columns are the median over repetitions and the ends of the interquartile range of the time
     (``time``, ``time_low``, ``time_high``) and of the time in units of the baseline's (``ratio``
-    and so on), the median of ``p99``, the largest errors, and ``faults``.
+    and so on), the medians of the `PERCENTILES`, the ``slowest`` of all calls, the largest errors,
+    and ``faults``.
     """
     groups = [name for name in (*KEY, 'repetition') if name != 'contender']
     unit = rows[rows['contender'] == BASELINE].set_index(groups)['time'].rename('unit')
@@ -30,8 +31,8 @@ def summarize(rows: pd.DataFrame) -> pd.DataFrame:
     for key, own in rows.groupby(KEY, sort=False):
         worst = own[ERRORS].max()
         row = {**Key(*key)._asdict(), **_spread('time', own['time'])}
-        row |= {**_spread('ratio', own['ratio']), 'p99': own['p99'].median()}
-        found.append({**row, **worst, 'faults': faults(worst)})
+        row |= {**_spread('ratio', own['ratio']), **own[list(PERCENTILES)].median()}
+        found.append({**row, 'slowest': own['worst'].max(), **worst, 'faults': faults(worst)})
     return pd.DataFrame(found)
 
 

@@ -20,12 +20,16 @@ import pandas as pd
 from tqdm import tqdm
 
 from ca_ros.arrays import Array
+from ca_ros.evaluation.benchmark.c_contenders import Compiled
 from ca_ros.evaluation.benchmark.peers import Call
 from ca_ros.evaluation.benchmark.plan import Plan
 from ca_ros.evaluation.judge import AnswerError, Judge
 
 TURN = 250
 """Calls in a turn."""
+
+PERCENTILES = {'p50': 50.0, 'p99': 99.0, 'p999': 99.9, 'worst': 100.0}
+"""Percentiles of the times of single calls, by column."""
 
 
 class Key(NamedTuple):
@@ -48,20 +52,23 @@ def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
     """Time contenders against each other, in an order that the seed determines.
 
     Returns one row per contender and repetition in which it took part: the fields of `Key`,
-    ``repetition`` (-1 for the first pass, which is not timed), ``time`` (the mean) and ``p99`` of
-    a call [s], and the errors of the answers from `Judge.worst`.
+    ``repetition`` (-1 for the first pass, which is not timed), ``time`` (the mean of a call) and
+    the `PERCENTILES` of single calls [s], and the errors of the answers from `Judge.worst`.
     """
     wrenches = {key: list(track.judge.demands) for key, track in tracks.items()}
     size = len(next(iter(wrenches.values())))
     chance, rows, counts = random.Random(seed), [], {}
 
-    def note(key: Key, repetition: int, time: float, p99: float, answers: list[Any]) -> None:
+    def note(
+        key: Key, repetition: int, time: float, single: list[float], answers: list[Any]
+    ) -> None:
         try:
             worst = tracks[key].judge.worst(answers)
         except AnswerError as error:
             raise AnswerError(f'{key.contender}: {error}') from None
-        measured = {'repetition': repetition, 'time': time, 'p99': p99}
-        rows.append({**key._asdict(), **measured, **worst})
+        values = np.percentile(single, list(PERCENTILES.values())) / 1e9
+        measured = {'time': time, **dict(zip(PERCENTILES, values, strict=True))}
+        rows.append({**key._asdict(), 'repetition': repetition, **measured, **worst})
 
     def turns(keys: list[Key]) -> Iterator[tuple[Key, list[Array]]]:
         for start in range(0, size, TURN):
@@ -74,13 +81,13 @@ def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
         for key, track in tracks.items():
             # The first calls fill caches and are not timed.
             first, answers = _one_by_one(track.call, wrenches[key])
-            note(key, -1, np.nan, np.nan, answers)
+            note(key, -1, np.nan, [np.nan], answers)
             wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * size)
             counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
         for repetition in _progress(plan.repetitions, tracks):
             part = [key for key in tracks if takes_part(repetition, counts[key], plan.repetitions)]
             spent = dict.fromkeys(part, 0)
-            single: dict[Key, list[int]] = {key: [] for key in part}
+            single: dict[Key, list[float]] = {key: [] for key in part}
             given: dict[Key, list[Any]] = {key: [] for key in part}
             for key, turn in turns(part):
                 spent[key] += _together(tracks[key].call, turn)
@@ -89,8 +96,7 @@ def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
                 single[key] += times
                 given[key] += answers
             for key in part:
-                p99 = float(np.percentile(single[key], 99)) / 1e9
-                note(key, repetition, spent[key] / 1e9 / size, p99, given[key])
+                note(key, repetition, spent[key] / 1e9 / size, single[key], given[key])
     return pd.DataFrame(rows)
 
 
@@ -101,6 +107,8 @@ def takes_part(repetition: int, count: int, repetitions: int) -> bool:
 
 def _together(call: Call, wrenches: list[Array]) -> int:
     """Return the time of the calls of a turn [ns]."""
+    if isinstance(call, Compiled):
+        return call.together(wrenches)
     start = perf_counter_ns()
     for u in wrenches:
         call(u)
@@ -109,6 +117,8 @@ def _together(call: Call, wrenches: list[Array]) -> int:
 
 def _one_by_one(call: Call, wrenches: list[Array]) -> tuple[list[int], list[Any]]:
     """Return the time of each call [ns], and the thrusts."""
+    if isinstance(call, Compiled):
+        return call.one_by_one(wrenches)
     times, answers = [], []
     for u in wrenches:
         start = perf_counter_ns()

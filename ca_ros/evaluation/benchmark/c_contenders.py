@@ -1,0 +1,196 @@
+"""Contenders in C: the same wrenches without the cost of Python interfaces.
+
+`contenders.c` is compiled for a vehicle when the benchmark runs, with the kernel of `exact` and
+the code that OSQP generates; of DAQP the library inside its Python package is called.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from importlib import import_module
+from importlib.metadata import version
+from io import StringIO
+from pathlib import Path
+from shutil import which
+from tempfile import TemporaryDirectory
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import sparse
+
+from ca_ros import kernel
+from ca_ros.arrays import Array
+from ca_ros.problem.prioritization import ORDER, REVERSAL, groups_of, sensed
+from ca_ros.problem.problem import AllocationProblem
+
+SOURCE = Path(__file__).with_name('contenders.c')
+KERNEL = Path(kernel.__file__).parent
+COMPILERS = ('cc', 'gcc', 'clang')
+
+OPTIONS = ['-std=c99', '-O3', '-ffp-contract=off', '-fPIC', '-shared', '-Wl,-Bsymbolic']
+"""Those of setup.py; with -Bsymbolic the code calls its own OSQP, not the Python package's."""
+
+INTERFACES = {
+    'clipped_pinv': 'a product with a constant matrix, then comparisons',
+    'exact': 'ca_allocate, prioritize',
+    'daqp_reused': 'daqp_update_ldp of the bounds, then daqp_solve in the same workspace',
+    'osqp': 'osqp_update_data_vec, then osqp_solve, generated code with default settings',
+}
+"""The contenders by name, with what a call does."""
+
+DAQP = '0.11.0'
+"""The version of DAQP whose structures `contenders.c` knows."""
+
+
+class Missing(Exception):
+    """What a contender needs is not there; the message says what."""
+
+
+class Compiled:
+    """A contender in C; a turn of calls is timed in C."""
+
+    rows: ClassVar = np.ctypeslib.ndpointer(np.float64, ndim=2, flags='C')
+
+    def __init__(self, library: ctypes.CDLL, name: str, n: int) -> None:
+        self._call = ctypes.cast(getattr(library, name), ctypes.c_void_p)
+        self._library, self._n = library, n
+        types: list[Any] = [ctypes.c_void_p, ctypes.c_size_t, self.rows]
+        library.together.argtypes, library.together.restype = types, ctypes.c_int64
+        flags, times = (np.ctypeslib.ndpointer(kind) for kind in (np.int8, np.int64))
+        library.one_by_one.argtypes = [*types, self.rows, flags, times]
+        library.one_by_one.restype = None
+
+    def __call__(self, u: Array) -> Array | None:
+        """Return the thrusts (n,) for u (m,), or None."""
+        return self.one_by_one([u])[1][0]
+
+    def together(self, wrenches: Sequence[Array]) -> int:
+        """Return the time of all calls [ns]."""
+        elapsed: int = self._library.together(self._call, len(wrenches), np.array(wrenches))
+        return elapsed
+
+    def one_by_one(self, wrenches: Sequence[Array]) -> tuple[list[int], list[Array | None]]:
+        """Return the time of each call [ns], and the thrusts."""
+        size = len(wrenches)
+        thrusts, answered = np.empty((size, self._n)), np.empty(size, np.int8)
+        times = np.empty(size, np.int64)
+        arguments = np.array(wrenches, float), thrusts, answered, times
+        self._library.one_by_one(self._call, size, *arguments)
+        pairs = zip(thrusts, answered, strict=True)
+        return times.tolist(), [own if good else None for own, good in pairs]
+
+
+def compiled(
+    problem: AllocationProblem, reference: Array
+) -> tuple[dict[str, Compiled], dict[str, Any]]:
+    """Build the contenders for a vehicle.
+
+    Parameters
+    ----------
+    problem : AllocationProblem
+    reference : (m,) array
+        A wrench in the admissible set [N, N m].
+
+    Returns
+    -------
+    calls : dict
+        The contenders by name.
+    about : dict
+        What benchmark.json has about them: ``contenders``, what a call does, by name; ``absent``,
+        why others are missing, by name; ``clock``, the time of a call that does nothing, timed
+        alone [s]; ``compiler`` and its options.
+    """
+    absent: dict[str, str] = {}
+    about: dict[str, Any] = {'contenders': {}, 'absent': absent}
+    with TemporaryDirectory() as folder:
+        try:
+            generated = _osqp_code(problem, Path(folder))
+        except (Missing, ImportError) as error:
+            absent['osqp'], generated = str(error), []
+        try:
+            library, about['compiler'] = _build(problem, generated, Path(folder))
+        except Missing as error:
+            return {}, about | {'absent': dict.fromkeys(INTERFACES, str(error))}
+    _set_up(library, problem)
+    try:
+        _set_up_daqp(library, reference)
+    except (Missing, ImportError) as error:
+        absent['daqp_reused'] = str(error)
+    about['contenders'] = {name: own for name, own in INTERFACES.items() if name not in absent}
+    calls = {name: Compiled(library, name, problem.n) for name in about['contenders']}
+    times, _ = Compiled(library, 'nothing', problem.n).one_by_one([reference] * 1000)
+    return calls, about | {'clock': float(np.median(times)) / 1e9}
+
+
+def _osqp_code(problem: AllocationProblem, folder: Path) -> list[str]:
+    """Write OSQP's code for Eqs. (20)-(22); return sources and options."""
+    osqp: Any = import_module('osqp')
+    n, start, out = problem.n, problem.image.center, folder / 'osqp'
+    rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n)]))
+    ends = (np.concatenate([start, bounds]) for bounds in (problem.lower, problem.upper))
+    solver = osqp.OSQP()
+    solver.setup(sparse.identity(n, format='csc'), np.zeros(n), rows, *ends, verbose=False)
+    with redirect_stdout(StringIO()):
+        solver.codegen(str(out), parameters='vectors', force_rewrite=True)
+    sources = [out / 'workspace.c', *out.glob('src/*.c')]
+    includes = [f'-I{path}' for path in (out, out / 'inc' / 'public', out / 'inc' / 'private')]
+    return ['-DWITH_OSQP', *includes, *map(str, sources)]
+
+
+def _build(
+    problem: AllocationProblem, generated: list[str], folder: Path
+) -> tuple[ctypes.CDLL, str]:
+    """Compile; return the library, and the compiler and its options in words."""
+    compiler = next(filter(None, map(which, COMPILERS)), None)
+    if compiler is None:
+        raise Missing('no C compiler')
+    library = folder / 'contenders.so'
+    sources = [str(path) for path in KERNEL.glob('*.c') if path.name != 'module.c']
+    sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}', '-DCA_FIXED']
+    parts = [*sizes, f'-I{KERNEL}', str(SOURCE), *sources, *generated]
+    done = subprocess.run(
+        [compiler, *OPTIONS, *parts, '-lm', '-o', str(library)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise Missing(f'{compiler}: {(done.stderr.strip().splitlines() or ["failed"])[0]}')
+    named = subprocess.run([compiler, '--version'], capture_output=True, text=True, check=True)
+    return ctypes.CDLL(str(library)), f'{named.stdout.splitlines()[0]}; {" ".join(OPTIONS[:3])}'
+
+
+def _set_up(library: ctypes.CDLL, problem: AllocationProblem) -> None:
+    axes = problem.axes
+    groups, keeps = groups_of(ORDER, axes), sensed(groups_of(ORDER, axes), REVERSAL)
+    reals = [problem.gamma, np.linalg.pinv(problem.gamma), problem.lower, problem.upper]
+    reals.append(problem.hover)
+    integers = [
+        [axes.index(axis) for group in groups for axis in group],
+        [i for i, group in enumerate(groups) for _ in group],
+        [int(axis in keeps) for axis in axes],
+    ]
+    arrays = [np.ascontiguousarray(values, np.float64) for values in reals]
+    arrays += [np.array(values, np.intc) for values in integers]
+    pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in arrays)
+    fault = library.set_up(*pointers, ctypes.c_double(1e-9))
+    if fault:
+        raise RuntimeError(f'ca_set_up: fault {fault}')
+
+
+def _set_up_daqp(library: ctypes.CDLL, reference: Array) -> None:
+    daqp: Any = import_module('daqp')
+    if version('daqp') != DAQP:
+        raise Missing(f'known is the library of daqp {DAQP}, found {version("daqp")}')
+    try:
+        inside = ctypes.CDLL(daqp.__file__)
+        names = ('setup_daqp', 'daqp_update_ldp', 'daqp_solve')
+        functions = [ctypes.cast(getattr(inside, name), ctypes.c_void_p) for name in names]
+    except (AttributeError, OSError) as error:
+        raise Missing(f'daqp: {error}') from None
+    start = np.ascontiguousarray(reference, np.float64)
+    if library.set_up_daqp(*functions, start.ctypes.data_as(ctypes.c_void_p)) <= 0:
+        raise Missing('setup_daqp failed')

@@ -1,0 +1,159 @@
+/* Contenders of the benchmark in C, and the clock around their calls.
+ *
+ * c_contenders.py compiles this file for one vehicle: CA_N rotors and CA_M axes, and the kernel of
+ * the exact allocator; with WITH_OSQP also the code that OSQP generates for the vehicle.
+ * A contender writes thrusts[CA_N] for u[CA_M] and returns 1, or 0 if it has no answer.
+ */
+#define _POSIX_C_SOURCE 199309L
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+#include <time.h>
+
+#include "exact.h"
+
+typedef int contender(const double *u, double *thrusts);
+
+static double matrix[CA_M * CA_N], inverse[CA_N][CA_M], lower[CA_N], upper[CA_N];
+static ca_problem problem;
+
+/* Keep the vehicle's data, prepare the kernel; returns an enum ca_fault. */
+int set_up(const double *gamma, const double *pseudo_inverse, const double *low,
+           const double *high, const double *reference, const int *order, const int *group,
+           const int *keep_sense, double slack)
+{
+    ca_options options = {.policy = CA_PRIORITIZED, .slack = slack};
+    memcpy(matrix, gamma, sizeof matrix);
+    memcpy(inverse, pseudo_inverse, sizeof inverse);
+    memcpy(lower, low, sizeof lower);
+    memcpy(upper, high, sizeof upper);
+    memcpy(options.reference, reference, sizeof options.reference);
+    memcpy(options.order, order, sizeof options.order);
+    memcpy(options.group, group, sizeof options.group);
+    memcpy(options.keep_sense, keep_sense, sizeof options.keep_sense);
+    return ca_set_up(&problem, CA_N, CA_M, matrix, lower, upper, &options);
+}
+
+int nothing(const double *u, double *thrusts)
+{
+    thrusts[0] = u[0];
+    return 1;
+}
+
+int clipped_pinv(const double *u, double *thrusts)
+{
+    for (int i = 0; i < CA_N; i++) {
+        double sum = 0.0;
+        for (int k = 0; k < CA_M; k++)
+            sum += inverse[i][k] * u[k];
+        sum = sum < lower[i] ? lower[i] : sum;
+        thrusts[i] = sum > upper[i] ? upper[i] : sum;
+    }
+    return 1;
+}
+
+int exact(const double *u, double *thrusts)
+{
+    ca_allocate(&problem, u, thrusts);
+    return 1;
+}
+
+/* DAQP's structures and functions, of version 0.11.0: they are in the Python package's library,
+ * which comes without headers. Of the workspace only the size matters, and it is ample. */
+typedef struct {
+    int n, m, simple;
+    double *hessian, *cost, *rows, *upper, *lower;
+    int *sense, *breaks, levels, type;
+} daqp_problem;
+
+typedef struct {
+    double *x, *multipliers, value, slack;
+    int flag, iterations, nodes;
+    double solve_time, setup_time;
+} daqp_result;
+
+enum { DAQP_OPTIMAL = 1, DAQP_EQUALITY = 5, DAQP_UPDATE_BOUNDS = 8 };
+
+static int (*daqp_update)(int, void *, daqp_problem *);
+static void (*daqp_solve)(daqp_result *, void *);
+static double daqp_workspace[1024], daqp_hessian[CA_N * CA_N], daqp_cost[CA_N];
+static double daqp_lower[CA_N + CA_M], daqp_upper[CA_N + CA_M], daqp_multipliers[CA_N + CA_M];
+static int daqp_sense[CA_N + CA_M];
+static daqp_problem daqp_data = {CA_N, CA_N + CA_M, CA_N, daqp_hessian, daqp_cost, matrix,
+                                 daqp_upper, daqp_lower, daqp_sense, NULL, 0, 0};
+
+/* Set DAQP up with the addresses of its functions, at a wrench; returns a number above 0. */
+int set_up_daqp(int (*begin)(daqp_problem *, void *, double *),
+                int (*update)(int, void *, daqp_problem *), void (*solve)(daqp_result *, void *),
+                const double *u)
+{
+    double time;
+    daqp_update = update;
+    daqp_solve = solve;
+    for (int i = 0; i < CA_N; i++)
+        daqp_hessian[i * CA_N + i] = 1.0;
+    memcpy(daqp_lower, lower, sizeof lower);
+    memcpy(daqp_upper, upper, sizeof upper);
+    for (int k = 0; k < CA_M; k++) {
+        daqp_lower[CA_N + k] = daqp_upper[CA_N + k] = u[k];
+        daqp_sense[CA_N + k] = DAQP_EQUALITY;
+    }
+    return begin(&daqp_data, daqp_workspace, &time);
+}
+
+int daqp_reused(const double *u, double *thrusts)
+{
+    daqp_result result = {.x = thrusts, .multipliers = daqp_multipliers};
+    for (int k = 0; k < CA_M; k++)
+        daqp_lower[CA_N + k] = daqp_upper[CA_N + k] = u[k];
+    if (daqp_update(DAQP_UPDATE_BOUNDS, daqp_workspace, &daqp_data) < 0)
+        return 0;
+    daqp_solve(&result, daqp_workspace);
+    return result.flag == DAQP_OPTIMAL;
+}
+
+#ifdef WITH_OSQP
+#include "osqp.h"
+#include "workspace.h"
+
+int osqp(const double *u, double *thrusts)
+{
+    double low[CA_M + CA_N], high[CA_M + CA_N];
+    memcpy(low, u, CA_M * sizeof *u);
+    memcpy(high, u, CA_M * sizeof *u);
+    memcpy(low + CA_M, lower, sizeof lower);
+    memcpy(high + CA_M, upper, sizeof upper);
+    osqp_update_data_vec(&solver, NULL, low, high);
+    osqp_solve(&solver);
+    memcpy(thrusts, solver.solution->x, CA_N * sizeof *thrusts);
+    return solver.info->status_val == OSQP_SOLVED;
+}
+#endif
+
+static int64_t now(void)
+{
+    struct timespec time;
+    clock_gettime(CLOCK_MONOTONIC, &time);
+    return (int64_t)time.tv_sec * 1000000000 + time.tv_nsec;
+}
+
+/* Time all calls together [ns]. */
+int64_t together(contender *call, size_t size, const double *wrenches)
+{
+    double thrusts[CA_N];
+    const int64_t start = now();
+    for (size_t i = 0; i < size; i++)
+        call(wrenches + i * CA_M, thrusts);
+    return now() - start;
+}
+
+/* Time each call [ns], and keep thrusts[size][CA_N] and whether they are an answer. */
+void one_by_one(contender *call, size_t size, const double *wrenches, double *thrusts,
+                signed char *answered, int64_t *times)
+{
+    for (size_t i = 0; i < size; i++) {
+        const int64_t start = now();
+        answered[i] = (signed char)call(wrenches + i * CA_M, thrusts + i * CA_N);
+        times[i] = now() - start;
+    }
+}
