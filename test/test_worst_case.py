@@ -8,17 +8,22 @@ import pytest
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
+from ca_ros.kernel import load
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs'))
 import worst_case
 
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(load() is None, reason='the extension module is not built'),
+]
+
 STEPS_MAX = 100
 """More than any wrench is known to take, and less than half of the bound in double precision."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('name', ['hexarotor', 'octorotor', 'hexarotor_tilted'])
 @pytest.mark.parametrize('precision', ['double', 'single'])
 def test_no_wrench_comes_near_the_bounds_or_is_inexact(name, precision):
