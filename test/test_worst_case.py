@@ -1,0 +1,36 @@
+"""The steps and pivots of the kernel, and the bounds of its loops; see docs/worst_case.py."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from ca_ros.firmware.command import checked
+from ca_ros.firmware.faults import faults_of
+from ca_ros.firmware.firmware import Firmware
+from ca_ros.kernel import load
+from ca_ros.vehicle.files import read
+from ca_ros.vehicle.vehicle import Vehicle
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs'))
+import worst_case
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(load() is None, reason='the extension module is not built'),
+]
+
+STEPS_MAX = 100
+"""More than any wrench is known to take, and less than half of the bound in double precision."""
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'octorotor', 'hexarotor_tilted'])
+@pytest.mark.parametrize('precision', ['double', 'single'])
+def test_no_wrench_comes_near_the_bounds_or_is_inexact(name, precision):
+    faults = faults_of(Vehicle.load(name), ['single'])
+    firmware = Firmware.make(faults, checked(read(name)), precision)
+    sample, searched, bounds = worst_case.measure(firmware, size=100_000, generations=10)
+    for found in (sample, searched):
+        assert 0 < found.steps <= min(STEPS_MAX, bounds.steps)
+        assert 0 < found.pivots <= bounds.pivots / 10
+        assert found.inexact == 0, found.examples['inexact']
