@@ -1,28 +1,28 @@
-# Everything is installed into .venv beside this file; `make` alone says what there is to do.
+# Everything is installed into .venv beside this file; `make` without a target lists the targets.
 
 PYTHON ?= python3
 
 ifdef ROS_DISTRO
-# Where ROS is sourced it provides rclpy, and the wheels must stay away.
+# If ROS is sourced, it provides rclpy, and the wheels must not be installed.
 venv_options := --system-site-packages
 extras.demo := [studies]
 extras.test := [test]
 extras.benchmark := [peers]
 extras.docs := [docs]
 else
-# The wheels bring Fast DDS alone, and no module from elsewhere may come before theirs.
+# The wheels contain only Fast DDS; modules from elsewhere must not shadow theirs.
 extras.demo := [ros,bag,studies]
 extras.test := [ros,test]
 extras.benchmark := [ros,peers]
 extras.docs := [ros,docs]
 unexport PYTHONPATH RMW_IMPLEMENTATION
 ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
-# This shell comes from a Python with such wheels of its own, and would pass on its libraries.
+# This shell was started by a Python with such wheels; do not inherit the path of its libraries.
 unexport LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 endif
 
-# A .venv is good for one kind of ROS, one Python and one place.
+# A .venv is valid for one kind of ROS, one Python and one folder.
 version := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
 kind := $(or $(ROS_DISTRO),wheels)-$(version)-$(firstword $(shell pwd | cksum))
 
@@ -39,7 +39,7 @@ fault = $(or \
   $(if $(ROS_DISTRO)$(filter Linux_x86_64,$(shell uname -sm | tr ' ' _)),,\
     rclpy has wheels for x86-64 Linux only: install ROS 2 Jazzy here and source it))
 
-# Tests of nodes mostly wait: two for each processor.
+# Tests of nodes mostly wait for messages, so two run on each processor.
 workers = $(shell expr 2 '*' $$(nproc))
 
 # How long `make soak` keeps the nodes at 500 Hz [s].
@@ -101,13 +101,13 @@ clean:
 	rm -rf .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
-# Of what pip prints: each package that it fetches, the long step at its end, and faults.
+# Lines of pip's output to show: each package that it fetches, the long last step, and errors.
 steps := -e 's/^Collecting \([A-Za-z0-9._-]*\).*/  fetching \1/p' \
   -e 's/^Processing .*\/\([A-Za-z0-9._]*\)-.*\.whl.*/  fetching \1/p' \
   -e 's/^Installing collected packages:.*/  installing them all (half a minute or more)/p' \
   -e '/^ERROR/,$$p' -e '/^ *error:/,$$p'
 
-# Pip takes half-installed packages for whole, so what was interrupted starts again from nothing.
+# Pip does not notice half-installed packages, so an interrupted installation starts again in a new venv.
 .venv/.demo .venv/.test .venv/.benchmark .venv/.docs: .venv/.$(kind) setup.py setup.cfg
 	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes:'
 	@rm $<

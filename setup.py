@@ -72,12 +72,12 @@ setup(
         'bag': bag,
         'solvers': solvers,
         'studies': studies,
-        # What `benchmark` compares with, wheels for CPython 3.10 to 3.14 all of them.
+        # The solvers of others in `benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
-        # What `make docs` builds the pages with.
+        # For `make docs`.
         'docs': ['sphinx>=7.2', 'myst-parser>=3.0', 'numpydoc>=1.7'],
         # Here and not in tests_require, with which colcon would run no test at all. The checkers
-        # are held back because each new series of theirs finds fault with what passed before.
+        # are held back because each new series may report errors in code that passed before.
         'test': [
             'build',
             'colcon-common-extensions',

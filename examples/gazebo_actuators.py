@@ -2,7 +2,7 @@
 """Rotor speeds to Gazebo: command/motor_speed becomes actuator_msgs/Actuators.
 
 Gazebo's MulticopterMotorModel takes its speed from `velocity` at its `motorNumber`, from 0 on and
-never negative, whichever way the rotor turns: `turningDirection` says that.  --sdf prints the
+never negative, in both senses of rotation, which `turningDirection` sets.  --sdf prints the
 plugins of a vehicle, so that Gazebo and the allocator agree on order, spins and coefficients;
 ros_gz_bridge carries the message:
 

@@ -6,7 +6,7 @@ NaN stops a motor.  Its output x follows from the control c that it is sent by
 
     c = F x^2 + (1 - F) x,    F = THR_MDL_FAC
 
-which is to say that it knows thrust as that function of x.  Two kinds of outputs are served:
+so PX4 models thrust as this function of x.  Two kinds of outputs are served:
 
 - thrust (the default): THR_MDL_FAC was fitted to the motors, on a thrust stand.  What is sent is
   the share of thrust, (omega / omega_max)^2, and PX4 finds the output for it.
@@ -37,7 +37,7 @@ CONTROLS = 12
 """ActuatorMotors.NUM_CONTROLS."""
 
 FRESH = 0.2
-"""PX4 is told that offboard control is alive if a command is no older than this [s]."""
+"""Greatest age of a command for which offboard control is reported to PX4 as alive [s]."""
 
 
 def thrust_controls(speeds: np.ndarray, speed_max: np.ndarray) -> np.ndarray:

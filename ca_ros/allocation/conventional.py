@@ -101,12 +101,12 @@ class Conventional(Allocator):
                 continue
             thrusts = goal
             slopes = hessian @ thrusts - linear
-            wish = np.where(thrusts <= low, -slopes, slopes)
-            wish[free | (high == low)] = 0.0
-            keenest = int(wish.argmax())
-            if wish[keenest] <= 1e-13 * (1.0 + np.abs(linear).max()):
+            descent = np.where(thrusts <= low, -slopes, slopes)
+            descent[free | (high == low)] = 0.0
+            steepest = int(descent.argmax())
+            if descent[steepest] <= 1e-13 * (1.0 + np.abs(linear).max()):
                 break
-            free[keenest] = True
+            free[steepest] = True
         return thrusts
 
 

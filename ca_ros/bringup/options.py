@@ -20,7 +20,7 @@ from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
 from ca_ros.nodes.parameters import NODE
 
 NODES = ('controller', 'allocator', 'simulator')
-"""In the order in which they are ended: first the source of commands."""
+"""The nodes in the order in which `bringup` ends them: the source of commands first."""
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:

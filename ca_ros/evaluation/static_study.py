@@ -156,7 +156,7 @@ def _metrics(own: pd.DataFrame) -> dict[str, Any]:
 
 
 def _mean_max(values: Any) -> dict[str, float]:
-    # In the pieces of `run`: another order of the sum has another last digit.
+    # Sum in the chunks of `run`: another order of summation would change the last digit.
     size = CHUNK if len(values) <= SINGLE_MAX else BATCH
     total = sum(float(values[i : i + size].sum()) for i in range(0, len(values), size))
     return {'mean': total / len(values), 'max': float(values.max())}

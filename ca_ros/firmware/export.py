@@ -104,7 +104,7 @@ def _numbers(firmware: Firmware) -> dict[str, str]:
 
 
 def _words(firmware: Firmware, name: str) -> dict[str, str]:
-    """Return what stands in the header and in vehicle.mk."""
+    """Return the fields of the header and of vehicle.mk."""
     problem, single = firmware.problem, firmware.single
     fixed = all(fault.problem.axes == problem.axes for fault in firmware.faults)
     definitions = f'-DCA_N={problem.n} -DCA_M={len(problem.axes)}'

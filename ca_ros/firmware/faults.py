@@ -1,4 +1,4 @@
-"""The faults that firmware can be told of: what is then known of the rotors."""
+"""The faults that can be announced to the firmware: the health of the rotors."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ca_ros.schema import ParameterError
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
 CHOICES = ('none', 'single')
-"""Words for sets of faults: none at all, or the loss of each rotor by itself."""
+"""Names of sets of faults: no fault, or the loss of each single rotor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """What is known of the rotors; the first fault of a list is that there is none.
+    """A known health of the rotors; entry 0 of a list of faults means no fault.
 
     Attributes
     ----------
     constant : str
-        Its name in C, without the vehicle's.
+        The name of its constant in C, without the name of the vehicle.
     meaning : str
     report : Audit
         What the rotors can still command.
@@ -44,7 +44,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     """Return the vehicle as it is, and its faults.
 
     As in the nodes, a vehicle that cannot command every axis and hover at the start is refused
-    unless its `lost_axes` is 'drop', and axes that a fault takes away are dropped in any case.
+    unless its `lost_axes` is 'drop', and axes lost through a fault are always dropped.
 
     Parameters
     ----------

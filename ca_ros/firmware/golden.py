@@ -10,10 +10,10 @@ from ca_ros.firmware.literals import braced, indented
 from ca_ros.problem.problem import AllocationProblem
 
 SIZE = 12
-"""Wrenches of each kind for each fault."""
+"""Number of wrenches of each kind for each fault."""
 
 BEYOND = 3.0
-"""Greatest distance of a wrench from the middle of the set, in units of the boundary's."""
+"""Greatest distance of a wrench from the centre, relative to the distance of the boundary."""
 
 
 def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:

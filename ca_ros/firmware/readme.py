@@ -1,4 +1,4 @@
-"""What the README of an exported vehicle says of it."""
+"""The fields of the README of an exported vehicle."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ca_ros.firmware.footprint import Footprint
 from ca_ros.problem.commandable import unit
 
 SAMPLE = 3333
-"""Wrenches of each kind and fault, over which steps are counted."""
+"""Number of wrenches of each kind and fault for which steps are counted."""
 
 FORWARD_RIGHT_DOWN = {
     'force_x': 'F_x',
@@ -39,7 +39,7 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
     ----------
     firmware : Firmware
     footprint : Footprint or str
-        Or why it was not measured.
+        Or the reason why it was not measured.
     folder : path
         Where the kernel's files are.
     """
@@ -72,7 +72,7 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
 
 
 def unattainable(parameters: Mapping[str, Any], axes: Sequence[str]) -> str:
-    """Say what becomes of a wrench that is not attainable."""
+    """Return how a wrench that is not attainable is served."""
     policy = parameters['allocation.exact.policy']
     if policy == 'scale':
         return 'is scaled towards hover until it is attainable (`CA_SCALED`)'
@@ -87,14 +87,14 @@ def unattainable(parameters: Mapping[str, Any], axes: Sequence[str]) -> str:
 
 
 def measured(footprint: Footprint | str) -> str:
-    """Return a table of what the function takes, or how to measure it."""
+    """Return a table of flash, RAM and stack, or how to measure them."""
     if isinstance(footprint, str):
         return HOW_TO_MEASURE.format(why=footprint)
     return (
         f'| flash | RAM | stack, at most |\n|---|---|---|\n'
         f'| {footprint.flash} bytes | {footprint.ram} bytes | {footprint.stack} bytes |\n\n'
         f'This is with {footprint.compiler}, -O3,\nfor a {footprint.core}. '
-        '`make size` measures anew.'
+        '`make size` repeats the measurement.'
     )
 
 

@@ -1,4 +1,4 @@
-/* Constants and functions that the files of the library share. */
+/* Constants and functions shared by the files of the library. */
 #ifndef CA_ROS_KERNEL_NUMBERS_H
 #define CA_ROS_KERNEL_NUMBERS_H
 

@@ -26,7 +26,7 @@
 #define LAG CA_REAL(1e-3)
 /* Least weight of an axis in its group, relative to the greatest. */
 #define LAG_RATIO CA_REAL(1e-6)
-/* Multiple of the doubt of the simplex method up to which an error of a demand is ignored. */
+/* A demand counts as served within DOUBT times the error estimate of the simplex method. */
 #define DOUBT CA_CHOOSE(10, 1)
 
 /* Rate below which two facets are almost parallel. */

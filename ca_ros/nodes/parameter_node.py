@@ -89,7 +89,9 @@ class ParameterNode(Node):
         self.add_post_set_parameters_callback(self._accept)
 
     def build(self, parameters: dict[str, Any]) -> Any:
-        """Return what `adopt` takes over, made from the parameters that are not in `NODE`.
+        """Build from the parameters; the result goes to `adopt`.
+
+        A change of parameters that are all in `NODE` does not call `build`.
 
         Raises
         ------

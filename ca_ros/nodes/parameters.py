@@ -24,7 +24,7 @@ NODE = {
         mutable=True,
     ),
     'timeout_action': Parameter(
-        'rotor speeds until commands return: idle: minimum speeds; stop: zero; hold: the last '
+        'rotor speeds until commands return. idle: minimum speeds; stop: zero; hold: the last '
         'speeds',
         str,
         default='idle',
@@ -39,25 +39,29 @@ NODE = {
         mutable=True,
     ),
     'world_frame': Parameter(
-        'frame_id of poses and waypoints, with the same rule', str, default='map', mutable=True
+        'frame_id of poses and waypoints; messages with another frame_id are dropped, those with an '
+        'empty frame_id are used',
+        str,
+        default='map',
+        mutable=True,
     ),
     'command_age_max': Parameter(
-        'greatest difference between the stamp of a wrench and ROS time; others are dropped; '
-        '0: no limit [s]',
+        'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
+        'dropped; 0: no limit [s]',
         default=0.0,
         minimum=0.0,
         mutable=True,
     ),
     'command_order': Parameter(
-        'wrenches with an older stamp than the previous wrench: any: served; newer: dropped',
+        'wrenches whose stamps are out of order. any: serve them; newer: drop them',
         str,
         default='any',
         choices=('any', 'newer'),
         mutable=True,
     ),
     'simulator.real_time_factor': Parameter(
-        'simulated time per second of real time, in mode realtime; stamps follow the clock only '
-        'at 1 [s/s]',
+        'simulated time per second of real time, in mode realtime; at values other than 1, stamps '
+        'deviate from the clock [s/s]',
         default=1.0,
         minimum=0.01,
         maximum=10.0,

@@ -47,7 +47,7 @@ class Watchdog:
         return self._missed == self._last or monotonic() - self._last > self.timeout
 
     def wake(self) -> None:
-        """Note a command that cannot be served, which counts only as the first one."""
+        """Start the watchdog on a rejected command; later rejected commands do not feed it."""
         if not self.awake:
             self.feed()
 

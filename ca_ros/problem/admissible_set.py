@@ -14,7 +14,7 @@ from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
 
 REACHED = 1e-9
-"""Tolerance of a reference that is outside the set, relative to its distance from the centre."""
+"""How far a reference may be outside the set, relative to its distance from the centre."""
 
 
 class AdmissibleSet:

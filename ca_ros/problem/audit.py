@@ -57,8 +57,8 @@ class Audit:
     def lost(self) -> tuple[str, ...]:
         """The axes that are not in `kept`.
 
-        Those that are in `problem` are still commanded, but hover does not allow them to be
-        served: they come after the other axes.
+        Lost axes that are still in `problem` cannot be held at zero in hover; they are served
+        last.
         """
         return tuple(axis for axis in self.asked.axes if axis not in self.kept.axes)
 
@@ -187,7 +187,7 @@ def audit(vehicle: Vehicle) -> Audit:
     independent = independent_part(full)
     hovering = hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:
-        # The caller decides with this audit; allocators need not refuse the vehicle again.
+        # The caller accepts or refuses the vehicle by this audit; allocators must not refuse it.
         independent.vehicle = replace(independent.vehicle, lost_axes='drop')
     return Audit(
         asked=full,

@@ -85,7 +85,7 @@ def hovering_part(problem: AllocationProblem) -> AllocationProblem:
 def _give_up(
     problem: AllocationProblem, good: Callable[[AllocationProblem], bool]
 ) -> AllocationProblem:
-    """Leave out axes until the problem is good: one that makes it good, or else the first."""
+    """Remove axes until the problem is good; prefer an axis whose removal suffices."""
     while not good(problem):
         candidates = [_without(problem, axis) for axis in EXPENDABLE if axis in problem.axes]
         if not candidates or len(problem.axes) == 1:

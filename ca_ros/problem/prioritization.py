@@ -32,7 +32,7 @@ LAG_RATIO = 1e-6
 """Least weight of an axis in its group, relative to the greatest."""
 
 DOUBT = 10.0
-"""Multiple of what the simplex doubts by which a demand may be missed and count as served."""
+"""A demand counts as served within DOUBT times the error estimate of the simplex method."""
 
 
 class Served(NamedTuple):

@@ -162,7 +162,7 @@ class AllocationProblem:
         """Return the error of a problem whose admissible set has no volume."""
         return ValueError(
             'the admissible set has no volume: the rotors cannot command '
-            f'{", ".join(self.axes)} independently (ca_ros.audit says which)'
+            f'{", ".join(self.axes)} independently (see ca_ros.audit)'
         )
 
     @cached_property
@@ -189,7 +189,7 @@ class AllocationProblem:
                 f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {u!r}'
             ) from None
         if wrench.shape == self._shape:
-            # Of a single wrench Python tells faster than NumPy that there is nothing wrong.
+            # For a single wrench, math.hypot is faster than NumPy.
             if hypot(*wrench.tolist()) <= ABSURD:
                 return wrench
         elif not (batch and wrench.shape[-1:] == self._shape):

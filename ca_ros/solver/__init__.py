@@ -1,1 +1,1 @@
-"""Solvers that know no vehicle: quadratic and linear programs with bounds, zonotopes."""
+"""Solvers independent of vehicles: quadratic and linear programs with bounds, zonotopes."""

@@ -39,8 +39,8 @@ class Simplex:
     lower, upper : lists of float
         Their bounds.
     doubt : float
-        Bound of the distance that pushes may have missed because of `ZERO` and of rounding
-        errors, which pivots magnify.
+        Error estimate: a bound of the distance that pushes missed because of `ZERO` and of
+        rounding errors, which pivots magnify.
     """
 
     def __init__(self, matrix: Array) -> None:

@@ -21,11 +21,11 @@ WIDE = ('slices', 'violations', 'position', 'failure', 'benchmark')
 """Plots that need the whole width."""
 
 FACTS = ('seed', 'versions', 'machine', 'environment')
-"""Keys of the JSON files that a result depends on, beside the parameters."""
+"""Keys of the JSON files on which a result depends, beside the parameters."""
 
 
 FAULTS = (AttributeError, LookupError, RecursionError, StopIteration, TypeError, ValueError)
-"""Errors from files that have another content."""
+"""Errors caused by unexpected contents of files."""
 
 
 class ChapterError(ValueError):
