@@ -107,7 +107,7 @@ def vehicles() -> dict[str, str]:
 
 
 def kernel() -> str:
-    """Say what the exact allocator runs on."""
+    """Return which implementation the exact allocator runs on."""
     try:
         engine = chosen(1, 1)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""The package's commands, which name what is not installed in one line."""
+"""The package's commands; each reports a missing package in one line."""
 
 from __future__ import annotations
 

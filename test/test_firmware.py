@@ -382,5 +382,5 @@ def test_the_stack_is_that_of_the_deepest_chain_of_calls():
     assert footprint.deepest(graph(*frames, a='b c', c='d memset'), 'a') == 8 + 30 + 80
     with pytest.raises(OSError, match='calls itself'):
         footprint.deepest(graph(*frames, a='b', b='a'), 'a')
-    with pytest.raises(OSError, match='has no bound'):
+    with pytest.raises(OSError, match='found no bound'):
         footprint.deepest(graph(('a', 8, 'dynamic')), 'a')

@@ -33,7 +33,7 @@ def check(methods: Sequence[str]) -> None:
         raise ValueError('--ros needs ROS 2: there is no rclpy in this Python')
     for method in methods:
         if method not in ALLOCATORS:
-            raise ValueError(f'--ros: the nodes have the methods {", ".join(ALLOCATORS)}, not {method}')
+            raise ValueError(f'--ros: the nodes have {", ".join(ALLOCATORS)}, but not {method}')
 
 
 def fly_over_ros(

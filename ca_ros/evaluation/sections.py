@@ -74,6 +74,6 @@ class Section:
 
 
 def sections(admissible: AdmissibleSet, *pairs: tuple[str, str]) -> list[Section]:
-    """Return the sections along those pairs of axes that the vehicle commands."""
+    """Return the sections along each pair of axes that the vehicle commands."""
     present = set(admissible.problem.axes)
     return [Section.of(admissible, pair) for pair in pairs if set(pair) <= present]

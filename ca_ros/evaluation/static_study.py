@@ -27,7 +27,7 @@ SINGLE_MAX = 10_000
 """Up to this number of samples each call is timed; of more samples, each batch."""
 
 CHUNK, BATCH = 100, 10_000
-"""Samples that are allocated by one method after the other, one by one or in a batch."""
+"""Number of samples that each method allocates in turn, one by one or in a batch."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""What the exported function takes on a Cortex-M, where its compiler is installed."""
+"""Flash, RAM and stack of the exported function on a Cortex-M, if its compiler is installed."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Footprint(NamedTuple):
 
 
 def measure(folder: Path, name: str, core: str) -> Footprint | str:
-    """Compile an exported vehicle; return what it takes, or why that is not known.
+    """Compile an exported vehicle; return its footprint, or why it is not known.
 
     Parameters
     ----------
     folder : path
-        It is left as it is.
+        The folder of the export; it is not changed.
     name : str
-        The vehicle's.
+        The name of the vehicle.
     core : str
         What its Makefile compiles for.
     """
@@ -74,7 +74,7 @@ def deepest(graph: str, function: str) -> int:
     frames = {}
     for title, size, kind in NODE.findall(graph):
         if kind != 'static':
-            raise OSError(f'the stack of {title} has no bound that the compiler knows')
+            raise OSError(f'the compiler found no bound for the stack of {title}')
         frames[title] = int(size)
     calls: dict[str, set[str]] = {}
     for caller, called in EDGE.findall(graph):

@@ -90,7 +90,7 @@ def chosen(n: int, m: int) -> type[Kernel] | None:
     Raises
     ------
     ValueError
-        If the variable CA_ROS_KERNEL is wrong, or asks for what is not there.
+        If the variable CA_ROS_KERNEL is wrong, or names a kernel that is not installed.
     """
     wanted = environ.get('CA_ROS_KERNEL', '')
     if wanted not in ('', 'c', 'numpy'):

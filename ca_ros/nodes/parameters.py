@@ -39,8 +39,8 @@ NODE = {
         mutable=True,
     ),
     'world_frame': Parameter(
-        'frame_id of poses and waypoints; messages with another frame_id are dropped, those with an '
-        'empty frame_id are used',
+        'frame_id of poses and waypoints; messages with another frame_id are dropped, those '
+        'with an empty frame_id are used',
         str,
         default='map',
         mutable=True,

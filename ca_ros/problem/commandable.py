@@ -1,4 +1,4 @@
-"""Which axes of a problem the rotors can command: independence, hover, and what to give up."""
+"""Which axes of a problem the rotors can command: independence, hover, axes to give up."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
-"""The axes that can be given up for the others, in this order."""
+"""The axes that can be given up so that the other axes can be commanded, in this order."""
 
 INDEPENDENCE_MIN = 0.05
-"""Least sine of the angle between what one axis needs and what the others need.
+"""Least sine of the angle between the row of one axis (`unit_rows`) and the span of the others.
 
 At 0.05 a command along the axis takes twenty times the thrusts that it would take alone.
 """

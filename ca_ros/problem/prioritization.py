@@ -161,7 +161,7 @@ class Prioritization:
         self._senses = [row for row in keeps if abs(rest[row] - self._reference[row]) <= REST]
 
     def _inside(self) -> list[float]:
-        """Return where the line of the first group begins, inside of what is attainable of it."""
+        """Return where the line of the first group begins, inside its attainable part."""
         line, way = self._problem.simplex.copy(), [self._reference[row] for row in self._first]
         for row in self._first:
             line.release(self._offset + row)
@@ -173,7 +173,7 @@ class Prioritization:
         return [min(1.0, INSIDE * line.value[length] / size) * component for component in way]
 
     def __call__(self, u: Array) -> Served:
-        """Return what is served of demands (..., m) [N, N m]."""
+        """Return the served wrenches for demands (..., m) [N, N m]."""
         problem, n = self._problem, self._offset
         demands = u.reshape(-1, u.shape[-1])
         ends = [self._serve(goals) for goals in problem.scaled(demands).tolist()]

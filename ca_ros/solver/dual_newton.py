@@ -113,7 +113,7 @@ class DualNewton:
             n, m = self.basis.shape
             room = slack / (np.sqrt(m) * np.linalg.norm(self._back))
             rate = np.sqrt(room / (SOFT * steep))
-            # One more actuator for each axis stands for the part of u that may be missed.
+            # One virtual actuator for each axis produces the part of u that may be missed.
             wider = copy(self)
             wider.basis = np.vstack([self.basis, rate * np.eye(m)])
             wider.matrix = np.hstack([self.matrix, rate * self._back])

@@ -64,7 +64,7 @@ class Zonotope:
         self.normals = _facet_normals(generators / extent[:, None]) / extent
         self.normals /= np.linalg.norm(self.normals, axis=1)[:, None]
         self.sides = self.normals @ generators
-        # With what is rounded off below: no point of the set may be outside of its facets.
+        # Computed before `sides` is rounded, so that no point of the set is outside its facets.
         self.widths = np.abs(self.sides).sum(axis=1)
         self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
         self._spans = np.abs(self.normals) @ extent
