@@ -210,8 +210,8 @@ class Session:
 def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Return which nodes differ from the allocator in which parameters of the vehicle.
 
-    Parameters that a node does not declare are not compared.  A difference is not an error, because
-    model mismatch is a common experiment.
+    Parameters that a node does not declare are not compared.  A difference is not an error,
+    because model mismatch is a common experiment.
 
     Parameters
     ----------
