@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
+from signal import SIG_DFL, SIGPIPE, signal
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
@@ -131,4 +132,6 @@ def rclpy() -> str:
 
 
 if __name__ == '__main__':
+    # A reader such as head may end first.
+    signal(SIGPIPE, SIG_DFL)
     raise SystemExit(main())

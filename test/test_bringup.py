@@ -12,6 +12,8 @@ from matplotlib import image
 
 from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
+from ca_ros.bringup.options import NODES
+from ca_ros.bringup.session import differences
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
@@ -119,6 +121,14 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
         assert [name for name in read(flown).dtype.names if name.startswith('speed')][-1] == (
             'speed_8')
     assert not (tmp_path / 'flight.csv').exists()
+
+
+def test_only_parameters_that_both_nodes_declare_are_compared():
+    vehicle = load('hexarotor')
+    parameters = dict.fromkeys(NODES, vehicle) | {'simulator': {'vehicle.name': 'hexarotor'}}
+    assert differences(parameters) == ''
+    parameters['simulator'] = {'vehicle.name': 'other'}
+    assert differences(parameters) == 'the simulator differs from the allocator in vehicle.name'
 
 
 def test_it_warns_of_nodes_with_different_vehicles_and_refuses_different_modes(graph, tmp_path):

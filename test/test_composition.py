@@ -25,6 +25,18 @@ METHODS = {'/uav1': 'exact', '/uav2': 'pseudo_inverse'}
 """The allocation method of each vehicle, by namespace."""
 
 
+class OwnAllocator(AllocatorNode):
+    """A subclass whose `adopt` uses an attribute of its own, as the constructor calls it."""
+
+    def __init__(self, **kwargs):
+        self.adopted = []
+        super().__init__(**kwargs)
+
+    def adopt(self, built):
+        super().adopt(built)
+        self.adopted.append(self.method)
+
+
 class Composition:
     """The nodes of two vehicles on one executor, and a recorder for each vehicle beside them."""
 
@@ -44,7 +56,7 @@ class Composition:
             overrides = [Parameter(name, value=value) for name, value in values.items()]
             self.nodes += [
                 self._add(self.executor, node_class(parameter_overrides=overrides, **given))
-                for node_class in (ControllerNode, AllocatorNode, SimulatorNode)]
+                for node_class in (ControllerNode, OwnAllocator, SimulatorNode)]
             self.recorders.append(self._add(self._client, Recorder(**given)))
 
     def _own(self, executor):
@@ -89,6 +101,7 @@ def test_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
         assert [node.get_fully_qualified_name() for node in composition.nodes] == [
             f'{namespace}/{name}' for namespace in METHODS
             for name in ('controller', 'allocator', 'simulator')]
+        assert all(len(node.adopted) == 1 for node in composition.nodes[1::3])
         flights = composition.fly()
     for flight, method in zip(flights, METHODS.values(), strict=True):
         composed, offline = tmp_path / f'{method}.csv', tmp_path / f'{method}_offline.csv'

@@ -82,9 +82,8 @@ def test_the_rows_are_those_of_the_closed_loop(study):
         rows = list(csv.reader(file))
     assert rows[0][:8] == ['method', 't', 'x', 'y', 'z', 'roll', 'pitch', 'yaw']
     assert rows[0][8:14] == [f'speed_{i}' for i in range(1, 7)]
-    assert [row[0] for row in rows[1::1001]] == [
-        'exact', 'pseudo_inverse', 'conventional', 'direct']
-    assert len(rows) == 1 + 4 * 1001
+    assert [row[0] for row in rows[1::1001]] == list(ALLOCATORS)
+    assert len(rows) == 1 + len(ALLOCATORS) * 1001
     case = Case.load('hexarotor')
     for k, name in ((0, 'exact'), (2, 'conventional')):
         flight = fly(

@@ -11,6 +11,7 @@ import yaml
 
 from ca_ros import ParameterError, Status, Vehicle, make_allocator
 from ca_ros.allocation import AllocationProblem
+from ca_ros.allocation.exact import POLICIES
 from ca_ros.firmware import firmware as module
 from ca_ros.firmware import footprint, golden
 from ca_ros.firmware.command import checked, main
@@ -18,6 +19,7 @@ from ca_ros.firmware.export import identifier
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.literals import real
+from ca_ros.firmware.readme import UNATTAINABLE
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import find, read
@@ -239,8 +241,7 @@ def test_literals_keep_every_bit(value):
 
 OPTIONS = [
     {},
-    {'policy': 'scale'},
-    {'policy': 'reject'},
+    *({'policy': policy} for policy in POLICIES),
     {'reversal': 'allow'},
     {'order': ['yaw', 'roll pitch', 'thrust']},
     {'slack': 1e-4},
@@ -260,6 +261,10 @@ def test_the_options_of_the_file_are_those_of_the_firmware(options, variant):
         status, speeds = firmware.allocate(0, u)
         assert status == answer.status
         np.testing.assert_allclose(speeds, answer.speeds, rtol=1e-9)
+
+
+def test_the_readme_of_an_export_describes_every_policy():
+    assert UNATTAINABLE.keys() == POLICIES.keys()
 
 
 def test_faults_are_none_or_have_any_health(tmp_path, capsys):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Status, make_allocator
-from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.exact_engines import Setting, kernel_for
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.problem import AllocationProblem
@@ -122,9 +122,10 @@ def test_the_margin_is_the_distance_to_the_facets(name):
 
 
 def kernel_of(problem, precision='double', dtype=np.float64):
-    groups = [[axis] for axis in problem.axes]
-    return kernel_for(load(precision), problem, groups, 'prevent', problem.hover, False,
-                      Status.PRIORITIZED, 1e-9, dtype)
+    setting = Setting(
+        [[axis] for axis in problem.axes], 'prevent', problem.hover, False, Status.PRIORITIZED,
+        1e-9)
+    return kernel_for(load(precision), problem, setting, dtype)
 
 
 @pytest.mark.parametrize('name', FLEET)

@@ -143,6 +143,12 @@ def test_python_m_ca_ros_names_all_there_is():
     assert 'python -m ca_ros audit VEHICLE' in said
 
 
+def test_a_reader_of_python_m_ca_ros_may_end_first():
+    command = f'{sys.executable} -u -m ca_ros | true'
+    process = subprocess.run(command, cwd=ROOT, shell=True, capture_output=True, text=True)
+    assert (process.returncode, process.stderr) == (0, '')
+
+
 def test_python_m_ca_ros_says_that_there_is_no_rclpy(tmp_path):
     script = (
         'import sys, runpy; sys.modules["rclpy"] = None; sys.argv[1:] = []; '

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
+from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import INVALID, chosen
@@ -69,6 +69,8 @@ class Exact(Allocator):
     ----------
     engine : str
         'C' if the kernel (`ca_ros.kernel`) solves the problem, or 'NumPy'.
+    setting : Setting
+        What the engine was given; `ca_ros.firmware` exports a kernel with the same setting.
 
     Raises
     ------
@@ -151,10 +153,12 @@ class Exact(Allocator):
         else:
             groups, reversal, inside = (problem.axes,), 'allow', True
             reference = self.admissible.reference if about is None else problem.check(about)
-        options = (problem, groups, reversal, reference, inside, int(status), slack)
+        self.setting = Setting(groups, reversal, reference, inside, status, slack)
         self.engine = 'C' if kernel else 'NumPy'
         self._engine = (
-            kernel_for(kernel, *options) if kernel else NumpyEngine(*options, solver == 'osqp')
+            kernel_for(kernel, problem, self.setting)
+            if kernel
+            else NumpyEngine(problem, self.setting, solver == 'osqp')
         )
 
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:

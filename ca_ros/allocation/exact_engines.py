@@ -6,6 +6,7 @@ Both have the methods of `ca_ros.kernel.Kernel`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,15 +19,37 @@ from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
 from ca_ros.solver.dual_newton import Solution
 
 
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """The options of an exact allocator in the terms of its engine.
+
+    Attributes
+    ----------
+    groups : sequence of sequences of str
+        The axes of each group of the priorities.
+    reversal : 'prevent', 'avoid' or 'allow'
+    reference : (m,) array
+        Where demands are counted from [N, N m].
+    on_reference : bool
+        Whether the reference is attainable, so that lines begin there.
+    status : Status
+        Of a wrench that is not attainable.
+    slack : float
+        See `Exact`.
+    """
+
+    groups: Sequence[Sequence[str]]
+    reversal: str
+    reference: Array
+    on_reference: bool
+    status: Status
+    slack: float
+
+
 def kernel_for(
     kernel: type[Kernel],
     problem: AllocationProblem,
-    groups: Sequence[Sequence[str]],
-    reversal: str,
-    reference: Array,
-    inside: bool,
-    status: int,
-    slack: float,
+    setting: Setting,
     dtype: type[np.floating] = np.float64,
 ) -> Kernel:
     """Return a kernel for a problem.
@@ -36,17 +59,7 @@ def kernel_for(
     kernel : type
         A class of `ca_ros.kernel.load`.
     problem : AllocationProblem
-    groups : sequence of sequences of str
-        The axes of each group of the priorities.
-    reversal : 'prevent', 'avoid' or 'allow'
-    reference : (m,) array
-        Where demands are counted from [N, N m].
-    inside : bool
-        Whether the reference is attainable, so that lines begin there.
-    status : int
-        `Status` of a wrench that is not attainable.
-    slack : float
-        See `Exact`.
+    setting : Setting
     dtype : type
         The numbers of the kernel.
 
@@ -58,10 +71,11 @@ def kernel_for(
     if not problem.spans:
         raise problem.no_volume()
     axes = problem.axes
-    keeps = sensed(groups, reversal)
+    groups = setting.groups
+    keeps = sensed(groups, setting.reversal)
     gamma, lower, upper, start = (
         np.ascontiguousarray(array, dtype)
-        for array in (problem.gamma, problem.lower, problem.upper, reference)
+        for array in (problem.gamma, problem.lower, problem.upper, setting.reference)
     )
     return kernel(
         gamma,
@@ -71,33 +85,24 @@ def kernel_for(
         order=[axes.index(axis) for group in groups for axis in group],
         group=[i for i, group in enumerate(groups) for _ in group],
         keep_sense=[int(axis in keeps) for axis in axes],
-        policy=status,
-        on_reference=inside,
-        slack=slack,
+        policy=int(setting.status),
+        on_reference=setting.on_reference,
+        slack=setting.slack,
     )
 
 
 class NumpyEngine:
     """The NumPy implementation: the reference of the kernel, and its replacement.
 
-    The parameters are those of `kernel_for`; with `osqp` Newton's method starts at OSQP's answer.
+    With `osqp` Newton's method starts at OSQP's answer.
     """
 
-    def __init__(
-        self,
-        problem: AllocationProblem,
-        groups: Sequence[Sequence[str]],
-        reversal: str,
-        reference: Array,
-        inside: bool,
-        status: int,
-        slack: float,
-        osqp: bool = False,
-    ) -> None:
-        rows = [[problem.axes.index(axis) for axis in group] for group in groups]
-        begin = reference if inside else None
-        self._problem, self._slack, self._status = problem, slack, status
-        self._serve = Prioritization(problem, rows, reference, reversal, begin)
+    def __init__(self, problem: AllocationProblem, setting: Setting, osqp: bool = False) -> None:
+        rows = [[problem.axes.index(axis) for axis in group] for group in setting.groups]
+        reference = setting.reference
+        begin = reference if setting.on_reference else None
+        self._problem, self._slack, self._status = problem, setting.slack, setting.status
+        self._serve = Prioritization(problem, rows, reference, setting.reversal, begin)
         self._osqp = OsqpStart(problem) if osqp else None
 
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:

@@ -52,7 +52,11 @@ links, to cut only the first, and to restore them:
 
 
 class FaultProxy(ParameterNode):
-    """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
+    """Subscribes to each topic and publishes its messages, with faults, on faulty/topic.
+
+    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
+    attributes that its version uses before ``super().__init__()``.
+    """
 
     declared = known = FAULTS
 

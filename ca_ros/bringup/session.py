@@ -210,7 +210,8 @@ class Session:
 def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Return which nodes differ from the allocator in which parameters of the vehicle.
 
-    It is not an error, because model mismatch is a common experiment.
+    Parameters that a node does not declare are not compared.  A difference is not an error,
+    because model mismatch is a common experiment.
 
     Parameters
     ----------
@@ -224,7 +225,9 @@ def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """
     model = parameters['allocator']
     found = {
-        node: [name for name in VEHICLE if parameters[node][name] != model[name]] for node in NODES
+        node: [name for name in VEHICLE if name in own and own[name] != model[name]]
+        for node in NODES
+        for own in [parameters[node]]
     }
     return '; '.join(
         f'the {node} differs from the allocator in {", ".join(names)}'

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.exact import POLICIES, Exact
+from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.allocation.options import allocator_from_parameters
+from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
@@ -121,7 +122,7 @@ class Firmware:
         thrusts = np.empty(self.problem.n, self.dtype)
         answer = self.kernels[row].allocate(np.ascontiguousarray(wrench[self.rows[row]]), thrusts)
         status = 0 if answer is None else answer[0]
-        if status in (INVALID, POLICIES['reject']):
+        if status in (INVALID, Status.REJECTED):
             return status, least
         # Quotient, square root and comparisons are the same to the last bit in C.
         speeds = np.sqrt(np.maximum(thrusts, self.dtype(0)) / k_f)
@@ -153,15 +154,4 @@ def _kernel(
     chosen = {**parameters, 'allocation.exact.solver': 'newton'}
     exact = allocator_from_parameters(chosen, problem)
     assert isinstance(exact, Exact)
-    # As the allocator chooses for its own kernel, which has another precision or is NumPy.
-    if exact.policy == 'prioritize':
-        assert exact.order is not None
-        groups, reversal, inside = exact.order, exact.reversal, False
-        reference = problem.hover
-    else:
-        groups, reversal, inside = [problem.axes], 'allow', True
-        reference = exact.admissible.reference
-    status = int(POLICIES[exact.policy])
-    return kernel_for(
-        kind, problem, groups, reversal, reference, inside, status, exact.slack, dtype
-    )
+    return kernel_for(kind, problem, exact.setting, dtype)

@@ -26,6 +26,14 @@ FORWARD_RIGHT_DOWN = {
 }
 """The components of a wrench in terms of those in the frame of autopilots."""
 
+UNATTAINABLE = {
+    'prioritize': 'is served in the order of priorities: {order} (`CA_PRIORITIZED`, with\n'
+    '`allocation.exact.reversal: {reversal}`)',
+    'scale': 'is scaled towards hover until it is attainable (`CA_SCALED`)',
+    'reject': 'is rejected: all rotors get their least speeds (`CA_REJECTED`)',
+}
+"""What becomes of an unattainable wrench, by policy."""
+
 HOW_TO_MEASURE = """\
 Flash, RAM and stack were not measured: {why}.
 `make size` prints them: flash is text + data, RAM is data + bss, and the stack is at most the sum
@@ -73,16 +81,9 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
 
 def unattainable(parameters: Mapping[str, Any], axes: Sequence[str]) -> str:
     """Return how a wrench that is not attainable is served."""
-    policy = parameters['allocation.exact.policy']
-    if policy == 'scale':
-        return 'is scaled towards hover until it is attainable (`CA_SCALED`)'
-    if policy == 'reject':
-        return 'is rejected: all rotors get their least speeds (`CA_REJECTED`)'
     order = '; '.join(' and '.join(group) for group in order_from_parameters(parameters, axes))
-    reversal = parameters['allocation.exact.reversal']
-    return (
-        f'is served in the order of priorities: {order} (`CA_PRIORITIZED`, with\n'
-        f'`allocation.exact.reversal: {reversal}`)'
+    return UNATTAINABLE[parameters['allocation.exact.policy']].format(
+        order=order, reversal=parameters['allocation.exact.reversal']
     )
 
 

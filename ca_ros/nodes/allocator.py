@@ -50,6 +50,9 @@ class AllocatorNode(VehicleNode):
     """Answers each command/wrench with command/motor_speed, and publishes the residual.
 
     When commands cease, the node publishes the timeout action until commands return.
+
+    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
+    attributes that its version uses before ``super().__init__()``.
     """
 
     declared = ALLOCATOR

@@ -29,7 +29,11 @@ from ca_ros.vehicle.parameters import AXES
 
 
 class ControllerNode(VehicleNode):
-    """Answers each state, a pose and a velocity with the same stamp, with command/wrench."""
+    """Answers each state, a pose and a velocity with the same stamp, with command/wrench.
+
+    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
+    attributes that its version uses before ``super().__init__()``.
+    """
 
     declared = CONTROLLER
     controller: Controller

@@ -54,6 +54,9 @@ class SimulatorNode(VehicleNode):
     ahead and the motion does not.  In lockstep the node takes one step for each command that
     answers its present state.  At the time `simulator.hold_at` of a lockstep it stops publishing
     states until that parameter changes, so other parameters can be set at a defined time.
+
+    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
+    attributes that its version uses before ``super().__init__()``.
     """
 
     declared = SIMULATOR
