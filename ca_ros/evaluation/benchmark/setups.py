@@ -20,27 +20,27 @@ from ca_ros.vehicle.vehicle import Vehicle
 ROTORS = 16
 """Number of rotors of the vehicles."""
 
-Cases = list[tuple[dict[str, Any], Vehicle]]
+_Cases = list[tuple[dict[str, Any], Vehicle]]
 """Parameters, and their vehicle."""
 
 
-def _set_up(cases: Cases) -> None:
+def _set_up(cases: _Cases) -> None:
     for parameters, vehicle in cases:
         allocator_from_parameters(parameters, AllocationProblem(vehicle))
 
 
-def _audited(cases: Cases) -> None:
+def _audited(cases: _Cases) -> None:
     for parameters, vehicle in cases:
         allocator_from_parameters(parameters, accept(vehicle, 'drop').problem)
 
 
-def _change(cases: Cases) -> None:
+def _change(cases: _Cases) -> None:
     for parameters, _ in cases:
         report = accept(Vehicle.from_parameters(parameters), 'drop')
         allocator_from_parameters(parameters, report.problem)
 
 
-SETUPS: dict[str, tuple[str, Callable[[Cases], None]]] = {
+SETUPS: dict[str, tuple[str, Callable[[_Cases], None]]] = {
     'set-up': ('set-up of `exact` for a vehicle', _set_up),
     'audit and set-up': ('audit of the vehicle and set-up of `exact`', _audited),
     'change of health': ('change of health in a node, from its parameters on', _change),
