@@ -195,8 +195,8 @@ class Exact(Allocator):
         demands = np.ascontiguousarray(demands)
         thrusts = np.empty((size, self._n))
         status, levels = np.empty(size, dtype=np.int8), np.empty(size)
-        threads = min(len(sched_getaffinity(0)), size // THREAD_MIN)
-        ends = [i * size // max(threads, 1) for i in range(max(threads, 1) + 1)]
+        threads = max(1, min(len(sched_getaffinity(0)), size // THREAD_MIN))
+        ends = [i * size // threads for i in range(threads + 1)]
 
         def work(first: int, last: int) -> None:
             part = slice(first, last)

@@ -1,6 +1,6 @@
-"""What solves the exact allocator's problem: the kernel in C, or NumPy.
+"""The two engines of the exact allocator: the kernel in C, and NumPy.
 
-Both have the methods of `ca_ros.kernel.Kernel`.
+Both have the methods `allocate` and `allocate_batch` of `ca_ros.kernel.Kernel`.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class Setting:
         The axes of each group of the priorities.
     reversal : 'prevent', 'avoid' or 'allow'
     reference : (m,) array
-        Where demands are counted from [N, N m].
+        The wrench from which demands are counted [N, N m].
     on_reference : bool
-        Whether the reference is attainable, so that lines begin there.
+        Whether the reference is attainable; the lines of the priorities then begin there.
     status : Status
-        Of a wrench that is not attainable.
+        The status of a wrench that is not attainable.
     slack : float
         See `Exact`.
     """
@@ -61,7 +61,7 @@ def kernel_for(
     problem : AllocationProblem
     setting : Setting
     dtype : type
-        The numbers of the kernel.
+        The type of the kernel's numbers.
 
     Raises
     ------

@@ -12,7 +12,10 @@ from importlib import import_module
 from os import environ
 from typing import Protocol
 
-from ca_ros.arrays import Array, BoolArray, IntArray
+import numpy as np
+from numpy.typing import NDArray
+
+from ca_ros.arrays import Array, IntArray
 
 ROTORS_MAX = 32
 """Greatest number of rotors of the extension modules."""
@@ -56,7 +59,7 @@ class Kernel(Protocol):
         thrusts: Array,
         status: IntArray,
         levels: Array,
-        work: BoolArray | None,
+        work: NDArray[np.int32] | None,
     ) -> None:
         """Write thrusts (N, n), status (N,) and levels (N,) for wrenches (N, m).
 
