@@ -32,6 +32,7 @@ from ca_ros.firmware.literals import braced
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import ORDER, REVERSAL, groups_of, sensed
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = Path(__file__).resolve().parent
@@ -230,7 +231,7 @@ def main() -> None:
     methods = [method for method in METHODS if method != 'osqp' or not arguments.count_only]
     rows = []
     for name in VEHICLES:
-        problem = AllocationProblem(Vehicle.load(name))
+        problem = VehicleProblem(Vehicle.load(name))
         rows += rows_of(name, count(problem, methods, arguments.size, arguments.kernel))
     titles = (
         'vehicle',

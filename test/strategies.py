@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ca_ros import ParameterError, Vehicle, control_allocation_matrix, make_allocator
-from ca_ros.allocation import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.parameters import AXES
 
 settings.register_profile(
@@ -80,7 +80,7 @@ FLEET = {
 
 def unaudited(method, vehicle, **options):
     """Make an allocator for any vehicle, also one that `make_allocator` would refuse."""
-    return make_allocator(method, AllocationProblem(vehicle), **options)
+    return make_allocator(method, VehicleProblem(vehicle), **options)
 
 
 # Vehicles by chance

@@ -22,7 +22,7 @@ from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import HEXAROTOR
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
@@ -136,7 +136,7 @@ def test_what_never_settles_says_so():
 
 
 def holds(flights):
-    problem, waypoint = AllocationProblem(HEXAROTOR), Waypoint.of(0.0, 0.0, 1.0, 0.0)
+    problem, waypoint = VehicleProblem(HEXAROTOR), Waypoint.of(0.0, 0.0, 1.0, 0.0)
     return [each.holds for each in observe(flights, problem, waypoint)]
 
 

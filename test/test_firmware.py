@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from ca_ros import ParameterError, Status, Vehicle, make_allocator
-from ca_ros.allocation import AllocationProblem
 from ca_ros.allocation.exact import POLICIES
 from ca_ros.firmware import firmware as module
 from ca_ros.firmware import footprint, golden
@@ -22,6 +21,7 @@ from ca_ros.firmware.literals import real
 from ca_ros.firmware.readme import UNATTAINABLE
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.files import find, read
 
 VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
@@ -254,7 +254,7 @@ def test_the_options_of_the_file_are_those_of_the_firmware(options, variant):
     file = variant(**{f'allocation__exact__{name}': value for name, value in options.items()})
     vehicle = Vehicle.load(file)
     firmware = Firmware.make(faults_of(vehicle, ['none']), checked(read(file)), 'double')
-    allocator = make_allocator('exact', AllocationProblem(vehicle), **options)
+    allocator = make_allocator('exact', VehicleProblem(vehicle), **options)
     assert firmware.kernels[0].fields()['slack'][2] == [options.get('slack', 1e-9)]
     for u in golden.wrenches(firmware, 0, golden.SIZE)[golden.SIZE:]:
         answer = allocator.allocate(u)

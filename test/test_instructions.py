@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs'))
@@ -24,7 +24,7 @@ PRODUCT_WORST, OSQP_MEDIAN = 110.0, 0.1
 
 @pytest.mark.parametrize('name', firmware.VEHICLES)
 def test_the_kernel_takes_few_instructions(name):
-    counts = firmware.count(AllocationProblem(Vehicle.load(name)), tuple(firmware.METHODS), 100)
+    counts = firmware.count(VehicleProblem(Vehicle.load(name)), tuple(firmware.METHODS), 100)
     for kind in firmware.KINDS:
         product, kernel, osqp = (counts[method, kind][:, 0] for method in firmware.METHODS)
         # A product of 6 x 4 takes about 250, whatever the wrench.

@@ -11,7 +11,7 @@ from ca_ros import AdmissibleSet, Status, make_allocator
 from ca_ros.allocation.exact_engines import Setting, kernel_for
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR, random_vehicle
 
 VEHICLES = int(os.environ.get('CA_ROS_VEHICLES', '30'))
@@ -73,7 +73,7 @@ def test_it_answers_as_numpy_does(name, policy, pair):
     options = dict(POLICIES[policy])
     if 'order' in options and name == 'tilted_hexarotor':
         options['order'] = [*options['order'], 'force_x force_y']
-    engines = pair(AllocationProblem(FLEET[name]), **options)
+    engines = pair(VehicleProblem(FLEET[name]), **options)
     for demands in wrenches(engines[0].problem, np.random.default_rng(7), 20):
         compare(*engines, demands)
 
@@ -81,7 +81,7 @@ def test_it_answers_as_numpy_does(name, policy, pair):
 @pytest.mark.parametrize('seed', range(VEHICLES))
 def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
     rng = np.random.default_rng(seed)
-    problem = AllocationProblem(random_vehicle(rng, 4 + seed % 13))
+    problem = VehicleProblem(random_vehicle(rng, 4 + seed % 13))
     drawn = wrenches(problem, rng, 29)
     # With the default slack some wrenches near facets that are almost parallel are missed by it.
     for slack in (0.0, 1e-9):
@@ -92,7 +92,7 @@ def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
 
 @pytest.mark.parametrize('name', FLEET)
 def test_an_answer_depends_on_the_wrench_alone(name):
-    allocator = make_allocator('exact', AllocationProblem(FLEET[name]))
+    allocator = make_allocator('exact', VehicleProblem(FLEET[name]))
     demands = np.vstack(wrenches(allocator.problem, np.random.default_rng(8), 50))
     batch = allocator.allocate_batch(demands)
     backwards = allocator.allocate_batch(demands[::-1])
@@ -113,7 +113,7 @@ def test_a_batch_on_all_processors_is_the_batch_on_one(monkeypatch):
 
 @pytest.mark.parametrize('name', FLEET)
 def test_the_margin_is_the_distance_to_the_facets(name):
-    problem = AllocationProblem(FLEET[name])
+    problem = VehicleProblem(FLEET[name])
     kernel = kernel_of(problem)
     for demands in wrenches(problem, np.random.default_rng(10), 10):
         margins = AdmissibleSet(problem).margin(demands)
@@ -130,7 +130,7 @@ def kernel_of(problem, precision='double', dtype=np.float64):
 
 @pytest.mark.parametrize('name', FLEET)
 def test_in_single_precision_wrenches_are_given_to_1e_5(name):
-    problem = AllocationProblem(FLEET[name])
+    problem = VehicleProblem(FLEET[name])
     kernel = kernel_of(problem, 'single', np.float32)
     for kind, demands in enumerate(wrenches(problem, np.random.default_rng(11), 300)):
         for u in demands.astype(np.float32):
@@ -154,7 +154,7 @@ HOSTILE = [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e100, 1e-300, 5e-324, -0.0, 
 def test_hostile_wrenches_get_a_status_and_thrusts_within_their_bounds(precision, dtype):
     rng = np.random.default_rng(12)
     for name in ('hexarotor', 'asymmetric', 'tilted_hexarotor'):
-        problem = AllocationProblem(FLEET[name])
+        problem = VehicleProblem(FLEET[name])
         kernel, m = kernel_of(problem, precision, dtype), len(problem.axes)
         demands = rng.choice(HOSTILE, (2000, m)) * rng.choice([1.0, 1e-3], (2000, m))
         demands[::2, rng.integers(m)] = rng.normal(size=1000)
@@ -179,7 +179,7 @@ def test_hostile_wrenches_get_a_status_and_thrusts_within_their_bounds(precision
     ({'group': [0, 2, 2, 3]}, 'order'),
     ({'order': list(range(7)), 'group': [0] * 7, 'keep_sense': [0] * 7}, 'too many')])
 def test_a_problem_that_is_none_is_refused(changes, message):
-    problem = AllocationProblem(HEXAROTOR)
+    problem = VehicleProblem(HEXAROTOR)
     data = {'gamma': problem.gamma, 'lower': problem.lower, 'upper': problem.upper,
             'reference': problem.hover, 'order': [1, 2, 0, 3], 'group': [0, 0, 1, 2],
             'keep_sense': [0, 0, 0, 1], 'policy': 1, 'on_reference': False, 'slack': 1e-9}
@@ -190,7 +190,7 @@ def test_a_problem_that_is_none_is_refused(changes, message):
 @pytest.mark.parametrize('array', [np.zeros(3), np.zeros((2, 2)), np.zeros(4, np.float32),
                                    np.zeros((4, 2))[:, 0], np.empty(4, 'V0')])
 def test_arrays_of_another_kind_are_refused(array):
-    kernel = kernel_of(AllocationProblem(HEXAROTOR))
+    kernel = kernel_of(VehicleProblem(HEXAROTOR))
     with pytest.raises((TypeError, ValueError, BufferError)):
         kernel.allocate(array, np.empty(6))
 
@@ -205,7 +205,7 @@ def test_a_kernel_without_a_problem_says_so():
 
 
 def test_a_kernel_keeps_its_problem():
-    kernel = kernel_of(AllocationProblem(HEXAROTOR))
+    kernel = kernel_of(VehicleProblem(HEXAROTOR))
     with pytest.raises(ValueError, match='another Kernel'):
         kernel.__init__(np.ones((1, 1)), np.zeros(1), np.ones(1), np.zeros(1), [0], [0], [0], 1,
                         False, 0.0)

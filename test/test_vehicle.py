@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR, build, ring, vehicles
 
 
@@ -85,7 +85,7 @@ def test_health_is_a_share_per_rotor(health):
 def test_a_vehicle_does_not_change():
     with pytest.raises(FrozenInstanceError):
         HEXAROTOR.mass = 2.0
-    problem = AllocationProblem(HEXAROTOR)
+    problem = VehicleProblem(HEXAROTOR)
     for array in (
             HEXAROTOR.health, HEXAROTOR.arms, HEXAROTOR.thrust_max, *HEXAROTOR.speed_limits,
             problem.gamma, problem.lower, problem.hover, problem.image.center):

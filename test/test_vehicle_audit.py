@@ -15,10 +15,10 @@ from ca_ros import (
     make_allocator,
 )
 from ca_ros.__main__ import main
-from ca_ros.allocation import AllocationProblem
 from ca_ros.evaluation.cases import Case
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.commandable import INDEPENDENCE_MIN
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import build, ring
 
 
@@ -199,11 +199,11 @@ def test_a_sound_vehicle_stays_as_it_is(pnpnpn):
 
 def test_a_problem_is_judged_by_its_mathematics_alone():
     vehicle = moved(1e-3)
-    problem = AllocationProblem(vehicle)
+    problem = VehicleProblem(vehicle)
     middle = problem.gamma @ (0.5 * (problem.lower + problem.upper))
     assert make_allocator('exact', problem).allocate(middle).status is Status.EXACT
     with pytest.raises(ValueError, match='lost_axes: only vehicles'):
-        make_allocator('exact', AllocationProblem(vehicle), lost_axes='drop')
+        make_allocator('exact', VehicleProblem(vehicle), lost_axes='drop')
 
 
 @pytest.mark.parametrize('word', ['Drop', '', 3])

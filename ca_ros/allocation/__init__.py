@@ -13,6 +13,7 @@ from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 ALLOCATORS: dict[str, type[Allocator]] = {
@@ -63,7 +64,7 @@ def make_allocator(
         vehicle = accept(vehicle, lost_axes).problem
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
-    if vehicle.vehicle.powerless:
+    if isinstance(vehicle, VehicleProblem) and vehicle.vehicle.powerless:
         return Powerless(vehicle)
     return ALLOCATORS[method](vehicle, **options)
 

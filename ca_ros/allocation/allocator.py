@@ -13,12 +13,13 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle
 
 
 class Allocator(ABC):
-    """Distributes a wrench among the rotors of a vehicle.
+    """Distributes a wrench among the rotors of a vehicle, or u among the effectors of a problem.
 
     A method is a subclass that implements `_allocate`.  The result depends only on the wrench, not
     on earlier wrenches.  The dict `parameters` of a method in `ALLOCATORS` declares its options as
@@ -41,7 +42,7 @@ class Allocator(ABC):
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         self.problem = (
-            vehicle if isinstance(vehicle, AllocationProblem) else accept(vehicle).problem
+            accept(vehicle).problem if isinstance(vehicle, Vehicle) else problem_of(vehicle)
         )
 
     def allocate(self, u: ArrayLike) -> Allocation:
@@ -82,7 +83,7 @@ class Allocator(ABC):
         thrusts = np.array([a.thrusts for a in answers])
         return self._batch(
             demands,
-            thrusts.reshape(len(demands), self.problem.vehicle.n),
+            thrusts.reshape(len(demands), self.problem.n),
             np.array([a.status for a in answers], dtype=np.int8),
             levels=np.array([a.level for a in answers], dtype=float),
             violations=np.array([a.violation for a in answers], dtype=float),

@@ -30,6 +30,7 @@ class Certificate:
     limit : (n,) int8 array
         The nearest facet, by the state of the rotors on it: at the upper bound (+1), at the lower
         bound (-1), or free (0).
+    problem : AllocationProblem
     """
 
     primal_residual: float | Array
@@ -38,18 +39,19 @@ class Certificate:
     kkt_residual: float | Array
     margin: float | Array
     limit: Array
+    problem: AllocationProblem
 
     def __str__(self) -> str:
         """Summarise the certificate of one wrench; not for a batch."""
         groups = {
-            name: ', '.join(str(i + 1) for i in np.flatnonzero(self.limit == value))
+            name: ', '.join(self.problem.names[i] for i in np.flatnonzero(self.limit == value))
             for name, value in (('maximum', 1), ('minimum', -1))
         }
         ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
         return (
             f'residual {_size(self.primal_residual)}, '
             f'KKT residual {_size(self.kkt_residual)} N; '
-            f'margin {self.margin:.3g} to the facet with rotors {ends}'
+            f'margin {self.margin:.3g} to the facet with {self.problem.effectors} {ends}'
         )
 
 
@@ -74,4 +76,5 @@ def certify(problem: AllocationProblem, demand: Array, thrusts: Array) -> Certif
         kkt_residual=np.abs(thrusts - problem.least(multipliers)).max(axis=-1),
         margin=slacks.min(axis=-1),
         limit=np.sign(side * image.sides[nearest]).astype(np.int8),
+        problem=problem,
     )

@@ -11,6 +11,7 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import ABSURD, AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -30,7 +31,8 @@ class Conventional(Allocator):
     weight : float, (n,) or (n * n,) or (n, n) array
         Q, symmetric and positive semidefinite: q for Q = q I, the diagonal, or the matrix.
     reference : 'hover', 'zero' or (n,) array
-        f_ref [N]; 'hover' is m g / n on each rotor.
+        f_ref [N]; 'hover' is m g / n on each rotor, or without a vehicle the smallest f that gives
+        the reference of the problem.
 
     Raises
     ------
@@ -62,9 +64,9 @@ class Conventional(Allocator):
         reference: str | ArrayLike = 'hover',
     ) -> None:
         super().__init__(vehicle)
-        n = vehicle.n
+        n = self.problem.n
         self.weight = _weight(weight, n)
-        self.reference = _reference(reference, self.problem.vehicle)
+        self.reference = _reference(reference, self.problem)
         self.hessian = self.weight + self.problem.gamma.T @ self.problem.gamma
         curvatures = np.linalg.eigvalsh(self.hessian)
         if curvatures[0] < 1e-9 * curvatures[-1]:
@@ -133,17 +135,21 @@ def _weight(weight: ArrayLike, n: int) -> Array:
     return matrix
 
 
-def _reference(reference: str | ArrayLike, vehicle: Vehicle) -> Array:
+def _reference(reference: str | ArrayLike, problem: AllocationProblem) -> Array:
     if isinstance(reference, str):
         if reference not in ('hover', 'zero'):
             raise ValueError(
-                f"reference: expected 'hover', 'zero' or {vehicle.n} thrusts, got {reference!r}"
+                f"reference: expected 'hover', 'zero' or {problem.n} thrusts, got {reference!r}"
             )
-        return np.full(vehicle.n, vehicle.weight / vehicle.n if reference == 'hover' else 0.0)
+        if reference == 'zero':
+            return np.zeros(problem.n)
+        if isinstance(problem, VehicleProblem):
+            return np.full(problem.n, problem.vehicle.weight / problem.n)
+        return problem.least_norm.unbounded(problem.reference)
     thrusts = _numbers('reference', reference)
-    if thrusts.shape != (vehicle.n,):
+    if thrusts.shape != (problem.n,):
         raise ValueError(
-            f"reference: expected 'hover', 'zero' or {vehicle.n} thrusts, got {reference!r}"
+            f"reference: expected 'hover', 'zero' or {problem.n} thrusts, got {reference!r}"
         )
     return thrusts
 

@@ -35,7 +35,7 @@ class Direct(Allocator):
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         # Fractional parts of multiples of the golden ratio are far from each other.
-        self.cost = 1.0 + np.arange(1, vehicle.n + 1) * GOLDEN % 1.0
+        self.cost = 1.0 + np.arange(1, self.problem.n + 1) * GOLDEN % 1.0
         problem = self.problem
         self._image = problem.image
         cost = self.cost * problem.half_range
@@ -59,7 +59,7 @@ class Direct(Allocator):
     def _allocate(self, u: Array) -> Allocation:
         level = float(self.levels(u))
         if np.isnan(level):
-            return Allocation(self.problem, u, self.problem.lower.copy(), Status.REJECTED, 0.0)
+            return Allocation(self.problem, u, self.problem.rest.copy(), Status.REJECTED, 0.0)
         served = level * u
         thrusts = self._cheapest(served)
         if self._judge(u, thrusts):

@@ -16,7 +16,7 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import INVALID, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS, groups_of
+from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS, default_order, groups_of
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.schema import Parameter, check
 from ca_ros.vehicle.vehicle import Vehicle
@@ -143,15 +143,16 @@ class Exact(Allocator):
         self.slack, self.solver = slack, solver
         problem = self.problem
         self._n = problem.n
-        groups = groups_of(ORDER if order is None else order, problem.axes)
+        axes = problem.axes
+        groups = default_order(axes) if order is None else groups_of(order, axes)
         if about is not None:
             self.admissible.check_reference(about)
-        kernel = chosen(problem.n, len(problem.axes)) if solver == 'newton' else None
+        kernel = chosen(problem.n, len(axes)) if solver == 'newton' else None
         status = POLICIES[policy]
         if policy == 'prioritize':
-            reference, inside = problem.hover, False
+            reference, inside = problem.reference, False
         else:
-            groups, reversal, inside = (problem.axes,), 'allow', True
+            groups, reversal, inside = (axes,), 'allow', True
             reference = self.admissible.reference if about is None else problem.check(about)
         self.setting = Setting(groups, reversal, reference, inside, status, slack)
         self.engine = 'C' if kernel else 'NumPy'

@@ -120,7 +120,7 @@ class NumpyEngine:
             if solution.attained or self._within_slack(u, served, thrusts):
                 return None
         if self._status == Status.REJECTED:
-            thrusts[:] = problem.lower
+            thrusts[:] = problem.rest
             return self._status, 0.0, 0, 0
         solution = self._least(served)
         thrusts[:] = solution.thrusts

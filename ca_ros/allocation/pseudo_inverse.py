@@ -21,7 +21,8 @@ class PseudoInverse(Allocator):
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         # Without the columns of lost rotors, the others produce the whole wrench.
-        self.inverse = np.linalg.pinv(self.problem.gamma * (self.problem.upper > 0.0))
+        lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)
+        self.inverse = np.linalg.pinv(self.problem.gamma * ~lost)
 
     def _allocate(self, u: Array) -> Allocation:
         wanted = self.inverse @ u

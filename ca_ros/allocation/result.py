@@ -11,6 +11,7 @@ import numpy as np
 from ca_ros.allocation.certificate import Certificate, certify
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
+from ca_ros.problem.vehicle_problem import vehicle_of
 
 
 class Status(IntEnum):
@@ -25,7 +26,7 @@ class Status(IntEnum):
     INEXACT = 3
     """The thrusts produce an approximation of the wrench."""
     REJECTED = 4
-    """The wrench is not attainable; nothing is allocated, the thrusts are the lower bounds."""
+    """The wrench is not attainable; nothing is allocated: the thrusts are nearest to zero."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -75,8 +76,14 @@ class Allocation:
 
     @property
     def speeds(self) -> Array:
-        """Rotor speeds (n,), within their bounds to the last bit [rad/s], Eq. (11)."""
-        return self.problem.vehicle.speeds(self.thrusts)
+        """Rotor speeds (n,), within their bounds to the last bit [rad/s], Eq. (11).
+
+        Raises
+        ------
+        TypeError
+            If the problem has no vehicle.
+        """
+        return vehicle_of(self.problem).speeds(self.thrusts)
 
     @property
     def wrench(self) -> Array:

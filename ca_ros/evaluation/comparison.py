@@ -41,13 +41,13 @@ class PlainOsqp(Allocator):
             import scipy.sparse
         except ImportError:
             raise ValueError('plain OSQP needs the package osqp (pip install osqp)') from None
-        n = vehicle.n
+        n = self.problem.n
         self._solver = osqp.OSQP()
         self._solver.setup(
             scipy.sparse.identity(n, format='csc'),
             np.zeros(n),
             scipy.sparse.csc_matrix(np.vstack([self.problem.gamma, np.eye(n)])),
-            *self._bounds(self.problem.hover),
+            *self._bounds(self.problem.reference),
             verbose=False,
             warm_starting=False,
             **self.SETTINGS,
@@ -65,7 +65,7 @@ class PlainOsqp(Allocator):
         wanted = np.asarray(self._solver.solve(raise_error=False).x, dtype=float)
         if not np.isfinite(wanted).all():
             return Allocation(
-                self.problem, u, self.problem.lower.copy(), Status.INEXACT, violation=np.inf
+                self.problem, u, self.problem.rest.copy(), Status.INEXACT, violation=np.inf
             )
         thrusts = self.problem.clip(wanted)
         violation = float(np.abs(wanted - thrusts).max())

@@ -28,7 +28,7 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import add_options, arguments, failures_of
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
 """The paper's."""
@@ -123,7 +123,7 @@ def _write(
         for name, flight in flights.items()
     }
     # The observations are about the paper's vehicle without failures.
-    problem, checked = AllocationProblem(case.vehicle), paper and not options.fail
+    problem, checked = VehicleProblem(case.vehicle), paper and not options.fail
     observations = observe(flights, problem, WAYPOINT) if checked else []
     found = {
         'vehicle': case.name,

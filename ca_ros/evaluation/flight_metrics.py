@@ -17,7 +17,7 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -36,7 +36,7 @@ def steady(flight: Flight) -> BoolArray:
     return flight.time >= flight.time[-1] - STEADY
 
 
-def at_bounds(speeds: Array, problem: AllocationProblem) -> tuple[BoolArray, BoolArray]:
+def at_bounds(speeds: Array, problem: VehicleProblem) -> tuple[BoolArray, BoolArray]:
     """Return which rotors are at their minimum, and which at their maximum, (K, n) each."""
     low, high = problem.vehicle.speeds(problem.lower), problem.vehicle.speeds(problem.upper)
     near = AT_BOUND * (high - low)

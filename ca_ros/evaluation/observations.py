@@ -12,7 +12,7 @@ from ca_ros.evaluation.cases import BUILT_IN
 from ca_ros.evaluation.flight_metrics import at_bounds, steady
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 
 HEIGHT_ERROR = 1e-3
 """A smaller height error in steady state counts as zero [m].
@@ -33,7 +33,7 @@ class Observation(NamedTuple):
 
 
 def observe(
-    flights: Mapping[str, Flight], problem: AllocationProblem, waypoint: Waypoint
+    flights: Mapping[str, Flight], problem: VehicleProblem, waypoint: Waypoint
 ) -> list[Observation]:
     """Return those of the paper's three observations whose methods were flown."""
     flown = {name: flight for name, flight in flights.items() if name in BUILT_IN}
@@ -62,7 +62,7 @@ def _height(flown: Mapping[str, Flight], waypoint: Waypoint) -> Observation:
     )
 
 
-def _maximum(flight: Flight, problem: AllocationProblem) -> Observation:
+def _maximum(flight: Flight, problem: VehicleProblem) -> Observation:
     counts = at_bounds(flight.speeds[steady(flight)], problem)[1].sum(axis=1)
     speeds = ', '.join(f'{speed:.1f}' for speed in flight.speeds[-1])
     return Observation(
@@ -72,7 +72,7 @@ def _maximum(flight: Flight, problem: AllocationProblem) -> Observation:
     )
 
 
-def _hover(others: Mapping[str, Flight], problem: AllocationProblem) -> Observation:
+def _hover(others: Mapping[str, Flight], problem: VehicleProblem) -> Observation:
     hover = Exact(problem.vehicle).allocate(problem.hover).speeds
     worst = {
         name: float(np.abs(flight.speeds[steady(flight)] - hover).max())

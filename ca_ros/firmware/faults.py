@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.problem.audit import Audit, accept, audit
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
@@ -35,7 +35,7 @@ class Fault:
     report: Audit
 
     @property
-    def problem(self) -> AllocationProblem:
+    def problem(self) -> VehicleProblem:
         """The problem of the axes that can be commanded independently."""
         return self.report.problem
 

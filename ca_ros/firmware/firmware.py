@@ -17,6 +17,7 @@ from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
 from ca_ros.problem.problem import ABSURD, AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
 
 DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float64}
@@ -74,7 +75,7 @@ class Firmware:
         return cls(faults, made, parameters, precision)
 
     @property
-    def problem(self) -> AllocationProblem:
+    def problem(self) -> VehicleProblem:
         """The problem without a fault."""
         return self.faults[0].problem
 

@@ -30,7 +30,7 @@ def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:
 
 def special(firmware: Firmware) -> Array:
     """Return wrenches (N, m) at rest, at hover, too large, infinite and not a number."""
-    hover = firmware.problem.hover
+    hover = firmware.problem.reference
     numbers = [0.0, 1e30, -1e30, np.inf, -np.inf, np.nan]
     found = [np.zeros_like(hover), hover, -hover, 1e6 * hover]
     for k in range(len(hover)):
@@ -47,7 +47,7 @@ def vectors(firmware: Firmware) -> str:
     for fault in range(last):
         given = [wrenches(firmware, fault, SIZE), special(firmware)]
         lines += [_vector(firmware, fault, wrench) for wrench in np.vstack(given)]
-    hover = firmware.problem.hover.astype(firmware.dtype)
+    hover = firmware.problem.reference.astype(firmware.dtype)
     lines += [_vector(firmware, fault, hover) for fault in (-1, last)]
     return '\n'.join(lines)
 

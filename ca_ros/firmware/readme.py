@@ -57,7 +57,7 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
     suffix = 'f' * firmware.single
     return {
         'axes_listed': ', '.join(problem.axes),
-        'hover': ', '.join(f'{float(f"{number:.6g}")}{suffix}' for number in problem.hover),
+        'hover': ', '.join(f'{float(f"{number:.6g}")}{suffix}' for number in problem.reference),
         'absurd': f'{LIMIT[firmware.precision]:g}',
         'wrench_table': '\n'.join(
             f'| {k} | {axis} [{unit(axis)}] | {FORWARD_RIGHT_DOWN[axis]} |'

@@ -17,7 +17,7 @@ from ca_ros.flight.rigid_body import cross, difference, heading, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import REVERSAL
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError, complete
 from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
@@ -103,7 +103,7 @@ class Controller:
         reversal: str = REVERSAL,
     ) -> None:
         self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
-        self.problem = AllocationProblem(vehicle)
+        self.problem = VehicleProblem(vehicle)
         self.admissible = None if vehicle.powerless else AdmissibleSet(self.problem)
         if self.admissible is not None:
             # A wrong order is an error now, not at the first wrench that needs it.

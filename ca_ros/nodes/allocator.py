@@ -36,6 +36,7 @@ from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.problem import ABSURD
+from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.parameters import AXES
 
@@ -206,7 +207,7 @@ class AllocatorNode(VehicleNode):
         return None
 
     def _fall_back(self, action: str) -> None:
-        self._last = fallback(action, self.method.problem.vehicle, self._last)
+        self._last = fallback(action, vehicle_of(self.method.problem), self._last)
         self._speeds.publish(fill_speeds(self._message, self._last, None))
 
     def _offer_on_demand(self, topic: Topic) -> Publisher:

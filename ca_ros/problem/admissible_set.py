@@ -8,8 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS, Prioritization, groups_of
+from ca_ros.problem.prioritization import (
+    REVERSAL,
+    REVERSALS,
+    Prioritization,
+    default_order,
+    groups_of,
+)
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -27,7 +34,8 @@ class AdmissibleSet:
     Attributes
     ----------
     reference : (m,) array
-        The hover wrench if it is inside the set, otherwise the centre of the set [N, N m].
+        The reference of the problem, hover for a vehicle, if it is inside the set; otherwise the
+        centre of the set [N, N m].
 
     Raises
     ------
@@ -36,12 +44,10 @@ class AdmissibleSet:
     """
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        self.problem = problem = (
-            vehicle if isinstance(vehicle, AllocationProblem) else AllocationProblem(vehicle)
-        )
+        self.problem = problem = problem_of(vehicle)
         if not problem.spans:
             raise problem.no_volume()
-        self.reference = problem.hover if problem.hovers else problem.center
+        self.reference = problem.reference if problem.reference_inside else problem.center
         self._prioritizations: dict[object, Prioritization] = {}
 
     @property
@@ -200,7 +206,7 @@ class AdmissibleSet:
                     f'reversal: expected one of {", ".join(REVERSALS)}, got {reversal!r}'
                 )
             axes = self.problem.axes
-            groups = groups_of(ORDER if order is None else order, axes)
+            groups = default_order(axes) if order is None else groups_of(order, axes)
             rows = [[axes.index(axis) for axis in group] for group in groups]
             self._prioritizations[key] = Prioritization(self.problem, rows, reversal=reversal)
         return self._prioritizations[key]

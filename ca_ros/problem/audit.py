@@ -20,7 +20,7 @@ from ca_ros.problem.commandable import (
     unit,
     unit_rows,
 )
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.parameters import VEHICLE
 from ca_ros.vehicle.vehicle import Vehicle
@@ -37,19 +37,19 @@ class Audit:
 
     Attributes
     ----------
-    asked : AllocationProblem
+    asked : VehicleProblem
         The problem of all axes of the vehicle.
-    problem : AllocationProblem
+    problem : VehicleProblem
         The problem of the axes that can be commanded independently.
-    kept : AllocationProblem
+    kept : VehicleProblem
         The problem of the axes that are not lost.
     hovers, keeps_hovering : bool
         Whether hover is inside the admissible set of `asked`, and of `kept`.
     """
 
-    asked: AllocationProblem
-    problem: AllocationProblem
-    kept: AllocationProblem
+    asked: VehicleProblem
+    problem: VehicleProblem
+    kept: VehicleProblem
     hovers: bool
     keeps_hovering: bool
 
@@ -183,7 +183,7 @@ def audit(vehicle: Vehicle) -> Audit:
     -------
     Audit
     """
-    full = AllocationProblem(vehicle)
+    full = VehicleProblem(vehicle)
     independent = independent_part(full)
     hovering = hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:

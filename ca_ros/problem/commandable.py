@@ -11,6 +11,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
@@ -63,12 +64,12 @@ def independence(rows: Array) -> Array:
     return np.array(distances)
 
 
-def hover_margin(problem: AllocationProblem) -> float:
+def hover_margin(problem: VehicleProblem) -> float:
     """Return the signed distance from hover to the boundary; -inf for a set without volume."""
     return float(problem.image.margin(problem.hover)) if problem.spans else -np.inf
 
 
-def independent_part(problem: AllocationProblem) -> AllocationProblem:
+def independent_part(problem: VehicleProblem) -> VehicleProblem:
     """Return the problem without the axes that cannot be commanded independently."""
     return _give_up(
         problem,
@@ -76,15 +77,15 @@ def independent_part(problem: AllocationProblem) -> AllocationProblem:
     )
 
 
-def hovering_part(problem: AllocationProblem) -> AllocationProblem:
+def hovering_part(problem: VehicleProblem) -> VehicleProblem:
     """Return the problem without axes that prevent hover; unchanged if no choice allows hover."""
     part = _give_up(problem, lambda part: part.hovers)
     return part if part.hovers else problem
 
 
 def _give_up(
-    problem: AllocationProblem, good: Callable[[AllocationProblem], bool]
-) -> AllocationProblem:
+    problem: VehicleProblem, good: Callable[[VehicleProblem], bool]
+) -> VehicleProblem:
     """Remove axes until the problem is good; prefer an axis whose removal suffices."""
     while not good(problem):
         candidates = [_without(problem, axis) for axis in EXPENDABLE if axis in problem.axes]
@@ -94,17 +95,17 @@ def _give_up(
     return problem
 
 
-def _without(problem: AllocationProblem, lost: str) -> AllocationProblem:
+def _without(problem: VehicleProblem, lost: str) -> VehicleProblem:
     axes = tuple(axis for axis in problem.axes if axis != lost)
-    return AllocationProblem(replace(problem.vehicle, axes=axes))
+    return VehicleProblem(replace(problem.vehicle, axes=axes))
 
 
-def spin_torque(asked: AllocationProblem, kept: AllocationProblem) -> float:
+def spin_torque(asked: VehicleProblem, kept: VehicleProblem) -> float:
     """Return the yaw torque nearest to zero with which the axes of `kept` hover [N m]."""
     if 'yaw' in kept.axes or 'yaw' not in asked.axes:
         return 0.0
     axes = tuple(axis for axis in asked.axes if axis in (*kept.axes, 'yaw'))
-    with_yaw = AllocationProblem(replace(asked.vehicle, axes=axes))
+    with_yaw = VehicleProblem(replace(asked.vehicle, axes=axes))
     place = axes.index('yaw')
     if with_yaw.spans:
         rows = [row for row in range(len(axes)) if row != place]
@@ -116,7 +117,7 @@ def spin_torque(asked: AllocationProblem, kept: AllocationProblem) -> float:
     return yaw if abs(yaw) > 1e-9 else 0.0
 
 
-def authority(problem: AllocationProblem) -> dict[str, tuple[float, float]]:
+def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
     at_hover = problem.simplex.copy()
     rows = range(problem.n, problem.n + len(problem.axes))

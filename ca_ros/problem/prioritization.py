@@ -55,14 +55,15 @@ class Served(NamedTuple):
 
 
 def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of an order without the axes that a vehicle does not command.
+    """Return the groups of an order without the axes that are not commanded.
 
     Parameters
     ----------
     order : sequence of groups of axes
         The most important group first, as words or sequences: ``['roll pitch', 'thrust', 'yaw']``.
+        Each of `axes` is named once; a vehicle's other axes may be named.
     axes : sequence of str
-        The axes that the vehicle commands.
+        The axes that are commanded.
 
     Raises
     ------
@@ -72,12 +73,24 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
     listed = [order] if isinstance(order, str) else order
     groups = [tuple(group.split() if isinstance(group, str) else group) for group in listed]
     flat = [axis for group in groups for axis in group]
-    if len(set(flat)) < len(flat) or () in groups or not set(axes) <= set(flat) <= set(AXES):
+    if len(set(flat)) < len(flat) or () in groups or not set(axes) <= set(flat) <= {*AXES, *axes}:
         raise ValueError(
             f'order: expected groups that name each of {", ".join(axes)} once, got {order}'
         )
     kept = (tuple(axis for axis in group if axis in axes) for group in groups)
     return tuple(group for group in kept if group)
+
+
+def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the groups of `ORDER`; axes that a vehicle cannot have are one more group, the last.
+
+    Parameters
+    ----------
+    axes : sequence of str
+        The axes that are commanded.
+    """
+    others = tuple(axis for axis in axes if axis not in AXES)
+    return groups_of((*ORDER, others) if others else ORDER, axes)
 
 
 def sensed(groups: Sequence[Sequence[str]], reversal: str) -> list[str]:
@@ -122,7 +135,7 @@ class Prioritization:
     groups : sequence of sequences of int
         Rows of Gamma, the most important group first.
     reference : (m,) array, optional
-        By default hover [N, N m].
+        By default that of the problem: hover for a vehicle [N, N m].
     reversal : 'prevent', 'avoid' or 'allow'
         The axes of step 2.  'prevent': all but thrust, so that thrust deviates from its demand as
         far as the others need.  'avoid': thrust too, so that it deviates no further than to its
@@ -142,7 +155,7 @@ class Prioritization:
     ) -> None:
         self._problem = problem
         self._first, *self._later = (list(group) for group in groups)
-        self._wrench = problem.hover if reference is None else reference
+        self._wrench = problem.reference if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
         named = [[problem.axes[row] for row in group] for group in groups]
         keeps = [problem.axes.index(axis) for axis in sensed(named, reversal)]

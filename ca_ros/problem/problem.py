@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from math import comb, hypot
 
@@ -12,8 +13,6 @@ from ca_ros.arrays import Array, constant
 from ca_ros.solver.dual_newton import DualNewton
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, spans
-from ca_ros.vehicle.effectiveness import control_allocation_matrix
-from ca_ros.vehicle.vehicle import Vehicle
 
 EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
@@ -22,8 +21,8 @@ ABSURD = 1e100
 """Greatest number that a wrench may have; larger ones are errors of the caller [N, N m]."""
 
 
-HOVER_ROUNDING = 1e-12
-"""Distance of hover to the boundary that counts as inside, as a share of the range."""
+REFERENCE_ROUNDING = 1e-12
+"""Distance of the reference to the boundary that counts as inside, as a share of the range."""
 
 
 def lengths(vectors: Array) -> Array:
@@ -33,39 +32,123 @@ def lengths(vectors: Array) -> Array:
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
 
 
-class AllocationProblem:
-    """Find f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
+def _numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
+    """Return finite numbers as an array, (size,) if a size is given; else raise a ValueError."""
+    try:
+        numbers = np.array(given, float)
+    except (TypeError, ValueError):
+        raise ValueError(f'{name}: expected numbers, got {given!r}') from None
+    if size is not None:
+        if numbers.shape not in ((), (size,)) or (name == 'reference' and numbers.ndim == 0):
+            raise ValueError(f'{name}: expected {size} numbers, got shape {numbers.shape}')
+        numbers = np.broadcast_to(numbers, (size,))
+    if not np.all(np.abs(numbers) <= ABSURD):
+        raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {given!r}')
+    return numbers
 
-    A problem needs no audit: it may also be made of a vehicle that allocators refuse because it
-    cannot command every axis or hover.
+
+def _names(name: str, given: Sequence[str], size: int) -> tuple[str, ...]:
+    """Return names, as many as `size` and all different; else raise a ValueError."""
+    names = (given,) if isinstance(given, str) else tuple(given)
+    if len(names) != size or len(set(names)) < size or not all(isinstance(n, str) for n in names):
+        raise ValueError(f'{name}: expected {size} different names, got {given!r}')
+    return names
+
+
+class AllocationProblem:
+    """Find f with u = B f and lower <= f <= upper (Problem 1, Eqs. (8) and (10)).
+
+    B maps the n effectors to m axes.  For a multirotor the effectors are rotors, f are their
+    thrusts, and u is the wrench: `ca_ros.problem.vehicle_problem.VehicleProblem` derives its B
+    from the geometry.  Here B may come from anywhere, in any units: the effectors may be control
+    surfaces, thrusters or wheels, and their bounds may have any sign.
+
+    Parameters
+    ----------
+    matrix : (m, n) array
+        B, the control effectiveness matrix.
+    lower, upper : float or (n,) array
+        Bounds of the effectors.
+    axes : sequence of str, optional
+        Names of the m axes, all different; by default ``axis_1``, ``axis_2`` and so on.
+    names : sequence of str, optional
+        Names of the n effectors, all different; by default their numbers, from 1.
+    reference : (m,) array, optional
+        The u from which demands are counted; by default zero.  The priorities of the axes, and
+        the scaling of an unattainable u, begin there.
 
     Attributes
     ----------
-    vehicle : Vehicle
     axes : tuple of str
         Names of the m components of u.
+    names : tuple of str
+        Names of the n effectors.
+    effectors : str
+        What the effectors are called in messages.
     gamma : (m, n) array
-        Control allocation matrix.
+        The control allocation matrix, B [N, N m per N for a vehicle].
     lower, upper : (n,) arrays
-        Bounds of the thrusts [N].
-    hover : (m,) array
-        The wrench that carries the vehicle's weight, without torque [N, N m].
+        Bounds of the effectors [N].
+    reference : (m,) array
+        The u from which demands are counted [N, N m].
+    rest : (n,) array
+        Of each effector the value nearest to zero: what a rejected u gets [N].
     middle, half_range : (n,) arrays
-        Middles and half lengths of the ranges of thrust [N].
+        Middles and half lengths of the ranges of the effectors [N].
     center : (m,) array
-        The wrench of the middles: the centre of the admissible set [N, N m].
+        The u of the middles: the centre of the admissible set [N, N m].
     extent : (m,) array
         Half of the range of each component [N, N m].
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, a number is not finite, a lower bound is above its upper bound, or
+        names are missing or repeated.
+
+    Notes
+    -----
+    A problem is not audited: axes that the effectors cannot command independently are an error
+    only where the admissible set must have a volume.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.vehicle = vehicle
-        self.axes = vehicle.axes
-        self.gamma = constant(control_allocation_matrix(vehicle))
-        self.lower = vehicle.thrust_min
-        self.upper = vehicle.thrust_max
-        self._shape = (len(self.axes),)
-        self.hover = constant([vehicle.weight * (axis == 'thrust') for axis in self.axes])
+    effectors = 'effectors'
+    advice = ''
+    """What the error of a set without volume recommends."""
+
+    def __init__(
+        self,
+        matrix: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        axes: Sequence[str] | None = None,
+        names: Sequence[str] | None = None,
+        reference: ArrayLike | None = None,
+    ) -> None:
+        gamma = _numbers('matrix', matrix)
+        if gamma.ndim != 2 or 0 in gamma.shape:
+            raise ValueError(
+                f'matrix: expected m rows, one per axis, of n numbers, one per effector; '
+                f'got shape {gamma.shape}'
+            )
+        m, n = gamma.shape
+        numbered = [f'axis_{k + 1}' for k in range(m)], [str(i + 1) for i in range(n)]
+        self.axes = _names('axes', numbered[0] if axes is None else axes, m)
+        self.names = _names('names', numbered[1] if names is None else names, n)
+        self.gamma = constant(gamma)
+        self.lower = constant(_numbers('lower', lower, n))
+        self.upper = constant(_numbers('upper', upper, n))
+        if np.any(self.lower > self.upper):
+            i = int(np.argmax(self.lower > self.upper))
+            raise ValueError(
+                f'lower: {self.lower[i]:g} of {self.names[i]!r} is above its upper bound, '
+                f'{self.upper[i]:g}'
+            )
+        self.reference = constant(
+            np.zeros(m) if reference is None else _numbers('reference', reference, m)
+        )
+        self._shape = (m,)
+        self.rest = constant(self.clip(np.zeros(n)))
         self.middle = constant((self.lower + self.upper) / 2.0)
         self.half_range = constant((self.upper - self.lower) / 2.0)
         self.center = constant(self.gamma @ self.middle)
@@ -109,22 +192,22 @@ class AllocationProblem:
         return line.value[length] / size
 
     @cached_property
-    def hovers(self) -> bool:
-        """Whether hover is inside the admissible set, not on its boundary."""
+    def reference_inside(self) -> bool:
+        """Whether the reference is inside the admissible set, not on its boundary."""
         if not self.spans:
             return False
-        # If all thrusts can change a little in both directions, so can the wrench.
-        room = 2.0 * HOVER_ROUNDING * self.half_range
-        thrusts = self.least_norm.unbounded(self.hover)
+        # If all effectors can change a little in both directions, so can u.
+        room = 2.0 * REFERENCE_ROUNDING * self.half_range
+        thrusts = self.least_norm.unbounded(self.reference)
         if np.all((self.lower + room < thrusts) & (thrusts < self.upper - room)):
             return True
-        way = self.hover - self.center
-        return self.reach(self.center, way, 2.0) > 1.0 + HOVER_ROUNDING
+        way = self.reference - self.center
+        return self.reach(self.center, way, 2.0) > 1.0 + REFERENCE_ROUNDING
 
     @property
     def n(self) -> int:
-        """Number of rotors."""
-        return self.vehicle.n
+        """Number of effectors."""
+        return len(self.lower)
 
     def attains(self, u: Array) -> bool:
         """Tell whether a wrench (m,) is attainable, up to `tolerance`."""
@@ -161,8 +244,8 @@ class AllocationProblem:
     def no_volume(self) -> ValueError:
         """Return the error of a problem whose admissible set has no volume."""
         return ValueError(
-            'the admissible set has no volume: the rotors cannot command '
-            f'{", ".join(self.axes)} independently (see ca_ros.audit)'
+            f'the admissible set has no volume: the {self.effectors} cannot command '
+            f'{", ".join(self.axes)} independently{self.advice}'
         )
 
     @cached_property

@@ -71,6 +71,8 @@ class DualNewton:
         Orthonormal columns that span the rows of A.
     coordinates : (m, m) array
         The equation is equivalent to ``basis^T f = coordinates u``.
+    greatest : float
+        The greatest size of a bound, at least 1.
     """
 
     def __init__(self, matrix: Array, lower: Array, upper: Array) -> None:
@@ -78,6 +80,7 @@ class DualNewton:
         self.basis, triangle = np.linalg.qr(matrix.T)
         self._back = triangle.T
         self.coordinates = np.linalg.inv(self._back)
+        self.greatest = max(1.0, *np.abs([lower, upper]).ravel().tolist())
 
     def solve(
         self, u: Array, tolerance: float, start: Array | None = None, slack: float = 0.0
@@ -107,7 +110,7 @@ class DualNewton:
         """
         first = None if start is None else self._back.T @ start
         thrusts, y, residual = self._solve(u, tolerance, first)
-        steep = STEEP * float(self.upper.max(initial=1.0))
+        steep = STEEP * self.greatest
         relaxed = residual <= tolerance < slack and float(np.linalg.norm(y)) > steep
         if relaxed:
             n, m = self.basis.shape
@@ -123,7 +126,7 @@ class DualNewton:
             # On the boundary multipliers may be large although slack changes nothing.
             greatest = float(np.abs(softer[:n] - thrusts).max())
             missed = float(np.linalg.norm(u - self.matrix @ softer[:n]))
-            relaxed = greatest > SAME * float(self.upper.max(initial=1.0)) and missed <= slack
+            relaxed = greatest > SAME * self.greatest and missed <= slack
             if relaxed:
                 thrusts, y = softer[:n], after
         return Solution(thrusts, self.coordinates.T @ y, residual <= tolerance, relaxed)

@@ -167,7 +167,7 @@ def _set_up(library: ctypes.CDLL, problem: AllocationProblem) -> None:
     axes = problem.axes
     groups, keeps = groups_of(ORDER, axes), sensed(groups_of(ORDER, axes), REVERSAL)
     reals = [problem.gamma, np.linalg.pinv(problem.gamma), problem.lower, problem.upper]
-    reals.append(problem.hover)
+    reals.append(problem.reference)
     integers = [
         [axes.index(axis) for group in groups for axis in group],
         [i for i, group in enumerate(groups) for _ in group],

@@ -16,6 +16,7 @@ from ca_ros.allocation import Allocator, make_allocator
 from ca_ros.evaluation.benchmark import peers
 from ca_ros.evaluation.benchmark.peers import Call
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.vehicle.vehicle import Vehicle
 
 BASELINE = 'clipped_pinv'
@@ -44,7 +45,7 @@ class Contender:
 def method(make: Callable[[Vehicle], Allocator]) -> Contender:
     """Return a method of this package, or of the user's own, as a contender."""
     interface = 'allocate, checks and result included'
-    return Contender('method', interface, lambda problem: make(problem.vehicle).allocate)
+    return Contender('method', interface, lambda problem: make(vehicle_of(problem)).allocate)
 
 
 def peer(package: str, build: Callable[..., Call], interface: str, **settings: Any) -> Contender:

@@ -24,6 +24,7 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.vehicle.vehicle import Vehicle
 
 UNIT, UNITS = 1000, 20
@@ -140,7 +141,8 @@ def time_flights(
     The baseline's time is that of `UNIT` calls on wrenches (W, m) [N, N m].
     """
     problem = allocator.problem
-    loop = Controller(problem.vehicle, gains), allocator, RigidBody(problem.vehicle)
+    vehicle = vehicle_of(problem)
+    loop = Controller(vehicle, gains), allocator, RigidBody(vehicle)
     flight = partial(fly, *loop, loads.WAYPOINTS[0], plan.duration, loads.TIME_STEP)
     call = CONTENDERS[BASELINE].call(problem)
     units = [wrenches[i % len(wrenches)] for i in range(UNIT)] * UNITS

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ca_ros.allocation import AllocationProblem
 from ca_ros.allocation.options import allocator_from_parameters
 from ca_ros.evaluation.benchmark import loads
 from ca_ros.evaluation.benchmark.plan import Plan
 from ca_ros.evaluation.benchmark.timing import Key, rounds
 from ca_ros.problem.audit import accept
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS = 16
@@ -26,7 +26,7 @@ _Cases = list[tuple[dict[str, Any], Vehicle]]
 
 def _set_up(cases: _Cases) -> None:
     for parameters, vehicle in cases:
-        allocator_from_parameters(parameters, AllocationProblem(vehicle))
+        allocator_from_parameters(parameters, VehicleProblem(vehicle))
 
 
 def _audited(cases: _Cases) -> None:
