@@ -47,6 +47,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
         (f'share/{package}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{package}/config/problems', sorted(glob('config/problems/*.yaml'))),
         (f'share/{package}/security', ['security/policy.xml']),
         (f'share/{package}/layouts', sorted(glob('layouts/*'))),
     ],

@@ -1,9 +1,17 @@
 """Control allocation of multirotors: from a wrench to rotor speeds."""
 
-from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status, make_allocator
+from ca_ros.allocation import (
+    ALLOCATORS,
+    Allocation,
+    AllocationProblem,
+    Allocator,
+    Status,
+    make_allocator,
+)
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
+from ca_ros.problem.files import load_problem
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
@@ -12,6 +20,7 @@ __all__ = [
     'ALLOCATORS',
     'AdmissibleSet',
     'Allocation',
+    'AllocationProblem',
     'Allocator',
     'Audit',
     'CaRosError',
@@ -20,5 +29,6 @@ __all__ = [
     'Vehicle',
     'audit',
     'control_allocation_matrix',
+    'load_problem',
     'make_allocator',
 ]

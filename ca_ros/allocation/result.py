@@ -99,9 +99,9 @@ class Allocation:
     def saturation(self) -> IntArray:
         """Per rotor, (n,): -1 at its lower and +1 at its upper bound, to rounding; 0 between."""
         low, high = self.problem.lower, self.problem.upper
-        rounding = EXACT_TOLERANCE * np.maximum(1.0, high)
-        above = (self.thrusts >= high - rounding).astype(np.int8)
-        return np.where(self.thrusts <= low + rounding, np.int8(-1), above)
+        below, above = (EXACT_TOLERANCE * np.maximum(1.0, np.abs(end)) for end in (low, high))
+        at_upper = (self.thrusts >= high - above).astype(np.int8)
+        return np.where(self.thrusts <= low + below, np.int8(-1), at_upper)
 
     @cached_property
     def certificate(self) -> Certificate:

@@ -88,7 +88,7 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
         p->upper[i] = upper[i];
         p->middle[i] = (lower[i] + upper[i]) / 2;
         p->half_range[i] = (upper[i] - lower[i]) / 2;
-        p->greatest = ca_max(p->greatest, upper[i]);
+        p->greatest = ca_max(p->greatest, ca_max(ca_abs(lower[i]), ca_abs(upper[i])));
     }
     for (int k = 0; k < m; k++) {
         p->order[k] = options->order[k];
@@ -124,6 +124,13 @@ int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *
     return fault;
 }
 
+/* The thrusts within their bounds that are nearest to zero. */
+static void rest(const ca_problem *p, ca_real *thrusts)
+{
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        thrusts[i] = ca_clip(0, p->lower[i], p->upper[i]);
+}
+
 ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
@@ -134,8 +141,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
         length = is_finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
     length = length <= CA_ABSURD ? ca_length(m, u) : length;
     if (!(length <= CA_ABSURD)) {
-        for (int i = 0; i < n; i++)
-            thrusts[i] = p->lower[i];
+        rest(p, thrusts);
         answer.status = CA_INVALID;
         answer.level = 0;
         return answer;
@@ -173,8 +179,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     answer.status = p->policy;
     answer.level = served.level;
     if (p->policy == CA_REJECTED) {
-        for (int i = 0; i < n; i++)
-            thrusts[i] = p->lower[i];
+        rest(p, thrusts);
         answer.level = 0;
         return answer;
     }
@@ -205,10 +210,9 @@ void ca_residual(const ca_problem *p, const ca_real *u, const ca_real *thrusts, 
 void ca_active_set(const ca_problem *p, const ca_real *thrusts, signed char *active)
 {
     for (int i = 0; i < CA_ROTORS(p); i++) {
-        const ca_real rounding = CA_TOLERANCE * ca_max(1, p->upper[i]);
-        active[i] = thrusts[i] <= p->lower[i] + rounding   ? -1
-                    : thrusts[i] >= p->upper[i] - rounding ? 1
-                                                           : 0;
+        const ca_real low = CA_TOLERANCE * ca_max(1, ca_abs(p->lower[i]));
+        const ca_real high = CA_TOLERANCE * ca_max(1, ca_abs(p->upper[i]));
+        active[i] = thrusts[i] <= p->lower[i] + low ? -1 : thrusts[i] >= p->upper[i] - high ? 1 : 0;
     }
 }
 

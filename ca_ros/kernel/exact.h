@@ -50,8 +50,8 @@ enum ca_status {
     CA_PRIORITIZED = 1, /* unattainable: axes served in the order of their priority */
     CA_SCALED = 2,      /* unattainable: scaled towards the reference */
     CA_INEXACT = 3,     /* an iteration reached its bound: the wrench is approximate */
-    CA_REJECTED = 4,    /* unattainable, policy reject: thrusts at their lower bounds */
-    CA_INVALID = 5      /* not finite or too large: thrusts at their lower bounds */
+    CA_REJECTED = 4,    /* unattainable, policy reject: thrusts nearest to zero */
+    CA_INVALID = 5      /* not finite or too large: thrusts nearest to zero */
 };
 
 /* Results of `ca_set_up`. */

@@ -108,15 +108,28 @@ def config_directory() -> Path:
     )
 
 
-def find(vehicle: str | Path) -> Path:
-    """Return the parameter file of a vehicle: a shipped one's name, or a path to a YAML file."""
-    path = Path(vehicle).expanduser()
+def shipped_vehicles() -> dict[str, Path]:
+    """Return the shipped parameter files of vehicles by name."""
+    return {file.stem: file for file in sorted(config_directory().glob('*.yaml'))}
+
+
+def shipped_problems() -> dict[str, Path]:
+    """Return the shipped files of problems without a vehicle by name."""
+    return {file.stem: file for file in sorted((config_directory() / 'problems').glob('*.yaml'))}
+
+
+def find(name: str | Path) -> Path:
+    """Return the file of a vehicle or problem: a shipped one's name, or a path to a YAML file."""
+    path = Path(name).expanduser()
     if path.is_file():
         return path
-    shipped = {file.stem: file for file in sorted(config_directory().glob('*.yaml'))}
-    if str(vehicle) in shipped:
-        return shipped[str(vehicle)]
-    raise ParameterError(f'{vehicle}: neither a file nor a shipped vehicle ({", ".join(shipped)})')
+    shipped = shipped_vehicles() | shipped_problems()
+    if str(name) in shipped:
+        return shipped[str(name)]
+    raise ParameterError(
+        f'{name}: neither a file nor a shipped vehicle ({", ".join(shipped_vehicles())}) '
+        f'nor a shipped problem ({", ".join(shipped_problems())})'
+    )
 
 
 def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
@@ -166,7 +179,7 @@ def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
         merged: dict[str, Any] = {}
         for pattern, section in sections:
             if matches(pattern, name):
-                merged.update(_flatten(section))
+                merged.update(flatten(section))
         return merged
 
     if node is None:
@@ -208,11 +221,12 @@ def _example(pattern: str) -> str:
     return name.replace('/**', '').replace('/*', '/vehicle')
 
 
-def _flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return the values of nested mappings by name, such as ``rotors.positions``."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
         if isinstance(value, Mapping):
-            flat.update(_flatten(value, f'{prefix}{key}.'))
+            flat.update(flatten(value, f'{prefix}{key}.'))
         else:
             flat[f'{prefix}{key}'] = value
     return flat

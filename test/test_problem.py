@@ -1,0 +1,221 @@
+"""Problems without a vehicle: any matrix, bounds of any sign, any names."""
+
+import os
+import re
+
+import numpy as np
+import pytest
+
+from ca_ros import (
+    ALLOCATORS,
+    AdmissibleSet,
+    AllocationProblem,
+    ParameterError,
+    Status,
+    Vehicle,
+    load_problem,
+    make_allocator,
+)
+from ca_ros.problem.problem import lengths
+
+PROBLEMS = int(os.environ.get('CA_ROS_PROBLEMS', '60'))
+"""How many random problems; 1000 in `make soak`."""
+
+ELEVONS = AllocationProblem(
+    [[-2.0, 2.0], [-1.0, -1.0]], -0.5, 0.5,
+    axes=['roll rate', 'pitch rate'], names=['left', 'right'])
+
+
+def random_problem(seed):
+    """Return a problem with rows of very different sizes and bounds on any side of zero."""
+    rng = np.random.default_rng(seed)
+    m = int(rng.integers(1, 7))
+    n = int(rng.integers(m, 17))
+    matrix = rng.normal(size=(m, n)) * 10.0 ** rng.uniform(-1.5, 1.5, (m, 1))
+    lower = rng.normal(size=n) - rng.choice([0.0, 1.0, 20.0])
+    upper = lower + 10.0 ** rng.uniform(-1.0, 1.0, n)
+    # Some effectors are locked.
+    upper = np.where((rng.random(n) < 0.1) & (np.arange(n) >= m), lower, upper)
+    reference = rng.choice([0.0, 1.0]) * (matrix @ rng.uniform(lower, upper))
+    return AllocationProblem(matrix, lower, upper, reference=reference), rng
+
+
+def commands(problem, rng, size):
+    """Draw u inside, on and outside of the set."""
+    inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ problem.gamma.T
+    ways = inside - problem.center
+    ends = np.array([problem.reach(problem.center, way) for way in ways])[:, None]
+    return inside, problem.center + ends * ways, problem.center + 2.0 * ends * ways
+
+
+def by_quadprog(problem, u):
+    solve = pytest.importorskip('quadprog').solve_qp
+    eye = np.eye(problem.n)
+    columns = np.column_stack([problem.gamma.T, eye, -eye])
+    bounds = np.concatenate([u, problem.lower, -problem.upper])
+    return solve(eye, np.zeros(problem.n), columns, bounds, len(u))[0]
+
+
+def by_daqp(problem, u):
+    solve = pytest.importorskip('daqp').solve
+    thrusts, _, flag, _ = solve(
+        np.eye(problem.n), np.zeros(problem.n), np.ascontiguousarray(problem.gamma),
+        np.concatenate([problem.upper, u]), np.concatenate([problem.lower, u]),
+        np.array([0] * problem.n + [5] * len(u), dtype=np.int32))
+    if flag <= 0:
+        raise ValueError(flag)
+    return thrusts
+
+
+@pytest.mark.parametrize('engine', ['c', 'numpy'])
+@pytest.mark.parametrize('seed', range(PROBLEMS))
+def test_exact_gives_u_with_the_least_norm(seed, engine, monkeypatch):
+    monkeypatch.setenv('CA_ROS_KERNEL', engine)
+    problem, rng = random_problem(seed)
+    allocator = make_allocator('exact', problem, slack=0.0)
+    inside, border, outside = commands(problem, rng, 8)
+    for u in np.vstack([inside, border]):
+        answer = allocator.allocate(u)
+        if answer.status is not Status.EXACT:
+            # The end of the line is on the boundary only up to rounding.
+            assert lengths(answer.residual) <= 1e-9 * max(1.0, lengths(u))
+            continue
+        assert lengths(answer.residual) <= 1e-12 * max(1.0, lengths(u))
+        assert np.all((problem.lower <= answer.thrusts) & (answer.thrusts <= problem.upper))
+    for u in inside:
+        thrusts = allocator.allocate(u).thrusts
+        for solve in (by_quadprog, by_daqp):
+            try:
+                other = solve(problem, u)
+            except ValueError:
+                continue  # The other solver fails near a vertex.
+            size = max(1.0, np.abs([problem.lower, problem.upper]).max())
+            assert np.linalg.norm(thrusts) <= np.linalg.norm(other) + 1e-9 * size
+    for u in outside:
+        answer = allocator.allocate(u)
+        assert answer.status is Status.PRIORITIZED
+        assert np.all((problem.lower <= answer.thrusts) & (answer.thrusts <= problem.upper))
+
+
+@pytest.mark.parametrize('method', ALLOCATORS)
+@pytest.mark.parametrize('name', ['admire', 'omnidirectional_hexarotor'])
+def test_every_method_takes_a_shipped_problem(method, name):
+    problem = load_problem(name)
+    allocator = make_allocator(method, problem)
+    demands = np.vstack(commands(problem, np.random.default_rng(5), 20))
+    answers = allocator.allocate_batch(demands)
+    assert np.all((problem.lower <= answers.thrusts) & (answers.thrusts <= problem.upper))
+    exact = answers.status == Status.EXACT
+    reached = lengths(answers.residual) <= problem.tolerance(demands)
+    np.testing.assert_array_equal(exact & ~reached, False)
+    np.testing.assert_allclose(
+        answers.thrusts, [allocator.allocate(u).thrusts for u in demands], rtol=0.0, atol=1e-12)
+
+
+def test_a_problem_by_hand():
+    # Roll takes (-1/4, 1/4) and pitch (-1/2, -1/2) per unit; the sum leaves its bounds at +-0.5.
+    allocator = make_allocator('exact', ELEVONS)
+    np.testing.assert_allclose(allocator.allocate([1.0, 0.5]).thrusts, [-0.5, 0.0], atol=1e-15)
+    unattainable = allocator.allocate([2.0, 1.0])
+    assert unattainable.status is Status.PRIORITIZED
+    # One group of axes: the demand is scaled about zero, to half of it.
+    np.testing.assert_allclose(unattainable.wrench, [1.0, 0.5], atol=1e-12)
+    assert unattainable.level == pytest.approx(0.5)
+
+
+def test_the_order_of_own_axes():
+    allocator = make_allocator('exact', ELEVONS, order=[['pitch rate'], ['roll rate']])
+    np.testing.assert_allclose(allocator.allocate([2.0, 1.0]).wrench, [0.0, 1.0], atol=1e-12)
+    with pytest.raises(ValueError, match='order: expected groups that name each of roll rate'):
+        make_allocator('exact', ELEVONS, order=[['pitch rate']])
+
+
+def test_axes_that_vehicles_have_come_first_in_the_default_order():
+    problem = AllocationProblem(
+        [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]], -1.0, 1.0, axes=['drag', 'yaw'])
+    answer = make_allocator('exact', problem).allocate([5.0, 2.0])
+    np.testing.assert_allclose(answer.wrench, [2.0, 2.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(('method', 'options', 'upper'), [
+    ('exact', {'policy': 'reject'}, [1.0, 2.0, -1.0]), ('direct', {}, [-0.5, 0.7, -1.0])])
+def test_rejected_effectors_are_nearest_to_zero(method, options, upper):
+    problem = AllocationProblem(np.ones((1, 3)), [-2.0, 0.5, -2.0], upper)
+    # The sum of the direct allocator's effectors is always negative.
+    answer = make_allocator(method, problem, **options).allocate([1e3])
+    assert answer.status is Status.REJECTED
+    np.testing.assert_array_equal(answer.thrusts, [min(upper[0], 0.0), 0.5, -1.0])
+
+
+def test_saturation_at_negative_bounds():
+    problem = AllocationProblem(np.eye(2), [-1e3, 1.0], [-1.0, 1e3])
+    answer = make_allocator('exact', problem).allocate([-1.0, 1.0])
+    np.testing.assert_array_equal(answer.saturation, [1, -1])
+
+
+def test_a_certificate_names_the_effectors():
+    text = str(make_allocator('exact', ELEVONS).allocate([0.9, 0.5]).certificate)
+    assert 'to the facet with effectors left at minimum' in text
+
+
+def test_a_problem_has_no_rotor_speeds():
+    with pytest.raises(TypeError, match='no vehicle'):
+        _ = make_allocator('exact', ELEVONS).allocate([0.1, 0.1]).speeds
+
+
+@pytest.mark.parametrize(('arguments', 'fault'), [
+    (([1.0, 2.0], 0.0, 1.0), 'matrix: expected m rows'),
+    ((np.ones((0, 3)), 0.0, 1.0), 'matrix: expected m rows'),
+    (([['a']], 0.0, 1.0), 'matrix: expected numbers'),
+    (([[np.nan]], 0.0, 1.0), 'matrix: expected finite numbers'),
+    (([[1.0, 1.0]], [0.0, 0.0, 0.0], 1.0), 'lower: expected 2 numbers'),
+    (([[1.0, 1.0]], 0.0, np.inf), 'upper: expected finite numbers'),
+    (([[1.0, 1.0]], [0.0, 2.0], 1.0), "lower: 2 of '2' is above its upper bound, 1"),
+    (([[1.0, 1.0]], 0.0, 1.0, ['a', 'b']), 'axes: expected 1 different names'),
+    (([[1.0, 1.0]], 0.0, 1.0, None, ['a', 'a']), 'names: expected 2 different names'),
+    (([[1.0, 1.0]], 0.0, 1.0, None, None, [0.0, 0.0]), 'reference: expected 1 numbers'),
+    (([[1.0, 1.0]], 0.0, 1.0, None, None, 0.0), 'reference: expected 1 numbers'),
+])
+def test_wrong_data_are_named(arguments, fault):
+    with pytest.raises(ValueError, match=re.escape(fault)):
+        AllocationProblem(*arguments)
+
+
+def test_dependent_axes_are_named():
+    problem = AllocationProblem(np.ones((2, 3)), 0.0, 1.0)
+    with pytest.raises(ValueError, match='the effectors cannot command axis_1, axis_2'):
+        make_allocator('exact', problem)
+
+
+def test_neither_vehicle_nor_problem():
+    with pytest.raises(TypeError, match='expected a Vehicle or an AllocationProblem'):
+        AdmissibleSet(np.eye(3))
+
+
+def test_the_admissible_set_of_a_box():
+    image = AdmissibleSet(AllocationProblem(np.eye(3), [-1.0, -2.0, 0.0], [1.0, 2.0, 3.0]))
+    assert image.volume == pytest.approx(2.0 * 4.0 * 3.0)
+    assert image.margin([0.5, 0.0, 1.0]) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(('text', 'fault'), [
+    ('problem: {lower: 0, upper: 1}', 'problem.matrix: missing'),
+    ('problem: {matrix: [[1]], lower: 0, upper: 1, bounds: 2}', 'problem.bounds: no such entry'),
+    ('problem: {matrix: [[1, 2], [3]], lower: 0, upper: 1}', 'problem.matrix: expected numbers'),
+    ('problem: 3', 'problem: expected matrix'),
+    ('{problem: {matrix: [[1]], lower: 0, upper: 1}, rotors: 3}', 'rotors: expected only'),
+    ('/**: {ros__parameters: {}}', "no entry 'problem'"),
+    ('{', 'not readable YAML'),
+])
+def test_wrong_files_are_named(tmp_path, text, fault):
+    path = tmp_path / 'own.yaml'
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=re.escape(fault)) as caught:
+        load_problem(path)
+    assert str(path) in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_vehicle_is_not_read_from_the_file_of_a_problem():
+    with pytest.raises(ParameterError, match='admire'):
+        Vehicle.load('admire')
