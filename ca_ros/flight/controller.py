@@ -25,13 +25,20 @@ from ca_ros.vehicle.vehicle import Vehicle
 LIFT_MIN = 0.3
 """Least vertical force over the weight: the vehicle does not turn over to descend faster."""
 
+SIDEWAYS = ('force_x', 'force_y')
+
+UP = np.array([0.0, 0.0, 1.0])
+
 HEADING_ERROR_MAX = 0.5
 """Limit of the heading error [rad]: a half turn demands no more torque than this error."""
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains and limits of the controller; arrays are (3,), along x, y, z."""
+    """Gains and limits of the controller; arrays are (3,), along x, y, z.
+
+    With `level` the vehicle stays level, as long as its rotors can command the sideways force.
+    """
 
     position_stiffness: Array
     position_damping: Array
@@ -39,6 +46,7 @@ class Gains:
     attitude_damping: Array
     speed_max: float
     tilt_max: float
+    level: bool = False
 
     @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Gains:
@@ -56,6 +64,7 @@ class Gains:
             },
             speed_max=p['controller.speed_max'],
             tilt_max=p['controller.tilt_max'],
+            level=p['controller.attitude'] == 'level',
         )
 
 
@@ -109,6 +118,7 @@ class Controller:
             # A wrong order is an error now, not at the first wrench that needs it.
             self.admissible.check_order(order, reversal)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
+        self._level = gains.level and set(SIDEWAYS) <= set(vehicle.axes)
 
     @classmethod
     def from_parameters(cls, vehicle: Vehicle, given: Mapping[str, Any]) -> Controller:
@@ -120,9 +130,16 @@ class Controller:
             If a parameter is wrong; it is named.
         """
         p: dict[str, Any] = complete(given, {**PRIORITIES, **CONTROLLER})
+        gains = Gains.from_parameters(p)
+        # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
+        missing = set(SIDEWAYS) - set(given.get('allocation.axes', vehicle.axes))
+        if gains.level and missing:
+            raise ParameterError(
+                f'controller.attitude: level needs {", ".join(sorted(missing))} in allocation.axes'
+            )
         return cls(
             vehicle,
-            Gains.from_parameters(p),
+            gains,
             order_from_parameters(p, vehicle.axes),
             p['allocation.exact.reversal'],
         )
@@ -204,7 +221,7 @@ class Controller:
             off = difference(waypoint.heading, float(heading(attitude)))
             error = np.array(
                 [
-                    *_tilt_error(rotation, force),
+                    *_tilt_error(rotation, UP if self._level else force),
                     min(max(off, -HEADING_ERROR_MAX), HEADING_ERROR_MAX),
                 ]
             )
@@ -230,7 +247,10 @@ class Controller:
         )
         approach = np.minimum(np.maximum(approach, -gains.speed_max), gains.speed_max)
         force = self.vehicle.mass * gains.position_damping * (approach - velocity)
-        force[2] = max(force[2] + self.vehicle.weight, LIFT_MIN * self.vehicle.weight)
+        force[2] += self.vehicle.weight
+        if self._level:
+            return force
+        force[2] = max(force[2], LIFT_MIN * self.vehicle.weight)
         sideways, allowed = hypot(*force[:2].tolist()), tan(gains.tilt_max) * force[2]
         if sideways > allowed:
             force[:2] *= allowed / sideways
@@ -238,9 +258,9 @@ class Controller:
 
 
 def _tilt_error(rotation: Array, force: Array) -> tuple[float, float]:
-    """Return the rotation about x and y that takes the body's z axis to a force [rad].
+    """Return the rotation about x and y that takes the body's z axis to a direction [rad].
 
-    If the force is opposite to the z axis, the rotation is about x.
+    If the direction is opposite to the z axis, the rotation is about x.
     """
     x, y, z = (force @ rotation).tolist()
     sine = hypot(x, y)

@@ -29,6 +29,13 @@ CONTROLLER = {
         default=[14.0, 14.0, 4.0],
         positive=True,
     ),
+    'controller.attitude': Parameter(
+        'tilt: the vehicle tilts towards the force that it needs; level: it stays level, and its '
+        'rotors produce the sideways force, which needs the axes force_x and force_y',
+        str,
+        default='tilt',
+        choices=('tilt', 'level'),
+    ),
     'controller.speed_max': Parameter(
         'greatest commanded speed towards the waypoint along each axis [m/s]',
         default=3.0,

@@ -88,7 +88,8 @@ class RigidBody:
         self.rotational_drag = rotational_drag
         self._wrenches = rotor_wrenches(vehicle)
         self._inverse_inertia = np.linalg.inv(vehicle.inertia)
-        self._gravity = np.array([0.0, 0.0, vehicle.gravity])
+        # The buoyancy acts at the centre of mass.
+        self._gravity = np.array([0.0, 0.0, vehicle.gravity - vehicle.buoyancy / vehicle.mass])
 
     def derivative(self, state: Array, speeds: Array) -> Array:
         """Return the rate of change (13,) of a state (13,) at rotor speeds (n,) [rad/s]."""

@@ -24,8 +24,8 @@ NODE = {
         mutable=True,
     ),
     'timeout_action': Parameter(
-        'rotor speeds until commands return. idle: minimum speeds; stop: zero; hold: the last '
-        'speeds',
+        'rotor speeds until commands return. idle: the speeds within the bounds that are nearest '
+        'to zero; stop: zero; hold: the last speeds',
         str,
         default='idle',
         choices=('idle', 'stop', 'hold'),

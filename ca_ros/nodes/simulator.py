@@ -95,6 +95,8 @@ class SimulatorNode(VehicleNode):
         self.body = built
         # Other programs may exceed the bound by a rounding error.
         self._greatest = built.vehicle.speed_max * (1.0 + 1e-9)
+        # Rotors may stop, whatever their least speed.
+        self._least = np.minimum(built.vehicle.speed_min, 0.0) * (1.0 + 1e-9)
         self._watchdog.timeout = self.parameters['command_timeout']
         self._hold_ns = round(self.parameters['simulator.hold_at'] * 1e9)
         if self._held:
@@ -128,8 +130,8 @@ class SimulatorNode(VehicleNode):
             self.drop('length', f'{len(speeds)} rotor speeds: expected {n}')
         elif not np.isfinite(speeds).all():
             self.drop('numbers', f'rotor speeds {speeds}: expected finite numbers')
-        elif not (speeds >= 0.0).all():
-            self.drop('sign', f'rotor speeds {speeds}: expected none below zero')
+        elif not (speeds >= self._least).all():
+            self.drop('sign', f'rotor speeds {speeds}: expected at least {self._least} rad/s')
         elif not (speeds <= self._greatest).all():
             self.drop('bounds', f'rotor speeds {speeds}: expected up to {self._greatest} rad/s')
         elif self.mode == 'realtime':

@@ -71,11 +71,11 @@ def fallback(action: str, vehicle: Vehicle, last: Array) -> Array:
     Parameters
     ----------
     action : 'idle', 'stop' or 'hold'
-        The least speeds, zero, or the last speeds.
+        The speeds nearest to zero, zero, or the last speeds.
     vehicle : Vehicle
     last : (n,) array
         The last speeds [rad/s].
     """
     if action == 'hold':
         return last
-    return vehicle.speeds(vehicle.thrust_min) if action == 'idle' else np.zeros(vehicle.n)
+    return vehicle.idle_speeds if action == 'idle' else np.zeros(vehicle.n)

@@ -31,7 +31,7 @@ def lift(vehicle: Vehicle) -> tuple[float, float]:
     """Return the least and the greatest mass that the rotors lift, torques ignored [kg]."""
     up = vehicle.rotor_axes[:, 2]
     ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0)
-    least, most = ends.sum(axis=1) / vehicle.gravity
+    least, most = (ends.sum(axis=1) + vehicle.buoyancy) / vehicle.gravity
     return float(least), float(most)
 
 

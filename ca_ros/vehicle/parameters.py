@@ -12,6 +12,9 @@ VEHICLE = {
     ),
     'vehicle.mass': Parameter('mass [kg]', positive=True),
     'vehicle.gravity': Parameter('local gravity [m/s^2]', positive=True, default=9.81),
+    'vehicle.buoyancy': Parameter(
+        'buoyancy of a vehicle in water, at the centre of mass [N]', default=0.0, minimum=0.0
+    ),
     'vehicle.inertia': Parameter(
         'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz, or the matrix row by row',
         array=True,
@@ -36,11 +39,17 @@ VEHICLE = {
     'rotors.thrust_coefficient': Parameter(
         'k_f, thrust divided by squared speed [kg m]', array=True, positive=True
     ),
+    'rotors.thrust_coefficient_reverse': Parameter(
+        'k_f of a rotor that turns backwards; 0: as forwards [kg m]',
+        array=True,
+        default=0.0,
+        minimum=0.0,
+    ),
     'rotors.torque_coefficient': Parameter(
         'k_tau, reaction torque divided by squared speed [kg m^2]', array=True, minimum=0.0
     ),
     'rotors.speed_min': Parameter(
-        'lower bound of the rotor speed [rad/s]', array=True, minimum=0.0
+        'lower bound of the rotor speed; below zero if the rotor can reverse [rad/s]', array=True
     ),
     'rotors.speed_max': Parameter(
         'upper bound of the rotor speed [rad/s]', array=True, positive=True

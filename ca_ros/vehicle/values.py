@@ -67,6 +67,12 @@ def speed_bounds(parameters: Parameters, n: int) -> tuple[Array, Array]:
     return low, high
 
 
+def reverse_coefficients(parameters: Parameters, n: int) -> Array:
+    """Return k_f (n,) of rotors that turn backwards [kg m]."""
+    given = per_rotor(parameters, 'rotors.thrust_coefficient_reverse', n)
+    return np.where(given > 0.0, given, per_rotor(parameters, 'rotors.thrust_coefficient', n))
+
+
 def inertia(parameters: Parameters) -> Array:
     """Return the inertia matrix (3, 3), one that a body can have [kg m^2]."""
     numbers = np.asarray(parameters['vehicle.inertia'], dtype=float)

@@ -38,6 +38,8 @@ class Vehicle:
         [kg]
     gravity : float
         [m/s^2]
+    buoyancy : float
+        [N]
     inertia : (3, 3) array
         About the centre of mass [kg m^2].
     arms : (n, 3) array
@@ -48,9 +50,12 @@ class Vehicle:
         Sign of each rotor's reaction torque about its axis: +1 if it turns clockwise seen from
         above, Eq. (2).
     thrust_coefficient, torque_coefficient : (n,) arrays
-        k_f [kg m] and k_tau [kg m^2] of Eqs. (1)-(2), of a sound rotor.
+        k_f [kg m] and k_tau [kg m^2] of Eqs. (1)-(2), of a sound rotor that turns forwards.
+    thrust_coefficient_reverse : (n,) array
+        k_f of a rotor that turns backwards [kg m].  Its k_tau differs by the same factor.
     speed_min, speed_max : (n,) arrays
-        Eq. (7) [rad/s].
+        Eq. (7) [rad/s].  A rotor with a negative lower bound can reverse: its thrust is
+        k_f |omega| omega.
     health : (n,) array
         Thrust delivered over thrust expected, in [0, 1]; below `HEALTH_MIN` the rotor is lost.
     axes : tuple of str
@@ -63,11 +68,13 @@ class Vehicle:
 
     mass: float
     gravity: float
+    buoyancy: float
     inertia: Array
     arms: Array
     rotor_axes: Array
     spins: Array
     thrust_coefficient: Array
+    thrust_coefficient_reverse: Array
     torque_coefficient: Array
     speed_min: Array
     speed_max: Array
@@ -125,11 +132,13 @@ class Vehicle:
         return cls(
             mass=p['vehicle.mass'],
             gravity=p['vehicle.gravity'],
+            buoyancy=p['vehicle.buoyancy'],
             inertia=values.inertia(p),
             arms=arms,
             rotor_axes=values.rotor_axes(p, n),
             spins=values.spins(p, n),
             thrust_coefficient=values.per_rotor(p, 'rotors.thrust_coefficient', n),
+            thrust_coefficient_reverse=values.reverse_coefficients(p, n),
             torque_coefficient=values.per_rotor(p, 'rotors.torque_coefficient', n),
             speed_min=speed_min,
             speed_max=speed_max,
@@ -154,14 +163,22 @@ class Vehicle:
 
     @property
     def weight(self) -> float:
-        """m g [N]."""
-        return self.mass * self.gravity
+        """What the rotors carry in hover: m g, less the buoyancy [N]."""
+        return self.mass * self.gravity - self.buoyancy
 
     @cached_property
     def thrust_per_squared_speed(self) -> Array:
         """k_f times health, (n,) [kg m]; zero for a lost rotor."""
-        health = np.where(self.health < HEALTH_MIN, 0.0, self.health)
-        return constant(health * self.thrust_coefficient)
+        return constant(self._share * self.thrust_coefficient)
+
+    @cached_property
+    def reverse_thrust_per_squared_speed(self) -> Array:
+        """As `thrust_per_squared_speed`, of rotors that turn backwards."""
+        return constant(self._share * self.thrust_coefficient_reverse)
+
+    @property
+    def _share(self) -> Array:
+        return np.where(self.health < HEALTH_MIN, 0.0, self.health)
 
     @property
     def powerless(self) -> bool:
@@ -170,8 +187,8 @@ class Vehicle:
 
     @cached_property
     def thrust_min(self) -> Array:
-        """f_min of Eq. (10), (n,) [N]; zero for a lost rotor."""
-        return constant(self.thrust_per_squared_speed * self.speed_min**2)
+        """f_min of Eq. (10), (n,) [N]; zero for a lost rotor, negative for one that reverses."""
+        return constant(self.thrusts(self.speed_min))
 
     @cached_property
     def thrust_max(self) -> Array:
@@ -180,7 +197,12 @@ class Vehicle:
 
     def thrusts(self, speeds: ArrayLike) -> Array:
         """Return the thrusts (..., n) [N] at the given speeds (..., n) [rad/s], Eq. (1)."""
-        return self.thrust_per_squared_speed * np.square(np.asarray(speeds, dtype=float))
+        speeds = np.asarray(speeds, dtype=float)
+        forwards = self.thrust_per_squared_speed * np.square(speeds)
+        if not (speeds < 0.0).any():
+            return forwards
+        backwards = self.reverse_thrust_per_squared_speed * np.square(speeds)
+        return np.where(speeds < 0.0, -backwards, forwards)
 
     def speeds(self, thrusts: ArrayLike) -> Array:
         """Return the speeds (..., n) [rad/s] for thrusts (..., n) [N] in bounds, Eq. (11).
@@ -196,16 +218,16 @@ class Vehicle:
         if thrusts.ndim == 1 and len(thrusts) == self.n:
             # With cold caches, as between two commands, this takes half as long as NumPy.
             speeds = []
-            for f, (k, least, greatest, low, high) in zip(
+            for f, (k, reverse, least, greatest, low, high) in zip(
                 thrusts.tolist(), self._rotors, strict=True
             ):
                 if not least <= f <= greatest:
                     break
-                speed = sqrt(f / k) if f > 0.0 else low
+                speed = sqrt(f / k) if f > 0.0 else -sqrt(-f / reverse)
                 speeds.append(low if speed < low else high if speed > high else speed)
             else:
                 return np.array(speeds)
-        k, least, greatest, low, high = np.array(self._rotors).T
+        k, reverse, least, greatest, low, high = np.array(self._rotors).T
         if thrusts.shape[-1:] != (self.n,):
             raise ValueError(f'thrusts: expected shape (..., {self.n}), got {thrusts.shape}')
         sound = (thrusts >= least) & (thrusts <= greatest)
@@ -215,7 +237,9 @@ class Vehicle:
                 f'thrusts: {thrusts[place]:g} N of rotor {i + 1}, expected '
                 f'{self.thrust_min[i]:g} to {self.thrust_max[i]:g} N'
             )
-        return np.minimum(np.maximum(np.sqrt(np.maximum(thrusts, 0.0) / k), low), high)
+        forwards, backwards = np.maximum(thrusts, 0.0) / k, np.maximum(-thrusts, 0.0) / reverse
+        speeds = np.sqrt(forwards) - np.sqrt(backwards)
+        return np.minimum(np.maximum(speeds, low), high)
 
     @cached_property
     def speed_limits(self) -> tuple[Array, Array]:
@@ -224,12 +248,18 @@ class Vehicle:
         return constant(self.speed_min * turning), constant(self.speed_max * turning)
 
     @cached_property
+    def idle_speeds(self) -> Array:
+        """Speeds (n,) within the limits that are nearest to zero [rad/s]."""
+        low, high = self.speed_limits
+        return constant(np.minimum(np.maximum(0.0, low), high))
+
+    @cached_property
     def _rotors(self) -> list[tuple[float, ...]]:
-        """For each rotor: k_f, then least and greatest thrust (with `ROUNDING`) and speed."""
-        k_f = self.thrust_per_squared_speed
+        """For each rotor: both k_f, least and greatest thrust (with `ROUNDING`) and speed."""
+        factors = self.thrust_per_squared_speed, self.reverse_thrust_per_squared_speed
         rounding = ROUNDING * np.maximum(1.0, self.thrust_max)
         columns = (
-            np.where(k_f > 0.0, k_f, 1.0),
+            *(np.where(k_f > 0.0, k_f, 1.0) for k_f in factors),
             self.thrust_min - rounding,
             self.thrust_max + rounding,
             *self.speed_limits,
