@@ -8,6 +8,7 @@ from ca_ros.allocation import (
     Status,
     make_allocator,
 )
+from ca_ros.allocation.slew import SlewLimited
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
@@ -25,6 +26,7 @@ __all__ = [
     'Audit',
     'CaRosError',
     'ParameterError',
+    'SlewLimited',
     'Status',
     'Vehicle',
     'audit',

@@ -48,7 +48,7 @@ FAULTS = [
     ('vehicle.gravity', -9.81, 'positive'),
     ('rotors.thrust_coefficient', [2.5e-5] * 5 + [0.0], 'positive'),
     ('rotors.torque_coefficient', -5e-7, 'at least 0'),
-    ('rotors.speed_min', -1.0, 'at least 0'),
+    ('rotors.thrust_coefficient_reverse', -1.0, 'at least 0'),
     ('rotors.speed_min', 401.0, 'rotors.speed_max'),
     ('rotors.speed_min', [40.0] * 5 + [500.0], 'rotor 6'),
     ('rotors.health', 1.5, '[0, 1]'),

@@ -47,6 +47,9 @@ class Allocation:
         not compute it.
     violation : float
         Greatest violation of the bounds by the method before its thrusts were clipped [N].
+    last : (n,) array or None
+        With slew limits (`ca_ros.allocation.slew`), the last command, on which the thrusts depend
+        too.  None if they depend on the demand alone.
     """
 
     problem: AllocationProblem
@@ -55,6 +58,7 @@ class Allocation:
     status: Status | IntArray
     level: float | Array = 1.0
     violation: float | Array = 0.0
+    last: Array | None = None
 
     def __init__(
         self,

@@ -32,7 +32,7 @@ def lengths(vectors: Array) -> Array:
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
 
 
-def _numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
+def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
     """Return finite numbers as an array, (size,) if a size is given; else raise a ValueError."""
     try:
         numbers = np.array(given, float)
@@ -125,7 +125,7 @@ class AllocationProblem:
         names: Sequence[str] | None = None,
         reference: ArrayLike | None = None,
     ) -> None:
-        gamma = _numbers('matrix', matrix)
+        gamma = numbers('matrix', matrix)
         if gamma.ndim != 2 or 0 in gamma.shape:
             raise ValueError(
                 f'matrix: expected m rows, one per axis, of n numbers, one per effector; '
@@ -136,8 +136,8 @@ class AllocationProblem:
         self.axes = _names('axes', numbered[0] if axes is None else axes, m)
         self.names = _names('names', numbered[1] if names is None else names, n)
         self.gamma = constant(gamma)
-        self.lower = constant(_numbers('lower', lower, n))
-        self.upper = constant(_numbers('upper', upper, n))
+        self.lower = constant(numbers('lower', lower, n))
+        self.upper = constant(numbers('upper', upper, n))
         if np.any(self.lower > self.upper):
             i = int(np.argmax(self.lower > self.upper))
             raise ValueError(
@@ -145,7 +145,7 @@ class AllocationProblem:
                 f'{self.upper[i]:g}'
             )
         self.reference = constant(
-            np.zeros(m) if reference is None else _numbers('reference', reference, m)
+            np.zeros(m) if reference is None else numbers('reference', reference, m)
         )
         self._shape = (m,)
         self.rest = constant(self.clip(np.zeros(n)))
