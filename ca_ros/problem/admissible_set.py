@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
+from math import nan
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array, BoolArray, constant
 from ca_ros.problem.prioritization import (
     REVERSAL,
     REVERSALS,
@@ -17,6 +19,7 @@ from ca_ros.problem.prioritization import (
 )
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
+from ca_ros.solver.polytope import Polytope, ordered, section, vertices_of
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -69,6 +72,88 @@ class AdmissibleSet:
     def volume(self) -> float:
         """Volume of the set; [N (N m)^3] for the usual four axes."""
         return self.zonotope.volume
+
+    @cached_property
+    def vertices(self) -> Array:
+        """The vertices (V, m) of the set [N, N m]."""
+        return constant(vertices_of(self.zonotope))
+
+    def section(self, axes: Sequence[str], at: ArrayLike | None = None) -> Polytope:
+        """Cut the set: fix all other axes.
+
+        Parameters
+        ----------
+        axes : sequence of k str
+            The axes that stay, in their order.
+        at : (m,) array, optional
+            A wrench with the values of the other axes; by default `reference` [N, N m].
+
+        Returns
+        -------
+        Polytope
+            Empty if no wrench of the set has these values.
+
+        Raises
+        ------
+        ValueError
+            If an axis is unknown or repeated, or `at` is not a wrench.
+        """
+        rows = self._rows(axes)
+        fixed = np.setdiff1d(range(len(self.problem.axes)), rows)
+        wrench = self.reference if at is None else self.problem.check(at)
+        # Each axis relative to its range: a torque may be small beside a force.
+        size = self.problem.extent
+        normals = np.vstack([self.zonotope.normals, -self.zonotope.normals]) * size
+        lengths = np.linalg.norm(normals, axis=1)
+        normals /= lengths[:, None]
+        widths = np.tile(self.zonotope.widths, 2) / lengths
+        slacks = widths - normals[:, fixed] @ self.problem.scaled(wrench)[fixed]
+        points = self.center[rows] + size[rows] * section(normals[:, rows], slacks)
+        return Polytope(tuple(axes), ordered(points))
+
+    def projection(self, axes: Sequence[str]) -> Polytope:
+        """Project the set: let all other axes be anything that is attainable.
+
+        Parameters
+        ----------
+        axes : sequence of k str
+            The axes that stay, in their order.
+
+        Raises
+        ------
+        ValueError
+            If an axis is unknown or repeated.
+        """
+        rows, image = self._rows(axes), self.problem.gamma * self.problem.half_range
+        shadow = Zonotope(self.center[rows], image[rows])
+        return Polytope(tuple(axes), ordered(vertices_of(shadow)))
+
+    def authority(self, u: ArrayLike) -> dict[str, tuple[float, float]]:
+        """Return how far each axis can go while the others stay, as at hover or in a manoeuvre.
+
+        Parameters
+        ----------
+        u : (m,) array
+            A wrench [N, N m].
+
+        Returns
+        -------
+        dict
+            The least and greatest value of each axis [N, N m]; NaN if the other axes cannot have
+            their values.
+        """
+        wrench = self.problem.check(u)
+        found = {}
+        for axis in self.problem.axes:
+            ends = self.section([axis], wrench).vertices
+            found[axis] = (nan, nan) if len(ends) == 0 else (float(ends[0, 0]), float(ends[-1, 0]))
+        return found
+
+    def _rows(self, axes: Sequence[str]) -> list[int]:
+        known = self.problem.axes
+        if isinstance(axes, str) or not axes or len(set(axes)) < len(axes) or set(axes) - {*known}:
+            raise ValueError(f'axes: expected different ones of {", ".join(known)}, got {axes!r}')
+        return [known.index(axis) for axis in axes]
 
     def margin(self, u: ArrayLike) -> Array:
         """Return the signed distance of wrenches to the boundary, positive inside.

@@ -61,7 +61,7 @@ class Zonotope:
         self._extent = extent = np.abs(generators).sum(axis=1)
         if not spans(generators):
             raise ValueError('a zonotope needs generators that span its space')
-        self.normals = _facet_normals(generators / extent[:, None]) / extent
+        self.normals = facet_normals(generators / extent[:, None]) / extent
         self.normals /= np.linalg.norm(self.normals, axis=1)[:, None]
         self.sides = self.normals @ generators
         # Computed before `sides` is rounded, so that no point of the set is outside its facets.
@@ -133,7 +133,7 @@ def spans(generators: Array) -> bool:
     return bool(rank == len(generators))
 
 
-def _facet_normals(generators: Array) -> Array:
+def facet_normals(generators: Array) -> Array:
     """Return the directions (k, m) orthogonal to m - 1 independent generators, each once.
 
     The span of each choice of generators is kept as the exterior product of unit vectors, and

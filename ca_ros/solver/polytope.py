@@ -1,0 +1,198 @@
+"""Convex polytopes by their vertices: sections and projections of zonotopes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from ca_ros.arrays import Array, IntArray, constant
+from ca_ros.solver.zonotope import PARALLEL, Zonotope, facet_normals
+
+MERGED = 1e-11
+"""Distance of two vertices, relative to the size of the polytope, below which they are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """The convex hull of points.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of the k coordinates.
+    vertices : (V, k) array
+        Counter-clockwise for k = 2, ascending for k = 1; no rows if the polytope is empty.
+    """
+
+    axes: tuple[str, ...]
+    vertices: Array
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no point in the polytope."""
+        return len(self.vertices) == 0
+
+    @cached_property
+    def facets(self) -> tuple[Array, Array]:
+        """Outward unit normals (F, k) and offsets (F,): ``normals @ x <= offsets``.
+
+        Raises
+        ------
+        ValueError
+            If the polytope has no volume.
+        """
+        if self.volume == 0.0:
+            raise ValueError('a polytope without volume has no facets')
+        points = self.vertices
+        if points.shape[1] == 1:
+            return np.array([[-1.0], [1.0]]), np.array([-points[0, 0], points[-1, 0]])
+        if points.shape[1] == 2:
+            edges = np.roll(points, -1, axis=0) - points
+            normals = np.column_stack([edges[:, 1], -edges[:, 0]])
+            normals /= np.linalg.norm(normals, axis=1)[:, None]
+            return normals, np.einsum('ij,ij->i', normals, points)
+        from scipy.spatial import ConvexHull
+
+        # Qhull splits facets into simplices.
+        size = np.ptp(points, axis=0)
+        planes = ConvexHull(points / size).equations
+        _, first = np.unique(np.round(planes, 9), axis=0, return_index=True)
+        normals, offsets = planes[first, :-1] / size, -planes[first, -1]
+        lengths = np.linalg.norm(normals, axis=1)
+        return normals / lengths[:, None], offsets / lengths
+
+    @cached_property
+    def volume(self) -> float:
+        """Volume of the polytope: a length for k = 1, an area for k = 2."""
+        count, k = self.vertices.shape
+        if count <= k:
+            return 0.0
+        if k == 1:
+            return float(np.ptp(self.vertices))
+        if k == 2:
+            x, y = (self.vertices - self.vertices[0]).T
+            return float(0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+        from scipy.spatial import ConvexHull
+
+        size = np.ptp(self.vertices, axis=0)
+        return float(ConvexHull(self.vertices / size).volume * size.prod())
+
+
+def vertices_of(zonotope: Zonotope) -> Array:
+    """Return the vertices (V, m) of a zonotope, in no particular order."""
+    extent = np.abs(zonotope.generators).sum(axis=1)
+    signs = _signs(zonotope.generators / extent[:, None])
+    return zonotope.center + signs @ zonotope.generators.T
+
+
+def _signs(generators: Array) -> IntArray:
+    """Return the ends (V, n) of the generators (m, n) at each vertex: -1 or 1, 0 if it is zero.
+
+    Each vertex lies in a facet, which is a zonotope of the generators in the facet, with one
+    dimension less.
+    """
+    m, n = generators.shape
+    if m == 1:
+        ends = np.sign(generators).astype(np.int8)
+        return np.vstack([ends, -ends])
+    lengths = np.linalg.norm(generators, axis=0)
+    found = []
+    for normal in facet_normals(generators):
+        sides = normal @ generators
+        sides[np.abs(sides) <= PARALLEL * lengths] = 0.0
+        ends = np.sign(sides).astype(np.int8)
+        free = np.flatnonzero((ends == 0) & (lengths > 0.0))
+        if len(free) == m - 1:
+            inner = np.array(list(product((-1, 1), repeat=m - 1)), dtype=np.int8)
+        else:
+            # The rows of the last factor are orthonormal; all but the first are in the facet.
+            plane = np.linalg.svd(normal[None])[2][1:]
+            inner = _signs(plane @ generators[:, free])
+        corners = np.tile(ends, (len(inner), 1))
+        corners[:, free] = inner
+        found += [corners, -corners]
+    unique: IntArray = np.unique(np.vstack(found), axis=0)
+    return unique.reshape(-1, n)
+
+
+def ordered(points: Array) -> Array:
+    """Return the vertices (V, k) of a polytope: in order for k up to 2, each once."""
+    if len(points) == 0:
+        return constant(points)
+    size = np.ptp(points, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    scaled = (points - points.mean(axis=0)) / size
+    if points.shape[1] == 2:
+        turn = np.argsort(np.arctan2(scaled[:, 1], scaled[:, 0]), kind='stable')
+    else:
+        turn = np.lexsort(scaled.T[::-1])
+    points, scaled = points[turn], scaled[turn]
+    kept: list[int] = []
+    for i, point in enumerate(scaled):
+        others = kept if points.shape[1] > 2 else [*kept[:1], *kept[-1:]]
+        if not any(np.abs(point - scaled[j]).max() <= MERGED for j in others):
+            kept.append(i)
+    return constant(points[kept])
+
+
+def section(planes: Array, slacks: Array) -> Array:
+    """Return the vertices (V, k) of ``planes @ x <= slacks``, a polytope with -1 <= x <= 1.
+
+    Parameters
+    ----------
+    planes : (F, k) array
+        Parts of unit vectors.
+    slacks : (F,) array
+    """
+    k = planes.shape[1]
+    sizes = np.linalg.norm(planes, axis=1)
+    cutting = sizes > PARALLEL
+    if np.any(slacks[~cutting] < -PARALLEL):
+        return np.empty((0, k))
+    planes, slacks = planes[cutting] / sizes[cutting, None], slacks[cutting] / sizes[cutting]
+    if k == 1:
+        low = (-slacks[planes[:, 0] < 0.0]).max()
+        high = slacks[planes[:, 0] > 0.0].min()
+        return np.array([[low], [high]]) if low <= high else np.empty((0, 1))
+    if k == 2:
+        square = 2.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        return _cut(square, planes, slacks)
+    return _intersection(planes, slacks)
+
+
+def _cut(corners: Array, planes: Array, slacks: Array) -> Array:
+    """Return the corners (V, 2) of a convex polygon after cuts by half-planes."""
+    for plane, slack in zip(planes, slacks, strict=True):
+        heights = corners @ plane - slack
+        following = np.roll(heights, -1)
+        inside, crossing = heights <= 0.0, (heights > 0.0) != (following > 0.0)
+        cuts = np.roll(corners, -1, axis=0)
+        shares = heights[crossing] / (heights - following)[crossing]
+        cuts[crossing] = corners[crossing] + shares[:, None] * (cuts - corners)[crossing]
+        both = np.stack([corners, cuts], axis=1).reshape(-1, 2)
+        corners = both[np.column_stack([inside, crossing]).ravel()]
+        if len(corners) == 0:
+            break
+    return corners
+
+
+def _intersection(planes: Array, slacks: Array) -> Array:
+    """Return the vertices (V, k) of an intersection of half-spaces; none if it has no volume."""
+    from scipy.optimize import linprog
+    from scipy.spatial import HalfspaceIntersection
+
+    k = planes.shape[1]
+    # The centre of the largest ball that fits into it.
+    ball = linprog(
+        np.append(np.zeros(k), -1.0),
+        A_ub=np.column_stack([planes, np.ones(len(planes))]),
+        b_ub=slacks,
+        bounds=[(None, None)] * k + [(0.0, None)],
+    )
+    if not ball.success or ball.x[-1] <= PARALLEL:
+        return np.empty((0, k))
+    halfspaces = np.column_stack([planes, -slacks])
+    return np.array(HalfspaceIntersection(halfspaces, ball.x[:-1]).intersections)
