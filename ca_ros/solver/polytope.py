@@ -14,6 +14,9 @@ from ca_ros.solver.zonotope import PARALLEL, Zonotope, facet_normals
 MERGED = 1e-11
 """Distance of two vertices, relative to the size of the polytope, below which they are one."""
 
+ON_FACET = 1e-9
+"""Distance of a vertex from a facet, relative to the size of the polytope, that is rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Polytope:
@@ -63,6 +66,19 @@ class Polytope:
         normals, offsets = planes[first, :-1] / size, -planes[first, -1]
         lengths = np.linalg.norm(normals, axis=1)
         return normals / lengths[:, None], offsets / lengths
+
+    def corners(self) -> list[list[int]]:
+        """Return the vertices of each facet of a polytope with k = 3, in order around it."""
+        found = []
+        size = np.ptp(self.vertices, axis=0)
+        points = (self.vertices - self.vertices.mean(axis=0)) / size
+        for normal, offset in zip(*Polytope(self.axes, points).facets, strict=True):
+            on = np.flatnonzero(np.abs(points @ normal - offset) <= ON_FACET)
+            middle = points[on] - points[on].mean(axis=0)
+            first = middle[0] / np.linalg.norm(middle[0])
+            angles = np.arctan2(middle @ np.cross(normal, first), middle @ first)
+            found.append(on[np.argsort(angles)].tolist())
+        return found
 
     @cached_property
     def volume(self) -> float:

@@ -1,0 +1,222 @@
+"""The command ``attainable``: plots the admissible set of a vehicle or a matrix."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ca_ros.arguments import split
+from ca_ros.arrays import Array
+from ca_ros.evaluation.sections import AXES
+from ca_ros.flight.plots import COLORS, STYLE, add_option, save
+from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.files import read_problem
+from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.schema import ParameterError
+from ca_ros.solver.polytope import Polytope
+from ca_ros.vehicle.vehicle import Vehicle
+
+SIZES = {'column': (3.46, 8.0), 'page': (7.16, 9.0)}
+"""Width [inch] and size of the font [pt] of figures in one and in two columns, as for IEEE."""
+
+HATCHES = ('', '////', '....')
+"""So that sets differ in grey too."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw the figure; return the exit code."""
+    options = _parse(sys.argv[1:] if argv is None else argv)
+    try:
+        sets = _sets(options)
+        names = next(iter(sets.values())).problem.axes
+        axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
+        found = {name: _polytope(image, axes, options) for name, image in sets.items()}
+        figure = draw(found, options.size)
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        files = save(figure, options.out, options.figures)
+    except (ValueError, OSError) as error:
+        print(f'attainable: {error}', file=sys.stderr)
+        return 1
+    for name, polytope in found.items():
+        ends = ', '.join(
+            f'{axis} {low:+.3g} to {high:+.3g}{unit and " "}{unit}'
+            for axis, (low, high), unit in zip(
+                axes, _ranges(polytope), map(_unit, axes), strict=True
+            )
+        )
+        print(f'{name}: {"nothing" if polytope.empty else ends}')
+    print(f'written: {", ".join(map(str, files))}')
+    return 0
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    made = argparse.ArgumentParser(
+        prog='attainable',
+        description='Plot the wrenches that the rotors can produce: a section of the admissible '
+        'set through hover, or a projection. One axis or two make a plane figure, three a body.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    add = made.add_argument
+    add('--vehicle', default='hexarotor', help='a shipped vehicle or problem, or a YAML file')
+    add('--axes', type=_words, metavar='A,B', help='two or three axes', default=argparse.SUPPRESS)
+    add(
+        '--at',
+        type=_values,
+        default={},
+        metavar='AXIS=VALUE,...',
+        help='values of the other axes, where they are not those of hover [N, N m]',
+    )
+    add('--projection', action='store_true', help='let the other axes have any attainable value')
+    add(
+        '--health',
+        type=_health,
+        default={},
+        metavar='ROTOR:SHARE,...',
+        help='also draw the set after failures: 3:0 without rotor 3, 3:0.6 with 60 %% of it',
+    )
+    add('--size', choices=SIZES, default='page', help='width of the figure: one column, or two')
+    add('--out', type=Path, default=Path('attainable'), metavar='PATH', help='without the suffix')
+    add_option(made)
+    options = made.parse_args(split(argv)[0])
+    options.axes = getattr(options, 'axes', None)
+    return options
+
+
+def _words(text: str) -> list[str]:
+    words = [word.strip() for word in text.split(',')]
+    if len(words) not in (2, 3):
+        raise argparse.ArgumentTypeError(f'{text!r}: expected two or three axes')
+    return words
+
+
+def _pairs(text: str, mark: str) -> list[tuple[str, float]]:
+    pairs = [word.partition(mark) for word in text.split(',')]
+    try:
+        return [(name.strip(), float(value)) for name, _, value in pairs]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected NAME{mark}NUMBER') from None
+
+
+def _values(text: str) -> dict[str, float]:
+    return dict(_pairs(text, '='))
+
+
+def _health(text: str) -> dict[int, float]:
+    try:
+        found = {int(rotor): share for rotor, share in _pairs(text, ':')}
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected ROTOR:SHARE') from None
+    if not all(0.0 <= share <= 1.0 for share in found.values()):
+        raise argparse.ArgumentTypeError(f'{text!r}: expected shares from 0 to 1')
+    return found
+
+
+def _sets(options: argparse.Namespace) -> dict[str, AdmissibleSet]:
+    """Return the sets to draw, by their names in the legend."""
+    read = read_problem(options.vehicle)
+    if read is not None:
+        if options.health:
+            raise ParameterError('--health: the effectors of a problem have no health')
+        return {options.vehicle: AdmissibleSet(read[0])}
+    vehicle = Vehicle.load(options.vehicle)
+    found = {'all rotors' if options.health else options.vehicle: vehicle}
+    if options.health:
+        if absent := [rotor for rotor in options.health if not 1 <= rotor <= vehicle.n]:
+            raise ParameterError(f'--health: no rotor {absent[0]}; there are 1 to {vehicle.n}')
+        health = vehicle.health.copy()
+        for rotor, share in options.health.items():
+            health[rotor - 1] = share
+        words = (
+            f'rotor {rotor} at {100 * share:g} %' if share else f'without rotor {rotor}'
+            for rotor, share in options.health.items()
+        )
+        found[', '.join(words)] = vehicle.with_health(health)
+    return {name: AdmissibleSet(VehicleProblem(each)) for name, each in found.items()}
+
+
+def _polytope(
+    image: AdmissibleSet, axes: Sequence[str], options: argparse.Namespace
+) -> Polytope:
+    if options.projection:
+        return image.projection(axes)
+    problem = image.problem
+    at = problem.reference.copy()
+    for axis, value in options.at.items():
+        if axis not in problem.axes:
+            raise ValueError(f'--at: no axis {axis!r}; there are {", ".join(problem.axes)}')
+        at[problem.axes.index(axis)] = value
+    return image.section(axes, at)
+
+
+def _unit(axis: str) -> str:
+    return AXES[axis][1] if axis in AXES else ''
+
+
+def _label(axis: str) -> str:
+    return '{} [{}]'.format(*AXES[axis]) if axis in AXES else axis
+
+
+def _ranges(polytope: Polytope) -> Array:
+    """Return the least and greatest value of each axis, (k, 2)."""
+    points = polytope.vertices
+    if polytope.empty:
+        return np.full((points.shape[1], 2), np.nan)
+    return np.column_stack([points.min(axis=0), points.max(axis=0)])
+
+
+def draw(polytopes: Mapping[str, Polytope], size: str = 'page') -> Figure:
+    """Plot polytopes of two axes as filled polygons, or of three axes as bodies.
+
+    Parameters
+    ----------
+    polytopes : mapping of str to Polytope
+        By their names in the legend; all of the same axes.
+    size : 'column' or 'page'
+        Width of the figure: one column or two.
+    """
+    axes = next(iter(polytopes.values())).axes
+    width, font = SIZES[size]
+    with matplotlib.rc_context({**STYLE, 'font.size': font}):
+        solid = len(axes) == 3
+        figure = Figure(figsize=(width, 0.85 * width), layout='constrained')
+        plot: Any = figure.add_subplot(projection='3d' if solid else None)
+        for i, (name, polytope) in enumerate(polytopes.items()):
+            if not polytope.empty:
+                (_body if solid else _polygon)(plot, polytope, name, i)
+        plot.set_xlabel(_label(axes[0]))
+        plot.set_ylabel(_label(axes[1]))
+        if solid:
+            plot.set_zlabel(_label(axes[2]), labelpad=font)
+            plot.set_box_aspect(None, zoom=0.8)
+            plot.auto_scale_xyz(*np.vstack([each.vertices for each in polytopes.values()]).T)
+        if len(polytopes) > 1:
+            figure.legend(loc='outside upper center', ncols=len(polytopes))
+    return figure
+
+
+def _polygon(plot: Axes, polytope: Polytope, name: str, i: int) -> None:
+    look: dict[str, Any] = {'edgecolor': COLORS[i], 'hatch': HATCHES[i], 'linewidth': 1.4}
+    face = matplotlib.colors.to_rgba(COLORS[i], 0.25 if i == 0 else 0.35)
+    plot.fill(*polytope.vertices.T, facecolor=face, label=name, **look)
+
+
+def _body(plot: Any, polytope: Polytope, name: str, i: int) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    faces = [polytope.vertices[corners] for corners in polytope.corners()]
+    body = Poly3DCollection(
+        faces, facecolor=COLORS[i], edgecolor=COLORS[i], alpha=0.15 if i == 0 else 0.5, label=name
+    )
+    plot.add_collection3d(body)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
