@@ -8,6 +8,7 @@ from importlib import import_module
 
 COMMANDS = {
     'allocator': 'ca_ros.nodes.allocator',
+    'attainable': 'ca_ros.evaluation.attainable',
     'benchmark': 'ca_ros.evaluation.benchmark.benchmark',
     'bringup': 'ca_ros.bringup.bringup',
     'controller': 'ca_ros.nodes.controller',
@@ -49,6 +50,6 @@ def run(command: str) -> int | None:
 
 
 (
-    allocator, benchmark, bringup, controller, dynamic_study, fault_proxy, firmware, report,
-    simulator, static_study,
+    allocator, attainable, benchmark, bringup, controller, dynamic_study, fault_proxy, firmware,
+    report, simulator, static_study,
 ) = (partial(run, command) for command in COMMANDS)  # fmt: skip

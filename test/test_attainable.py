@@ -1,0 +1,78 @@
+"""The command that plots admissible sets."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib import image
+
+from ca_ros import AdmissibleSet, Vehicle
+from ca_ros.evaluation.attainable import draw, main
+
+
+def grey(path):
+    """Return the brightness of a picture, (height, width)."""
+    return image.imread(path)[..., :3].mean(axis=-1)
+
+
+@pytest.mark.parametrize('arguments', [
+    ['--axes', 'roll,pitch', '--health', '3:0.6'],
+    ['--axes', 'roll,pitch,yaw', '--health', '3:0'],
+    ['--axes', 'thrust,yaw', '--projection', '--size', 'column'],
+    ['--vehicle', 'admire'],
+    ['--vehicle', 'rov', '--axes', 'force_x,force_y,thrust', '--at', 'yaw=5,roll=-3'],
+])
+def test_it_draws_what_it_states(arguments, tmp_path, capsys):
+    assert main([*arguments, '--out', str(tmp_path / 'set'), '--figures', 'png,pdf']) == 0
+    out = capsys.readouterr().out
+    assert f'written: {tmp_path}/set.png, {tmp_path}/set.pdf' in out
+    # The areas are filled, and differ in grey.
+    assert np.std(grey(tmp_path / 'set.png')) > 0.05
+
+
+def test_the_numbers_are_those_of_the_section(tmp_path, capsys):
+    assert main(['--health', '3:0', '--at', 'thrust=12', '--out', str(tmp_path / 'set')]) == 0
+    hexarotor = Vehicle.load('hexarotor')
+    lines = capsys.readouterr().out.splitlines()
+    for line, health in zip(lines, (np.ones(6), [1, 1, 0, 1, 1, 1]), strict=False):
+        cut = AdmissibleSet(hexarotor.with_health(health)).section(
+            ['roll', 'pitch'], [12.0, 0.0, 0.0, 0.0])
+        low, high = cut.vertices.min(axis=0), cut.vertices.max(axis=0)
+        assert line.endswith(
+            f'roll {low[0]:+.3g} to {high[0]:+.3g} N m, pitch {low[1]:+.3g} to {high[1]:+.3g} N m')
+    assert lines[1].startswith('without rotor 3: ')
+
+
+def test_a_body_has_the_faces_of_its_hull():
+    image_of = AdmissibleSet(Vehicle.load('hexarotor'))
+    body = image_of.section(['roll', 'pitch', 'yaw'])
+    normals, _ = body.facets
+    faces = body.corners()
+    assert len(faces) == len(normals)
+    # Each edge belongs to two faces.
+    edges = [frozenset(edge) for face in faces for edge in zip(face, [*face[1:], face[0]],
+                                                               strict=True)]
+    assert all(edges.count(edge) == 2 for edge in edges)
+    assert len(body.vertices) - len(set(edges)) + len(faces) == 2
+    assert len(draw({'hexarotor': body}).axes) == 1
+
+
+@pytest.mark.parametrize(('arguments', 'fault'), [
+    (['--axes', 'roll'], 'expected two or three axes'),
+    (['--axes', 'roll,up'], 'axes: expected different ones of'),
+    (['--at', 'up=3'], "--at: no axis 'up'"),
+    (['--at', 'thrust'], 'expected NAME=NUMBER'),
+    (['--health', '9:0'], '--health: no rotor 9'),
+    (['--health', '3:2'], 'expected shares from 0 to 1'),
+    (['--vehicle', 'admire', '--health', '1:0'], 'effectors of a problem have no health'),
+    (['--vehicle', 'nowhere'], 'neither a file nor a shipped vehicle'),
+    (['--vehicle', 'quadrotor', '--health', '1:0'], 'the admissible set has no volume'),
+])
+def test_a_wrong_argument_is_named_in_one_line(arguments, fault, tmp_path):
+    command = [sys.executable, '-m', 'ca_ros.evaluation.attainable', *arguments]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode in (1, 2)
+    assert fault in run.stderr
+    assert 'Traceback' not in run.stderr
+    assert list(tmp_path.iterdir()) == []
