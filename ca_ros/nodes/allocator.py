@@ -11,8 +11,6 @@ from typing import Any, cast
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.publisher import Publisher
 from std_msgs.msg import Int8MultiArray
 
 from ca_ros.allocation import Allocation, Allocator, Status
@@ -31,7 +29,6 @@ from ca_ros.nodes.messages import (
 )
 from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.nodes.qos import offered
-from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
 from ca_ros.problem.audit import Audit
@@ -63,7 +60,6 @@ class AllocatorNode(VehicleNode):
         super().__init__(node_name, **kwargs)
         self._answer: Allocation | None = None
         self._answers: Counter[Status] = Counter()
-        self._subscribed: set[Publisher] = set()
         self._newest = 0
         self._rejected = -inf
         self._last: Array = np.zeros(1)
@@ -71,9 +67,10 @@ class AllocatorNode(VehicleNode):
         self._latencies = Latencies()
         self.configure()
         self._speeds = self.offer(topics.SPEED_COMMAND)
-        self._allocated = self._offer_on_demand(topics.ALLOCATED_WRENCH)
-        self._residual = self._offer_on_demand(topics.RESIDUAL)
-        self._saturation = self._offer_on_demand(topics.SATURATION)
+        self._allocated, self._residual, self._saturation = (
+            self.create_publisher(topic.kind, topic.name, offered(self.mode))
+            for topic in (topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION)
+        )
         self.listen(topics.WRENCH, self._serve)
         self.observe('allocation')
         if find_spec('osqp') is None:
@@ -185,8 +182,7 @@ class AllocatorNode(VehicleNode):
             self.counts['served'] += 1
             self._latencies.add(perf_counter_ns() - began)
         self._answers[status] += 1
-        if self._subscribed:
-            self._report(command, wrench, answer)
+        self._report(command, wrench, answer)
 
     def _fault(self, wrench: list[float], frame: str, time: int) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""
@@ -210,30 +206,17 @@ class AllocatorNode(VehicleNode):
         self._last = fallback(action, vehicle_of(self.method.problem), self._last)
         self._speeds.publish(fill_speeds(self._message, self._last, None))
 
-    def _offer_on_demand(self, topic: Topic) -> Publisher:
-        """Create a publisher of results that are computed only while it has subscribers."""
-
-        def matched(change: Any) -> None:
-            # This event costs less than a query per command.
-            if change.current_count:
-                self._subscribed.add(publisher)
-            else:
-                self._subscribed.discard(publisher)
-
-        events = PublisherEventCallbacks(matched=matched, use_default_callbacks=False)
-        publisher = self.create_publisher(
-            topic.kind, topic.name, offered(self.mode), event_callbacks=events
-        )
-        return publisher
-
     def _report(self, command: WrenchStamped, wrench: list[float], answer: Allocation) -> None:
         """Publish the allocated wrench, residual and saturation that have subscribers."""
-        given = self._wrenches @ answer.thrusts
-        if self._allocated in self._subscribed:
-            self._allocated.publish(wrench_message(given, command.header))
-        if self._residual in self._subscribed:
-            self._residual.publish(wrench_message(wrench - given, command.header))
-        if self._saturation in self._subscribed:
+        allocated = self._allocated.get_subscription_count()
+        residual = self._residual.get_subscription_count()
+        if allocated or residual:
+            given = self._wrenches @ answer.thrusts
+            if allocated:
+                self._allocated.publish(wrench_message(given, command.header))
+            if residual:
+                self._residual.publish(wrench_message(wrench - given, command.header))
+        if self._saturation.get_subscription_count():
             self._saturation.publish(Int8MultiArray(data=answer.saturation.tolist()))
 
 

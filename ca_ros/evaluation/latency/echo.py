@@ -11,7 +11,6 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
 from ca_ros.nodes.parameters import ALLOCATOR
-from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
@@ -28,9 +27,7 @@ class EchoNode(VehicleNode):
     def __init__(self, node_name: str = 'echo', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
         self.configure()
-        self._speeds = self.create_publisher(
-            topics.SPEED_COMMAND.kind, topics.SPEED_COMMAND.name, offered(self.mode)
-        )
+        self._speeds = self.offer(topics.SPEED_COMMAND)
         self.listen(topics.WRENCH, self._serve)
 
     def build(self, parameters: dict[str, Any]) -> int:
