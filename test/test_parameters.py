@@ -329,3 +329,8 @@ def test_errors_have_one_base():
 
 def test_a_name_for_another_node_is_left_alone():
     Vehicle.from_parameters({**load('hexarotor'), 'use_sim_time': True, 'camera.exposure': 3})
+
+
+def test_of_a_vehicle_only_the_health_can_change_in_flight():
+    # A running node takes all else from the vehicle of its start.
+    assert [name for name in VEHICLE if VEHICLE[name].mutable] == ['rotors.health']

@@ -1,9 +1,12 @@
 """The audit: what the rotors can command, as they are."""
 
+import itertools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from ca_ros import (
     ALLOCATORS,
@@ -33,6 +36,25 @@ def moved(distance, **changes):
     positions = list(parameters['rotors.positions'])
     positions[3] += distance
     return without(Vehicle.from_parameters({**parameters, 'rotors.positions': positions}), 1, 4)
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'hexarotor_ppnnpn', 'octorotor', 'x8'])
+def test_hover_is_inside_where_a_linear_program_says_so(name):
+    vehicle = Vehicle.load(name)
+    answers = set()
+    for lost, load_factor in itertools.product(range(vehicle.n + 1), (0.05, 0.5, 1.0, 1.5, 2.4)):
+        loaded = replace(without(vehicle, lost), mass=load_factor * vehicle.mass)
+        problem = VehicleProblem(loaded)
+        # Greatest t for which center + t (hover - center) is attainable: variables are f and t.
+        way = problem.hover - problem.center
+        bounds = [*zip(problem.lower, problem.upper, strict=True), (0.0, 2.0)]
+        found = linprog(
+            [*np.zeros(problem.n), -1.0],
+            A_eq=np.column_stack([problem.gamma, -way]), b_eq=problem.center, bounds=bounds)
+        assert problem.spans
+        assert problem.hovers == (found.x[-1] > 1.0 + 1e-9)
+        answers.add(problem.hovers)
+    assert answers == {True, False}
 
 
 @pytest.fixture(scope='module')

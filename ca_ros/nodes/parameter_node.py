@@ -125,7 +125,8 @@ class ParameterNode(Node):
         if isinstance(self.executor, Executor):
             self.executor.spin_streams(0.0)
         try:
-            parameters = complete({**self.parameters, **ours}, self.declared)
+            checked = complete(ours, {name: self.declared[name] for name in ours})
+            parameters = {**self.parameters, **checked}
             # A rebuild takes longer than an allocation, and happens only where necessary.
             rebuild = any(name not in NODE for name in ours)
             self._candidate = parameters, self.build(parameters) if rebuild else self._built

@@ -24,6 +24,7 @@ from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.problem.audit import Audit, accept
+from ca_ros.vehicle.values import per_rotor
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -87,9 +88,12 @@ class VehicleNode(ParameterNode):
         ParameterError
             If an axis or hover is lost at the start, and `allocation.lost_axes` is refuse.
         """
-        # A running node drops lost axes; only the start refuses them.
-        lost_axes = None if self.audit is None else 'drop'
-        return accept(Vehicle.from_parameters(parameters), lost_axes)
+        if self.audit is None:
+            return accept(Vehicle.from_parameters(parameters))
+        # In a running node only the health can change, and lost axes are dropped, not refused.
+        vehicle = self.audit.asked.vehicle
+        health = per_rotor(parameters, 'rotors.health', vehicle.n)
+        return accept(vehicle.with_health(health), 'drop')
 
     def note(self, report: Audit) -> None:
         """Keep an audit; one in flight is logged later, because its text takes milliseconds."""

@@ -196,10 +196,12 @@ class AllocationProblem:
         """Whether the reference is inside the admissible set, not on its boundary."""
         if not self.spans:
             return False
-        # If all effectors can change a little in both directions, so can u.
-        room = 2.0 * REFERENCE_ROUNDING * self.half_range
-        thrusts = self.least_norm.unbounded(self.reference)
-        if np.all((self.lower + room < thrusts) & (thrusts < self.upper - room)):
+        # Least shares of the half ranges.  Singular values of `columns` are greater than 1e-9, so
+        # an error below 1e-12 changes the shares by less than 1e-3.
+        columns = self.gamma * self.half_range / self.extent[:, None]
+        goal = self.scaled(self.reference)
+        shares = np.linalg.lstsq(columns, goal, rcond=None)[0]
+        if lengths(columns @ shares - goal) < 1e-12 and np.abs(shares).max() < 0.999:
             return True
         way = self.reference - self.center
         return self.reach(self.center, way, 2.0) > 1.0 + REFERENCE_ROUNDING

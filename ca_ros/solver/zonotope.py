@@ -129,8 +129,8 @@ def spans(generators: Array) -> bool:
     extent = np.abs(generators).sum(axis=1)
     if not np.all(extent > 0.0):
         return False
-    rank = np.linalg.matrix_rank(generators / extent[:, None], tol=FLAT)
-    return bool(rank == len(generators))
+    singular = np.linalg.svd(generators / extent[:, None], compute_uv=False)
+    return bool((singular > FLAT).sum() == len(generators))
 
 
 def facet_normals(generators: Array) -> Array:

@@ -15,10 +15,15 @@ from ca_ros.evaluation.benchmark.plan import Plan
 from ca_ros.evaluation.benchmark.timing import Key, rounds
 from ca_ros.problem.audit import accept
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.schema import complete
+from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.values import per_rotor
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS = 16
 """Number of rotors of the vehicles."""
+
+HEALTH = 'rotors.health'
 
 _Cases = list[tuple[dict[str, Any], Vehicle]]
 """Parameters, and their vehicle."""
@@ -35,8 +40,10 @@ def _audited(cases: _Cases) -> None:
 
 
 def _change(cases: _Cases) -> None:
-    for parameters, _ in cases:
-        report = accept(Vehicle.from_parameters(parameters), 'drop')
+    for parameters, vehicle in cases:
+        changed = complete(parameters, {HEALTH: VEHICLE[HEALTH]})
+        health = per_rotor(changed, HEALTH, vehicle.n)
+        report = accept(vehicle.with_health(health), 'drop')
         allocator_from_parameters(parameters, report.problem)
 
 
