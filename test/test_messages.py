@@ -1,17 +1,22 @@
 """Messages from and to arrays: every number arrives to the last bit."""
 
 import re
+import struct
 
 import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
 from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
+from ca_ros.nodes import messages
 from ca_ros.nodes.messages import (
     nanoseconds,
     pose_arrays,
+    read_wrench,
     speeds_message,
     speeds_stamp,
     stamp,
@@ -20,6 +25,7 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrench_numbers,
 )
+from ca_ros.nodes.rclpy_internals import RMWError
 
 TIMES = st.integers(0, 2**31 * 10**9 - 1)
 """What a stamp can hold [ns]."""
@@ -90,3 +96,66 @@ def test_wrench(wrench, time, frame):
         (np.array([force.x, force.y, force.z]), wrench[:3]),
         (np.array([torque.x, torque.y, torque.z]), wrench[3:]))
     assert (nanoseconds(message.header.stamp), message.header.frame_id) == (time, frame)
+
+
+FRAMES = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=20)
+
+
+def as_rclpy_reads(data):
+    message = deserialize_message(data, WrenchStamped)
+    time = nanoseconds(message.header.stamp)
+    return message.header, time, np.array(wrench_numbers(message)).tobytes()
+
+
+def as_read(data):
+    command = read_wrench(data)
+    return command.header, command.time, np.array(command.wrench).tobytes()
+
+
+@given(vectors(6), st.integers(-2**31, 2**31 - 1), st.integers(0, 2**32 - 1), FRAMES)
+def test_a_wrench_is_read_as_rclpy_reads_it(wrench, seconds, fraction, frame):
+    message = wrench_message(wrench, Header(frame_id=frame))
+    message.header.stamp.sec, message.header.stamp.nanosec = seconds, fraction
+    data = bytes(serialize_message(message))
+    expected = message.header, seconds * 10**9 + fraction, wrench.tobytes()
+    assert as_read(data) == as_rclpy_reads(data) == expected
+
+
+def cdr(order, frame, padding, *numbers):
+    """Return a WrenchStamped of 3.5 s in CDR, written by hand."""
+    head = struct.pack(f'{order}iII', 3, 500_000_000, len(frame))
+    body = head + frame + padding + struct.pack(f'{order}{len(numbers)}d', *numbers)
+    return (b'\0\1\0\0' if order == '<' else b'\0\0\0\0') + body
+
+
+NUMBERS = 0.0, -1.0, 9.81, 0.25, 1e-300, 7.0
+
+
+@pytest.mark.parametrize('order', '<>')
+@pytest.mark.parametrize(('frame', 'padding'), [(b'uav\0', b''), (b'uav1\0', b'\xff' * 7)])
+def test_a_wrench_of_either_byte_order(order, frame, padding):
+    data = cdr(order, frame, padding, *NUMBERS)
+    header = Header(stamp=stamp(3_500_000_000), frame_id=frame[:-1].decode())
+    expected = header, 3_500_000_000, np.array(NUMBERS).tobytes()
+    assert as_read(data) == as_rclpy_reads(data) == expected
+
+
+def test_a_little_endian_wrench_is_read_without_rclpy(monkeypatch):
+    monkeypatch.setattr(messages, 'deserialize_message', None)
+    assert read_wrench(cdr('<', b'uav\0', b'', *NUMBERS)) == (3, 500_000_000, 'uav', NUMBERS)
+
+
+@given(st.data())
+def test_damaged_bytes_are_read_as_rclpy_reads_them(data):
+    sound = cdr('<', b'base_link\0', b'\0\0', *NUMBERS)
+    damaged = bytearray(sound)
+    for place in data.draw(st.lists(st.integers(0, 30), max_size=3)):
+        damaged[place] = data.draw(st.integers(0, 255))
+    damaged = bytes(damaged)[: data.draw(st.integers(0, len(damaged)))] + data.draw(st.binary())
+    try:
+        expected = as_rclpy_reads(damaged)
+    except RMWError:
+        with pytest.raises(RMWError):
+            read_wrench(damaged)
+    else:
+        assert as_read(damaged) == expected

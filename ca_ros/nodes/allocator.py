@@ -9,7 +9,6 @@ from time import monotonic, perf_counter_ns, sleep
 from typing import Any, cast
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
 from std_msgs.msg import Int8MultiArray
 
@@ -20,11 +19,11 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Latencies
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
+    WrenchCommand,
     fill_speeds,
-    nanoseconds,
+    read_wrench,
     speeds_message,
     wrench_message,
-    wrench_numbers,
     wrong_frame,
 )
 from ca_ros.nodes.parameters import ALLOCATOR
@@ -71,7 +70,7 @@ class AllocatorNode(VehicleNode):
             self.create_publisher(topic.kind, topic.name, offered(self.mode))
             for topic in (topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION)
         )
-        self.listen(topics.WRENCH, self._serve)
+        self.listen(topics.WRENCH, self._serve, read_wrench)
         self.observe('allocation')
         if find_spec('osqp') is None:
             self.get_logger().info(
@@ -154,12 +153,11 @@ class AllocatorNode(VehicleNode):
             sleep(TICK)
         self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
 
-    def _serve(self, command: WrenchStamped) -> None:
+    def _serve(self, command: WrenchCommand) -> None:
         began = perf_counter_ns()
         self.counts['received'] += 1
-        wrench = wrench_numbers(command)
-        time = nanoseconds(command.header.stamp)
-        if fault := self._fault(wrench, command.header.frame_id, time):
+        time, wrench = command.time, command.wrench
+        if fault := self._fault(wrench, command.frame, time):
             self.drop(*fault)
             return
         answer = self.method.allocate([wrench[row] for row in self._rows])
@@ -182,13 +180,13 @@ class AllocatorNode(VehicleNode):
             self.counts['served'] += 1
             self._latencies.add(perf_counter_ns() - began)
         self._answers[status] += 1
-        self._report(command, wrench, answer)
+        self._report(command, answer)
 
-    def _fault(self, wrench: list[float], frame: str, time: int) -> tuple[str, str] | None:
+    def _fault(self, wrench: tuple[float, ...], frame: str, time: int) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""
         # All six components are checked, because all are part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
-            return 'numbers', f'wrench {wrench}: expected finite numbers up to {ABSURD:g}'
+            return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
         if wrong := wrong_frame(frame, self._frame):
             return 'frame', f'wrench {wrong} (parameter command_frame)'
         # A stamp ahead of the clock would pass the age limit for too long.
@@ -206,7 +204,7 @@ class AllocatorNode(VehicleNode):
         self._last = fallback(action, vehicle_of(self.method.problem), self._last)
         self._speeds.publish(fill_speeds(self._message, self._last, None))
 
-    def _report(self, command: WrenchStamped, wrench: list[float], answer: Allocation) -> None:
+    def _report(self, command: WrenchCommand, answer: Allocation) -> None:
         """Publish the allocated wrench, residual and saturation that have subscribers."""
         allocated = self._allocated.get_subscription_count()
         residual = self._residual.get_subscription_count()
@@ -215,7 +213,7 @@ class AllocatorNode(VehicleNode):
             if allocated:
                 self._allocated.publish(wrench_message(given, command.header))
             if residual:
-                self._residual.publish(wrench_message(wrench - given, command.header))
+                self._residual.publish(wrench_message(command.wrench - given, command.header))
         if self._saturation.get_subscription_count():
             self._saturation.publish(Int8MultiArray(data=answer.saturation.tolist()))
 

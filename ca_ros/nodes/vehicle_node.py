@@ -111,8 +111,15 @@ class VehicleNode(ParameterNode):
                 self.get_logger().error(f'audit: {report}')
         self._logged_audit = report
 
-    def listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
+    def listen(
+        self,
+        topic: Topic,
+        receive: Callable[[Any], None],
+        read: Callable[[bytes], Any] | None = None,
+    ) -> None:
         """Subscribe to a stream that should have one publisher.
+
+        `receive` gets what `read` returns for the bytes of a message; default: the message.
 
         Messages of more than `SIZE_MAX` bytes are dropped before conversion.  While there is one
         publisher, the node counts the messages that were lost in transport or replaced by a newer
@@ -132,7 +139,8 @@ class VehicleNode(ParameterNode):
                 if len(data) > SIZE_MAX:
                     fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
                 else:
-                    fault, message = None, deserialize_message(data, kind)
+                    fault = None
+                    message = read(data) if read else deserialize_message(data, kind)
             except RMWError:
                 fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
             if fault:

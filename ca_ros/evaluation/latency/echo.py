@@ -19,7 +19,8 @@ from ca_ros.vehicle.vehicle import Vehicle
 class EchoNode(VehicleNode):
     """Answers each command/wrench with its numbers, as many as the vehicle has rotors.
 
-    It has the same messages, quality of service, executor and start as the allocator node.
+    It has the same messages, labels, quality of service, executor and start as the allocator node,
+    and no timer and no diagnostics.  It converts messages as rclpy does.
     """
 
     declared = ALLOCATOR
