@@ -13,3 +13,8 @@ def constant(values: ArrayLike) -> Array:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
+
+
+def is_constant(array: Array) -> bool:
+    """Return whether an array has data of its own that cannot be written to."""
+    return array.base is None and not array.flags.writeable

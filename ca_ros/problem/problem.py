@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, constant
 from ca_ros.solver.dual_newton import DualNewton
 from ca_ros.solver.simplex import Simplex
-from ca_ros.solver.zonotope import Zonotope, spans
+from ca_ros.solver.zonotope import Zonotope, decomposition
 
 EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
@@ -41,8 +41,9 @@ def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
     if size is not None:
         if numbers.shape not in ((), (size,)) or (name == 'reference' and numbers.ndim == 0):
             raise ValueError(f'{name}: expected {size} numbers, got shape {numbers.shape}')
-        numbers = np.broadcast_to(numbers, (size,))
-    if not np.all(np.abs(numbers) <= ABSURD):
+        if numbers.ndim == 0:
+            numbers = np.full(size, numbers)
+    if not (np.abs(numbers) <= ABSURD).all():
         raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {given!r}')
     return numbers
 
@@ -138,7 +139,7 @@ class AllocationProblem:
         self.gamma = constant(gamma)
         self.lower = constant(numbers('lower', lower, n))
         self.upper = constant(numbers('upper', upper, n))
-        if np.any(self.lower > self.upper):
+        if (self.lower > self.upper).any():
             i = int(np.argmax(self.lower > self.upper))
             raise ValueError(
                 f'lower: {self.lower[i]:g} of {self.names[i]!r} is above its upper bound, '
@@ -194,14 +195,13 @@ class AllocationProblem:
     @cached_property
     def reference_inside(self) -> bool:
         """Whether the reference is inside the admissible set, not on its boundary."""
-        if not self.spans:
+        if self._decomposition is None:
             return False
-        # Least shares of the half ranges.  Singular values of `columns` are greater than 1e-9, so
-        # an error below 1e-12 changes the shares by less than 1e-3.
-        columns = self.gamma * self.half_range / self.extent[:, None]
-        goal = self.scaled(self.reference)
-        shares = np.linalg.lstsq(columns, goal, rcond=None)[0]
-        if lengths(columns @ shares - goal) < 1e-12 and np.abs(shares).max() < 0.999:
+        # The least shares of the half ranges that give the reference.  Singular values are greater
+        # than 1e-9, so rounding changes the shares by less than 1e-3.
+        left, singular, right = self._decomposition
+        shares = (self.scaled(self.reference) @ left / singular) @ right
+        if np.abs(shares).max() < 0.999:
             return True
         way = self.reference - self.center
         return self.reach(self.center, way, 2.0) > 1.0 + REFERENCE_ROUNDING
@@ -241,7 +241,11 @@ class AllocationProblem:
     @cached_property
     def spans(self) -> bool:
         """Whether the admissible set has a volume."""
-        return spans(self.gamma * self.half_range)
+        return self._decomposition is not None
+
+    @cached_property
+    def _decomposition(self) -> tuple[Array, Array, Array] | None:
+        return decomposition(self.gamma * self.half_range)
 
     def no_volume(self) -> ValueError:
         """Return the error of a problem whose admissible set has no volume."""

@@ -59,7 +59,7 @@ class Zonotope:
         # Rows in units of their extent: torques are often smaller than forces by orders of
         # magnitude.
         self._extent = extent = np.abs(generators).sum(axis=1)
-        if not spans(generators):
+        if decomposition(generators) is None:
             raise ValueError('a zonotope needs generators that span its space')
         self.normals = facet_normals(generators / extent[:, None]) / extent
         self.normals /= np.linalg.norm(self.normals, axis=1)[:, None]
@@ -124,13 +124,16 @@ class Zonotope:
         return centers[chosen] + np.einsum('sij,sj->si', tiles[chosen], shares)
 
 
-def spans(generators: Array) -> bool:
-    """Tell whether generators (m, n) span their space, by more than rounding."""
+def decomposition(generators: Array) -> tuple[Array, Array, Array] | None:
+    """Return the singular value decomposition of generators (m, n), each row over its extent.
+
+    It is None if they do not span their space by more than rounding.
+    """
     extent = np.abs(generators).sum(axis=1)
-    if not np.all(extent > 0.0):
-        return False
-    singular = np.linalg.svd(generators / extent[:, None], compute_uv=False)
-    return bool((singular > FLAT).sum() == len(generators))
+    if not (extent > 0.0).all():
+        return None
+    left, singular, right = np.linalg.svd(generators / extent[:, None], full_matrices=False)
+    return (left, singular, right) if (singular > FLAT).sum() == len(generators) else None
 
 
 def facet_normals(generators: Array) -> Array:

@@ -27,7 +27,7 @@ def rotor_wrenches(vehicle: Vehicle) -> Array:
     # np.cross takes longer than all of the rest.
     for i, moment in enumerate((y * c - z * b, z * a - x * c, x * b - y * a)):
         torques[:, i] += moment
-    return np.vstack([vehicle.rotor_axes.T, torques.T])
+    return np.concatenate([vehicle.rotor_axes.T, torques.T])
 
 
 def control_allocation_matrix(vehicle: Vehicle) -> Array:

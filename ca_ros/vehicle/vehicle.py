@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, constant
+from ca_ros.arrays import Array, constant, is_constant
 from ca_ros.schema import ParameterError, check_given, complete
 from ca_ros.vehicle import values
 from ca_ros.vehicle.files import read
@@ -84,7 +84,7 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
+            if isinstance(value, np.ndarray) and not is_constant(value):
                 object.__setattr__(self, name, constant(value))
 
     @classmethod
@@ -150,7 +150,7 @@ class Vehicle:
     def with_health(self, health: ArrayLike) -> Vehicle:
         """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1]."""
         shares = np.asarray(health, dtype=float)
-        if shares.shape not in ((), (self.n,)) or not np.all((shares >= 0.0) & (shares <= 1.0)):
+        if shares.shape not in ((), (self.n,)) or not ((shares >= 0.0) & (shares <= 1.0)).all():
             raise ParameterError(
                 f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {health!r}'
             )
