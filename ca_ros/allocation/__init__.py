@@ -5,12 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.betaflight_mixer import BetaflightMixer
 from ca_ros.allocation.conventional import Conventional
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.powerless import Powerless
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
+from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
 from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
+from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
+from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -21,8 +26,13 @@ ALLOCATORS: dict[str, type[Allocator]] = {
     'pseudo_inverse': PseudoInverse,
     'conventional': Conventional,
     'direct': Direct,
+    'weighted_pseudo_inverse': WeightedPseudoInverse,
+    'redistributed_pseudo_inverse': RedistributedPseudoInverse,
+    'weighted_least_squares': WeightedLeastSquares,
+    'sequential_desaturation': SequentialDesaturation,
+    'betaflight_mixer': BetaflightMixer,
 }
-"""The allocation methods by name, in the order of the paper's Table 1."""
+"""The allocation methods by name; the first four in the order of the paper's Table 1."""
 
 
 def make_allocator(
