@@ -103,10 +103,9 @@ class BetaflightMixer(Allocator):
         low, high = self._ends
         # Rotor i at its lower bound and rotor j at its upper bound limit their difference.
         between = np.subtract.outer(spread, spread).T
-        room = high[None, :] - low[:, None]
-        limiting = between > 0.0
-        shares = room[limiting] / between[limiting]
-        return float(min(max(shares.min(initial=1.0), 0.0), 1.0))
+        room = np.maximum(high[None, :] - low[:, None], 0.0)
+        limiting = between > room
+        return float((room[limiting] / between[limiting]).min(initial=1.0))
 
     def _authority(self, throttle: float) -> float:
         """Return the share of the torques that the throttle allows."""

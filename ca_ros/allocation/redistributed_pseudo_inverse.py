@@ -12,7 +12,7 @@ from ca_ros.allocation.option_values import per_rotor, whole
 from ca_ros.allocation.result import Allocation
 from ca_ros.allocation.weighted_pseudo_inverse import weighted_inverse
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -75,6 +75,7 @@ class RedistributedPseudoInverse(Allocator):
         self.iterations = whole('iterations', iterations, self.parameters)
         # Rotors that cannot change their thrust are saturated from the start.
         self._movable = self.problem.half_range > 0.0
+        self._rounding = EXACT_TOLERANCE * np.maximum(1.0, np.abs(self.problem.upper))
         self._inverse = self._inverse_of(self._movable)
 
     def _inverse_of(self, free: BoolArray) -> Array:
@@ -91,8 +92,8 @@ class RedistributedPseudoInverse(Allocator):
             thrusts = problem.clip(thrusts)
             beyond = np.abs(wanted - thrusts[free])
             violation = max(violation, float(beyond.max(initial=0.0)))
-            free[free] = beyond == 0.0
-            if not beyond.any() or not free.any():
+            before, free[free] = free.sum(), beyond <= self._rounding[free]
+            if free.sum() in (0, before):
                 break
             inverse = self._inverse_of(free)
         return Allocation(problem, u, thrusts, self._status(u, thrusts), violation=violation)

@@ -15,12 +15,13 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
+from ca_ros.allocation.parameters import own_parameters
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.nodes.qos import offered, requested
-from ca_ros.nodes.rclpy_internals import RMWError
+from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.problem.audit import Audit, accept
@@ -67,6 +68,15 @@ class VehicleNode(ParameterNode):
         self._logged: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
         self._dropped_before = 0
+
+    def _declare(self) -> dict[str, Any]:
+        """Declare the parameters, and those of an allocation method of one's own."""
+        method = given_parameters(self).get('allocation.method')
+        own = own_parameters(method.value) if method else {}
+        self.known = {**self.known, **own}
+        if 'allocation.method' in self.declared:
+            self.declared = {**self.declared, **own}
+        return super()._declare()
 
     def destroy_node(self) -> None:
         """Let the node send its last messages (`close`) and destroy it."""
