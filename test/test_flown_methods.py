@@ -9,8 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from ca_ros import AdmissibleSet, Status, Vehicle, control_allocation_matrix
-from strategies import FLEET, HEXAROTOR, PARAMETERS, build, demands, ring, vehicles
+from ca_ros import (
+    ALLOCATORS,
+    AdmissibleSet,
+    AllocationProblem,
+    Status,
+    Vehicle,
+    control_allocation_matrix,
+)
+from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
+from strategies import FLEET, HEXAROTOR, PARAMETERS, build, demands, generators, ring, vehicles
 from strategies import unaudited as make_allocator
 from test_reversal import PX4_ROWS, UNIT_QUADROTOR
 
@@ -186,19 +194,13 @@ from 0 to 1; the residuals of the cases give g = 0.31788395460742563.
 
 
 def test_the_cases_of_a_wls_project():
-    # Rotors of 0 to 1 N at the places that give the torques; thrust is divided by -8.
-    positions = np.column_stack([-EFFECTIVENESS[2], EFFECTIVENESS[1], np.zeros(6)])
-    vehicle = unit(positions, [1, -1] * 3, **{'rotors.torque_coefficient': 0.05})
-    scale = np.array([-8.0, 1.0, 1.0, 1.0])
-    np.testing.assert_allclose(
-        scale[:, None] * control_allocation_matrix(vehicle), EFFECTIVENESS, atol=1e-14)
-    allocator = make_allocator(
-        'weighted_least_squares', vehicle, gamma=0.31788395460742563**-2, wu=WU,
-        wv=np.array([10.0, np.sqrt(1000.0), np.sqrt(1000.0), 1.0]) * np.abs(scale))
+    allocator = WeightedLeastSquares(
+        AllocationProblem(EFFECTIVENESS, 0.0, 1.0), gamma=0.31788395460742563**-2, wu=WU,
+        wv=[10.0, np.sqrt(1000.0), np.sqrt(1000.0), 1.0])
     expected = WLS_CASES[:, 4:]
     saturated = np.count_nonzero((expected == 0.0) | (expected == 1.0), axis=1)
     assert set(saturated) == set(range(7))
-    found = allocator.allocate_batch(WLS_CASES[:, :4] / scale)
+    found = allocator.allocate_batch(WLS_CASES[:, :4])
     np.testing.assert_allclose(found.thrusts, expected, rtol=0.0, atol=1e-11)
 
 
@@ -312,6 +314,71 @@ def test_equal_weights_are_the_pseudo_inverse():
     for weights in (1.0, [2.0] * 6):
         allocator = make_allocator('weighted_pseudo_inverse', HEXAROTOR, weights=weights)
         np.testing.assert_allclose(allocator.inverse, plain, rtol=1e-12)
+
+
+# Any matrix, bounds of any sign
+
+@st.composite
+def problems(draw):
+    """Draw a problem with a matrix of random numbers; some effectors may be fixed."""
+    rng, n = draw(generators), draw(st.integers(4, 10))
+    low = rng.choice([-2.0, -0.5, 0.0, 0.7], n) * rng.uniform(0.1, 1.0, n)
+    high = low + rng.choice([0.0, 1.0, 1.0, 1.0, 3.0], n) * rng.uniform(0.1, 1.0, n)
+    axes = ['thrust', 'roll', 'pitch', 'yaw', 'force_x'][:draw(st.integers(1, 5))]
+    return AllocationProblem(rng.normal(size=(len(axes), n)), low, high, axes=axes)
+
+
+@pytest.mark.parametrize('method', list(ALLOCATORS)[4:])
+@given(data=st.data())
+def test_laws_for_any_matrix(method, data):
+    problem = data.draw(problems())
+    rng = data.draw(generators)
+    share = rng.random((6, problem.n)) * rng.choice([1.0, 1.0, 2.0], (6, 1))
+    demands = (problem.lower + share * (problem.upper - problem.lower)) @ problem.gamma.T
+    allocator = ALLOCATORS[method](problem)
+    batch = allocator.allocate_batch(demands)
+    assert np.all((problem.lower <= batch.thrusts) & (batch.thrusts <= problem.upper))
+    reached = np.linalg.norm(batch.residual, axis=1) <= problem.tolerance(demands)
+    np.testing.assert_array_equal(batch.status == Status.EXACT, reached)
+    for u, thrusts in zip(demands[::-1], batch.thrusts[::-1], strict=True):
+        np.testing.assert_allclose(allocator.allocate(u).thrusts, thrusts, atol=1e-12)
+
+
+@pytest.mark.parametrize(('method', 'options'), [
+    ('redistributed_pseudo_inverse', {}), ('betaflight_mixer', {}),
+    # With the other airmodes, what saturates before yaw is added is not restored.
+    ('sequential_desaturation', {'airmode': 'roll_pitch_yaw'})])
+@given(data=st.data())
+def test_what_the_pseudo_inverse_attains_is_exact_for_any_matrix(method, options, data):
+    rng, n = data.draw(generators), data.draw(st.integers(4, 10))
+    gamma = rng.normal(size=(4, n))
+    # Of least norm, and within bounds of any sign.
+    wanted = gamma.T @ rng.normal(size=4)
+    problem = AllocationProblem(
+        gamma, wanted - rng.random(n), wanted + rng.random(n),
+        axes=['thrust', 'roll', 'pitch', 'yaw'])
+    a = ALLOCATORS[method](problem, **options).allocate(gamma @ wanted)
+    scale = np.linalg.cond(gamma)
+    np.testing.assert_allclose(a.thrusts, wanted, atol=1e-13 * scale)
+
+
+@given(data=st.data())
+def test_weighted_least_squares_is_optimal_for_any_matrix(data):
+    problem = data.draw(problems())
+    rng = data.draw(generators)
+    u = problem.center + rng.normal(size=len(problem.axes)) * problem.extent
+    wv, preferred = rng.uniform(0.5, 2.0, len(u)), rng.normal(size=problem.n)
+    found = WeightedLeastSquares(problem, 100.0, 1.0, wv, preferred).allocate(u).thrusts
+    moving = problem.half_range > 0.0
+    matrix = np.vstack([10.0 * wv[:, None] * problem.gamma, np.eye(problem.n)])
+    target = np.concatenate([10.0 * wv * u, preferred])
+    other = problem.middle.copy()
+    if moving.any():
+        other[moving] = lsq_linear(
+            matrix[:, moving], target - matrix[:, ~moving] @ other[~moving],
+            (problem.lower[moving], problem.upper[moving]), method='bvls', tol=1e-14).x
+    cost, least = (np.sum((matrix @ f - target) ** 2) for f in (found, other))
+    assert cost <= least * (1.0 + 1e-9) + 1e-12
 
 
 # Faults

@@ -39,6 +39,9 @@ class SequentialDesaturation(Allocator):
       above, or at once if it relieves the worst saturation.
     - 'roll_pitch_yaw': thrust is raised or reduced for roll, pitch and yaw; then yaw is reduced.
 
+    Where yaw is added last, the earlier steps are not taken back.  Then even wrenches that the
+    pseudo-inverse attains may be missed.
+
     Differences from PX4: here u is a wrench, and the airmode is one of PX4's former parameter
     MC_AIRMODE, without the limit MC_AIRMODE_LIM between them.  Forces along x and y are mixed
     like roll and pitch, and never reduced.  Steps for axes that a vehicle has lost are left out.
