@@ -1,5 +1,6 @@
 """The methods that are flown, against the numbers that their own projects publish."""
 
+import json
 from itertools import product
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from ca_ros import (
     control_allocation_matrix,
 )
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
+from ca_ros.evaluation import dynamic_study, static_study
+from ca_ros.evaluation.plot_style import styles
 from strategies import FLEET, HEXAROTOR, PARAMETERS, build, demands, generators, ring, vehicles
 from strategies import unaudited as make_allocator
 from test_reversal import PX4_ROWS, UNIT_QUADROTOR
@@ -414,3 +417,28 @@ def test_missing_axes(method):
 def test_wrong_options(method, option, wrong, words):
     with pytest.raises(ValueError, match=f'^{words}'):
         make_allocator(method, HEXAROTOR, **{option: wrong})
+
+
+# The studies
+
+def test_the_studies_have_all_methods(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for study in (static_study, dynamic_study):
+        monkeypatch.setattr(study, 'draw', lambda *_: None)
+    assert static_study.main(['--methods', 'all', '--samples', '20']) == 0
+    assert list(json.loads(Path('static.json').read_text())['methods']) == list(ALLOCATORS)
+    # A hexarotor without a rotor has no yaw.  Without airmode, sequential desaturation overturns
+    # it: thrust must not be raised for the opposite rotor, which is at its minimum.
+    command = ['--methods', 'all', '--duration', '2', '--fail', '1@1']
+    command += ['-p', 'allocation.sequential_desaturation.airmode:=roll_pitch']
+    assert dynamic_study.main(command) == 0
+    found = json.loads(Path('dynamic.json').read_text())['methods']
+    assert list(found) == list(ALLOCATORS)
+    assert all(abs(method['greatest_tilt']) < 0.5 for method in found.values())
+
+
+def test_each_method_has_a_style_of_its_own():
+    looks = [
+        (look['color'], look['linestyle'])
+        for look in styles([*ALLOCATORS, 'osqp_default', 'my:Own']).values()]
+    assert len(set(looks)) == len(ALLOCATORS) + 2
