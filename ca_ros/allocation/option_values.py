@@ -52,7 +52,7 @@ def whole(name: str, value: float, table: Mapping[str, Parameter]) -> int:
     ValueError
         If it is not whole.
     """
-    number = check(name, value, table)
-    if number != int(number):  # type: ignore[arg-type]
+    number = np.asarray(check(name, value, table)).item()
+    if not number.is_integer():
         raise ValueError(f'{name}: expected a whole number, got {value}')
-    return int(number)  # type: ignore[arg-type]
+    return int(number)

@@ -22,8 +22,8 @@ class RedistributedPseudoInverse(Allocator):
 
     Thrusts beyond a bound are set to the bound and stay there.  The pseudo-inverse of the columns
     of the other rotors distributes what is left of the wrench, until no thrust is beyond its
-    bounds or no rotor is left: [1]_, and [2]_, Section 5.3.  A thrust that was set to a bound is
-    never released, so attainable wrenches may be missed.
+    bounds or no rotor is left [1]_ [2]_.  A thrust that was set to a bound is never released, so
+    attainable wrenches may be missed.
 
     Parameters
     ----------

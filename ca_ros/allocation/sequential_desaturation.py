@@ -142,7 +142,7 @@ class SequentialDesaturation(Allocator):
     def _gain(self, axis: str, thrusts: Array, margin: float) -> float:
         """Return the step along an axis that balances the greatest saturations of both signs."""
         needed = self._needed(axis, thrusts, margin)
-        return float(min(needed.min(initial=0.0), 0.0) + max(needed.max(initial=0.0), 0.0))
+        return float(needed.min(initial=0.0) + needed.max(initial=0.0))
 
     def _needed(self, axis: str, thrusts: Array, margin: float = 0.0) -> Array:
         """Return for each rotor that counts the step along an axis that ends its saturation."""
@@ -150,9 +150,8 @@ class SequentialDesaturation(Allocator):
         low, high = problem.lower[strong], problem.upper[strong]
         high = high + margin * (high - low)
         found = thrusts[strong]
-        steps: Array = (np.minimum(np.maximum(found, low), high) - found) / self._columns[axis][
-            strong
-        ]
+        lacking = np.minimum(np.maximum(found, low), high) - found
+        steps: Array = lacking / self._columns[axis][strong]
         return steps
 
     def _relieves(self, thrusts: Array, twist: float) -> bool:

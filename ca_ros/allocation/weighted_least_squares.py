@@ -18,7 +18,7 @@ from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
-"""The default of Wv: the weights of Paparazzi's rotorcraft, stabilization_indi.c."""
+"""The default of Wv, that of Paparazzi."""
 
 ROUNDING = 1e-10
 """Size of multipliers that count as zero, relative to their terms."""
@@ -31,13 +31,14 @@ class WeightedLeastSquares(Allocator):
     the program WLS of [1]_ and the cost of [2]_.  The weights trade the axes against each other
     and against the preferred thrusts f_p, so the wrench is never met exactly, except where f_p
     gives it.  The cost depends on the units of wrench and thrusts: [2]_ has angular accelerations
-    in place of torques.
+    in place of torques, and thrusts as shares of a command.
 
     Parameters
     ----------
     vehicle : Vehicle or AllocationProblem
     gamma : float
-        Weight of the wrench against the preferred thrusts.  The default is that of [1]_.
+        Weight of the wrench against the preferred thrusts.  The default is that of QCAT, the
+        toolbox of the author of [1]_.
     wu : float or (n,) array
         The diagonal of Wu, positive: a weight for each rotor.
     wv : sequence of str, or float or (m,) array
@@ -45,7 +46,8 @@ class WeightedLeastSquares(Allocator):
         words, those for axes that the vehicle has not are ignored; an axis without a word has the
         weight 1.
     preferred : 'zero', 'minimum', 'middle' or (n,) array
-        f_p [N]: no thrust (as in [2]_), the lower bounds, the middles of the bounds, or numbers.
+        f_p [N]: no thrust (the default of Paparazzi [3]_), the lower bounds, the middles of the
+        bounds, or numbers.
     iterations : float
         Greatest number of least-squares problems for one wrench.
 
@@ -60,6 +62,8 @@ class WeightedLeastSquares(Allocator):
        problems in aircraft control allocation", IEEE Conference on Decision and Control, 2002.
     .. [2] E. Smeur, D. Hoppener and C. De Wagter, "Prioritized control allocation for quadrotors
        subject to saturation", International Micro Air Vehicle Conference, 2017.
+    .. [3] Paparazzi UAV, stabilization_indi.c and wls_alloc.c, as of 2023:
+       https://github.com/paparazzi/paparazzi
     """
 
     parameters: ClassVar = {
@@ -126,11 +130,11 @@ class WeightedLeastSquares(Allocator):
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _solve(self, u: Array) -> Array:
-        """Minimise |A f - b| within the bounds by the primal active-set method of [1]_.
+        """Minimise |A f - b| within the bounds by a primal active-set method.
 
-        The method starts at the middles of the bounds, as [2]_.  Each iteration solves for the
-        free thrusts.  If a bound is in the way, the thrusts go as far as the bound, which becomes
-        active.  Otherwise the active bound with the most negative multiplier is released.
+        The method starts at the middles of the bounds, as in Paparazzi.  Each iteration solves for
+        the free thrusts.  If a bound is in the way, the thrusts go as far as the bound, which
+        becomes active.  Otherwise the active bound with the most negative multiplier is released.
         """
         problem, matrix = self.problem, self._matrix
         low, high = problem.lower, problem.upper

@@ -19,8 +19,8 @@ class WeightedPseudoInverse(PseudoInverse):
     """The pseudo-inverse with a weight for each rotor, clipped to the bounds.
 
     Before clipping, the thrusts ``W^-1 (Gamma W^-1)^+ u`` are those of least ``|W f|`` that give
-    the wrench, with W the diagonal matrix of the weights: [1]_, Section 6.5.  A rotor with a
-    greater weight is used less.  Lost rotors are left out.
+    the wrench, with W the diagonal matrix of the weights [1]_.  A rotor with a greater weight is
+    used less.  Lost rotors are left out.
 
     Parameters
     ----------
