@@ -48,6 +48,8 @@ class Parameter:
         Each number is in [minimum, maximum], and greater than zero if `positive`.
     choices : tuple of str
         The allowed words; empty if all are.
+    or_class : bool
+        Whether ``module:Class`` is allowed beside the choices.
     mutable : bool
         Whether it can be set on a running node.
     """
@@ -60,12 +62,14 @@ class Parameter:
     maximum: float = inf
     positive: bool = False
     choices: tuple[str, ...] = ()
+    or_class: bool = False
     mutable: bool = False
 
     def range(self) -> str:
         """Return a phrase for the allowed values."""
         if self.choices:
-            return 'one of ' + ', '.join(self.choices)
+            own = ', or module:Class for your own' if self.or_class else ''
+            return f'one of {", ".join(self.choices)}{own}'
         if self.positive:
             return 'positive' if self.maximum == inf else f'in (0, {self.maximum:g}]'
         if self.minimum == -inf and self.maximum == inf:
@@ -73,6 +77,12 @@ class Parameter:
         if self.maximum == inf:
             return f'at least {self.minimum:g}'
         return f'in [{self.minimum:g}, {self.maximum:g}]'
+
+
+def names_class(word: Any) -> bool:
+    """Tell whether a word has the form ``module:Class``."""
+    module, colon, name = str(word).partition(':')
+    return bool(colon) and all(part.isidentifier() for part in (*module.split('.'), name))
 
 
 def check(name: str, value: Any, table: Mapping[str, Parameter]) -> Value:
@@ -98,7 +108,9 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
 
     if parameter.kind is not float:
         if not isinstance(value, parameter.kind) or (
-            parameter.choices and value not in parameter.choices
+            parameter.choices
+            and value not in parameter.choices
+            and not (parameter.or_class and names_class(value))
         ):
             raise wrong()
         return value

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ca_ros import ALLOCATORS, AdmissibleSet, Vehicle, make_allocator
+from ca_ros import AdmissibleSet, Vehicle, make_allocator
 from ca_ros.evaluation.benchmark import benchmark, c_contenders, contenders, loads, timing
 from ca_ros.evaluation.benchmark.benchmark import main
 from ca_ros.evaluation.benchmark.c_contenders import compiled
@@ -25,6 +25,7 @@ from ca_ros.evaluation.benchmark.promises import promise, promises
 from ca_ros.evaluation.benchmark.results import KEY, ratio
 from ca_ros.evaluation.benchmark.setups import SETUPS
 from ca_ros.evaluation.benchmark.timing import PERCENTILES, Key
+from ca_ros.evaluation.cases import PAPER
 from ca_ros.evaluation.environment import THREADS
 from ca_ros.evaluation.judge import Judge, faults
 from ca_ros.evaluation.sampling import gauge
@@ -93,7 +94,7 @@ def text(folder):
 # A whole run
 
 def test_all_contenders_are_measured_on_all_loads(found, results, folder):
-    everybody = {'clipped_pinv', 'careless', *ALLOCATORS, *POLICIES, *INSTALLED}
+    everybody = {'clipped_pinv', 'careless', *PAPER, *POLICIES, *INSTALLED}
     assert set(found['contenders']) == everybody
     assert set(found['loads']) == set(loads.LOADS)
     calls = results.loc['calls']
@@ -500,9 +501,8 @@ def test_the_metrics_of_the_nodes_are_in_the_report(found, monkeypatch):
 def test_a_method_that_does_not_answer_with_thrusts_is_named(own, monkeypatch, capsys):
     (own / 'five.py').write_text("""
 from types import SimpleNamespace
-class Five:
-    def __init__(self, vehicle):
-        pass
+from ca_ros.allocation.pseudo_inverse import PseudoInverse
+class Five(PseudoInverse):
     def allocate(self, u):
         return SimpleNamespace(thrusts=[1.0] * 5)
 """)
@@ -531,7 +531,8 @@ def own(tmp_path, monkeypatch):
 def test_it_starts_itself_anew_with_one_thread(own):
     (own / 'threads.py').write_text(f"""
 import os
-class Threads:
+from ca_ros.allocation.pseudo_inverse import PseudoInverse
+class Threads(PseudoInverse):
     def __init__(self, vehicle):
         raise ValueError(' '.join(os.environ[name] for name in {THREADS}))
 """)

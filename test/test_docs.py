@@ -170,8 +170,8 @@ def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
         python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
         python -m pytest -q -p no:cacheprovider test/test_static_study.py \
             test/test_dynamic_study.py test/test_layering.py -k 'rows or same_seed or contract'
-        static_study --samples 20 --out out/static
-        dynamic_study --duration 1 --out out/dynamic
+        static_study --methods all --samples 20 --out out/static
+        dynamic_study --methods all --duration 1 --out out/dynamic
         bringup --mode lockstep --method mean --duration 1 --waypoint 0 0 0 --heading 0 --out out/f
         benchmark --quick --no-nodes --methods mean --out out/benchmark
         """)

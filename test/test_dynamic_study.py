@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from ca_ros import ALLOCATORS, Vehicle
+from ca_ros import Vehicle
 from ca_ros.evaluation import dynamic_study
-from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.dynamic_study import main
 from ca_ros.evaluation.flight_metrics import judge_samples, metrics
 from ca_ros.evaluation.observations import observe
@@ -60,7 +60,7 @@ def test_the_paper_s_observations_hold(study):
 
 def test_the_metrics_say_what_the_observations_say(study):
     methods = metrics_of(study)['methods']
-    assert set(methods) == set(ALLOCATORS)
+    assert tuple(methods) == PAPER
     error = {name: found['steady_state_error'] for name, found in methods.items()}
     # The thrust is u / (1 + q), so hover takes a height error of q g / k_p.
     assert error['conventional']['z'] == pytest.approx(9.1e-4 * 9.81 / 1.5, abs=1e-4)
@@ -82,8 +82,8 @@ def test_the_rows_are_those_of_the_closed_loop(study):
         rows = list(csv.reader(file))
     assert rows[0][:8] == ['method', 't', 'x', 'y', 'z', 'roll', 'pitch', 'yaw']
     assert rows[0][8:14] == [f'speed_{i}' for i in range(1, 7)]
-    assert [row[0] for row in rows[1::1001]] == list(ALLOCATORS)
-    assert len(rows) == 1 + len(ALLOCATORS) * 1001
+    assert [row[0] for row in rows[1::1001]] == list(PAPER)
+    assert len(rows) == 1 + len(PAPER) * 1001
     case = Case.load('hexarotor')
     for k, name in ((0, 'exact'), (2, 'conventional')):
         flight = fly(

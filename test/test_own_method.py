@@ -5,12 +5,19 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
 
+from ca_ros import ParameterError, Status, make_allocator
 from ca_ros.evaluation import dynamic_study, static_study
+from ca_ros.evaluation.cases import Case
+from ca_ros.nodes.parameters import load
+from strategies import HEXAROTOR
 
 PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'reproduction.md'
-METHODS = 'all,my_methods:Redistributed'
+OWN = 'my_methods:Scaled'
+RESERVE = 'allocation.Scaled.reserve'
 
 
 @pytest.fixture
@@ -26,22 +33,103 @@ def example(tmp_path, monkeypatch):
     sys.modules.pop('my_methods', None)
 
 
+def test_python_has_it(example):
+    # 12 N and 0.24 N m are 2 +- 2 N; the middles are 2.02 N, and the ranges 1.98 N to each side.
+    a = make_allocator(OWN, HEXAROTOR).allocate([12.0, 0.0, 0.0, 0.24])
+    share = 1.98 / 2.02
+    np.testing.assert_allclose(a.thrusts, 2.02 + share * np.array([1.98, -2.02] * 3))
+    assert a.status is Status.INEXACT
+    a = make_allocator(OWN, HEXAROTOR, reserve=0.5).allocate([12.0, 0.0, 0.0, 0.24])
+    assert a.thrusts.min() == pytest.approx(2.02 - 0.99)
+
+
 def test_the_studies_have_it_beside_the_others(example, capsys):
-    command = ['--methods', METHODS, '--samples', '400', '--vehicle', 'hexarotor_ppnnpn']
+    methods = f'paper,{OWN}'
+    command = ['--methods', methods, '--samples', '400', '--vehicle', 'hexarotor_ppnnpn']
     assert static_study.main([*command, '--sampling', 'boundary']) == 0
-    methods = json.loads(Path('static.json').read_text())['methods']
-    assert list(methods)[-1] == 'my_methods:Redistributed'
-    own, exact = methods['my_methods:Redistributed'], methods['exact']
-    # As the page says: better than the pseudo-inverse, and not exact.
-    assert exact['status'] == {'EXACT': 400}
-    assert 0 < own['status']['INEXACT'] < methods['pseudo_inverse']['status']['INEXACT']
-    assert own['force_error']['mean'] < methods['pseudo_inverse']['force_error']['mean']
-    assert 'my_methods:Redistributed' in capsys.readouterr().out
-    assert dynamic_study.main(['--methods', METHODS, '--duration', '1']) == 0
-    assert '\nmy_methods:Redistributed,1.0,' in Path('dynamic.csv').read_text()
+    found = json.loads(Path('static.json').read_text())['methods']
+    assert list(found)[-1] == OWN
+    assert found['exact']['status'] == {'EXACT': 400}
+    # As the page says: it misses the wrench where the pseudo-inverse violates a bound.
+    assert found[OWN]['status'] == found['pseudo_inverse']['status'] == {'INEXACT': 400}
+    assert OWN in capsys.readouterr().out
+    assert dynamic_study.main(['--methods', methods, '--duration', '1']) == 0
+    assert f'\n{OWN},1.0,' in Path('dynamic.csv').read_text()
 
 
-def test_the_nodes_do_not_know_it(example, capsys):
-    assert dynamic_study.main(['--methods', METHODS, '--ros']) == 1
-    message = capsys.readouterr().err
-    assert 'my_methods:Redistributed' in message or 'rclpy' in message
+def test_its_options_are_parameters(example):
+    allocator = Case.load('hexarotor', [f'{RESERVE}:=0.3'], [OWN]).allocator(OWN)
+    np.testing.assert_allclose(allocator.range, 0.7 * 1.98)
+    with pytest.raises(ParameterError, match=rf'{RESERVE}: must be in \[0, 0.9\], got 2'):
+        Case.load('hexarotor', [f'{RESERVE}:=2'], [OWN])
+    with pytest.raises(ParameterError, match=f'{RESERVE}: no such parameter'):
+        Case.load('hexarotor', [f'{RESERVE}:=0.3'])
+    values = load('hexarotor') | {'allocation.method': OWN, RESERVE: 0.1}
+    Path('mine.yaml').write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
+    assert load('mine.yaml') == values
+    values['allocation.Scaled.reserv'] = values.pop(RESERVE)
+    Path('mine.yaml').write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
+    with pytest.raises(ParameterError, match=rf'mine.yaml: .*did you mean {RESERVE}\?'):
+        load('mine.yaml')
+
+
+@pytest.mark.parametrize(('method', 'words'), [
+    ('nowhere:Mine', 'nowhere:Mine: No module named'),
+    ('my_methods:Mine', "my_methods:Mine: .* no attribute 'Mine'"),
+    ('json:loads', 'json:loads: not a class'),
+    ('json:JSONDecoder', 'json:JSONDecoder: expected a subclass of ca_ros.Allocator'),
+    ('ca_ros:Allocator', 'ca_ros:Allocator: the class does not define _allocate'),
+    ('broken:Any', 'broken:Any: division by zero'),
+    ('magic', "no allocation method 'magic'; there are exact, .* and module:Class for your own"),
+])
+def test_what_is_no_method_is_named(example, method, words):
+    Path('broken.py').write_text('1 / 0\n')
+    with pytest.raises(ValueError, match=words):
+        make_allocator(method, HEXAROTOR)
+
+
+# Over ROS
+
+def test_it_flies_over_ros(example, graph, monkeypatch):
+    monkeypatch.setattr(dynamic_study, 'draw', lambda *_: None)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    command = ['--methods', OWN, '-p', f'{RESERVE}:=0.75', '--duration', '1']
+    assert dynamic_study.main([*command, '--out', 'offline']) == 0
+    assert dynamic_study.main([*command, '--ros', '--out', 'ros']) == 0
+    flown = Path('ros', 'dynamic.csv').read_bytes()
+    assert flown == Path('offline', 'dynamic.csv').read_bytes()
+    assert dynamic_study.main(
+        ['--methods', OWN, '--duration', '1', '--out', 'other']) == 0
+    assert flown != Path('other', 'dynamic.csv').read_bytes()
+
+
+def test_bringup_takes_it_and_its_options(example, graph):
+    goal = ('--waypoint', '0', '0', '0', '--heading', '0', '--duration', '0.5', '--out', 'flight')
+    process = graph.start_silent(
+        'bringup', '--mode', 'lockstep', '--method', OWN, *goal,
+        '--ros-args', '-p', f'{RESERVE}:=0.2')
+    out, err = graph.outlive(process)
+    assert process.returncode == 0, out + err
+    wrong = [('--method', 'nowhere:Mine'), ('--method', 'json:loads'), ('--method', 'magic')]
+    for arguments in wrong:
+        process = graph.start_silent('bringup', *arguments)
+        out, err = graph.outlive(process)
+        assert process.returncode == 2
+        assert f'argument --method: {arguments[1]}' in err or 'no allocation method' in err
+
+
+def test_a_running_node_takes_it(example, graph):
+    graph.start(
+        'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'allocation.method:={OWN}',
+        '-p', f'{RESERVE}:=0.2')
+    parameters = graph.connect('allocator')
+    assert parameters.get('allocation.method', RESERVE) == [OWN, 0.2]
+    for values, words in (
+            ({'allocation.method': 'nowhere:Mine'}, 'No module named'),
+            ({RESERVE: 2.0}, f'{RESERVE}: must be in')):
+        [result] = parameters.set(values)
+        assert not result.successful
+        assert words in result.reason
+    for values in ({RESERVE: 0.3}, {'allocation.method': 'exact'}, {'allocation.method': OWN}):
+        [result] = parameters.set(values)
+        assert result.successful, result.reason

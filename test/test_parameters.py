@@ -306,9 +306,10 @@ def test_a_table_is_completed_from_a_file_of_more():
 def test_the_defaults_of_a_method_are_those_of_its_parameters(method):
     options = signature(ALLOCATORS[method]).parameters
     for name, parameter in ALLOCATORS[method].parameters.items():
-        default = ORDER if options[name].default is None else options[name].default
-        groups = [' '.join(group) for group in ORDER]
-        assert parameter.default == (groups if default is ORDER else default)
+        default = options[name].default
+        if default is None:
+            default = [' '.join(group) for group in ORDER]
+        assert parameter.default == (list(default) if isinstance(default, tuple) else default)
         assert check(name, parameter.default, ALLOCATORS[method].parameters) is not None
 
 

@@ -5,15 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.betaflight_mixer import BetaflightMixer
 from ca_ros.allocation.conventional import Conventional
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
+from ca_ros.allocation.own_method import own_class
 from ca_ros.allocation.powerless import Powerless
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
+from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
 from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
+from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
+from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.schema import names_class
 from ca_ros.vehicle.vehicle import Vehicle
 
 ALLOCATORS: dict[str, type[Allocator]] = {
@@ -21,8 +28,31 @@ ALLOCATORS: dict[str, type[Allocator]] = {
     'pseudo_inverse': PseudoInverse,
     'conventional': Conventional,
     'direct': Direct,
+    'weighted_pseudo_inverse': WeightedPseudoInverse,
+    'redistributed_pseudo_inverse': RedistributedPseudoInverse,
+    'weighted_least_squares': WeightedLeastSquares,
+    'sequential_desaturation': SequentialDesaturation,
+    'betaflight_mixer': BetaflightMixer,
 }
-"""The allocation methods by name, in the order of the paper's Table 1."""
+"""The allocation methods by name; the first four in the order of the paper's Table 1."""
+
+
+def method_class(method: str) -> type[Allocator]:
+    """Return the class of a method: a name in `ALLOCATORS`, or ``module:Class`` for one's own.
+
+    Raises
+    ------
+    ValueError
+        If there is no such method, or the class is not a complete subclass of `Allocator`.
+    """
+    if method in ALLOCATORS:
+        return ALLOCATORS[method]
+    if not names_class(method):
+        raise ValueError(
+            f'no allocation method {method!r}; there are {", ".join(ALLOCATORS)}, and '
+            'module:Class for your own'
+        )
+    return own_class(method)
 
 
 def make_allocator(
@@ -40,7 +70,7 @@ def make_allocator(
     Parameters
     ----------
     method : str
-        A name in `ALLOCATORS`.
+        A name in `ALLOCATORS`, or ``module:Class`` for a subclass of `Allocator` of one's own.
     vehicle : Vehicle or AllocationProblem
     lost_axes : 'refuse' or 'drop', optional
         'refuse': raise an error if the vehicle has lost axes or cannot hover.  'drop': leave out
@@ -58,15 +88,14 @@ def make_allocator(
     TypeError
         If the method has no such option.
     """
-    if method not in ALLOCATORS:
-        raise ValueError(f'no allocation method {method!r}; there are {", ".join(ALLOCATORS)}')
+    kind = method_class(method)
     if isinstance(vehicle, Vehicle):
         vehicle = accept(vehicle, lost_axes).problem
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
     if isinstance(vehicle, VehicleProblem) and vehicle.vehicle.powerless:
         return Powerless(vehicle)
-    return ALLOCATORS[method](vehicle, **options)
+    return kind(vehicle, **options)
 
 
 __all__ = [
@@ -77,4 +106,5 @@ __all__ = [
     'Powerless',
     'Status',
     'make_allocator',
+    'method_class',
 ]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ca_ros.allocation import AllocationProblem, Allocator, make_allocator
+from ca_ros.allocation.parameters import prefix
 from ca_ros.problem.prioritization import groups_of
 from ca_ros.schema import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
@@ -26,13 +27,14 @@ def options_from_parameters(parameters: Mapping[str, Any], axes: Sequence[str]) 
     ParameterError
         If the priorities do not name each axis once.
     """
-    prefix = f'allocation.{parameters["allocation.method"]}.'
+    method = str(parameters['allocation.method'])
+    begin = prefix(method)
     options = {
-        name.removeprefix(prefix): value
+        name.removeprefix(begin): value
         for name, value in parameters.items()
-        if name.startswith(prefix)
+        if name.startswith(begin)
     }
-    if 'order' in options:
+    if method == 'exact':
         options['order'] = order_from_parameters(parameters, axes)
     return options
 
@@ -78,4 +80,4 @@ def allocator_from_parameters(
         raise
     except ValueError as error:
         named = any(str(error).startswith(f'{option}:') for option in options)
-        raise ParameterError(f'allocation.{method}.{error}' if named else str(error)) from None
+        raise ParameterError(f'{prefix(method)}{error}' if named else str(error)) from None

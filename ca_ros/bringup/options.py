@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ca_ros.allocation import ALLOCATORS
+from ca_ros.allocation import ALLOCATORS, method_class
 from ca_ros.arguments import full_name, renamed
 from ca_ros.bringup.fault_proxy import remaps
 from ca_ros.bringup.link_faults import FAULTS
@@ -33,8 +33,10 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         '--method',
-        choices=ALLOCATORS,
-        help="allocation method (default: the parameter file's)",
+        type=_method,
+        metavar='METHOD',
+        help=f'allocation method: {", ".join(ALLOCATORS)}, or module:Class for your own '
+        "(default: the parameter file's)",
         default=argparse.SUPPRESS,
     )
     parser.add_argument(
@@ -121,6 +123,14 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 
 def _absolute(namespace: str) -> str:
     return namespace if namespace.startswith('/') else f'/{namespace}'
+
+
+def _method(text: str) -> str:
+    try:
+        method_class(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
 
 
 def _finite(text: str) -> float:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from inspect import signature
 from typing import Any
 
 import numpy as np
 
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
+from ca_ros.allocation.parameters import own_parameters
 from ca_ros.arrays import Array
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
@@ -24,12 +21,15 @@ from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.nodes.parameters import PARAMETERS, load
 from ca_ros.problem.audit import accept, audit
-from ca_ros.schema import ParameterError, complete
+from ca_ros.schema import Parameter, ParameterError, complete, names_class
 from ca_ros.vehicle.files import read_value
 from ca_ros.vehicle.vehicle import Vehicle
 
-BUILT_IN = tuple(ALLOCATORS)
-"""The methods of the package; the first four in the order of Table 1 of the paper."""
+PAPER = ('exact', 'pseudo_inverse', 'conventional', 'direct')
+"""The paper's methods, in the order of its Table 1."""
+
+SETS = {'paper': PAPER, 'all': tuple(ALLOCATORS)}
+"""Words that stand for several methods."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +54,16 @@ class Case:
     changes: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, name: str, changes: Sequence[str] = ()) -> Case:
-        """Read a vehicle's parameter file and apply changes; raise a ParameterError if wrong."""
-        parameters = complete(dict(load(name)) | dict(map(_change, changes)), PARAMETERS)
+    def load(cls, name: str, changes: Sequence[str] = (), methods: Sequence[str] = ()) -> Case:
+        """Read a vehicle's parameter file and apply changes; raise a ParameterError if wrong.
+
+        The parameters are those of a file, and those that one's own `methods` declare.
+        """
+        table = {**PARAMETERS}
+        for method in methods:
+            table |= own_parameters(method)
+        changed = dict(_change(change, table) for change in changes)
+        parameters = complete(dict(load(name)) | changed, table)
         try:
             vehicle = accept(Vehicle.from_parameters(parameters)).vehicle
         except ParameterError as error:
@@ -71,8 +78,9 @@ class Case:
         start with SIGINT ignored.
         """
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        case = cls.load(options.vehicle, options.param)
-        allocators = case.allocators(options.methods)
+        methods = methods_of(options.methods)
+        case = cls.load(options.vehicle, options.param, methods)
+        allocators = {method: case.allocator(method) for method in methods}
         options.out.mkdir(parents=True, exist_ok=True)
         return case, allocators
 
@@ -112,53 +120,40 @@ class Case:
     def allocator(self, method: str, vehicle: Vehicle | None = None) -> Allocator:
         """Return the allocator of a method for a vehicle, by default `self.vehicle`.
 
-        A method is a name, whose options are in the parameters, or ``module:Class`` for a class
-        that takes a vehicle and has ``allocate``. Raises a ValueError if there is no such method.
+        A method is one of `make_allocator`, whose options are in the parameters, or one of
+        `FOR_COMPARISON`.  Raises a ValueError if there is no such method.
         """
         vehicle = vehicle or self.vehicle
-        if method in ALLOCATORS:
-            chosen = {**self.parameters, 'allocation.method': method}
-            options = options_from_parameters(chosen, vehicle.axes)
-            return make_allocator(method, vehicle, **options)
-        kind = FOR_COMPARISON[method] if method in FOR_COMPARISON else _own_class(method)
-        made = kind(vehicle)
-        if not callable(getattr(made, 'allocate', None)):
-            raise ValueError(f'{method}: has no method allocate')
-        return made
-
-    def allocators(self, methods: str) -> dict[str, Allocator]:
-        """Return the allocators of a list such as ``exact,my_module:MyMethod`` by name."""
-        words = [word.strip() for word in methods.split(',')]
-        names = [name for word in words for name in (BUILT_IN if word == 'all' else (word,))]
-        return {name: self.allocator(name) for name in dict.fromkeys(names)}
+        if method in FOR_COMPARISON:
+            return FOR_COMPARISON[method](vehicle)
+        chosen = {**self.parameters, 'allocation.method': method}
+        options = options_from_parameters(chosen, vehicle.axes)
+        return make_allocator(method, vehicle, **options)
 
 
-def _change(text: str) -> tuple[str, Any]:
+def methods_of(text: str) -> list[str]:
+    """Return the methods in a list such as ``paper,my_module:MyMethod``, each once.
+
+    Raises
+    ------
+    ValueError
+        If there is no such method; classes are not imported.
+    """
+    names: list[str] = []
+    for word in (each.strip() for each in text.split(',')):
+        if not (word in SETS or word in ALLOCATORS or word in FOR_COMPARISON or names_class(word)):
+            known = ', '.join([*ALLOCATORS, *FOR_COMPARISON])
+            raise ValueError(
+                f'no method {word!r}; there are {known}, {" and ".join(SETS)} for several, and '
+                'module:Class for your own'
+            )
+        names += SETS.get(word, (word,))
+    return list(dict.fromkeys(names))
+
+
+def _change(text: str, table: Mapping[str, Parameter]) -> tuple[str, Any]:
     name, given, value = text.partition(':=')
-    if not given or name not in PARAMETERS:
+    if not given or name not in table:
         fault = 'no such parameter' if given else 'expected NAME:=VALUE'
         raise ParameterError(f'{name}: {fault}')
     return name, read_value(name, value)
-
-
-def _own_class(method: str) -> type[Allocator]:
-    module, colon, name = method.partition(':')
-    known = ', '.join([*BUILT_IN, *FOR_COMPARISON])
-    if not (colon and all(part.isidentifier() for part in (*module.split('.'), name))):
-        raise ValueError(f'no method {method!r}; there are {known}, and module:Class for your own')
-    if os.getcwd() not in sys.path:
-        # Python finds modules beside an installed script, but not in the working directory.
-        sys.path.append(os.getcwd())
-    try:
-        found: type[Allocator] = getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f'{method}: {error}') from None
-    if not isinstance(found, type):
-        raise ValueError(f'{method}: not a class')
-    if missing := ', '.join(sorted(getattr(found, '__abstractmethods__', ()))):
-        raise ValueError(f'{method}: the class does not define {missing}')
-    try:
-        signature(found).bind(None)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{method}: cannot be made from a vehicle: {error}') from None
-    return found

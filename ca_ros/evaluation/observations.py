@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
-from ca_ros.evaluation.cases import BUILT_IN
+from ca_ros.evaluation.cases import PAPER
 from ca_ros.evaluation.flight_metrics import at_bounds, steady
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
@@ -36,7 +36,7 @@ def observe(
     flights: Mapping[str, Flight], problem: VehicleProblem, waypoint: Waypoint
 ) -> list[Observation]:
     """Return those of the paper's three observations whose methods were flown."""
-    flown = {name: flight for name, flight in flights.items() if name in BUILT_IN}
+    flown = {name: flight for name, flight in flights.items() if name in PAPER}
     made = []
     if 'conventional' in flown:
         made.append(_height(flown, waypoint))

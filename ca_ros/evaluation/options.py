@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from ca_ros.evaluation.cases import BUILT_IN
+from ca_ros.allocation import ALLOCATORS
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.plots import add_option
 
@@ -26,10 +26,10 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     add = made.add_argument
     add('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
     methods = (
-        f'what to compare: {", ".join([*BUILT_IN, *FOR_COMPARISON])}, module:Class for a '
-        f'method of your own, all for the first {len(BUILT_IN)}'
+        f'what to compare: {", ".join([*ALLOCATORS, *FOR_COMPARISON])}, module:Class for a '
+        f"method of your own; paper for the paper's four, all for the first {len(ALLOCATORS)}"
     )
-    add('--methods', default='all', metavar='A,B', help=methods)
+    add('--methods', default='paper', metavar='A,B', help=methods)
     change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
     add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
     add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')

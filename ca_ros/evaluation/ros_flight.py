@@ -14,10 +14,13 @@ import pandas as pd
 import yaml
 
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.allocation.parameters import own_parameters
 from ca_ros.bringup.processes import start
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.nodes.parameters import PARAMETERS
 
 ENDING = 30.0
 """Time that an interrupted flight has to end [s]."""
@@ -32,7 +35,7 @@ def check(methods: Sequence[str]) -> None:
     if find_spec('rclpy') is None:
         raise ValueError('--ros needs ROS 2: there is no rclpy in this Python')
     for method in methods:
-        if method not in ALLOCATORS:
+        if method in FOR_COMPARISON:
             raise ValueError(f'--ros: the nodes have {", ".join(ALLOCATORS)}, but not {method}')
 
 
@@ -45,10 +48,13 @@ def fly_over_ros(
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        parameters = {'/**': {'ros__parameters': case.parameters}}
+        names = {**PARAMETERS, **own_parameters(method)}
+        own = {name: value for name, value in case.parameters.items() if name in names}
+        own['allocation.method'] = method
+        parameters = {'/**': {'ros__parameters': own}}
         (out / 'vehicle.yaml').write_text(yaml.safe_dump(parameters), encoding='utf-8')
         command = [sys.executable, '-m', 'ca_ros.bringup.bringup', '--mode', 'lockstep']
-        command += ['--method', method, '--duration', repr(duration), '--out', folder]
+        command += ['--duration', repr(duration), '--out', folder]
         command += ['--vehicle', str(out / 'vehicle.yaml'), '--waypoint']
         command += [repr(coordinate) for coordinate in waypoint.position.tolist()]
         command += ['--heading', repr(math.degrees(waypoint.heading)), *ros]

@@ -101,7 +101,7 @@ def _draw_slices(admissible: AdmissibleSet, allocators: Mapping[str, Allocator])
         right.set_ylabel(cut.title, rotation=270, va='bottom')
         right.set_yticks([])
     for name, axes in zip(allocators, panels[0], strict=True):
-        axes.set_title(title(name))
+        axes.set_title(title(name, 17))
     outline = Line2D([], [], color='black', linewidth=0.8, label='admissible set')
     commanded = axes.scatter([], [], **COMMANDED, label='commanded')
     legend(head, [outline, commanded, axes.scatter([], [], **ACHIEVED, label='achieved')])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
@@ -46,8 +46,8 @@ class ParameterNode(Node):
         The names of given parameters that are not in `known`.
     """
 
-    declared: ClassVar[Mapping[str, Declared]]
-    known: ClassVar[Mapping[str, Declared]]
+    declared: Mapping[str, Declared]
+    known: Mapping[str, Declared]
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ca_ros.allocation.parameters import ALLOCATION, PRIORITIES
+from ca_ros.allocation.parameters import ALLOCATION, PRIORITIES, own_parameters
 from ca_ros.flight import parameters as flight
 from ca_ros.schema import Parameter, ParameterError, Value, check_given, complete
 from ca_ros.vehicle.files import find, read
@@ -113,7 +113,7 @@ def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
     Returns
     -------
     dict
-        A value for each name in `PARAMETERS`.
+        A value for each name in `PARAMETERS`, and for the parameters of one's own method.
 
     Raises
     ------
@@ -123,7 +123,8 @@ def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
     """
     given = read(vehicle, node)
     try:
-        check_given(given, PARAMETERS)
-        return complete(given, PARAMETERS)
+        table = {**PARAMETERS, **own_parameters(given.get('allocation.method'))}
+        check_given(given, table)
+        return complete(given, table)
     except ParameterError as error:
         raise ParameterError(f'{find(vehicle)}: {error}') from None

@@ -15,12 +15,13 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
+from ca_ros.allocation.parameters import own_parameters
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.nodes.qos import offered, requested
-from ca_ros.nodes.rclpy_internals import RMWError
+from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK
 from ca_ros.problem.audit import Audit, accept
@@ -72,6 +73,15 @@ class VehicleNode(ParameterNode):
     def create_publisher(self, *args: Any, **kwargs: Any) -> Publisher:
         """Create a publisher as rclpy does, but without rclpy's default event handlers."""
         return super().create_publisher(*args, **{'event_callbacks': NO_EVENTS, **kwargs})
+
+    def _declare(self) -> dict[str, Any]:
+        """Declare the parameters, and those of an allocation method of one's own."""
+        method = given_parameters(self).get('allocation.method')
+        own = own_parameters(method.value) if method else {}
+        self.known = {**self.known, **own}
+        if 'allocation.method' in self.declared:
+            self.declared = {**self.declared, **own}
+        return super()._declare()
 
     def destroy_node(self) -> None:
         """Let the node send its last messages (`close`) and destroy it."""

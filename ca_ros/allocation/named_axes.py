@@ -1,0 +1,32 @@
+"""The axes of methods that treat thrust, roll, pitch and yaw differently."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.vehicle.parameters import AXES
+
+
+def check_axes(method: str, problem: AllocationProblem) -> None:
+    """Raise a ValueError unless the axes are those of a multirotor, thrust among them.
+
+    Axes may be missing, because a vehicle that loses rotors can lose its yaw.
+    """
+    strange = [axis for axis in problem.axes if axis not in AXES]
+    if strange or 'thrust' not in problem.axes:
+        fault = f'not {", ".join(strange)}' if strange else 'and needs thrust'
+        raise ValueError(
+            f'{method} is for multirotors: it knows the axes {", ".join(AXES)}, {fault}; '
+            f'this problem has {", ".join(problem.axes)}'
+        )
+
+
+def mixer(problem: AllocationProblem) -> dict[str, Array]:
+    """Return the column (n,) of the pseudo-inverse for each axis: thrust per wrench.
+
+    Rotors that cannot change their thrust, such as lost ones, have zeros.
+    """
+    inverse = np.linalg.pinv(problem.gamma * (problem.half_range > 0.0))
+    return dict(zip(problem.axes, inverse.T, strict=True))

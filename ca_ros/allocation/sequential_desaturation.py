@@ -1,0 +1,179 @@
+"""Sequential desaturation, as in PX4."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.named_axes import check_axes, mixer
+from ca_ros.allocation.result import Allocation
+from ca_ros.arrays import Array, BoolArray
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.schema import Parameter, check
+from ca_ros.vehicle.vehicle import Vehicle
+
+AIRMODES = ('disabled', 'roll_pitch', 'roll_pitch_yaw')
+
+WEAK = 0.2
+"""Rotors whose normalised entry of a mixer column is smaller do not decide how far it is used."""
+
+YAW_MARGIN = 0.15
+"""How far beyond its range a rotor may go before yaw is reduced, as a share of the range."""
+
+FOLD_MIN = 1e-3
+"""Least relief of the worst saturation for which yaw is mixed early, as a share of the range."""
+
+
+class SequentialDesaturation(Allocator):
+    """The pseudo-inverse, desaturated along one axis after the other, as in PX4 [1]_.
+
+    The thrusts of the pseudo-inverse are moved along the column of one axis, as far as reduces the
+    greatest saturations on both sides most.  What saturation remains is clipped.  The airmode
+    decides which axes are used:
+
+    - 'disabled': thrust is reduced, not raised; then roll and pitch are changed.  Yaw is added
+      last and reduced, with a margin beyond the upper bounds; thrust is reduced for the margin.
+    - 'roll_pitch': thrust is raised or reduced, and roll and pitch are kept.  Yaw is added last as
+      above, or at once if it relieves the worst saturation.
+    - 'roll_pitch_yaw': thrust is raised or reduced for roll, pitch and yaw; then yaw is reduced.
+
+    Where yaw is added last, the earlier steps are not taken back.  Then even wrenches that the
+    pseudo-inverse attains may be missed.
+
+    Differences from PX4: here u is a wrench, and the airmode is one of PX4's former parameter
+    MC_AIRMODE, without the limit MC_AIRMODE_LIM between them.  Forces along x and y are mixed
+    like roll and pitch, and never reduced.  Steps for axes that a vehicle has lost are left out.
+
+    Parameters
+    ----------
+    vehicle : Vehicle or AllocationProblem
+        With the axis thrust, and no axes but those of a multirotor.
+    airmode : 'disabled', 'roll_pitch' or 'roll_pitch_yaw'
+
+    Raises
+    ------
+    ValueError
+        If the option or an axis is wrong.
+
+    References
+    ----------
+    .. [1] PX4 Autopilot, ControlAllocationSequentialDesaturation, as of 2026:
+       https://github.com/PX4/PX4-Autopilot/tree/main/src/lib/control_allocation
+    """
+
+    parameters: ClassVar = {
+        'airmode': Parameter(
+            'for which axes thrust may be raised. disabled: none',
+            str,
+            default='disabled',
+            choices=AIRMODES,
+            mutable=True,
+        ),
+    }
+
+    def __init__(self, vehicle: Vehicle | AllocationProblem, airmode: str = 'disabled') -> None:
+        super().__init__(vehicle)
+        check('airmode', airmode, self.parameters)
+        check_axes('sequential_desaturation', self.problem)
+        self.airmode = airmode
+        problem = self.problem
+        self._columns = mixer(problem)
+        self._strong = _strong(self._columns)
+        self._yaw = problem.axes.index('yaw') if 'yaw' in problem.axes else None
+        self._least_relief = FOLD_MIN * 2.0 * problem.half_range.max(initial=0.0)
+        self._base = problem.middle * (problem.half_range == 0.0)
+        self._offset = problem.gamma @ self._base
+
+    def _allocate(self, u: Array) -> Allocation:
+        problem = self.problem
+        wanted = self._desaturated(u - self._offset)
+        thrusts = problem.clip(wanted)
+        violation = float(np.abs(wanted - thrusts).max())
+        return Allocation(problem, u, thrusts, self._status(u, thrusts), violation=violation)
+
+    def _desaturated(self, u: Array) -> Array:
+        """Return the thrusts (n,) before clipping."""
+        columns, yaw = self._columns, self._yaw
+        thrusts = self._base.copy()
+        for row, axis in enumerate(columns):
+            if row != yaw:
+                thrusts += columns[axis] * u[row]
+        twist = 0.0 if yaw is None else float(u[yaw])
+        early = self.airmode == 'roll_pitch_yaw' or (
+            self.airmode == 'roll_pitch' and self._relieves(thrusts, twist)
+        )
+        if early and yaw is not None:
+            thrusts += columns['yaw'] * twist
+        thrusts = self._along('thrust', thrusts, raised=self.airmode != 'disabled')
+        if early:
+            return self._along('yaw', thrusts, limits=sorted((-twist, 0.0)))
+        if self.airmode == 'disabled':
+            thrusts = self._along('pitch', self._along('roll', thrusts))
+        if yaw is None:
+            return thrusts
+        thrusts += columns['yaw'] * twist
+        thrusts = self._along('yaw', thrusts, margin=YAW_MARGIN)
+        return self._along('thrust', thrusts, raised=False)
+
+    def _along(
+        self,
+        axis: str,
+        thrusts: Array,
+        raised: bool = True,
+        limits: list[float] | None = None,
+        margin: float = 0.0,
+    ) -> Array:
+        """Return thrusts moved along the column of an axis, twice, the second time half as far."""
+        if axis not in self._columns:
+            return thrusts
+        low, high = limits or (-np.inf, np.inf)
+        moved = 0.0
+        for share in (1.0, 0.5):
+            gain = share * self._gain(axis, thrusts, margin)
+            if gain > 0.0 and not raised and share == 1.0:
+                return thrusts
+            gain = min(max(gain, low - moved), high - moved)
+            moved += gain
+            thrusts = thrusts + gain * self._columns[axis]
+        return thrusts
+
+    def _gain(self, axis: str, thrusts: Array, margin: float) -> float:
+        """Return the step along an axis that balances the greatest saturations of both signs."""
+        needed = self._needed(axis, thrusts, margin)
+        return float(needed.min(initial=0.0) + needed.max(initial=0.0))
+
+    def _needed(self, axis: str, thrusts: Array, margin: float = 0.0) -> Array:
+        """Return for each rotor that counts the step along an axis that ends its saturation."""
+        strong, problem = self._strong[axis], self.problem
+        low, high = problem.lower[strong], problem.upper[strong]
+        high = high + margin * (high - low)
+        found = thrusts[strong]
+        lacking = np.minimum(np.maximum(found, low), high) - found
+        steps: Array = lacking / self._columns[axis][strong]
+        return steps
+
+    def _relieves(self, thrusts: Array, twist: float) -> bool:
+        """Tell whether yaw reduces the worst saturation, as seen along thrust."""
+        if self._yaw is None:
+            return False
+        scale = np.abs(self._columns['thrust']).mean()
+        with_yaw = thrusts + self._columns['yaw'] * twist
+        worst, relieved = (
+            float(np.abs(self._needed('thrust', found)).max(initial=0.0)) * scale
+            for found in (thrusts, with_yaw)
+        )
+        return relieved < worst - self._least_relief
+
+
+def _strong(columns: dict[str, Array]) -> dict[str, BoolArray]:
+    """Return by axis which rotors count, after PX4's normalisation of the columns."""
+    sizes = {axis: np.abs(column) for axis, column in columns.items()}
+    counts = {axis: max(np.count_nonzero(size), 1) for axis, size in sizes.items()}
+    scales = {axis: size.max() for axis, size in sizes.items()}
+    scales['thrust'] = sizes['thrust'].sum() / counts['thrust']
+    tilt = [axis for axis in ('roll', 'pitch') if axis in columns]
+    for axis in tilt:
+        scales[axis] = max(np.sqrt(2.0 * (sizes[a] ** 2).sum() / counts[a]) for a in tilt)
+    return {axis: (size >= WEAK * scales[axis]) & (size > 0.0) for axis, size in sizes.items()}

@@ -1,0 +1,61 @@
+"""The weighted pseudo-inverse."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.allocation.option_values import per_rotor
+from ca_ros.allocation.pseudo_inverse import PseudoInverse
+from ca_ros.arrays import Array
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.schema import Parameter
+from ca_ros.vehicle.vehicle import Vehicle
+
+
+class WeightedPseudoInverse(PseudoInverse):
+    """The pseudo-inverse with a weight for each rotor, clipped to the bounds.
+
+    Before clipping, the thrusts ``W^-1 (Gamma W^-1)^+ u`` are those of least ``|W f|`` that give
+    the wrench, with W the diagonal matrix of the weights [1]_.  A rotor with a greater weight is
+    used less.  Lost rotors are left out.
+
+    Parameters
+    ----------
+    vehicle : Vehicle or AllocationProblem
+    weights : float or (n,) array
+        The diagonal of W, positive.  If all are equal, the method is `PseudoInverse`.
+
+    Raises
+    ------
+    ValueError
+        If the weights are not 1 or n positive numbers.
+
+    References
+    ----------
+    .. [1] W. Durham, K. A. Bordignon and R. Beck, Aircraft Control Allocation, Wiley, 2017.
+    """
+
+    parameters: ClassVar = {
+        'weights': Parameter(
+            'weight of each rotor in the norm of the thrusts: one number, or one for each rotor',
+            array=True,
+            default=1.0,
+            positive=True,
+            mutable=True,
+        ),
+    }
+
+    def __init__(self, vehicle: Vehicle | AllocationProblem, weights: ArrayLike = 1.0) -> None:
+        super().__init__(vehicle)
+        self.weights = per_rotor('weights', weights, self.problem.n, self.parameters)
+        lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)
+        self.inverse = weighted_inverse(self.problem.gamma * ~lost, self.weights)
+
+
+def weighted_inverse(gamma: Array, weights: Array) -> Array:
+    """Return the matrix (n, m) that maps u to the f of least ``|W f|`` with ``Gamma f = u``."""
+    inverse: Array = np.linalg.pinv(gamma / weights) / weights[:, None]
+    return inverse
