@@ -353,7 +353,7 @@ def test_the_baseline_is_the_formula():
 def in_c():
     """Return the contenders in C for the hexarotor, and what is known about them."""
     admissible = AdmissibleSet(HEXAROTOR)
-    calls, about = compiled(admissible.problem, admissible.center)
+    calls, about = compiled(admissible.problem)
     if not calls:
         pytest.skip(about['absent']['exact'])
     return calls, about
@@ -401,7 +401,7 @@ def test_contenders_in_c_that_are_missing_are_named(name, value, absent, reason,
         pytest.importorskip('daqp')
     monkeypatch.setattr(c_contenders, name, value)
     admissible = AdmissibleSet(HEXAROTOR)
-    calls, about = compiled(admissible.problem, admissible.center)
+    calls, about = compiled(admissible.problem)
     assert absent <= set(about['absent'])
     assert not absent & set(calls)
     assert all(reason in about['absent'][each] for each in absent)

@@ -96,7 +96,7 @@ def run(
     parts = [time_calls(problem, calls, wrenches, *shared)]
     peers = [name for name, each in about.items() if each['kind'] == 'peer']
     rival = fastest(summarize(parts[0]), 'uniform', peers)
-    in_c, about_c = compiled(problem, admissible.center)
+    in_c, about_c = compiled(problem)
     if in_c:
         parts.append(time_calls(problem, in_c, wrenches, *shared, 'C'))
     # The other numbers of rotors and the promises are those of the paper's vehicle.
