@@ -17,6 +17,7 @@ import numpy as np
 from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.arrays import Array
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
@@ -30,6 +31,10 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 BUILT_IN = tuple(ALLOCATORS)
 """The methods of the package; the first four in the order of Table 1 of the paper."""
+
+
+class CaseError(CaRosError):
+    """The vehicle, a parameter or a method of a command line is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +73,14 @@ class Case:
         """Return case and allocators of a command line; make the folder of the results.
 
         From then on SIGINT raises a KeyboardInterrupt, also in a background process, which shells
-        start with SIGINT ignored.
+        start with SIGINT ignored. Raises a CaseError if the command line is wrong.
         """
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        case = cls.load(options.vehicle, options.param)
-        allocators = case.allocators(options.methods)
+        try:
+            case = cls.load(options.vehicle, options.param)
+            allocators = case.allocators(options.methods)
+        except ValueError as error:
+            raise CaseError(str(error)) from None
         options.out.mkdir(parents=True, exist_ok=True)
         return case, allocators
 

@@ -53,6 +53,8 @@ def peer(package: str, build: Callable[..., Call], interface: str, **settings: A
     return Contender('peer', interface, build, package, settings)
 
 
+EXACT = method(partial(make_allocator, 'exact'))
+
 POLICIES = {
     f'exact_{policy}': method(partial(make_allocator, 'exact', policy=policy))
     for policy in ('scale', 'reject')

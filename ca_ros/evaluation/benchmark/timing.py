@@ -10,8 +10,9 @@ from __future__ import annotations
 import gc
 import random
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from time import perf_counter, perf_counter_ns
 from typing import Any, NamedTuple
 
@@ -59,44 +60,38 @@ def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
     size = len(next(iter(wrenches.values())))
     chance, rows, counts = random.Random(seed), [], {}
 
-    def note(
-        key: Key, repetition: int, time: float, single: list[float], answers: list[Any]
-    ) -> None:
+    def note(key: Key, repetition: int, time: float, single: Any, answers: Iterable[Any]) -> None:
         try:
-            worst = tracks[key].judge.worst(answers)
+            worst = tracks[key].judge.worst(list(answers))
         except AnswerError as error:
             raise AnswerError(f'{key.contender}: {error}') from None
         values = np.percentile(single, list(PERCENTILES.values())) / 1e9
         measured = {'time': time, **dict(zip(PERCENTILES, values, strict=True))}
         rows.append({**key._asdict(), 'repetition': repetition, **measured, **worst})
 
-    def turns(keys: list[Key]) -> Iterator[tuple[Key, list[Array]]]:
+    def in_turns(keys: Sequence[Key], work: Callable[[Call, list[Array]], Any]) -> Any:
+        done: dict[Key, list[Any]] = {key: [] for key in keys}
         for start in range(0, size, TURN):
             for key in chance.sample(keys, len(keys)):
                 # The caches hold the data of other contenders: one call before, not timed.
                 tracks[key].call(wrenches[key][start - 1])
-                yield key, wrenches[key][start : start + TURN]
+                done[key].append(work(tracks[key].call, wrenches[key][start : start + TURN]))
+        return done
 
     with without_garbage_collection():
         for key, track in tracks.items():
             # The first calls fill caches and are not timed.
             first, answers = _one_by_one(track.call, wrenches[key])
-            note(key, -1, np.nan, [np.nan], answers)
+            note(key, -1, np.nan, np.nan, answers)
             wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * size)
             counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
         for repetition in _progress(plan.repetitions, tracks):
             part = [key for key in tracks if takes_part(repetition, counts[key], plan.repetitions)]
-            spent = dict.fromkeys(part, 0)
-            single: dict[Key, list[float]] = {key: [] for key in part}
-            given: dict[Key, list[Any]] = {key: [] for key in part}
-            for key, turn in turns(part):
-                spent[key] += _together(tracks[key].call, turn)
-            for key, turn in turns(part):
-                times, answers = _one_by_one(tracks[key].call, turn)
-                single[key] += times
-                given[key] += answers
+            spent, singly = in_turns(part, _together), in_turns(part, _one_by_one)
             for key in part:
-                note(key, repetition, spent[key] / 1e9 / size, single[key], given[key])
+                single, given = zip(*singly[key], strict=True)
+                time = sum(spent[key]) / 1e9 / size
+                note(key, repetition, time, np.concatenate(single), chain(*given))
     return pd.DataFrame(rows)
 
 

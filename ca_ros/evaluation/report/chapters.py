@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.report.markdown import html
 
 Metrics = Mapping[str, Any]
@@ -28,7 +29,7 @@ FAULTS = (AttributeError, LookupError, RecursionError, StopIteration, TypeError,
 """Errors caused by unexpected contents of files."""
 
 
-class ChapterError(ValueError):
+class ChapterError(CaRosError):
     """A folder does not hold the results of its program."""
 
 
