@@ -455,8 +455,7 @@ def test_all_are_asked_the_same_and_every_answer_is_checked(monkeypatch):
     calls = {Key('', '', name, 6): Asked() for name in ('one', 'two')}
     judges = {key: Noted(np.arange(10.0)[:, None]) for key in calls}
     rows = timing.measure(
-        {key: timing.Track(call, judges[key]) for key, call in calls.items()},
-        replace(TINY, repetitions=3, least=3, budget=0.0), seed=0)
+        calls, judges, replace(TINY, repetitions=3, least=3, budget=0.0), seed=0)
     one, two = calls.values()
     assert one.asked == two.asked
     # Once before, then twice a repetition, with the wrench before each of three turns.
@@ -479,10 +478,9 @@ def test_who_is_too_slow_for_all_repetitions_takes_part_in_some_evenly_spread():
         assert part[0] == 0
         gaps = np.diff([*part, 7])
         assert gaps.max() - gaps.min() <= 1
-    answer = np.zeros(3)
+    slow, answer = Key('', '', 'slow', 6), np.zeros(3)
     rows = timing.measure(
-        {Key('', '', 'slow', 6): timing.Track(
-            lambda u: sum(range(20000)) and answer, Noted(np.zeros((5, 1))))},
+        {slow: lambda u: sum(range(20000)) and answer}, {slow: Noted(np.zeros((5, 1)))},
         replace(TINY, repetitions=6, least=2, budget=1e-9), seed=0)
     assert rows['repetition'].tolist() == [-1, 0, 3]
 

@@ -16,7 +16,7 @@ from ca_ros.evaluation.benchmark import loads
 from ca_ros.evaluation.benchmark.contenders import BASELINE, CONTENDERS, EXACT
 from ca_ros.evaluation.benchmark.peers import Call
 from ca_ros.evaluation.benchmark.plan import Plan
-from ca_ros.evaluation.benchmark.timing import Key, Track, measure, rounds
+from ca_ros.evaluation.benchmark.timing import Key, measure, rounds
 from ca_ros.evaluation.judge import Judge
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller
@@ -44,11 +44,9 @@ def time_calls(
     """Return rows of `measure` for each load, wrenches (W, m) [N, N m]."""
     parts = []
     for load, demands in wrenches.items():
-        judge = Judge(problem, demands)
-        tracks = {
-            Key(part, load, name, problem.n): Track(call, judge) for name, call in calls.items()
-        }
-        parts.append(measure(tracks, plan, seed))
+        tracks = {Key(part, load, name, problem.n): call for name, call in calls.items()}
+        judges = dict.fromkeys(tracks, Judge(problem, demands))
+        parts.append(measure(tracks, judges, plan, seed))
     return pd.concat(parts)
 
 
@@ -56,15 +54,19 @@ def time_rotors(plan: Plan, rival: str | None, seed: int) -> pd.DataFrame:
     """Return rows of `measure` of the baseline, `exact` and a peer by number of rotors."""
     contenders = {BASELINE: CONTENDERS[BASELINE], 'exact': EXACT}
     contenders |= {rival: CONTENDERS[rival]} if rival else {}
-    tracks: dict[str, dict[Key, Track]] = {load: {} for load in loads.LOADS}
+    calls: dict[Key, Call] = {}
+    judges: dict[Key, Judge] = {}
     for n in plan.rotors:
         parameters = loads.ring(n)
         problem = AllocationProblem(Vehicle.from_parameters(parameters))
         for load, wrenches in loads.drawn(parameters, problem.vehicle, plan, seed).items():
-            judge = Judge(problem, wrenches)
-            for name, each in contenders.items():
-                tracks[load][Key('rotors', load, name, n)] = Track(each.call(problem), judge)
-    return pd.concat(measure(own, plan, seed) for own in tracks.values())
+            own = {Key('rotors', load, name, n): each for name, each in contenders.items()}
+            calls |= {key: each.call(problem) for key, each in own.items()}
+            judges |= dict.fromkeys(own, Judge(problem, wrenches))
+    return pd.concat(
+        measure({key: calls[key] for key in calls if key.load == load}, judges, plan, seed)
+        for load in loads.LOADS
+    )
 
 
 def time_batches(

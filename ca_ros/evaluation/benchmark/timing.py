@@ -42,27 +42,24 @@ class Key(NamedTuple):
     rotors: int
 
 
-class Track(NamedTuple):
-    """A call, and the judge that has its wrenches; as many wrenches for all in a measurement."""
-
-    call: Call
-    judge: Judge
-
-
-def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
+def measure(
+    calls: Mapping[Key, Call], judges: Mapping[Key, Judge], plan: Plan, seed: int
+) -> pd.DataFrame:
     """Time contenders against each other, in an order that the seed determines.
+
+    The judges have the wrenches of the calls, as many for all.
 
     Returns one row per contender and repetition in which it took part: the fields of `Key`,
     ``repetition`` (-1 for the first pass, which is not timed), ``time`` (the mean of a call) and
     the `PERCENTILES` of single calls [s], and the errors of the answers from `Judge.worst`.
     """
-    wrenches = {key: list(track.judge.demands) for key, track in tracks.items()}
+    wrenches = {key: list(judges[key].demands) for key in calls}
     size = len(next(iter(wrenches.values())))
     chance, rows, counts = random.Random(seed), [], {}
 
     def note(key: Key, repetition: int, time: float, single: Any, answers: Iterable[Any]) -> None:
         try:
-            worst = tracks[key].judge.worst(list(answers))
+            worst = judges[key].worst(list(answers))
         except AnswerError as error:
             raise AnswerError(f'{key.contender}: {error}') from None
         values = np.percentile(single, list(PERCENTILES.values())) / 1e9
@@ -74,19 +71,19 @@ def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
         for start in range(0, size, TURN):
             for key in chance.sample(keys, len(keys)):
                 # The caches hold the data of other contenders: one call before, not timed.
-                tracks[key].call(wrenches[key][start - 1])
-                done[key].append(work(tracks[key].call, wrenches[key][start : start + TURN]))
+                calls[key](wrenches[key][start - 1])
+                done[key].append(work(calls[key], wrenches[key][start : start + TURN]))
         return done
 
     with without_garbage_collection():
-        for key, track in tracks.items():
+        for key, call in calls.items():
             # The first calls fill caches and are not timed.
-            first, answers = _one_by_one(track.call, wrenches[key])
+            first, answers = _one_by_one(call, wrenches[key])
             note(key, -1, np.nan, np.nan, answers)
             wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * size)
             counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
-        for repetition in _progress(plan.repetitions, tracks):
-            part = [key for key in tracks if takes_part(repetition, counts[key], plan.repetitions)]
+        for repetition in _progress(plan.repetitions, calls):
+            part = [key for key in calls if takes_part(repetition, counts[key], plan.repetitions)]
             spent, singly = in_turns(part, _together), in_turns(part, _one_by_one)
             for key in part:
                 single, given = zip(*singly[key], strict=True)
