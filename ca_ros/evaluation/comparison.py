@@ -49,8 +49,8 @@ class PlainOsqp(Allocator):
         self._solver.update_settings(rho=self._rho)
         wanted = np.asarray(self._solve(u).x, dtype=float)
         if not np.isfinite(wanted).all():
-            lowest = self.problem.lower.copy()
-            return Allocation(self.problem, u, lowest, Status.INEXACT, violation=np.inf)
+            rest = self.problem.rest.copy()
+            return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
         thrusts = self.problem.clip(wanted)
         violation = float(np.abs(wanted - thrusts).max())
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)

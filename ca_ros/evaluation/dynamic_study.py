@@ -115,7 +115,7 @@ def _write(
         for name, flight in flights.items()
     }
     # The observations are about the paper's vehicle without failures.
-    problem, checked = AllocationProblem(case.vehicle), paper and not options.fail
+    problem, checked = VehicleProblem(case.vehicle), paper and not options.fail
     observations = list(observe(flights, problem, WAYPOINT)) if checked else []
     found = {
         'vehicle': case.name,

@@ -33,7 +33,7 @@ class Observation(NamedTuple):
 
 
 def observe(
-    flights: Mapping[str, Flight], problem: AllocationProblem, waypoint: Waypoint
+    flights: Mapping[str, Flight], problem: VehicleProblem, waypoint: Waypoint
 ) -> Iterator[Observation]:
     """Yield those of the paper's three observations whose methods were flown."""
     flown = {name: flight for name, flight in flights.items() if name in BUILT_IN}

@@ -18,6 +18,7 @@ from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -95,7 +96,7 @@ LOADS = {
         'the successive commands of the controller in a flight to four waypoints in turn, three '
         'of which are so far away that rotors saturate',
         lambda admissible, gains, rng, plan: flight(
-            admissible.problem.vehicle, gains, plan.flight
+            vehicle_of(admissible.problem), gains, plan.flight
         ),
     ),
 }

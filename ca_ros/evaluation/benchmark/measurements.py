@@ -23,7 +23,7 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import vehicle_of
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 UNIT, UNITS = 1000, 20
@@ -58,7 +58,7 @@ def time_rotors(plan: Plan, rival: str | None, seed: int) -> pd.DataFrame:
     judges: dict[Key, Judge] = {}
     for n in plan.rotors:
         parameters = loads.ring(n)
-        problem = AllocationProblem(Vehicle.from_parameters(parameters))
+        problem = VehicleProblem(Vehicle.from_parameters(parameters))
         for load, wrenches in loads.drawn(parameters, problem.vehicle, plan, seed).items():
             own = {Key('rotors', load, name, n): each for name, each in contenders.items()}
             calls |= {key: each.call(problem) for key, each in own.items()}
@@ -130,7 +130,7 @@ def time_flights(
     The baseline's time is that of `UNIT` calls on wrenches (W, m) [N, N m].
     """
     problem = allocator.problem
-    loop = controller, allocator, RigidBody(problem.vehicle)
+    loop = controller, allocator, RigidBody(controller.vehicle)
     flight = partial(fly, *loop, loads.WAYPOINTS[0], plan.duration, loads.TIME_STEP)
     call = CONTENDERS[BASELINE].call(problem)
     units = [wrenches[i % len(wrenches)] for i in range(UNIT)] * UNITS
