@@ -63,8 +63,8 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp('benchmark')
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(benchmark, 'QUICK', TINY)
-        patch.setitem(CONTENDERS, 'careless', contenders.peer('json', careless, '', speed='high'))
-        patch.setitem(CONTENDERS, 'absent', contenders.peer('no_such_solver', absent, ''))
+        patch.setitem(CONTENDERS, 'careless', contenders.peer('json', careless, speed='high'))
+        patch.setitem(CONTENDERS, 'absent', contenders.peer('no_such_solver', absent))
         assert main(['--quick', '--no-nodes', '--out', str(out)]) == 0
     return out
 

@@ -85,7 +85,7 @@ def _fly(
 ) -> dict[str, Flight]:
     """Return the flights by method; after Ctrl-C those that are complete."""
     flights = {}
-    bar = tqdm(allocators.items(), unit=' flights', disable=not sys.stderr.isatty())
+    bar = tqdm(allocators.items(), unit=' flights', disable=None)
     try:
         for name, allocator in bar:
             if options.ros:

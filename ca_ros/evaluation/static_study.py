@@ -83,8 +83,9 @@ def run(
     admissible, total = AdmissibleSet(case.vehicle), options.samples
     batch, drawn = total > SINGLE_MAX, (options.sampling, options.seed)
     size = BATCH if batch else CHUNK
-    parts, silent = [], not sys.stderr.isatty()
-    bar = tqdm(range(0, total, size), unit=' samples', unit_scale=size, disable=silent)
+    parts = []
+    # Without a terminal no bar is shown.
+    bar = tqdm(range(0, total, size), unit=' samples', unit_scale=size, disable=None)
     try:
         # The first call of a method fills its caches and is not timed.
         for allocator in () if batch else allocators.values():

@@ -30,13 +30,8 @@ COMPILERS = ('cc', 'gcc', 'clang')
 OPTIONS = ['-std=c99', '-O3', '-ffp-contract=off', '-fPIC', '-shared', '-Wl,-Bsymbolic']
 """Those of setup.py; with -Bsymbolic the code calls its own OSQP, not the Python package's."""
 
-INTERFACES = {
-    'clipped_pinv': 'a product with a constant matrix, then comparisons',
-    'exact': 'ca_allocate, prioritize',
-    'daqp_reused': 'daqp_update_ldp of the bounds, then daqp_solve in the same workspace',
-    'osqp': 'osqp_update_data_vec, then osqp_solve, generated code with default settings',
-}
-"""The contenders by name, with what a call does."""
+NAMES = ('clipped_pinv', 'exact', 'daqp_reused', 'osqp')
+"""The contenders, functions of `contenders.c`."""
 
 DAQP = '0.11.0'
 """The version of DAQP whose structures `contenders.c` knows."""
@@ -88,12 +83,12 @@ def compiled(problem: AllocationProblem) -> tuple[dict[str, Compiled], dict[str,
     calls : dict
         The contenders by name.
     about : dict
-        What benchmark.json has about them: ``contenders``, what a call does, by name; ``absent``,
-        why others are missing, by name; ``clock``, the time of a call that does nothing, timed
+        What benchmark.json has about them: ``contenders``, their names; ``absent``, why others
+        are missing, by name; ``clock``, the time of a call that does nothing, timed
         alone [s]; ``compiler`` and its options.
     """
     absent: dict[str, str] = {}
-    about: dict[str, Any] = {'contenders': {}, 'absent': absent}
+    about: dict[str, Any] = {'contenders': [], 'absent': absent}
     with TemporaryDirectory() as folder:
         try:
             generated = ['-DWITH_OSQP', *osqp_code(problem, Path(folder) / 'osqp')]
@@ -102,14 +97,14 @@ def compiled(problem: AllocationProblem) -> tuple[dict[str, Compiled], dict[str,
         try:
             library, about['compiler'] = _build(problem, generated, Path(folder))
         except Missing as error:
-            return {}, about | {'absent': dict.fromkeys(INTERFACES, str(error))}
+            return {}, about | {'absent': dict.fromkeys(NAMES, str(error))}
     if fault := library.set_up():
         raise RuntimeError(f'ca_set_up: fault {fault}')
     try:
         _set_up_daqp(library, problem)
     except (Missing, ImportError) as error:
         absent['daqp_reused'] = str(error)
-    about['contenders'] = {name: own for name, own in INTERFACES.items() if name not in absent}
+    about['contenders'] = [name for name in NAMES if name not in absent]
     calls = {name: Compiled(library, name, problem.n) for name in about['contenders']}
     times, _ = Compiled(library, 'nothing', problem.n).one_by_one([problem.center] * 1000)
     return calls, about | {'clock': float(np.median(times)) / 1e9}

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gc
 import random
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -148,7 +147,7 @@ def rounds(
 
 def _progress(repetitions: int, keys: Iterable[Key]) -> Iterable[int]:
     """Count repetitions; show their progress on a terminal."""
-    return tqdm(range(repetitions), desc=next(iter(keys)).part, disable=not sys.stderr.isatty())
+    return tqdm(range(repetitions), desc=next(iter(keys)).part, disable=None)
 
 
 @contextmanager
