@@ -30,9 +30,7 @@ def promises(found: Mapping[str, Any], rows: pd.DataFrame) -> list[dict[str, Any
     return [promise(*each) for each in _limits(found, rows)]
 
 
-def promise(
-    what: str, limit: float, measured: Measured, at_least: bool = False
-) -> dict[str, Any]:
+def promise(what: str, limit: float, measured: Measured, at_least: bool = False) -> dict[str, Any]:
     """Return a promise as in benchmark.json; of several cases the worst is named."""
     if isinstance(measured, Mapping):
         known = {case: value for case, value in measured.items() if value is not None}
