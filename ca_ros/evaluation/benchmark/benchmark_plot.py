@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ca_ros.evaluation.benchmark.contenders import BASELINE
+from ca_ros.evaluation.benchmark.loads import LOADS
 from ca_ros.evaluation.plot_style import title
 from ca_ros.flight.plots import COLORS, DASHED, STYLE
 
-MARKERS = {'uniform': 'o', 'boundary': 's', 'flight': '^'}
-LINES = {'uniform': '--', 'boundary': ':', 'flight': '-'}
+MARKERS = dict(zip(LOADS, 'os^vD', strict=False))
+LINES = dict(zip(LOADS, ('--', ':', '-', '-.', (0, (6, 1, 1, 1))), strict=False))
 ABOVE: dict[str, Any] = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0)}
 
 
