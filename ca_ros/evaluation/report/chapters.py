@@ -24,7 +24,7 @@ WIDE = ('slices', 'violations', 'position', 'failure', 'benchmark')
 FACTS = ('seed', 'versions', 'machine', 'environment')
 """Keys of the JSON files on which a result depends, beside the parameters."""
 
-FAULTS = (AttributeError, LookupError, RecursionError, StopIteration, TypeError, ValueError)
+FAULTS = (AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """Errors caused by unexpected contents of files."""
 
 
@@ -61,7 +61,8 @@ def _benchmark_tiles(found: Metrics) -> Tiles:
 
 def _first(found: Metrics) -> tuple[str, Any]:
     """Return the method that the tiles are about: exact, or else the first."""
-    name = 'exact' if 'exact' in found['methods'] else next(iter(found['methods']))
+    first, *_ = found['methods']
+    name = 'exact' if 'exact' in found['methods'] else first
     return name, found['methods'][name]
 
 
