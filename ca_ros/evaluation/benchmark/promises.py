@@ -18,7 +18,7 @@ from ca_ros.evaluation.tables import number
 UNIT = 'in units of the clipped pseudo-inverse'
 OVER = 'of the node over that of an echo node'
 
-Measured = float | None | Mapping[str, float | None]
+_Measured = float | None | Mapping[str, float | None]
 """A value, or the values of some cases, of which the greatest counts; None if not measured."""
 
 
@@ -30,7 +30,9 @@ def promises(found: Mapping[str, Any], rows: pd.DataFrame) -> list[dict[str, Any
     return [promise(*each) for each in _limits(found, rows)]
 
 
-def promise(what: str, limit: float, measured: Measured, at_least: bool = False) -> dict[str, Any]:
+def promise(
+    what: str, limit: float, measured: _Measured, at_least: bool = False
+) -> dict[str, Any]:
     """Return a promise as in benchmark.json; of several cases the worst is named."""
     if isinstance(measured, Mapping):
         known = {case: value for case, value in measured.items() if value is not None}
@@ -48,6 +50,7 @@ def _limits(found: Mapping[str, Any], rows: pd.DataFrame) -> Iterator[tuple[Any,
     compare = partial(ratio, rows)
 
     def over(other: str, load: str, name: str = 'exact', part: str = 'calls', n: int = 6) -> Any:
+        """Return the time of a contender over that of another one."""
         return compare(Key(part, load, name, n), Key(part, load, other, n))
 
     yield f'`exact` on a flight, {UNIT}', 1.0, over(BASELINE, 'flight')
