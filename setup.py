@@ -38,7 +38,7 @@ setup(
     packages=find_packages(include=[package, f'{package}.*']),
     package_data={
         package: [
-            'py.typed', 'evaluation/benchmark/*.c', 'evaluation/report/page.html',
+            'py.typed', 'evaluation/benchmark/*.c', 'evaluation/templates/*',
             'firmware/templates/*', 'kernel/*.[ch]',
         ],
     },

@@ -18,19 +18,15 @@ from pathlib import Path
 from shutil import which
 
 import numpy as np
-import osqp
 from marks import filled
-from scipy import sparse
 
 import ca_ros
-from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
+from ca_ros.evaluation.benchmark.c_code import header, osqp_code
 from ca_ros.evaluation.benchmark.loads import boundary
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.evaluation.tables import table
-from ca_ros.firmware.literals import braced
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.prioritization import ORDER, REVERSAL, groups_of, sensed
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
@@ -88,51 +84,10 @@ def wrenches(problem: AllocationProblem, kind: str, size: int, seed: int = 0) ->
     return drawn.astype(np.float32)
 
 
-def data(problem: AllocationProblem) -> str:
-    """Return the header with the vehicle's numbers and the default options."""
-    axes, n, m = problem.axes, problem.n, len(problem.axes)
-    groups = groups_of(ORDER, axes)
-    keeps = sensed(groups, REVERSAL)
-    options = (
-        f'{int(Status.PRIORITIZED)}',
-        braced([axes.index(axis) for group in groups for axis in group]),
-        braced([i for i, group in enumerate(groups) for _ in group]),
-        braced([int(axis in keeps) for axis in axes]),
-        braced(problem.hover, 'single'),
-        '0',
-        '1e-9f',
-    )
-    arrays = {
-        f'matrix[{m}][{n}]': problem.gamma,
-        f'inverse[{n}][{m}]': np.linalg.pinv(problem.gamma),
-        f'lower[{n}]': problem.lower,
-        f'upper[{n}]': problem.upper,
-    }
-    lines = [
-        f'static const float {name} __attribute__((unused)) = '
-        + braced(np.ravel(values), 'single')
-        + ';'
-        for name, values in arrays.items()
-    ]
-    return '\n'.join([*lines, f'#define OPTIONS {{{", ".join(options)}}}', ''])
-
-
-def generate_osqp(problem: AllocationProblem, folder: Path) -> list[str]:
-    """Write OSQP's embedded code for Eqs. (20)-(22); return its sources and include options."""
-    n, start = problem.n, problem.center
-    rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n)]))
-    ends = (np.concatenate([start, bounds]) for bounds in (problem.lower, problem.upper))
-    solver = osqp.OSQP()
-    solver.setup(sparse.identity(n, format='csc'), np.zeros(n), rows, *ends, verbose=False)
-    solver.codegen(str(folder), parameters='vectors', use_float=True, force_rewrite=True)
-    sources = [folder / 'workspace.c', *folder.glob('src/*.c')]
-    includes = (folder, folder / 'inc' / 'public', folder / 'inc' / 'private')
-    return [*map(str, sources), *(f'-I{path}' for path in includes)]
-
-
 def build(problem: AllocationProblem, method: str, kernel: Path, folder: Path) -> Path:
     """Compile a method for a vehicle; return the program."""
-    (folder / 'data.h').write_text(data(problem), encoding='utf-8')
+    numbers = header(problem, 'single', 'static const __attribute__((unused))')
+    (folder / 'data.h').write_text(numbers, encoding='utf-8')
     parts = [f'-I{folder}', f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
     if method == 'kernel':
         parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{kernel}']
@@ -143,7 +98,7 @@ def build(problem: AllocationProblem, method: str, kernel: Path, folder: Path) -
             subprocess.run(command, check=True)
         parts += map(str, objects)
     elif method == 'osqp':
-        parts += ['-DCOUNT_OSQP', *generate_osqp(problem, folder / 'osqp')]
+        parts += ['-DCOUNT_OSQP', *osqp_code(problem, folder / 'osqp', use_float=True)]
     program = folder / f'{method}.elf'
     subprocess.run(
         [COMPILER, *FLAGS, str(PROGRAM), *parts, '-lm', '-o', str(program)], check=True

@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 import osqp
-import scipy.sparse
 
 from ca_ros import AdmissibleSet, Vehicle, make_allocator
+from ca_ros.allocation.osqp_program import osqp_program
 
 VEHICLE = Vehicle.load(sys.argv[1] if len(sys.argv) > 1 else 'hexarotor')
 ADMISSIBLE = AdmissibleSet(VEHICLE)
@@ -17,20 +17,13 @@ LOW, HIGH = VEHICLE.thrust_min, VEHICLE.thrust_max
 
 def plain_osqp(**settings):
     """Return OSQP on Eqs. (20)-(22), set up once: a function from a wrench to thrusts, or None."""
-    n = VEHICLE.n
-    rows = scipy.sparse.csc_matrix(np.vstack([GAMMA, np.eye(n)]))
-    solver = osqp.OSQP()
-    zero = np.zeros(len(GAMMA))
-    solver.setup(
-        scipy.sparse.identity(n, format='csc'), np.zeros(n), rows,
-        np.concatenate([zero, LOW]), np.concatenate([zero, HIGH]), verbose=False, **settings)
+    _, solve = osqp_program(ADMISSIBLE.problem, **settings)
 
-    def solve(u):
-        solver.update(l=np.concatenate([u, LOW]), u=np.concatenate([u, HIGH]))
-        answer = solver.solve()
-        return answer.x if answer.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None
+    def answer(u):
+        found = solve(u)
+        return found.x if found.info.status_val == osqp.SolverStatus.OSQP_SOLVED else None
 
-    return solve
+    return answer
 
 
 def exact(**options):

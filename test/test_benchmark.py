@@ -64,8 +64,8 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp('benchmark')
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(benchmark, 'QUICK', TINY)
-        patch.setitem(CONTENDERS, 'careless', contenders.peer('json', careless, '', speed='high'))
-        patch.setitem(CONTENDERS, 'absent', contenders.peer('no_such_solver', absent, ''))
+        patch.setitem(CONTENDERS, 'careless', contenders.peer('json', careless, speed='high'))
+        patch.setitem(CONTENDERS, 'absent', contenders.peer('no_such_solver', absent))
         assert main(['--quick', '--no-nodes', '--out', str(out)]) == 0
     return out
 
@@ -151,21 +151,28 @@ def test_promises_are_judged_by_the_rows_of_the_run(found, rows, results):
     assert sum('latency' in what for what in by_name) == 2
 
 
+def nodes(late, ratios):
+    """Return metrics of nodes, of which the allocator answers some commands late."""
+    echo = {'p50': 1e-4, 'p99': 2e-4, 'p99.9': 3e-4, 'late': 0, 'sent': 2000, 'answered': 1999}
+    rate = {'allocator': echo | {'late': late}, 'echo': echo, 'ratio': ratios}
+    return {
+        'rates': {'250': rate, '1000': rate}, 'settings': {'block': 2.0},
+        'sustained': {'allocator': 900.0, 'echo': 1000.0, 'ratio': 0.9}}
+
+
 def test_what_is_missed_is_shown_as_missed(found, rows):
     rows.loc[(rows['part'] == 'calls') & (rows['contender'] == 'exact'), 'time'] = 1.0
-    found['node'] = {
-        'rates': {'250': {'ratio': {'p50': 1.04, 'p99': 1.2}},
-                  '1000': {'allocator': {'late': 1, 'sent': 2000},
-                           'echo': {'late': 0, 'sent': 2000}}},
-        'sustained': {'ratio': 0.9}}
+    found['node'] = nodes(late=1, ratios={'p50': 1.04, 'p99': 1.2})
     found['promises'] = promises(found, rows)
     met = [each['met'] for each in found['promises']]
     assert met[0] is False
     assert met[-5:-1] == [True, False, True, True]
+    assert promise('', 1.0, {'one': 0.9, 'two': 1.1, 'three': None}) == {
+        'what': ' (worst: two)', 'limit': 1.0, 'measured': 1.1, 'at_least': False, 'met': False}
     assert promise('', 1.0, 1.0)['met']
     assert promise('', 1.0, 1.0, at_least=True)['met']
-    summary = benchmark.summary(found)
-    assert re.search(r'`exact` on a flight, .* at most 1 \| \d+ \| \*\*missed', summary)
+    text = benchmark.document(found)
+    assert re.search(r'`exact` on a flight, .* at most 1 \| \d+ \| \*\*missed', text)
 
 
 def test_a_fast_wrong_answer_is_marked_and_never_the_rival(found, results, text):
@@ -354,7 +361,7 @@ def test_the_baseline_is_the_formula():
 def in_c():
     """Return the contenders in C for the hexarotor, and what is known about them."""
     admissible = AdmissibleSet(HEXAROTOR)
-    calls, about = compiled(admissible.problem, admissible.center)
+    calls, about = compiled(admissible.problem)
     if not calls:
         pytest.skip(about['absent']['exact'])
     return calls, about
@@ -402,7 +409,7 @@ def test_contenders_in_c_that_are_missing_are_named(name, value, absent, reason,
         pytest.importorskip('daqp')
     monkeypatch.setattr(c_contenders, name, value)
     admissible = AdmissibleSet(HEXAROTOR)
-    calls, about = compiled(admissible.problem, admissible.center)
+    calls, about = compiled(admissible.problem)
     assert absent <= set(about['absent'])
     assert not absent & set(calls)
     assert all(reason in about['absent'][each] for each in absent)
@@ -449,8 +456,7 @@ def test_all_are_asked_the_same_and_every_answer_is_checked(monkeypatch):
     calls = {Key('', '', name, 6): Asked() for name in ('one', 'two')}
     judges = {key: Noted(np.arange(10.0)[:, None]) for key in calls}
     rows = timing.measure(
-        {key: timing.Track(call, judges[key]) for key, call in calls.items()},
-        replace(TINY, repetitions=3, least=3, budget=0.0), seed=0)
+        calls, judges, replace(TINY, repetitions=3, least=3, budget=0.0), seed=0)
     one, two = calls.values()
     assert one.asked == two.asked
     # Once before, then twice a repetition, with the wrench before each of three turns.
@@ -473,24 +479,20 @@ def test_who_is_too_slow_for_all_repetitions_takes_part_in_some_evenly_spread():
         assert part[0] == 0
         gaps = np.diff([*part, 7])
         assert gaps.max() - gaps.min() <= 1
-    answer = np.zeros(3)
+    slow, answer = Key('', '', 'slow', 6), np.zeros(3)
     rows = timing.measure(
-        {Key('', '', 'slow', 6): timing.Track(
-            lambda u: sum(range(20000)) and answer, Noted(np.zeros((5, 1))))},
+        {slow: lambda u: sum(range(20000)) and answer}, {slow: Noted(np.zeros((5, 1)))},
         replace(TINY, repetitions=6, least=2, budget=1e-9), seed=0)
     assert rows['repetition'].tolist() == [-1, 0, 3]
 
 
 # The nodes
 
-def test_the_metrics_of_the_nodes_are_in_the_report(found, monkeypatch):
-    kind = {'p50': 1e-4, 'p99': 2e-4, 'p99.9': 3e-4, 'late': 0, 'sent': 9, 'answered': 9}
-    rate = {'allocator': kind, 'echo': kind, 'ratio': {'p50': 1.0, 'p99': 1.0}}
-    found['node'] = {
-        'rates': {'250': rate, '1000': rate}, 'settings': {'block': 2.0},
-        'sustained': {'allocator': 900.0, 'echo': 1000.0, 'ratio': 0.9}}
+def test_the_metrics_of_the_nodes_are_in_the_report(found):
+    found['node'] = nodes(late=3, ratios={'p50': 1.0, 'p99': 1.0})
     text = benchmark.document(found)
-    assert '| 250 Hz, allocator | 100 | 200 | 300 | 0 | 9 of 9 |' in text
+    assert '| 250 Hz, allocator | 100 | 200 | 300 | 3 | 1999 of 2000 |' in text
+    assert '| 250 Hz, echo | 100 | 200 | 300 | 0 | 1999 of 2000 |' in text
     assert 'Highest sustained rate: 900 Hz, echo 1000 Hz, ratio 0.9.' in text
     found['node'] = {'error': 'the echo ended'}
     assert '**Not measured: the echo ended.**' in benchmark.document(found)
@@ -560,7 +562,7 @@ class Ready(PseudoInverse):
         process.send_signal(signal.SIGINT)
         _, err = process.communicate()
     assert process.returncode == 130
-    assert err == 'benchmark: interrupted; nothing is written\n'
+    assert err == 'benchmark: interrupted\n'
     assert list((own / 'out').iterdir()) == []
 
 

@@ -27,19 +27,11 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help=about,
         description=f'Say {about}. The exit code is 1 if the nodes would refuse the vehicle.',
     )
-    parser.add_argument('vehicle', help='a shipped vehicle or a parameter file')
-    parser.add_argument(
-        '--fail',
-        metavar='ROTOR,...',
-        default=argparse.SUPPRESS,
-        help='rotors that are lost already, counted from 1',
-    )
-    parser.add_argument(
-        '--health',
-        metavar='SHARE,...',
-        default=argparse.SUPPRESS,
-        help="health of each rotor in [0, 1], or one for all (default: the file's)",
-    )
+    add = parser.add_argument
+    add('vehicle', help='a shipped vehicle or a parameter file')
+    add('--fail', metavar='ROTOR,...', help='rotors that are lost already, counted from 1')
+    health = "health of each rotor in [0, 1], or one for all (default: the file's)"
+    add('--health', metavar='SHARE,...', help=health)
     parser.set_defaults(run=run)
 
 
@@ -48,10 +40,10 @@ def run(options: argparse.Namespace) -> int:
     try:
         load(options.vehicle)
         vehicle = Vehicle.load(options.vehicle)
-        if 'health' in options:
+        if options.health is not None:
             health = _numbers('--health', options.health, float)
             vehicle = vehicle.with_health(health[0] if len(health) == 1 else health)
-        if 'fail' in options:
+        if options.fail is not None:
             vehicle = without(vehicle, _numbers('--fail', options.fail, int))
         least, most = lift(vehicle)
         print(
@@ -75,51 +67,42 @@ def without(vehicle: Vehicle, rotors: Sequence[int]) -> Vehicle:
     ParameterError
         If there is no such rotor.
     """
-    health = np.array(vehicle.health)
     for rotor in rotors:
         if not 1 <= rotor <= vehicle.n:
             raise ParameterError(f'--fail: expected rotors 1 to {vehicle.n}, got {rotor}')
-        health[rotor - 1] = 0.0
-    return vehicle.with_health(health)
+    lost = np.isin(np.arange(1, vehicle.n + 1), rotors)
+    return vehicle.with_health(np.where(lost, 0.0, vehicle.health))
 
 
 def table(vehicle: Vehicle) -> str:
     """Return a table of what a vehicle can command, as it is and without each of its rotors."""
+    left = np.flatnonzero(vehicle.health > 0.0) + 1
+    cases = {'none': vehicle, **{f'rotor {i}': without(vehicle, [i]) for i in left.tolist()}}
     rows = [
-        (
-            'failed',
-            'lost axes',
-            'hover margin [N, N m]',
-            *(f'{axis} [{unit(axis)}]' for axis in vehicle.axes),
-        ),
-        ('none', *_row(audit(vehicle), vehicle.axes)),
+        ['failed', 'lost axes', 'hover margin [N, N m]'],
+        *([failed, *_row(audit(case), vehicle.axes)] for failed, case in cases.items()),
     ]
-    rows += [
-        (f'rotor {i + 1}', *_row(audit(without(vehicle, [i + 1])), vehicle.axes))
-        for i in np.flatnonzero(vehicle.health > 0.0).tolist()
-    ]
+    rows[0] += [f'{axis} [{unit(axis)}]' for axis in vehicle.axes]
     # The last entry of a row may be a sentence, and does not widen its column.
-    padded = [row[:-1] for row in rows]
-    widths = [max(len(word) for word in column) for column in zip_longest(*padded, fillvalue='')]
+    columns = zip_longest(*(row[:-1] for row in rows), fillvalue='')
+    widths = [max(map(len, column)) for column in columns]
     return '\n'.join(
-        '  '.join([f'{word:{width}}' for word, width in zip(row, widths, strict=False)] + [last])
-        for row, last in zip(padded, (row[-1] for row in rows), strict=True)
+        '  '.join(f'{word:{width}}' for word, width in zip(row[:-1], widths, strict=False))
+        + f'  {row[-1]}'
+        for row in rows
     )
 
 
-def _row(report: Audit, axes: Sequence[str]) -> tuple[str, ...]:
+def _row(report: Audit, axes: Sequence[str]) -> list[str]:
     lost = ', '.join(report.lost) or '-'
     if not report.keeps_hovering:
-        return lost, report.why_no_hover()
-    ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
-    return lost, _margin(report), *ends
-
-
-def _margin(report: Audit) -> str:
+        return [lost, report.why_no_hover()]
     try:
-        return f'{report.kept_hover_margin:.3g}'
+        margin = f'{report.kept_hover_margin:.3g}'
     except ValueError:
-        return 'too many rotors'
+        margin = 'too many rotors'
+    ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
+    return [lost, margin, *ends]
 
 
 def _numbers(option: str, text: str, kind: Callable[[str], Number]) -> list[Number]:

@@ -14,6 +14,7 @@ from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.allocation.parameters import own_parameters
 from ca_ros.arrays import Array
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
@@ -30,6 +31,10 @@ PAPER = ('exact', 'pseudo_inverse', 'conventional', 'direct')
 
 SETS = {'paper': PAPER, 'all': tuple(ALLOCATORS)}
 """Words that stand for several methods."""
+
+
+class CaseError(CaRosError):
+    """The vehicle, a parameter or a method of a command line is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +80,15 @@ class Case:
         """Return case and allocators of a command line; make the folder of the results.
 
         From then on SIGINT raises a KeyboardInterrupt, also in a background process, which shells
-        start with SIGINT ignored.
+        start with SIGINT ignored. Raises a CaseError if the command line is wrong.
         """
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        methods = methods_of(options.methods)
-        case = cls.load(options.vehicle, options.param, methods)
-        allocators = {method: case.allocator(method) for method in methods}
+        try:
+            methods = methods_of(options.methods)
+            case = cls.load(options.vehicle, options.param, methods)
+            allocators = {method: case.allocator(method) for method in methods}
+        except ValueError as error:
+            raise CaseError(str(error)) from None
         options.out.mkdir(parents=True, exist_ok=True)
         return case, allocators
 

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ca_ros.allocation import Allocation, Allocator, Status
+from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
 from ca_ros.vehicle.vehicle import Vehicle
@@ -37,36 +38,19 @@ class PlainOsqp(Allocator):
     def __init__(self, vehicle: Vehicle) -> None:
         super().__init__(vehicle)
         try:
-            import osqp
-            import scipy.sparse
+            settings = {'warm_starting': False, **self.SETTINGS}
+            self._solver, self._solve = osqp_program(self.problem, **settings)
         except ImportError:
             raise ValueError('plain OSQP needs the package osqp (pip install osqp)') from None
-        n = self.problem.n
-        self._solver = osqp.OSQP()
-        self._solver.setup(
-            scipy.sparse.identity(n, format='csc'),
-            np.zeros(n),
-            scipy.sparse.csc_matrix(np.vstack([self.problem.gamma, np.eye(n)])),
-            *self._bounds(self.problem.reference),
-            verbose=False,
-            warm_starting=False,
-            **self.SETTINGS,
-        )
         self._rho = float(self._solver.settings.rho)
 
-    def _bounds(self, u: Array) -> tuple[Array, Array]:
-        return np.concatenate([u, self.problem.lower]), np.concatenate([u, self.problem.upper])
-
     def _allocate(self, u: Array) -> Allocation:
-        lower, upper = self._bounds(u)
         # OSQP adapts rho and keeps it: the answer would depend on the wrenches before this one.
         self._solver.update_settings(rho=self._rho)
-        self._solver.update(l=lower, u=upper)
-        wanted = np.asarray(self._solver.solve(raise_error=False).x, dtype=float)
+        wanted = np.asarray(self._solve(u).x, dtype=float)
         if not np.isfinite(wanted).all():
-            return Allocation(
-                self.problem, u, self.problem.rest.copy(), Status.INEXACT, violation=np.inf
-            )
+            rest = self.problem.rest.copy()
+            return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
         thrusts = self.problem.clip(wanted)
         violation = float(np.abs(wanted - thrusts).max())
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)

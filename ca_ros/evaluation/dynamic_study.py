@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import partial
 
 import pandas as pd
 from tqdm import tqdm
@@ -16,13 +16,13 @@ from ca_ros.arguments import split
 from ca_ros.evaluation.animation import animate
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_plots import draw
-from ca_ros.evaluation.dynamic_tables import document, observation_lines, table
+from ca_ros.evaluation.dynamic_tables import document
 from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.flight_metrics import judge_samples, metrics
 from ca_ros.evaluation.observations import observe
-from ca_ros.evaluation.options import command, parser, positive, write
+from ca_ros.evaluation.options import command, concluded, parser, positive, write
 from ca_ros.evaluation.paper import of_the_paper
-from ca_ros.evaluation.ros_flight import RosFlightError, check, fly_over_ros
+from ca_ros.evaluation.ros_flight import check, fly_over_ros
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import add_options, arguments, failures_of
@@ -37,31 +37,23 @@ WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
     options = _parse(sys.argv[1:] if argv is None else argv)
-    try:
-        case, allocators = Case.of(options)
-        failures = failures_of(options)
-        failures.check(case.vehicle.n)
-        changes = {name: case.failing(name, failures) for name in allocators}
-        if options.ros:
-            check(list(allocators))
-    except (ValueError, OSError) as error:
-        print(f'dynamic_study: {error}', file=sys.stderr)
-        return 1
-    # Errors in a method of the user's own are shown with their traceback.
-    try:
-        flights = _fly(case, allocators, changes, options)
-        if flights:
-            found = _write(case, flights, changes, options)
-            print(table(found), *observation_lines(found), sep='\n')
-            print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
-    except (RosFlightError, FloatingPointError, OSError) as error:
-        print(f'dynamic_study: {error}', file=sys.stderr)
-        return 1
+    return concluded('dynamic_study', partial(_study, options))
+
+
+def _study(options: argparse.Namespace) -> None:
+    """Fly, write all files and print dynamic.md; after Ctrl-C with the complete flights."""
+    case, allocators = Case.of(options)
+    failures = failures_of(options)
+    failures.check(case.vehicle.n)
+    changes = {name: case.failing(name, failures) for name in allocators}
+    if options.ros:
+        check(list(allocators))
+    flights = _fly(case, allocators, changes, options)
+    if flights:
+        print(_write(case, flights, changes, options))
+        print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
     if len(flights) < len(allocators):
-        counts = f'{len(flights)} of {len(allocators)} flights'
-        print(f'dynamic_study: interrupted after {counts}', file=sys.stderr)
-        return 130
-    return 0
+        raise KeyboardInterrupt(f' after {len(flights)} of {len(allocators)} flights')
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -93,7 +85,7 @@ def _fly(
 ) -> dict[str, Flight]:
     """Return the flights by method; after Ctrl-C those that are complete."""
     flights = {}
-    bar = tqdm(allocators.items(), unit=' flights', disable=not sys.stderr.isatty())
+    bar = tqdm(allocators.items(), unit=' flights', disable=None)
     try:
         for name, allocator in bar:
             if options.ros:
@@ -114,8 +106,8 @@ def _write(
     flights: Mapping[str, Flight],
     changes: Mapping[str, Sequence[Change]],
     options: argparse.Namespace,
-) -> dict[str, Any]:
-    """Write all files; return the content of dynamic.json."""
+) -> str:
+    """Write all files; return dynamic.md."""
     out, failures, paper = options.out, failures_of(options), of_the_paper(case.parameters)
     last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
     samples = {
@@ -124,7 +116,7 @@ def _write(
     }
     # The observations are about the paper's vehicle without failures.
     problem, checked = VehicleProblem(case.vehicle), paper and not options.fail
-    observations = observe(flights, problem, WAYPOINT) if checked else []
+    observations = list(observe(flights, problem, WAYPOINT)) if checked else []
     found = {
         'vehicle': case.name,
         'duration': options.duration,
@@ -145,11 +137,12 @@ def _write(
     rows = pd.concat(
         pd.DataFrame({'method': name, **flight.columns()}) for name, flight in flights.items()
     )
-    write(out / 'dynamic', rows, found, document(found))
+    text = document(found)
+    write(out / 'dynamic', rows, found, text)
     if options.animate:
         animate(out / 'animation.gif', flights, samples, case.vehicle, WAYPOINT, failures)
     draw(out, flights, samples, case.vehicle, WAYPOINT, failures, options.figures)
-    return found
+    return text
 
 
 if __name__ == '__main__':

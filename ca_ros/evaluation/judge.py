@@ -12,6 +12,7 @@ import pandas as pd
 
 from ca_ros.allocation import AllocationProblem, Allocator, Status
 from ca_ros.arrays import Array
+from ca_ros.errors import CaRosError
 
 VIOLATION = 1e-9
 """Thrusts that are further outside their bounds than this violate them [N]."""
@@ -26,7 +27,7 @@ COLUMNS = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}
 """Columns of the axes whose column has another name."""
 
 
-class AnswerError(ValueError):
+class AnswerError(CaRosError, ValueError):
     """A method did not answer with thrusts of the vehicle's rotors."""
 
 

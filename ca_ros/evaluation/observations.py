@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -34,54 +34,40 @@ class Observation(NamedTuple):
 
 def observe(
     flights: Mapping[str, Flight], problem: VehicleProblem, waypoint: Waypoint
-) -> list[Observation]:
-    """Return those of the paper's three observations whose methods were flown."""
+) -> Iterator[Observation]:
+    """Yield those of the paper's three observations whose methods were flown."""
     flown = {name: flight for name, flight in flights.items() if name in PAPER}
-    made = []
     if 'conventional' in flown:
-        made.append(_height(flown, waypoint))
+        errors = {
+            name: abs(float((waypoint.position[2] - flight.position[steady(flight), 2]).mean()))
+            for name, flight in flown.items()
+        }
+        others = [error for name, error in errors.items() if name != 'conventional']
+        yield Observation(
+            'In steady state the conventional allocator has a nonzero height error'
+            + (', and no other method has one.' if others else '.'),
+            errors['conventional'] > HEIGHT_ERROR and max(others, default=0.0) < HEIGHT_ERROR,
+            ', '.join(f'{name} {1e3 * error:.3f} mm' for name, error in errors.items()),
+        )
     if 'direct' in flown:
-        made.append(_maximum(flown['direct'], problem))
-    others = {name: flight for name, flight in flown.items() if name != 'direct'}
-    if others:
-        made.append(_hover(others, problem))
-    return made
-
-
-def _height(flown: Mapping[str, Flight], waypoint: Waypoint) -> Observation:
-    errors = {
-        name: abs(float((waypoint.position[2] - flight.position[steady(flight), 2]).mean()))
-        for name, flight in flown.items()
-    }
-    others = {name: error for name, error in errors.items() if name != 'conventional'}
-    return Observation(
-        'In steady state the conventional allocator has a nonzero height error'
-        + (', and no other method has one.' if others else '.'),
-        errors['conventional'] > HEIGHT_ERROR and max(others.values(), default=0.0) < HEIGHT_ERROR,
-        ', '.join(f'{name} {1e3 * error:.3f} mm' for name, error in errors.items()),
-    )
-
-
-def _maximum(flight: Flight, problem: VehicleProblem) -> Observation:
-    counts = at_bounds(flight.speeds[steady(flight)], problem)[1].sum(axis=1)
-    speeds = ', '.join(f'{speed:.1f}' for speed in flight.speeds[-1])
-    return Observation(
-        'In steady state direct allocation has two rotors at their maximum.',
-        bool((counts == 2).all()),
-        f'{counts.min()} to {counts.max()} rotors; {speeds} rad/s at the end',
-    )
-
-
-def _hover(others: Mapping[str, Flight], problem: VehicleProblem) -> Observation:
-    hover = Exact(problem.vehicle).allocate(problem.hover).speeds
-    worst = {
-        name: float(np.abs(flight.speeds[steady(flight)] - hover).max())
-        for name, flight in others.items()
-    }
-    deviations = ', '.join(f'{name} {error:.4f} rad/s' for name, error in worst.items())
-    return Observation(
-        'In steady state all methods but direct allocation have each rotor at '
-        f'{hover.mean():.1f} rad/s.',
-        max(worst.values()) <= SPEED_ERROR,
-        f'greatest deviation {deviations}',
-    )
+        flight = flown.pop('direct')
+        counts = at_bounds(flight.speeds[steady(flight)], problem)[1].sum(axis=1)
+        speeds = ', '.join(f'{speed:.1f}' for speed in flight.speeds[-1])
+        yield Observation(
+            'In steady state direct allocation has two rotors at their maximum.',
+            bool((counts == 2).all()),
+            f'{counts.min()} to {counts.max()} rotors; {speeds} rad/s at the end',
+        )
+    if flown:
+        hover = Exact(problem.vehicle).allocate(problem.hover).speeds
+        worst = {
+            name: float(np.abs(flight.speeds[steady(flight)] - hover).max())
+            for name, flight in flown.items()
+        }
+        deviations = ', '.join(f'{name} {error:.4f} rad/s' for name, error in worst.items())
+        yield Observation(
+            'In steady state all methods but direct allocation have each rotor at '
+            f'{hover.mean():.1f} rad/s.',
+            max(worst.values()) <= SPEED_ERROR,
+            f'greatest deviation {deviations}',
+        )

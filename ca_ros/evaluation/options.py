@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.plots import add_option
 
@@ -35,6 +37,22 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
     add_option(made)
     return made
+
+
+def concluded(prog: str, study: Callable[[], None]) -> int:
+    """Do a study; return its exit code: 1 after an error, 130 after Ctrl-C, in one line each.
+
+    Errors in a method of the user's own are shown with their traceback.
+    """
+    try:
+        study()
+    except (CaRosError, FloatingPointError, OSError) as error:
+        print(f'{prog}: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as stop:
+        print(f'{prog}: interrupted{stop}', file=sys.stderr)
+        return 130
+    return 0
 
 
 def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:

@@ -16,6 +16,7 @@ import yaml
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.parameters import own_parameters
 from ca_ros.bringup.processes import start
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.record import Flight
@@ -26,17 +27,18 @@ ENDING = 30.0
 """Time that an interrupted flight has to end [s]."""
 
 
-class RosFlightError(RuntimeError):
-    """The nodes did not fly."""
+class RosFlightError(CaRosError):
+    """The nodes cannot fly, or did not."""
 
 
 def check(methods: Sequence[str]) -> None:
-    """Raise a ValueError unless the methods can be flown over nodes here."""
+    """Raise a RosFlightError unless the methods can be flown over nodes here."""
     if find_spec('rclpy') is None:
-        raise ValueError('--ros needs ROS 2: there is no rclpy in this Python')
+        raise RosFlightError('--ros needs ROS 2: there is no rclpy in this Python')
     for method in methods:
         if method in FOR_COMPARISON:
-            raise ValueError(f'--ros: the nodes have {", ".join(ALLOCATORS)}, but not {method}')
+            known = ', '.join(ALLOCATORS)
+            raise RosFlightError(f'--ros: the nodes have {known}, but not {method}')
 
 
 def fly_over_ros(

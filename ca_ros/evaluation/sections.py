@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import HalfspaceIntersection
 
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -39,26 +38,18 @@ class Section:
     def of(cls, admissible: AdmissibleSet, pair: tuple[str, str]) -> Section:
         """Return the section along two axes."""
         names, reference = admissible.problem.axes, admissible.reference
-        rows = [names.index(axis) for axis in pair]
-        normals, offsets = admissible.facets
-        plane = normals[:, rows]
-        cutting = np.linalg.norm(plane, axis=1) > 1e-9
-        slacks = offsets - normals @ reference
-        halfspaces = np.column_stack([plane, -slacks])[cutting]
-        # Both axes in units of their extent: a torque may be small beside a thrust.
-        scale = slacks[cutting].max() / np.abs(plane[cutting]).max(axis=0)
-        corners = HalfspaceIntersection(
-            halfspaces * np.append(scale, 1.0), np.zeros(2)
-        ).intersections
-        corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))] * scale
         others = [
             f'{AXES[axis][0]} = {value:.3g} {AXES[axis][1]}'
             for axis, value in zip(names, reference, strict=True)
             if axis not in pair and (axis == 'thrust' or abs(value) > 1e-9)
         ]
-        labels = ['{} [{}]'.format(*AXES[axis]) for axis in pair]
-        title = ', '.join(others) or 'other axes at zero'
-        return cls(rows, reference, corners + reference[rows], labels, title)
+        return cls(
+            [names.index(axis) for axis in pair],
+            reference,
+            admissible.section(pair).vertices,
+            ['{} [{}]'.format(*AXES[axis]) for axis in pair],
+            ', '.join(others) or 'other axes at zero',
+        )
 
     def grid(self, steps: int) -> tuple[Array, Array]:
         """Return the coordinates (steps,) of cell centres that span the section."""

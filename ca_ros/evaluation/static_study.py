@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -16,11 +17,11 @@ from ca_ros.allocation import Allocator
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.environment import machine, versions
-from ca_ros.evaluation.judge import AnswerError, evaluate
-from ca_ros.evaluation.options import command, natural, parser, positive, write
+from ca_ros.evaluation.judge import evaluate
+from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
 from ca_ros.evaluation.sampling import SAMPLINGS, samples
 from ca_ros.evaluation.static_plots import draw
-from ca_ros.evaluation.static_tables import document, standard_error, table
+from ca_ros.evaluation.static_tables import document, standard_error
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 SINGLE_MAX = 10_000
@@ -33,27 +34,21 @@ CHUNK, BATCH = 100, 10_000
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
     options = _parse(sys.argv[1:] if argv is None else argv)
-    try:
-        case, allocators = Case.of(options)
-    except (ValueError, OSError) as error:
-        print(f'static_study: {error}', file=sys.stderr)
-        return 1
-    # Errors in a method of the user's own are shown with their traceback.
-    try:
-        rows = run(case, allocators, options)
-        done = len(rows) // len(allocators)
-        if done:
-            print(_write(case, allocators, rows, options))
-            print(f'written: static.csv, .json, .md and plots in {options.out}')
-    except (AnswerError, OSError) as error:
-        print(f'static_study: {error}', file=sys.stderr)
-        return 1
+    return concluded('static_study', partial(_study, options))
+
+
+def _study(options: argparse.Namespace) -> None:
+    """Do the study, write its files and print the table; after Ctrl-C with what is done."""
+    case, allocators = Case.of(options)
+    rows = run(case, allocators, options)
+    done = len(rows) // len(allocators)
+    if done:
+        text = _write(case, allocators, rows, options)
+        print(text.partition('\n## ')[0])
+        print(f'written: static.csv, .json, .md and plots in {options.out}')
     if done < options.samples:
         written = ', which are written' if done else ''
-        counts = f'{done} of {options.samples} samples{written}'
-        print(f'static_study: interrupted after {counts}', file=sys.stderr)
-        return 130
-    return 0
+        raise KeyboardInterrupt(f' after {done} of {options.samples} samples{written}')
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -88,8 +83,9 @@ def run(
     admissible, total = AdmissibleSet(case.vehicle), options.samples
     batch, drawn = total > SINGLE_MAX, (options.sampling, options.seed)
     size = BATCH if batch else CHUNK
-    parts, silent = [], not sys.stderr.isatty()
-    bar = tqdm(range(0, total, size), unit=' samples', unit_scale=size, disable=silent)
+    parts = []
+    # Without a terminal no bar is shown.
+    bar = tqdm(range(0, total, size), unit=' samples', unit_scale=size, disable=None)
     try:
         # The first call of a method fills its caches and is not timed.
         for allocator in () if batch else allocators.values():
@@ -114,7 +110,7 @@ def _write(
     rows: pd.DataFrame,
     options: argparse.Namespace,
 ) -> str:
-    """Write all files; return the table."""
+    """Write all files; return static.md."""
     out, methods = options.out, rows.groupby('method', sort=False)
     found = {
         'samples': len(rows) // len(methods),
@@ -130,9 +126,10 @@ def _write(
         'versions': versions(),
         'machine': machine(),
     }
-    write(out / 'static', rows.drop(columns='violation'), found, document(found))
+    text = document(found)
+    write(out / 'static', rows.drop(columns='violation'), found, text)
     draw(out, AdmissibleSet(case.vehicle), allocators, rows, found['timing'], options.figures)
-    return table(found)
+    return text
 
 
 def _metrics(own: pd.DataFrame) -> dict[str, Any]:

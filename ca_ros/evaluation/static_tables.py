@@ -1,4 +1,4 @@
-"""The tables of the static study in Markdown: the paper's Table 1 beside ours."""
+"""The tables of static.md: the paper's Table 1 beside ours, and the differences."""
 
 from __future__ import annotations
 
@@ -9,15 +9,31 @@ from typing import Any
 from ca_ros.evaluation import paper
 from ca_ros.evaluation.paper import ROWS
 from ca_ros.evaluation.sampling import SAMPLINGS
-from ca_ros.evaluation.tables import table as markdown_table
+from ca_ros.evaluation.tables import render, table
 
 Metrics = Mapping[str, Any]
 
 ERRORS = ('force_error', 'torque_error')
 
+TITLES = (
+    *('method', 'violations', 'force error [N], mean / max'),
+    *('torque error [N m], mean / max', 'time [s], mean / max'),
+)
 
-def table(found: Metrics) -> str:
-    """Return the table of a study as in static.json; the paper's rows are below ours."""
+
+def document(found: Metrics) -> str:
+    """Return static.md for a study as in static.json."""
+    return render(
+        'static.md',
+        **found,
+        about=SAMPLINGS[found['sampling']],
+        table=table(TITLES, _rows(found)),
+        differences=_differences(found) if paper.applies(found) else [],
+    )
+
+
+def _rows(found: Metrics) -> list[list[str]]:
+    """Return the rows of the methods; the paper's rows are below ours."""
     rows = []
     for name, ours in found['methods'].items():
         pairs = [(ours[key]['mean'], ours[key]['max']) for key in (*ERRORS, 'time')]
@@ -26,60 +42,12 @@ def table(found: Metrics) -> str:
             row = ROWS[name]
             pairs = [row.force_error, row.torque_error, row.time]
             rows.append(_row(f'paper: {row.name}', row.violations, paper.SAMPLES, pairs))
-    quantities = ('force error [N]', 'torque error [N m]', 'time [s]')
-    titles = ('method', 'violations', *(f'{name}, mean / max' for name in quantities))
-    return markdown_table(titles, rows)
+    return rows
 
 
 def _row(name: str, hits: int, samples: int, pairs: list[tuple[float, float]]) -> list[str]:
     error = f' ± {standard_error(hits, samples):.0f}' if hits else ''
     return [name, f'{hits}{error} of {samples}', *(f'{a:.1e} / {b:.1e}' for a, b in pairs)]
-
-
-def document(found: Metrics) -> str:
-    """Return static.md for a study as in static.json."""
-    samples, requested = found['samples'], found['requested']
-    cut = f' (of {requested} asked for: the study was interrupted)' if samples < requested else ''
-    timing = (
-        'Times are of single calls.'
-        if found['timing'] == 'single calls'
-        else f'Wrenches were allocated in {found["timing"]}: a time is the share of one wrench in '
-        'the time of its batch, much less than a call takes.'
-    )
-    parts = [
-        '# Static study',
-        f'{samples} wrenches{cut}, {SAMPLINGS[found["sampling"]]} of `{found["vehicle"]}`, '
-        f'seed {found["seed"]}.',
-        table(found),
-        'Violations are counted before saturation, with their standard error; errors are after '
-        f'it. {timing}',
-        '## Further metrics',
-        _more(found),
-    ]
-    if paper.applies(found):
-        parts += [
-            '## Differences from the paper',
-            '\n'.join(_differences(found)),
-            'What the paper leaves open, and what was tried: docs/reproduction.md.',
-        ]
-    machine = '- {processor}, {cores} cores, {system}\n'.format(**found['machine'])
-    versions = ', '.join(f'{name} {number}' for name, number in found['versions'].items())
-    return '\n\n'.join([*parts, '## Made with', f'{machine}- {versions}']) + '\n'
-
-
-def _more(found: Metrics) -> str:
-    rows = [
-        (
-            f'`{name}`',
-            f'{ours["time"]["median"]:.2g}',
-            f'{ours["time"]["p99"]:.2g}',
-            'no thrusts' if ours['violation_max'] is None else f'{ours["violation_max"]:.2g}',
-            ', '.join(f'{word} {count}' for word, count in ours['status'].items()),
-        )
-        for name, ours in found['methods'].items()
-    ]
-    titles = ('method', 'median time [s]', '99th percentile [s]', 'largest violation [N]')
-    return markdown_table((*titles, 'status'), rows)
 
 
 def _differences(found: Metrics) -> list[str]:
@@ -91,10 +59,10 @@ def _differences(found: Metrics) -> list[str]:
         for key in ERRORS:
             mean, largest = map(_compare, ours[key].values(), getattr(ROWS[name], key))
             compared.append(f'{key.replace("_", " ")} {mean} on average, {largest} at most')
-        lines.append(f'- `{name}`: {"; ".join(compared)}. {paper.why(found, name)}')
+        lines.append(f'`{name}`: {"; ".join(compared)}. {paper.why(found, name)}')
     if found['samples'] > paper.SAMPLES:
         lines.append(
-            f'- Of {found["samples"]} errors the largest exceeds that of {paper.SAMPLES}, the '
+            f'Of {found["samples"]} errors the largest exceeds that of {paper.SAMPLES}, the '
             "paper's number."
         )
     if base := known.pop('pseudo_inverse', None):
@@ -105,7 +73,7 @@ def _differences(found: Metrics) -> list[str]:
             for name, ours in known.items()
         )
         lines.append(
-            '- Times: another machine and another language, so compare ratios. In units of the '
+            'Times: another machine and another language, so compare ratios. In units of the '
             f"pseudo-inverse's time (our medians, the paper's means): {ratios}."
         )
     return lines

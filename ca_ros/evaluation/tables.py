@@ -1,8 +1,11 @@
-"""Tables and numbers in Markdown."""
+"""Tables and numbers in Markdown, and the documents that are made of templates."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jinja2
 
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
@@ -20,6 +23,20 @@ def number(value: float) -> str:
     return f'{value:.3g}'
 
 
-def microseconds(seconds: float) -> str:
-    """Return a time in microseconds."""
-    return number(1e6 * seconds)
+def listed(values: Mapping[str, Any], between: str = ' ') -> str:
+    """Return a mapping in words, such as ``numpy 2.0, scipy 1.11``."""
+    return ', '.join(f'{name}{between}{value}' for name, value in values.items())
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a document: a file of the folder templates, filled with values."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('ca_ros.evaluation'),
+        autoescape=jinja2.select_autoescape(['html']),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {'number': number, 'listed': listed}
+    return environment.get_template(template).render(values)

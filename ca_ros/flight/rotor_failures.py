@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.schema import ParameterError
 
 LATEST = 1e6
 """Latest time of a failure or an announcement [s]."""
@@ -85,10 +86,10 @@ class RotorFailures:
     announce: float | None = ANNOUNCE
 
     def check(self, rotors: int) -> None:
-        """Raise a ValueError if a failing rotor has a number above the number of rotors."""
+        """Raise a ParameterError if a failing rotor has a number above the number of rotors."""
         for failure in self.failures:
             if failure.rotor > rotors:
-                raise ValueError(f'--fail {failure}: the vehicle has {rotors} rotors')
+                raise ParameterError(f'--fail {failure}: the vehicle has {rotors} rotors')
 
     def times(self) -> list[int]:
         """Return the times of flight of all failures and announcements, in order [ns]."""

@@ -16,11 +16,12 @@ import numpy as np
 import pandas as pd
 
 from ca_ros.arguments import split
-from ca_ros.evaluation.benchmark import loads
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.benchmark.benchmark_plot import draw
-from ca_ros.evaluation.benchmark.benchmark_tables import document, summary
+from ca_ros.evaluation.benchmark.benchmark_tables import document
 from ca_ros.evaluation.benchmark.c_contenders import compiled
 from ca_ros.evaluation.benchmark.contenders import BASELINE, CONTENDERS, POLICIES, method, set_up
+from ca_ros.evaluation.benchmark.loads import LOADS, WAYPOINTS, drawn
 from ca_ros.evaluation.benchmark.measurements import (
     time_batches,
     time_calls,
@@ -33,10 +34,8 @@ from ca_ros.evaluation.benchmark.results import fastest, records, summarize
 from ca_ros.evaluation.benchmark.setups import time_setups
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.environment import THREADS, environment, load_average, stolen
-from ca_ros.evaluation.judge import AnswerError
-from ca_ros.evaluation.options import command, natural, parser, positive, write
+from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
 from ca_ros.evaluation.paper import of_the_paper
-from ca_ros.flight.controller import Gains
 from ca_ros.flight.plots import save
 from ca_ros.problem.admissible_set import AdmissibleSet
 
@@ -48,32 +47,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The libraries of NumPy read these variables when they are loaded, so restart.
         environ = {**os.environ, **dict.fromkeys(THREADS, '1')}
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], environ)
-    try:
-        case, allocators = Case.of(options)
-    except (ValueError, OSError) as error:
-        print(f'benchmark: {error}', file=sys.stderr)
-        return 1
+    return concluded('benchmark', partial(_benchmark, options))
+
+
+def _benchmark(options: argparse.Namespace) -> None:
+    """Measure, write all files, and print the most important tables."""
+    case, allocators = Case.of(options)
     plan = QUICK if options.quick else FULL
     if options.samples:
         plan = replace(plan, wrenches=options.samples, flight=options.samples)
-    # Errors in a method of the user's own are shown with their traceback.
-    try:
-        found, rows = run(case, list(allocators), plan, options)
-        out = options.out / 'benchmark'
-        write(out, rows, found, document(found))
-        save(draw(pd.DataFrame(found['results'])), out, options.figures)
-    except (AnswerError, OSError) as error:
-        print(f'benchmark: {error}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print('benchmark: interrupted; nothing is written', file=sys.stderr)
-        return 130
-    print(summary(found))
+    found, rows = run(case, list(allocators), plan, options)
+    text, out = document(found), options.out / 'benchmark'
+    write(out, rows, found, text)
+    save(draw(pd.DataFrame(found['results'])), out, options.figures)
+    print(text.partition('\n## Percentiles')[0])
     print(f'written: benchmark.csv, .json, .md and plot in {options.out}')
     if 'error' in found['node']:
-        print(f'benchmark: the nodes: {found["node"]["error"]}', file=sys.stderr)
-        return 1
-    return 0
+        raise CaRosError(f'the nodes: {found["node"]["error"]}')
 
 
 def run(
@@ -81,39 +71,31 @@ def run(
 ) -> tuple[dict[str, Any], pd.DataFrame]:
     """Measure everything; return what benchmark.json and benchmark.csv hold."""
     start, stolen_before, surroundings = time.perf_counter(), stolen(), environment()
-    admissible = AdmissibleSet(case.vehicle)
-    gains, chance = Gains.from_parameters(case.parameters), np.random.default_rng(options.seed)
-    wrenches = {
-        'uniform': admissible.sample(chance, plan.wrenches),
-        'boundary': loads.boundary(admissible, chance, plan.wrenches),
-        'flight': loads.flight(case.vehicle, gains, plan.flight),
-    }
+    shared = plan, options.seed
+    wrenches = drawn(case.parameters, case.vehicle, *shared)
     own = {name: method(partial(case.allocator, name)) for name in methods}
     policies = POLICIES if 'exact' in own else {}
     contenders = {BASELINE: CONTENDERS[BASELINE], **own, **policies, **CONTENDERS}
-    problem, shared = admissible.problem, (plan, options.seed)
+    admissible = AdmissibleSet(case.vehicle)
+    problem = admissible.problem
     calls, about, absent = set_up(contenders, problem)
     parts = [time_calls(problem, calls, wrenches, *shared)]
     peers = [name for name, each in about.items() if each['kind'] == 'peer']
     rival = fastest(summarize(parts[0]), 'uniform', peers)
-    in_c, about_c = compiled(problem, admissible.center)
+    in_c, about_c = compiled(problem)
     if in_c:
         parts.append(time_calls(problem, in_c, wrenches, *shared, 'C'))
     # The other numbers of rotors and the promises are those of the paper's vehicle.
     paper = of_the_paper(case.parameters)
     if paper:
-        parts.append(time_rotors(plan, rival, options.seed))
-        parts.append(time_setups(*shared))
+        parts += [time_rotors(plan, rival, options.seed), time_setups(*shared)]
     allocators = {name: case.allocator(name) for name in dict.fromkeys(['exact', *methods])}
     loop = (rival, calls[rival]) if rival else None
-    parts.append(time_batches(admissible, allocators, loop, *shared))
-    exact = allocators['exact']
-    flights, flown = time_flights(exact, gains, wrenches['flight'], *shared)
+    many = admissible.sample(np.random.default_rng(options.seed), max(plan.batches))
+    parts.append(time_batches(many, allocators, loop, *shared))
+    exact, flight = allocators['exact'], wrenches['flight']
+    flights, flown = time_flights(case.controller(), exact, flight, *shared)
     rows = pd.concat([*parts, flights], ignore_index=True)
-    saturated = {
-        load: float((exact.allocate_batch(demands).saturation != 0).any(axis=1).mean())
-        for load, demands in wrenches.items()
-    }
     found: dict[str, Any] = {
         'command': command('benchmark', options),
         'settings': {
@@ -126,8 +108,12 @@ def run(
             'plan': asdict(plan),
         },
         'loads': {
-            load: {'about': text, 'wrenches': len(wrenches[load]), 'saturated': saturated[load]}
-            for load, text in loads.LOADS.items()
+            name: {
+                'about': load.about,
+                'wrenches': len(wrenches[name]),
+                'saturated': float(exact.allocate_batch(wrenches[name]).saturation.any(1).mean()),
+            }
+            for name, load in LOADS.items()
         },
         'contenders': about,
         'absent': absent,
@@ -136,14 +122,13 @@ def run(
         'rival': rival,
         'flight': {
             'steps': len(flown.time),
-            'final_error': flown.position_error(loads.WAYPOINTS[0]),
+            'final_error': flown.position_error(WAYPOINTS[0]),
         },
         'node': _nodes(case, options),
     }
     surroundings |= {'load_average_after': load_average(), 'stolen': stolen(since=stolen_before)}
     found |= {'environment': surroundings, 'wall_time': time.perf_counter() - start}
-    found['promises'] = promises(found, rows) if paper else []
-    return found, rows
+    return found | {'promises': promises(found, rows) if paper else []}, rows
 
 
 def _nodes(case: Case, options: argparse.Namespace) -> dict[str, Any]:
@@ -152,12 +137,11 @@ def _nodes(case: Case, options: argparse.Namespace) -> dict[str, Any]:
         return {'absent': 'left out by --no-nodes'}
     if find_spec('rclpy') is None:
         return {'absent': 'rclpy is not installed'}
-    from ca_ros.evaluation.latency.client import LatencyError
     from ca_ros.evaluation.latency.latency import measure_nodes
 
     try:
         return measure_nodes(case.name, options.quick)
-    except LatencyError as error:
+    except CaRosError as error:
         return {'error': str(error)}
 
 

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ca_ros.evaluation.benchmark.contenders import BASELINE
+from ca_ros.evaluation.benchmark.loads import LOADS
 from ca_ros.evaluation.plot_style import title
 from ca_ros.flight.plots import COLORS, DASHED, STYLE
 
-MARKERS = {'uniform': 'o', 'boundary': 's', 'flight': '^'}
-LINES = {'uniform': '--', 'boundary': ':', 'flight': '-'}
+MARKERS = dict(zip(LOADS, 'os^vD', strict=False))
+LINES = dict(zip(LOADS, ('--', ':', '-', '-.', (0, (6, 1, 1, 1))), strict=False))
 ABOVE: dict[str, Any] = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0)}
 
 
@@ -36,41 +37,38 @@ def draw(results: pd.DataFrame) -> Figure:
 
 
 def _draw_calls(axes: Axes, calls: pd.DataFrame) -> None:
-    handles, names = [], list(calls['contender'].unique())
+    names = list(calls['contender'].unique())
     for color, (load, marker) in zip(COLORS, MARKERS.items(), strict=False):
         look: dict[str, Any] = {'color': color, 'marker': marker, 'linestyle': 'none'}
-        handles.append(Line2D([], [], label=load, **look))
+        axes.plot([], [], label=load, **look)
         for own in calls[calls['load'] == load].itertuples():
             row = names.index(own.contender)
             ends = 1e6 * own.time_low, 1e6 * own.time_high
             axes.plot(ends, [row, row], color=color, linewidth=1.0)
             filling = 'white' if own.faults else color
             axes.plot(1e6 * own.time, row, **look, markerfacecolor=filling)
+    look = {'color': 'grey', 'marker': 'D', 'markerfacecolor': 'white', 'linestyle': 'none'}
+    axes.plot([], [], label='wrong', **look)
     unit = calls[(calls['load'] == 'flight') & (calls['contender'] == BASELINE)]
     axes.axvline(1e6 * unit['time'].iloc[0], **DASHED)
     axes.set_xscale('log')
     axes.set_yticks(range(len(names)), [title(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel('time per call [µs]')
-    look = {'color': 'grey', 'marker': 'D', 'markerfacecolor': 'white', 'linestyle': 'none'}
-    handles.append(Line2D([], [], label='wrong', **look))
-    axes.legend(handles=handles, ncols=4, **ABOVE)
+    axes.legend(ncols=4, **ABOVE)
 
 
 def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
-    names, handles = list(growth['contender'].unique()), []
-    for name, color in zip(names, COLORS, strict=False):
+    handles = []
+    looks: dict[str, dict[str, Any]] = {
+        load: {'marker': MARKERS[load], 'linestyle': LINES[load], 'markersize': 3.5}
+        for load in LINES
+    }
+    for color, (name, own) in zip(COLORS, growth.groupby('contender', sort=False), strict=False):
         handles.append(Line2D([], [], label=title(name), color=color))
-        for load, own in growth[growth['contender'] == name].groupby('load'):
-            look: dict[str, Any] = {
-                'marker': MARKERS[load],
-                'linestyle': LINES[load],
-                'markersize': 3.5,
-            }
-            axes.plot(own['rotors'], 1e6 * own['time'], color=color, **look)
-    for load, line in LINES.items():
-        look = {'marker': MARKERS[load], 'linestyle': line, 'markersize': 3.5}
-        handles.append(Line2D([], [], label=load, color='grey', **look))
+        for load, part in own.groupby('load'):
+            axes.plot(part['rotors'], 1e6 * part['time'], color=color, **looks[load])
+    handles += [Line2D([], [], label=load, color='grey', **look) for load, look in looks.items()]
     axes.set_xscale('log', base=2)
     axes.set_yscale('log')
     axes.set_xticks([4, 8, 16, 32], ['4', '8', '16', '32'])

@@ -9,21 +9,18 @@ from __future__ import annotations
 import ctypes
 import subprocess
 from collections.abc import Sequence
-from contextlib import redirect_stdout
 from importlib import import_module
 from importlib.metadata import version
-from io import StringIO
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import sparse
 
 from ca_ros import kernel
 from ca_ros.arrays import Array
-from ca_ros.problem.prioritization import ORDER, REVERSAL, groups_of, sensed
+from ca_ros.evaluation.benchmark.c_code import header, osqp_code
 from ca_ros.problem.problem import AllocationProblem
 
 SOURCE = Path(__file__).with_name('contenders.c')
@@ -33,13 +30,8 @@ COMPILERS = ('cc', 'gcc', 'clang')
 OPTIONS = ['-std=c99', '-O3', '-ffp-contract=off', '-fPIC', '-shared', '-Wl,-Bsymbolic']
 """Those of setup.py; with -Bsymbolic the code calls its own OSQP, not the Python package's."""
 
-INTERFACES = {
-    'clipped_pinv': 'a product with a constant matrix, then comparisons',
-    'exact': 'ca_allocate, prioritize',
-    'daqp_reused': 'daqp_update_ldp of the bounds, then daqp_solve in the same workspace',
-    'osqp': 'osqp_update_data_vec, then osqp_solve, generated code with default settings',
-}
-"""The contenders by name, with what a call does."""
+NAMES = ('clipped_pinv', 'exact', 'daqp_reused', 'osqp')
+"""The contenders, functions of `contenders.c`."""
 
 DAQP = '0.11.0'
 """The version of DAQP whose structures `contenders.c` knows."""
@@ -83,61 +75,39 @@ class Compiled:
         return times.tolist(), [own if good else None for own, good in pairs]
 
 
-def compiled(
-    problem: AllocationProblem, reference: Array
-) -> tuple[dict[str, Compiled], dict[str, Any]]:
+def compiled(problem: AllocationProblem) -> tuple[dict[str, Compiled], dict[str, Any]]:
     """Build the contenders for a vehicle.
-
-    Parameters
-    ----------
-    problem : AllocationProblem
-    reference : (m,) array
-        A wrench in the admissible set [N, N m].
 
     Returns
     -------
     calls : dict
         The contenders by name.
     about : dict
-        What benchmark.json has about them: ``contenders``, what a call does, by name; ``absent``,
-        why others are missing, by name; ``clock``, the time of a call that does nothing, timed
+        What benchmark.json has about them: ``contenders``, their names; ``absent``, why others
+        are missing, by name; ``clock``, the time of a call that does nothing, timed
         alone [s]; ``compiler`` and its options.
     """
     absent: dict[str, str] = {}
-    about: dict[str, Any] = {'contenders': {}, 'absent': absent}
+    about: dict[str, Any] = {'contenders': [], 'absent': absent}
     with TemporaryDirectory() as folder:
         try:
-            generated = _osqp_code(problem, Path(folder))
-        except (Missing, ImportError) as error:
+            generated = ['-DWITH_OSQP', *osqp_code(problem, Path(folder) / 'osqp')]
+        except ImportError as error:
             absent['osqp'], generated = str(error), []
         try:
             library, about['compiler'] = _build(problem, generated, Path(folder))
         except Missing as error:
-            return {}, about | {'absent': dict.fromkeys(INTERFACES, str(error))}
-    _set_up(library, problem)
+            return {}, about | {'absent': dict.fromkeys(NAMES, str(error))}
+    if fault := library.set_up():
+        raise RuntimeError(f'ca_set_up: fault {fault}')
     try:
-        _set_up_daqp(library, reference)
+        _set_up_daqp(library, problem)
     except (Missing, ImportError) as error:
         absent['daqp_reused'] = str(error)
-    about['contenders'] = {name: own for name, own in INTERFACES.items() if name not in absent}
+    about['contenders'] = [name for name in NAMES if name not in absent]
     calls = {name: Compiled(library, name, problem.n) for name in about['contenders']}
-    times, _ = Compiled(library, 'nothing', problem.n).one_by_one([reference] * 1000)
+    times, _ = Compiled(library, 'nothing', problem.n).one_by_one([problem.center] * 1000)
     return calls, about | {'clock': float(np.median(times)) / 1e9}
-
-
-def _osqp_code(problem: AllocationProblem, folder: Path) -> list[str]:
-    """Write OSQP's code for Eqs. (20)-(22); return sources and options."""
-    osqp: Any = import_module('osqp')
-    n, start, out = problem.n, problem.image.center, folder / 'osqp'
-    rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n)]))
-    ends = (np.concatenate([start, bounds]) for bounds in (problem.lower, problem.upper))
-    solver = osqp.OSQP()
-    solver.setup(sparse.identity(n, format='csc'), np.zeros(n), rows, *ends, verbose=False)
-    with redirect_stdout(StringIO()):
-        solver.codegen(str(out), parameters='vectors', force_rewrite=True)
-    sources = [out / 'workspace.c', *out.glob('src/*.c')]
-    includes = [f'-I{path}' for path in (out, out / 'inc' / 'public', out / 'inc' / 'private')]
-    return ['-DWITH_OSQP', *includes, *map(str, sources)]
 
 
 def _build(
@@ -147,10 +117,11 @@ def _build(
     compiler = next(filter(None, map(which, COMPILERS)), None)
     if compiler is None:
         raise Missing('no C compiler')
+    (folder / 'data.h').write_text(header(problem, 'double'), encoding='utf-8')
     library = folder / 'contenders.so'
     sources = [str(path) for path in KERNEL.glob('*.c') if path.name != 'module.c']
     sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}', '-DCA_FIXED']
-    parts = [*sizes, f'-I{KERNEL}', str(SOURCE), *sources, *generated]
+    parts = [*sizes, f'-I{folder}', f'-I{KERNEL}', str(SOURCE), *sources, *generated]
     done = subprocess.run(
         [compiler, *OPTIONS, *parts, '-lm', '-o', str(library)],
         capture_output=True,
@@ -163,25 +134,7 @@ def _build(
     return ctypes.CDLL(str(library)), f'{named.stdout.splitlines()[0]}; {" ".join(OPTIONS[:3])}'
 
 
-def _set_up(library: ctypes.CDLL, problem: AllocationProblem) -> None:
-    axes = problem.axes
-    groups, keeps = groups_of(ORDER, axes), sensed(groups_of(ORDER, axes), REVERSAL)
-    reals = [problem.gamma, np.linalg.pinv(problem.gamma), problem.lower, problem.upper]
-    reals.append(problem.reference)
-    integers = [
-        [axes.index(axis) for group in groups for axis in group],
-        [i for i, group in enumerate(groups) for _ in group],
-        [int(axis in keeps) for axis in axes],
-    ]
-    arrays = [np.ascontiguousarray(values, np.float64) for values in reals]
-    arrays += [np.array(values, np.intc) for values in integers]
-    pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in arrays)
-    fault = library.set_up(*pointers, ctypes.c_double(1e-9))
-    if fault:
-        raise RuntimeError(f'ca_set_up: fault {fault}')
-
-
-def _set_up_daqp(library: ctypes.CDLL, reference: Array) -> None:
+def _set_up_daqp(library: ctypes.CDLL, problem: AllocationProblem) -> None:
     daqp: Any = import_module('daqp')
     if version('daqp') != DAQP:
         raise Missing(f'known is the library of daqp {DAQP}, found {version("daqp")}')
@@ -191,6 +144,5 @@ def _set_up_daqp(library: ctypes.CDLL, reference: Array) -> None:
         functions = [ctypes.cast(getattr(inside, name), ctypes.c_void_p) for name in names]
     except (AttributeError, OSError) as error:
         raise Missing(f'daqp: {error}') from None
-    start = np.ascontiguousarray(reference, np.float64)
-    if library.set_up_daqp(*functions, start.ctypes.data_as(ctypes.c_void_p)) <= 0:
+    if library.set_up_daqp(*functions, problem.center.ctypes.data_as(ctypes.c_void_p)) <= 0:
         raise Missing('setup_daqp failed')

@@ -1,7 +1,8 @@
 /* Contenders of the benchmark in C, and the clock around their calls.
  *
- * c_contenders.py compiles this file for one vehicle: CA_N rotors and CA_M axes, and the kernel of
- * the exact allocator; with WITH_OSQP also the code that OSQP generates for the vehicle.
+ * c_contenders.py compiles this file for one vehicle: CA_N rotors and CA_M axes, whose numbers are
+ * in data.h, and the kernel of the exact allocator; with WITH_OSQP also the code that OSQP
+ * generates for the vehicle.
  * A contender writes thrusts[CA_N] for u[CA_M] and returns 1, or 0 if it has no answer.
  */
 #define _POSIX_C_SOURCE 199309L
@@ -10,28 +11,18 @@
 #include <string.h>
 #include <time.h>
 
+#include "data.h"
 #include "exact.h"
 
 typedef int contender(const double *u, double *thrusts);
 
-static double matrix[CA_M * CA_N], inverse[CA_N][CA_M], lower[CA_N], upper[CA_N];
 static ca_problem problem;
 
-/* Keep the vehicle's data, prepare the kernel; returns an enum ca_fault. */
-int set_up(const double *gamma, const double *pseudo_inverse, const double *low,
-           const double *high, const double *reference, const int *order, const int *group,
-           const int *keep_sense, double slack)
+/* Prepare the kernel; returns an enum ca_fault. */
+int set_up(void)
 {
-    ca_options options = {.policy = CA_PRIORITIZED, .slack = slack};
-    memcpy(matrix, gamma, sizeof matrix);
-    memcpy(inverse, pseudo_inverse, sizeof inverse);
-    memcpy(lower, low, sizeof lower);
-    memcpy(upper, high, sizeof upper);
-    memcpy(options.reference, reference, sizeof options.reference);
-    memcpy(options.order, order, sizeof options.order);
-    memcpy(options.group, group, sizeof options.group);
-    memcpy(options.keep_sense, keep_sense, sizeof options.keep_sense);
-    return ca_set_up(&problem, CA_N, CA_M, matrix, lower, upper, &options);
+    static const ca_options options = OPTIONS;
+    return ca_set_up(&problem, CA_N, CA_M, &matrix[0][0], lower, upper, &options);
 }
 
 int nothing(const double *u, double *thrusts)
@@ -79,8 +70,8 @@ static void (*daqp_solve)(daqp_result *, void *);
 static double daqp_workspace[1024], daqp_hessian[CA_N * CA_N], daqp_cost[CA_N];
 static double daqp_lower[CA_N + CA_M], daqp_upper[CA_N + CA_M], daqp_multipliers[CA_N + CA_M];
 static int daqp_sense[CA_N + CA_M];
-static daqp_problem daqp_data = {CA_N, CA_N + CA_M, CA_N, daqp_hessian, daqp_cost, matrix,
-                                 daqp_upper, daqp_lower, daqp_sense, NULL, 0, 0};
+static daqp_problem daqp_data = {CA_N, CA_N + CA_M, CA_N, daqp_hessian, daqp_cost,
+                                 &matrix[0][0], daqp_upper, daqp_lower, daqp_sense, NULL, 0, 0};
 
 /* Set DAQP up with the addresses of its functions, at a wrench; returns a number above 0. */
 int set_up_daqp(int (*begin)(daqp_problem *, void *, double *),

@@ -27,12 +27,11 @@ BASELINE = 'clipped_pinv'
 class Contender:
     """A way to answer wrenches: 'baseline', 'method' of this package, or 'peer'.
 
-    Its interface is what a call does, in words. `build` returns the call for a problem; the
-    settings other than the solver's defaults are its keyword arguments.
+    `build` returns the call for a problem; the settings other than the solver's defaults are its
+    keyword arguments.
     """
 
     kind: str
-    interface: str
     build: Callable[..., Call]
     package: str = ''
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -44,14 +43,15 @@ class Contender:
 
 def method(make: Callable[[Vehicle], Allocator]) -> Contender:
     """Return a method of this package, or of the user's own, as a contender."""
-    interface = 'allocate, checks and result included'
-    return Contender('method', interface, lambda problem: make(vehicle_of(problem)).allocate)
+    return Contender('method', lambda problem: make(vehicle_of(problem)).allocate)
 
 
-def peer(package: str, build: Callable[..., Call], interface: str, **settings: Any) -> Contender:
+def peer(package: str, build: Callable[..., Call], **settings: Any) -> Contender:
     """Return a solver of others as a contender."""
-    return Contender('peer', interface, build, package, settings)
+    return Contender('peer', build, package, settings)
 
+
+EXACT = method(partial(make_allocator, 'exact'))
 
 POLICIES = {
     f'exact_{policy}': method(partial(make_allocator, 'exact', policy=policy))
@@ -66,40 +66,22 @@ def _clipped_pinv(problem: AllocationProblem) -> Call:
     return lambda u: minimum(maximum(inverse @ u, low), high)
 
 
-UPDATE = 'update of l and u, then solve, warm-started;'
-TIGHT = {'eps_abs': 1e-5, 'eps_rel': 1e-5, 'polishing': True}
-
 CONTENDERS: dict[str, Contender] = {
-    BASELINE: Contender('baseline', 'minimum(maximum(inverse @ u, low), high)', _clipped_pinv),
-    'osqp': peer('osqp', peers.osqp, f'{UPDATE} default tolerances'),
-    'osqp_polished': peer(
-        'osqp', peers.osqp, f'{UPDATE} tolerances of 1e-5, then polishing', **TIGHT
-    ),
-    'daqp': peer('daqp', peers.daqp, 'one-shot daqp.solve'),
-    'daqp_reused': peer(
-        'daqp', peers.daqp_reused, 'Model.update of both bounds, then solve in the same workspace'
-    ),
-    'quadprog': peer(
-        'quadprog',
-        peers.quadprog,
-        'solve_qp with the factor of the Hessian given, arrays in Fortran order',
-    ),
-    'piqp': peer('piqp', peers.piqp, 'DenseSolver.update of b, then solve; scaling reused'),
-    'proxqp': peer(
-        'proxsuite',
-        peers.proxqp,
-        'dense.QP.update of b, then solve from the equality-constrained guess',
-        **{'eps_abs': 1e-9, 'eps_rel': 0.0, 'max_iter': 100},
-    ),
-    'clarabel': peer(
-        'clarabel',
-        peers.clarabel,
-        'DefaultSolver.update of b, then solve',
-        **{'max_threads': 1, 'presolve_enable': False},
-    ),
-    'highs': peer('highspy', peers.highs, 'changeRowsBounds, then run', threads=1),
+    BASELINE: Contender('baseline', _clipped_pinv),
+    'osqp': peer('osqp', peers.osqp),
+    'osqp_polished': peer('osqp', peers.osqp, eps_abs=1e-5, eps_rel=1e-5, polishing=True),
+    'daqp': peer('daqp', peers.daqp),
+    'daqp_reused': peer('daqp', peers.daqp_reused),
+    'quadprog': peer('quadprog', peers.quadprog),
+    'piqp': peer('piqp', peers.piqp),
+    'proxqp': peer('proxsuite', peers.proxqp, eps_abs=1e-9, eps_rel=0.0, max_iter=100),
+    'clarabel': peer('clarabel', peers.clarabel, max_threads=1, presolve_enable=False),
+    'highs': peer('highspy', peers.highs, threads=1),
 }
-"""The baseline and the peers by name; a run adds the methods."""
+"""The baseline and the peers by name; a run adds the methods.
+
+docs/performance.md lists the interface of each, and why this one.
+"""
 
 
 def set_up(
@@ -107,7 +89,7 @@ def set_up(
 ) -> tuple[dict[str, Call], dict[str, Any], dict[str, str]]:
     """Set up the contenders whose packages are installed.
 
-    Returns the calls, what benchmark.json has about them (interface, version, settings, and the
+    Returns the calls, what benchmark.json has about them (package, version, settings, and the
     time of the set-up [s]), and how to install the packages of the others.
     """
     calls: dict[str, Call] = {}
@@ -121,8 +103,8 @@ def set_up(
             absent[name] = f'pip install {each.package}'
             continue
         setup = perf_counter() - start
-        about[name] = {'kind': each.kind, 'interface': each.interface, 'setup': setup}
-        about[name] |= {'package': each.package, 'settings': dict(each.settings)}
+        about[name] = {'kind': each.kind, 'setup': setup, 'package': each.package}
+        about[name]['settings'] = dict(each.settings)
         with suppress(PackageNotFoundError):
             about[name]['version'] = version(each.package) if each.package else ''
     return calls, about, absent

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from itertools import cycle
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ca_ros.allocation import make_allocator
 from ca_ros.arrays import Array
+from ca_ros.evaluation.benchmark.plan import Plan
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains
@@ -16,18 +18,9 @@ from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
-
-LOADS = {
-    'uniform': 'uniform by volume in the admissible set',
-    'boundary': 'where random rays from the centre of the admissible set leave it: a third of the '
-    'wrenches on the boundary, to rounding, a third inside and a third outside, by 1e-3, 1e-6 or '
-    '1e-9 of the distance from the centre',
-    'flight': 'the successive commands of the controller in a flight to four waypoints in turn, '
-    'three of which are so far away that rotors saturate',
-}
-"""The loads by name, in words."""
 
 DEPTHS = (1e-3, 1e-6, 1e-9)
 """Distances of wrenches from the boundary, relative to the distance from the centre."""
@@ -79,6 +72,46 @@ def flight(vehicle: Vehicle, gains: Gains, size: int) -> Array:
         wrenches += [controller.wrench(*each, waypoint) for each in earlier]
         state = np.concatenate([position, rotation_matrix(attitude) @ velocity, attitude, rates])
     return np.array(wrenches).reshape(size, len(vehicle.axes))
+
+
+class Load(NamedTuple):
+    """A load: what it is, and the function that draws it; see `drawn`."""
+
+    about: str
+    draw: Callable[[AdmissibleSet, Gains, np.random.Generator, Plan], Array]
+
+
+LOADS = {
+    'uniform': Load(
+        'uniform by volume in the admissible set',
+        lambda admissible, gains, rng, plan: admissible.sample(rng, plan.wrenches),
+    ),
+    'boundary': Load(
+        'where random rays from the centre of the admissible set leave it: a third of the '
+        'wrenches on the boundary, to rounding, a third inside and a third outside, by 1e-3, 1e-6 '
+        'or 1e-9 of the distance from the centre',
+        lambda admissible, gains, rng, plan: boundary(admissible, rng, plan.wrenches),
+    ),
+    'flight': Load(
+        'the successive commands of the controller in a flight to four waypoints in turn, three '
+        'of which are so far away that rotors saturate',
+        lambda admissible, gains, rng, plan: flight(
+            vehicle_of(admissible.problem), gains, plan.flight
+        ),
+    ),
+}
+"""The loads by name."""
+
+
+def drawn(
+    parameters: Mapping[str, Any], vehicle: Vehicle, plan: Plan, seed: int
+) -> dict[str, Array]:
+    """Return the wrenches (W, m) of each load for a vehicle and its gains [N, N m]."""
+    admissible, gains = AdmissibleSet(vehicle), Gains.from_parameters(parameters)
+    return {
+        name: load.draw(admissible, gains, np.random.default_rng(seed), plan)
+        for name, load in LOADS.items()
+    }
 
 
 def ring(n: int) -> dict[str, Any]:

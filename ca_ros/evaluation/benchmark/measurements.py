@@ -10,21 +10,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ca_ros.allocation import Allocator, make_allocator
+from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
 from ca_ros.evaluation.benchmark import loads
-from ca_ros.evaluation.benchmark.contenders import BASELINE, CONTENDERS, method
+from ca_ros.evaluation.benchmark.contenders import BASELINE, CONTENDERS, EXACT
 from ca_ros.evaluation.benchmark.peers import Call
 from ca_ros.evaluation.benchmark.plan import Plan
-from ca_ros.evaluation.benchmark.timing import Key, Track, measure, rounds
+from ca_ros.evaluation.benchmark.timing import Key, measure, rounds
 from ca_ros.evaluation.judge import Judge
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
-from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import vehicle_of
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 UNIT, UNITS = 1000, 20
@@ -45,58 +44,48 @@ def time_calls(
     """Return rows of `measure` for each load, wrenches (W, m) [N, N m]."""
     parts = []
     for load, demands in wrenches.items():
-        judge = Judge(problem, demands)
-        tracks = {
-            Key(part, load, name, problem.n): Track(call, judge) for name, call in calls.items()
-        }
-        parts.append(measure(tracks, plan, seed))
+        tracks = {Key(part, load, name, problem.n): call for name, call in calls.items()}
+        judges = dict.fromkeys(tracks, Judge(problem, demands))
+        parts.append(measure(tracks, judges, plan, seed))
     return pd.concat(parts)
 
 
 def time_rotors(plan: Plan, rival: str | None, seed: int) -> pd.DataFrame:
     """Return rows of `measure` of the baseline, `exact` and a peer by number of rotors."""
-    exact = {'exact': method(partial(make_allocator, 'exact'))}
-    others = {rival: CONTENDERS[rival]} if rival else {}
-    contenders = {BASELINE: CONTENDERS[BASELINE], **exact, **others}
-    parts = []
-    for load in loads.LOADS:
-        tracks: dict[Key, Track] = {}
-        for n in plan.rotors:
-            parameters = loads.ring(n)
-            vehicle = Vehicle.from_parameters(parameters)
-            admissible = AdmissibleSet(vehicle)
-            chance = np.random.default_rng(seed)
-            if load == 'uniform':
-                wrenches = admissible.sample(chance, plan.wrenches)
-            elif load == 'boundary':
-                wrenches = loads.boundary(admissible, chance, plan.wrenches)
-            else:
-                wrenches = loads.flight(vehicle, Gains.from_parameters(parameters), plan.flight)
-            judge = Judge(admissible.problem, wrenches)
-            for name, each in contenders.items():
-                tracks[Key('rotors', load, name, n)] = Track(each.call(admissible.problem), judge)
-        parts.append(measure(tracks, plan, seed))
-    return pd.concat(parts)
+    contenders = {BASELINE: CONTENDERS[BASELINE], 'exact': EXACT}
+    contenders |= {rival: CONTENDERS[rival]} if rival else {}
+    calls: dict[Key, Call] = {}
+    judges: dict[Key, Judge] = {}
+    for n in plan.rotors:
+        parameters = loads.ring(n)
+        problem = VehicleProblem(Vehicle.from_parameters(parameters))
+        for load, wrenches in loads.drawn(parameters, problem.vehicle, plan, seed).items():
+            own = {Key('rotors', load, name, n): each for name, each in contenders.items()}
+            calls |= {key: each.call(problem) for key, each in own.items()}
+            judges |= dict.fromkeys(own, Judge(problem, wrenches))
+    return pd.concat(
+        measure({key: calls[key] for key in calls if key.load == load}, judges, plan, seed)
+        for load in loads.LOADS
+    )
 
 
 def time_batches(
-    admissible: AdmissibleSet,
+    wrenches: Array,
     allocators: Mapping[str, Allocator],
     rival: tuple[str, Call] | None,
     plan: Plan,
     seed: int,
 ) -> pd.DataFrame:
-    """Return rows of `rounds`: times per uniform wrench, of `exact` for all sizes of batches.
+    """Return rows of `rounds`: times per wrench, of `exact` for all sizes of batches.
 
     The other allocators get the smallest size alone; the rival is called in a loop.  All run on
     one core; if there are two, the greatest size also on two.
     """
-    sizes, n = plan.batches, admissible.problem.n
-    wrenches = admissible.sample(np.random.default_rng(seed), max(sizes))
+    sizes, n = plan.batches, allocators['exact'].problem.n
     jobs: dict[Key, tuple[Callable[[], Any], float]] = {}
     for name, allocator in allocators.items():
         # The first batch fills caches and is not timed.
-        _batches(allocator, wrenches, min(sizes), 1)
+        allocator.allocate_batch(wrenches[: min(sizes)])
         for size, count in (sizes if name == 'exact' else {min(sizes): 1}).items():
             job = partial(_batches, allocator, wrenches, size, count)
             jobs[Key('batches', str(size), name, n)] = partial(_on, 1, job), size * count
@@ -104,9 +93,9 @@ def time_batches(
                 key = Key('batches', f'{size}{TWO_CORES}', name, n)
                 jobs[key] = partial(_on, 2, job), size * count
     if rival is not None:
-        looped = wrenches[: plan.looped]
-        key = Key('batches', 'one by one', rival[0], n)
-        jobs[key] = partial(_on, 1, partial(_loop, rival[1], looped, n)), len(looped)
+        name, call = rival
+        job = partial(_loop, call, wrenches[: plan.looped], n)
+        jobs[Key('batches', 'one by one', name, n)] = partial(_on, 1, job), plan.looped
     return rounds(jobs, plan.rounds, seed)
 
 
@@ -134,15 +123,14 @@ def _loop(call: Call, wrenches: Array, n: int) -> None:
 
 
 def time_flights(
-    allocator: Allocator, gains: Gains, wrenches: Array, plan: Plan, seed: int
+    controller: Controller, allocator: Allocator, wrenches: Array, plan: Plan, seed: int
 ) -> tuple[pd.DataFrame, Flight]:
     """Return rows of `rounds` for an offline flight to the paper's waypoint, and the flight.
 
     The baseline's time is that of `UNIT` calls on wrenches (W, m) [N, N m].
     """
     problem = allocator.problem
-    vehicle = vehicle_of(problem)
-    loop = Controller(vehicle, gains), allocator, RigidBody(vehicle)
+    loop = controller, allocator, RigidBody(controller.vehicle)
     flight = partial(fly, *loop, loads.WAYPOINTS[0], plan.duration, loads.TIME_STEP)
     call = CONTENDERS[BASELINE].call(problem)
     units = [wrenches[i % len(wrenches)] for i in range(UNIT)] * UNITS

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 
@@ -25,20 +26,11 @@ Call = Callable[[Array], Any]
 
 
 def osqp(problem: AllocationProblem, **settings: Any) -> Call:
-    osqp: Any = import_module('osqp')
-    m, n = problem.gamma.shape
-    low = np.concatenate([problem.image.center, problem.lower])
-    high = np.concatenate([problem.image.center, problem.upper])
-    rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n)]))
-    solver = osqp.OSQP()
-    program = sparse.identity(n, format='csc'), np.zeros(n), rows, low, high
-    solver.setup(*program, verbose=False, warm_starting=True, **settings)
-    solved = int(osqp.SolverStatus.OSQP_SOLVED)
+    _, solve = osqp_program(problem, warm_starting=True, **settings)
+    solved = int(import_module('osqp').SolverStatus.OSQP_SOLVED)
 
     def call(u: Array) -> Any:
-        low[:m] = high[:m] = u
-        solver.update(l=low, u=high)
-        answer = solver.solve(raise_error=False)
+        answer = solve(u)
         return answer.x if answer.info.status_val == solved else None
 
     return call

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -43,5 +43,4 @@ class Plan:
 
 FULL = Plan(5000, 5000, 21, 5, 5.0, {10_000: 100, 100_000: 10, 1_000_000: 1}, 100_000, 11)
 
-QUICK = replace(FULL, wrenches=100, flight=1000, repetitions=31, least=2, budget=0.1)
-QUICK = replace(QUICK, looped=5_000, rounds=3, batches={10_000: 5, 100_000: 1, 1_000_000: 1})
+QUICK = Plan(100, 1000, 31, 2, 0.1, {10_000: 5, 100_000: 1, 1_000_000: 1}, 5_000, 3)

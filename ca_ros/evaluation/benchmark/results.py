@@ -13,6 +13,7 @@ from ca_ros.evaluation.judge import faults
 
 KEY = list(Key._fields)
 ERRORS = ['error', 'violation', 'norm_excess', 'failures', 'attainable']
+QUARTILES = {'_low': 0.25, '': 0.5, '_high': 0.75}
 
 
 def summarize(rows: pd.DataFrame) -> pd.DataFrame:
@@ -27,13 +28,16 @@ def summarize(rows: pd.DataFrame) -> pd.DataFrame:
     unit = rows[rows['contender'] == BASELINE].set_index(groups)['time'].rename('unit')
     rows = rows.join(unit, on=groups)
     rows['ratio'] = rows['time'] / rows['unit']
-    found = []
-    for key, own in rows.groupby(KEY, sort=False):
-        worst = own[ERRORS].max()
-        row = {**Key(*key)._asdict(), **_spread('time', own['time'])}
-        row |= {**_spread('ratio', own['ratio']), **own[list(PERCENTILES)].median()}
-        found.append({**row, 'slowest': own['worst'].max(), **worst, 'faults': faults(worst)})
-    return pd.DataFrame(found)
+    own = rows.groupby(KEY, sort=False)
+    columns = {
+        f'{name}{end}': own[name].quantile(share)
+        for name in ('time', 'ratio')
+        for end, share in QUARTILES.items()
+    }
+    columns |= {name: own[name].median() for name in PERCENTILES}
+    columns |= {'slowest': own['worst'].max(), **{name: own[name].max() for name in ERRORS}}
+    found = pd.DataFrame(columns).reset_index()
+    return found.assign(faults=[faults(each) for each in found.to_dict('records')])
 
 
 def fastest(results: pd.DataFrame, load: str, names: Sequence[str]) -> str | None:
@@ -45,17 +49,10 @@ def fastest(results: pd.DataFrame, load: str, names: Sequence[str]) -> str | Non
 
 def ratio(rows: pd.DataFrame, one: Key, other: Key) -> float | None:
     """Return the median ratio of times within a repetition; None if one was not measured."""
-    times = [
-        rows[(rows[KEY] == list(key)).all(axis=1)].set_index('repetition')['time']
-        for key in (one, other)
-    ]
-    ratios = (times[0] / times[1]).dropna()
-    return float(ratios.median()) if len(ratios) else None
-
-
-def _spread(name: str, values: pd.Series) -> dict[str, Any]:
-    quartiles = zip(('_low', '', '_high'), values.quantile([0.25, 0.5, 0.75]), strict=True)
-    return {f'{name}{part}': value for part, value in quartiles}
+    times = rows.pivot_table('time', 'repetition', KEY)
+    if one not in times or other not in times:
+        return None
+    return float((times[one] / times[other]).median())
 
 
 def records(table: pd.DataFrame) -> Any:

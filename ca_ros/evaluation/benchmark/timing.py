@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import gc
 import random
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from time import perf_counter, perf_counter_ns
 from typing import Any, NamedTuple
 
@@ -41,62 +41,53 @@ class Key(NamedTuple):
     rotors: int
 
 
-class Track(NamedTuple):
-    """A call, and the judge that has its wrenches; as many wrenches for all in a measurement."""
-
-    call: Call
-    judge: Judge
-
-
-def measure(tracks: Mapping[Key, Track], plan: Plan, seed: int) -> pd.DataFrame:
+def measure(
+    calls: Mapping[Key, Call], judges: Mapping[Key, Judge], plan: Plan, seed: int
+) -> pd.DataFrame:
     """Time contenders against each other, in an order that the seed determines.
+
+    The judges have the wrenches of the calls, as many for all.
 
     Returns one row per contender and repetition in which it took part: the fields of `Key`,
     ``repetition`` (-1 for the first pass, which is not timed), ``time`` (the mean of a call) and
     the `PERCENTILES` of single calls [s], and the errors of the answers from `Judge.worst`.
     """
-    wrenches = {key: list(track.judge.demands) for key, track in tracks.items()}
+    wrenches = {key: list(judges[key].demands) for key in calls}
     size = len(next(iter(wrenches.values())))
     chance, rows, counts = random.Random(seed), [], {}
 
-    def note(
-        key: Key, repetition: int, time: float, single: list[float], answers: list[Any]
-    ) -> None:
+    def note(key: Key, repetition: int, time: float, single: Any, answers: Iterable[Any]) -> None:
         try:
-            worst = tracks[key].judge.worst(answers)
+            worst = judges[key].worst(list(answers))
         except AnswerError as error:
             raise AnswerError(f'{key.contender}: {error}') from None
         values = np.percentile(single, list(PERCENTILES.values())) / 1e9
         measured = {'time': time, **dict(zip(PERCENTILES, values, strict=True))}
         rows.append({**key._asdict(), 'repetition': repetition, **measured, **worst})
 
-    def turns(keys: list[Key]) -> Iterator[tuple[Key, list[Array]]]:
+    def in_turns(keys: Sequence[Key], work: Callable[[Call, list[Array]], Any]) -> Any:
+        done: dict[Key, list[Any]] = {key: [] for key in keys}
         for start in range(0, size, TURN):
             for key in chance.sample(keys, len(keys)):
                 # The caches hold the data of other contenders: one call before, not timed.
-                tracks[key].call(wrenches[key][start - 1])
-                yield key, wrenches[key][start : start + TURN]
+                calls[key](wrenches[key][start - 1])
+                done[key].append(work(calls[key], wrenches[key][start : start + TURN]))
+        return done
 
     with without_garbage_collection():
-        for key, track in tracks.items():
+        for key, call in calls.items():
             # The first calls fill caches and are not timed.
-            first, answers = _one_by_one(track.call, wrenches[key])
-            note(key, -1, np.nan, [np.nan], answers)
+            first, answers = _one_by_one(call, wrenches[key])
+            note(key, -1, np.nan, np.nan, answers)
             wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * size)
             counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
-        for repetition in _progress(plan.repetitions, tracks):
-            part = [key for key in tracks if takes_part(repetition, counts[key], plan.repetitions)]
-            spent = dict.fromkeys(part, 0)
-            single: dict[Key, list[float]] = {key: [] for key in part}
-            given: dict[Key, list[Any]] = {key: [] for key in part}
-            for key, turn in turns(part):
-                spent[key] += _together(tracks[key].call, turn)
-            for key, turn in turns(part):
-                times, answers = _one_by_one(tracks[key].call, turn)
-                single[key] += times
-                given[key] += answers
+        for repetition in _progress(plan.repetitions, calls):
+            part = [key for key in calls if takes_part(repetition, counts[key], plan.repetitions)]
+            spent, singly = in_turns(part, _together), in_turns(part, _one_by_one)
             for key in part:
-                note(key, repetition, spent[key] / 1e9 / size, single[key], given[key])
+                single, given = zip(*singly[key], strict=True)
+                time = sum(spent[key]) / 1e9 / size
+                note(key, repetition, time, np.concatenate(single), chain(*given))
     return pd.DataFrame(rows)
 
 
@@ -156,7 +147,7 @@ def rounds(
 
 def _progress(repetitions: int, keys: Iterable[Key]) -> Iterable[int]:
     """Count repetitions; show their progress on a terminal."""
-    return tqdm(range(repetitions), desc=next(iter(keys)).part, disable=not sys.stderr.isatty())
+    return tqdm(range(repetitions), desc=next(iter(keys)).part, disable=None)
 
 
 @contextmanager

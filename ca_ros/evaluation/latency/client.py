@@ -14,6 +14,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
 from ca_ros.bringup.deadline import Deadline
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.benchmark import loads
 from ca_ros.flight.controller import Gains
 from ca_ros.nodes.messages import wrench_message
@@ -29,7 +30,7 @@ ANSWER_MAX = 1.0
 """Time after which a command without an answer is lost [s]."""
 
 
-class LatencyError(RuntimeError):
+class LatencyError(CaRosError):
     """A node ended, or did not answer."""
 
 

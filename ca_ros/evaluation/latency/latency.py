@@ -65,7 +65,7 @@ def measure_nodes(vehicle: str, quick: bool) -> dict[str, Any]:
     try:
         with (
             Processes(children) as processes,
-            tqdm(desc='latency', unit=' blocks', disable=not sys.stderr.isatty()) as bar,
+            tqdm(desc='latency', unit=' blocks', disable=None) as bar,
         ):
 
             def watch() -> None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import base64
 import json
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.report.markdown import html
 
 Metrics = Mapping[str, Any]
-Tiles = list[tuple[str, str]]
+Tiles = Iterator[tuple[str, str]]
 
 MIMES = {'svg': 'image/svg+xml', 'png': 'image/png'}
 """Formats of plots that can be embedded, the better one first."""
@@ -23,56 +24,51 @@ WIDE = ('slices', 'violations', 'position', 'failure', 'benchmark')
 FACTS = ('seed', 'versions', 'machine', 'environment')
 """Keys of the JSON files on which a result depends, beside the parameters."""
 
-
-FAULTS = (AttributeError, LookupError, RecursionError, StopIteration, TypeError, ValueError)
+FAULTS = (AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """Errors caused by unexpected contents of files."""
 
 
-class ChapterError(ValueError):
+class ChapterError(CaRosError):
     """A folder does not hold the results of its program."""
 
 
 def _static_tiles(found: Metrics) -> Tiles:
     name, own = _first(found)
-    return [
-        (f'{own["violations"]} of {found["samples"]}', f'answers of {name} violate a bound'),
-        (f'{own["force_error"]["max"]:.1e} N', f'largest force error of {name}'),
-        (f'{own["torque_error"]["max"]:.1e} N m', f'largest torque error of {name}'),
-        (f'{1e6 * own["time"]["median"]:.3g} µs', f'median time of {name}'),
-    ]
+    yield f'{own["violations"]} of {found["samples"]}', f'answers of {name} violate a bound'
+    yield f'{own["force_error"]["max"]:.1e} N', f'largest force error of {name}'
+    yield f'{own["torque_error"]["max"]:.1e} N m', f'largest torque error of {name}'
+    yield f'{1e6 * own["time"]["median"]:.3g} µs', f'median time of {name}'
 
 
 def _dynamic_tiles(found: Metrics) -> Tiles:
     name, own = _first(found)
-    settled = own['settling_time']['z']
+    yield from _share(found['observations'].values(), "of the paper's observations hold")
+    error, settled = own['steady_state_error']['z'], own['settling_time']['z']
+    yield f'{1e3 * error:.2f} mm', f'height error of {name} at the end'
     time = 'never' if settled is None else f'{settled:.2f} s'
-    return [
-        *_share(found['observations'].values(), "of the paper's observations hold"),
-        (f'{1e3 * own["steady_state_error"]["z"]:.2f} mm', f'height error of {name} at the end'),
-        (time, f'until the height of {name} settles'),
-        (f'{100.0 * own["time_at_bound"]:.1f} %', f'of the time a rotor of {name} is at a bound'),
-    ]
+    yield time, f'until the height of {name} settles'
+    yield f'{100.0 * own["time_at_bound"]:.1f} %', f'of the time a rotor of {name} is at a bound'
 
 
 def _benchmark_tiles(found: Metrics) -> Tiles:
     verdicts = [each['met'] for each in found['promises'] if each['met'] is not None]
-    tiles = _share(verdicts, 'of the measured promises met')
+    yield from _share(verdicts, 'of the measured promises met')
     for each in found['results']:
         if (each['part'], each['contender']) == ('calls', 'exact'):
             time = f'{each["load"]}, {1e6 * each["time"]:.3g} µs'
-            about = f'the time of a clipped pseudo-inverse: exact, {time}'
-            tiles.append((f'{each["ratio"]:.3g}x', about))
-    return tiles
+            yield f'{each["ratio"]:.3g}x', f'the time of a clipped pseudo-inverse: exact, {time}'
 
 
 def _first(found: Metrics) -> tuple[str, Any]:
     """Return the method that the tiles are about: exact, or else the first."""
-    name = 'exact' if 'exact' in found['methods'] else next(iter(found['methods']))
+    first, *_ = found['methods']
+    name = 'exact' if 'exact' in found['methods'] else first
     return name, found['methods'][name]
 
 
-def _share(verdicts: Any, what: str) -> Tiles:
-    return [(f'{sum(verdicts)} of {len(verdicts)}', what)] if verdicts else []
+def _share(verdicts: Collection[bool], what: str) -> Tiles:
+    if verdicts:
+        yield f'{sum(verdicts)} of {len(verdicts)}', what
 
 
 class Kind(NamedTuple):
@@ -128,7 +124,7 @@ def chapter(name: str, folder: Path | None) -> dict[str, Any]:
             'start': start,
             'rest': rest,
             'headings': headings,
-            'tiles': kind.tiles(found),
+            'tiles': list(kind.tiles(found)),
             'pictures': [
                 (picture, caption, stem in WIDE)
                 for stem, caption in kind.captions.items()

@@ -21,6 +21,7 @@ class Renderer(mistune.HTMLRenderer):
     def __init__(self, anchor: str) -> None:
         super().__init__(escape=True)
         self.anchor, self.headings = anchor, list[tuple[str, str]]()
+        self.titles, self.column = list[str](), 0
 
     def link(self, text: str, url: str, title: str | None = None) -> str:
         """Return the text of a link or picture: the page loads nothing."""
@@ -44,29 +45,30 @@ class Renderer(mistune.HTMLRenderer):
                 return f'<li class="{badge}">{text}</li>\n'
         return f'<li>{text}</li>\n'
 
-    def table(self, text: str) -> str:
-        """Return a table; each cell has its column's name, which a narrow screen shows."""
-        names = [Markup(name).striptags() for name in re.findall(r'<th.*?>(.*?)</th>', text)]
+    def table_cell(self, text: str, align: str | None = None, head: bool = False) -> str:
+        """Return a cell with its column's name, which a narrow screen shows.
 
-        def labelled(row: re.Match[str]) -> str:
-            columns = iter(names)
-            return re.sub(
-                '<(t[hd]) ', lambda cell: f'{cell[0]}data-label="{escape(next(columns))}" ', row[0]
-            )
-
-        rows = re.sub('<tr.*?</tr>', labelled, text, flags=re.DOTALL)
-        return f'<div class="scroll"><table>\n{rows}</table></div>\n'
+        Cells aligned to the right hold numbers.
+        """
+        words = Markup(text).striptags()
+        if head:
+            self.titles.append(words)
+        title = self.titles[-1] if head else self.titles[self.column]
+        self.column += not head
+        look = ' short' if len(words) <= SHORT else ''
+        kind, number = 'th' if head else 'td', f'class="number{look}"' if align == 'right' else ''
+        return f'<{kind} data-label="{escape(title)}" {number}>{text}</{kind}>'
 
     def table_row(self, text: str) -> str:
         """Return a row; the paper's rows have a class of their own."""
+        self.column = 0
         other = ' class="other"' if Markup(text).striptags().startswith('paper: ') else ''
         return f'<tr{other}>{text}</tr>\n'
 
-    def table_cell(self, text: str, align: str | None = None, head: bool = False) -> str:
-        """Return a cell; cells aligned to the right hold numbers."""
-        look = ' short' if len(Markup(text).striptags()) <= SHORT else ''
-        kind, number = 'th' if head else 'td', f'class="number{look}"' if align == 'right' else ''
-        return f'<{kind} {number}>{text}</{kind}>'
+    def table(self, text: str) -> str:
+        """Return a table, whose cells have been rendered."""
+        self.titles = []
+        return f'<div class="scroll"><table>\n{text}</table></div>\n'
 
 
 def html(text: str, anchor: str) -> tuple[Markup, Markup, list[tuple[str, str]]]:

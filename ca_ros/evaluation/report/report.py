@@ -9,9 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from ca_ros.evaluation.report.chapters import KINDS, ChapterError, chapter
+from ca_ros.evaluation.tables import render
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,10 +49,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
 
 def page(title: str, chapters: Sequence[dict[str, Any]]) -> str:
     """Return the page of a report."""
-    text = Path(__file__).with_name('page.html').read_text(encoding='utf-8')
-    look: dict[str, Any] = {'autoescape': True, 'trim_blocks': True, 'lstrip_blocks': True}
-    template = jinja2.Template(text, undefined=jinja2.StrictUndefined, **look)
-    return template.render(title=title, chapters=chapters, version=version('ca_ros'))
+    return render('page.html', title=title, chapters=chapters, version=version('ca_ros'))
 
 
 if __name__ == '__main__':

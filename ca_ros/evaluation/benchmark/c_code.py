@@ -1,0 +1,65 @@
+"""C code of one vehicle for the contenders in C: its numbers, and OSQP's generated code."""
+
+from __future__ import annotations
+
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ca_ros.allocation.osqp_program import osqp_program
+from ca_ros.allocation.result import Status
+from ca_ros.firmware.literals import braced
+from ca_ros.problem.prioritization import ORDER, REVERSAL, groups_of, sensed
+from ca_ros.problem.problem import AllocationProblem
+
+
+def header(problem: AllocationProblem, precision: str, storage: str = '') -> str:
+    """Return a header with a vehicle's matrices and bounds, and OPTIONS of the kernel.
+
+    Parameters
+    ----------
+    problem : AllocationProblem
+    precision : 'double' or 'single'
+    storage : str
+        What the declarations begin with.  Without ``const`` the compiler cannot use the numbers.
+    """
+    axes, n, m = problem.axes, problem.n, len(problem.axes)
+    groups = groups_of(ORDER, axes)
+    keeps = sensed(groups, REVERSAL)
+    options = (
+        f'{int(Status.PRIORITIZED)}',
+        braced([axes.index(axis) for group in groups for axis in group]),
+        braced([i for i, group in enumerate(groups) for _ in group]),
+        braced([int(axis in keeps) for axis in axes]),
+        braced(problem.reference, precision),
+        '0',
+        '1e-9',
+    )
+    arrays = {
+        f'matrix[{m}][{n}]': problem.gamma,
+        f'inverse[{n}][{m}]': np.linalg.pinv(problem.gamma),
+        f'lower[{n}]': problem.lower,
+        f'upper[{n}]': problem.upper,
+    }
+    kind = {'double': 'double', 'single': 'float'}[precision]
+    lines = [
+        f'{storage} {kind} {name} = {braced(np.ravel(values), precision)};'
+        for name, values in arrays.items()
+    ]
+    return '\n'.join([*lines, f'#define OPTIONS {{{", ".join(options)}}}', ''])
+
+
+def osqp_code(problem: AllocationProblem, folder: Path, **options: Any) -> list[str]:
+    """Write OSQP's embedded code for Eqs. (20)-(22); return its sources and include options.
+
+    Raises an ImportError if the package osqp is not installed.
+    """
+    solver, _ = osqp_program(problem)
+    with redirect_stdout(StringIO()):
+        solver.codegen(str(folder), parameters='vectors', force_rewrite=True, **options)
+    includes = (folder, folder / 'inc' / 'public', folder / 'inc' / 'private')
+    sources = (folder / 'workspace.c', *folder.glob('src/*.c'))
+    return [*map(str, sources), *(f'-I{path}' for path in includes)]
