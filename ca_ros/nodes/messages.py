@@ -146,9 +146,9 @@ def wrench_numbers(message: WrenchStamped) -> tuple[float, ...]:
 def read_wrench(data: bytes) -> WrenchCommand:
     """Return what a serialized WrenchStamped holds.
 
-    In little-endian CDR (OMG DDSI-RTPS 2.5, 10.2) the fields are read from the bytes, because
-    rclpy needs 12 us for the message, more than the allocation and all checks together.  Other
-    bytes are left to rclpy.
+    In little-endian CDR (OMG DDSI-RTPS 2.5, chapter 10) the fields are read from the bytes,
+    because rclpy needs 12 us for the message, more than the allocation and all checks together.
+    Other bytes are left to rclpy.
 
     Raises
     ------
