@@ -24,6 +24,7 @@ class Allocator(ABC):
     A method is a subclass that implements `_allocate`.  The result depends only on the wrench, not
     on earlier wrenches.  The dict `parameters` of a method in `ALLOCATORS` declares its options as
     parameters of the nodes: the option ``slack`` of ``exact`` is ``allocation.exact.slack``.
+    The parameters of one's own ``module:Class`` begin with ``allocation.Class.``.
 
     Parameters
     ----------
