@@ -103,10 +103,12 @@ typedef struct {
     X(int, basic, [CA_M])                   /* the simplex dictionary at this point */ \
     X(int, nonbasic, [CA_N]) \
     X(ca_real, rates, [CA_M][CA_N]) \
-    X(ca_real, thrust_value, [CA_N])        /* its variables: thrusts and axes, scaled */ \
-    X(ca_real, axis_value, [CA_M]) \
-    X(ca_real, axis_lower, [CA_M]) \
-    X(ca_real, axis_upper, [CA_M]) \
+    X(ca_real, row_value, [CA_M])           /* its basic and nonbasic variables, scaled */ \
+    X(ca_real, row_lower, [CA_M]) \
+    X(ca_real, row_upper, [CA_M]) \
+    X(ca_real, column_value, [CA_N]) \
+    X(ca_real, column_lower, [CA_N]) \
+    X(ca_real, column_upper, [CA_N]) \
     X(ca_real, doubt, )
 
 #define CA_MEMBER(type, name, dimensions) type name dimensions;

@@ -37,11 +37,14 @@
 #define COLUMNS (CA_N + CA_M)
 #define VARIABLES (CA_N + CA_M + 1 + 3 * CA_M)
 
+/* Variables are numbered: first the thrusts, then the axes, then those that are added. The basic
+ * variable of row r is at place r, the nonbasic one of column k at place ROWS + k. Columns from
+ * `columns` on hold nonbasic variables that cannot move any more; their rates are not kept. */
 typedef struct {
-    int rows, columns, count;
-    int basic[ROWS], nonbasic[COLUMNS];
+    int rows, columns, all_columns, count;
+    int variable[ROWS + COLUMNS], place[VARIABLES];
+    ca_real value[ROWS + COLUMNS], lower[ROWS + COLUMNS], upper[ROWS + COLUMNS];
     ca_real rates[ROWS][COLUMNS];
-    ca_real value[VARIABLES], lower[VARIABLES], upper[VARIABLES];
     /* Bound of the distance that pushes may have missed because of rounding. */
     ca_real doubt;
     int pivots;
@@ -51,45 +54,82 @@ typedef struct {
     int thrusts;
 } simplex;
 
-static int find(int count, const int *variables, int v)
+static ca_real value_of(const simplex *s, int v)
 {
-    for (int i = 0; i < count; i++)
-        if (variables[i] == v)
-            return i;
-    return -1;
+    return s->value[s->place[v]];
+}
+
+static void put(simplex *s, int place, int v, ca_real value, ca_real lower, ca_real upper)
+{
+    s->variable[place] = v;
+    s->place[v] = place;
+    s->value[place] = value;
+    s->lower[place] = lower;
+    s->upper[place] = upper;
+}
+
+static void swap(simplex *s, int a, int b)
+{
+    const int v = s->variable[a];
+    const ca_real value = s->value[a], lower = s->lower[a], upper = s->upper[a];
+    put(s, a, s->variable[b], s->value[b], s->lower[b], s->upper[b]);
+    put(s, b, v, value, lower, upper);
 }
 
 /* Exchange the basic variable of row r and nonbasic variable k. */
 static void exchange(simplex *s, int r, int k)
 {
-    const ca_real inverse = 1 / s->rates[r][k];
-    const int basic = s->basic[r];
+    ca_real *row = s->rates[r];
+    const ca_real inverse = 1 / row[k];
+    const int columns = s->columns;
     s->doubt = ca_max(s->doubt, SLACK * ca_abs(inverse));
-    for (int j = 0; j < s->columns; j++)
-        s->rates[r][j] *= -inverse;
-    s->rates[r][k] = inverse;
+    for (int j = 0; j < columns; j++)
+        row[j] *= -inverse;
+    row[k] = inverse;
     for (int i = 0; i < s->rows; i++) {
-        const ca_real factor = s->rates[i][k];
+        ca_real *other = s->rates[i];
+        const ca_real factor = other[k];
         if (i == r || factor == 0)
             continue;
-        s->rates[i][k] = 0;
-        for (int j = 0; j < s->columns; j++)
-            s->rates[i][j] += factor * s->rates[r][j];
+        other[k] = 0;
+        for (int j = 0; j < columns; j++)
+            other[j] += factor * row[j];
     }
-    s->basic[r] = s->nonbasic[k];
-    s->nonbasic[k] = basic;
+    swap(s, r, ROWS + k);
     s->pivots++;
 }
 
+/* Stop to keep the rates of nonbasic variable k, which cannot move any more. */
+static void drop(simplex *s, int k)
+{
+    const int last = --s->columns;
+    if (k == last)
+        return;
+    swap(s, ROWS + k, ROWS + last);
+    for (int r = 0; r < s->rows; r++)
+        s->rates[r][k] = s->rates[r][last];
+}
+
+/* Add a nonbasic variable; returns its column, whose rates are not set. */
+static int add_column(simplex *s, ca_real value, ca_real upper)
+{
+    const int k = s->columns++, end = ROWS + s->all_columns++;
+    if (ROWS + k < end)
+        put(s, end, s->variable[ROWS + k], s->value[ROWS + k], s->lower[ROWS + k],
+            s->upper[ROWS + k]);
+    put(s, ROWS + k, s->count++, value, 0, upper);
+    return k;
+}
+
 /* Move nonbasic variable k by `way`, at most to the first bound that blocks it. Returns whether the
- * move was completed; `blocked` is the row of the variable that blocks, or -1. The variable
+ * move was completed; `blocked` is the row of the variable that blocks, or -1. The variable of row
  * `target` does not block. If there is a target, the bounds of k itself do. */
 static int move(simplex *s, int k, ca_real way, int target, int *blocked)
 {
-    const int x = s->nonbasic[k];
+    const int x = ROWS + k;
     const ca_real sign = way > 0 ? CA_REAL(1) : CA_REAL(-1);
     ca_real length = ca_abs(way), room[ROWS], speed[ROWS];
-    int reached = 1;
+    int row[ROWS], near = 0, reached = 1;
     *blocked = -1;
     if (target >= 0) {
         const ca_real own = way > 0 ? s->upper[x] - s->value[x] : s->value[x] - s->lower[x];
@@ -102,64 +142,91 @@ static int move(simplex *s, int k, ca_real way, int target, int *blocked)
      * block almost together the fastest one, the best pivot, leaves the basis. */
     ca_real furthest = length;
     for (int r = 0; r < s->rows; r++) {
-        const int v = s->basic[r];
-        const ca_real rate = sign * s->rates[r][k];
-        speed[r] = 0;
-        room[r] = 0;
-        if (v == target || (rate > -STILL && rate < STILL))
+        const ca_real rate = sign * s->rates[r][k], size = ca_abs(rate);
+        if (r == target || size < STILL)
             continue;
-        room[r] = rate > 0 ? s->upper[v] - s->value[v] : s->value[v] - s->lower[v];
-        if (room[r] < ca_abs(rate) * furthest) {
-            speed[r] = ca_abs(rate);
-            furthest = ca_min(furthest, (ca_max(room[r], 0) + SLACK) / speed[r]);
+        const ca_real left = rate > 0 ? s->upper[r] - s->value[r] : s->value[r] - s->lower[r];
+        if (left < size * furthest) {
+            row[near] = r;
+            room[near] = ca_max(left, 0);
+            speed[near] = size;
+            furthest = ca_min(furthest, (room[near++] + SLACK) / size);
         }
     }
-    ca_real fastest = 0, nearest = 0;
-    for (int r = 0; r < s->rows; r++) {
-        if (speed[r] > fastest && room[r] <= speed[r] * furthest &&
-            speed[r] * furthest < speed[r] * length) {
-            fastest = speed[r];
-            *blocked = r;
-            reached = 0;
-            nearest = ca_max(room[r], 0) / speed[r];
-        }
+    if (furthest < length) {
+        ca_real fastest = 0;
+        int first = 0;
+        for (int i = 0; i < near; i++)
+            if (speed[i] > fastest && room[i] <= speed[i] * furthest) {
+                fastest = speed[i];
+                first = i;
+            }
+        *blocked = row[first];
+        length = ca_min(room[first] / speed[first], length);
+        reached = 0;
     }
-    if (*blocked >= 0)
-        length = ca_min(nearest, length);
     const ca_real step = sign * length;
     s->value[x] += step;
     for (int r = 0; r < s->rows; r++)
-        s->value[s->basic[r]] += step * s->rates[r][k];
-    if (*blocked >= 0) {
-        const int v = s->basic[*blocked];
-        s->value[v] = sign * s->rates[*blocked][k] > 0 ? s->upper[v] : s->lower[v];
-    } else if (!reached) {
+        s->value[r] += step * s->rates[r][k];
+    if (*blocked >= 0)
+        s->value[*blocked] =
+            sign * s->rates[*blocked][k] > 0 ? s->upper[*blocked] : s->lower[*blocked];
+    else if (!reached)
         s->value[x] = way > 0 ? s->upper[x] : s->lower[x];
-    }
     return reached;
 }
 
-static int push_away(simplex *s, int v, ca_real goal)
+/* Whether the variable at a place can move towards a goal at `rate`. */
+static int can_move(const simplex *s, int place, int up)
 {
-    int blocked, k = find(s->columns, s->nonbasic, v);
-    if (k >= 0) {
-        if (move(s, k, goal - s->value[v], -1, &blocked)) {
-            s->value[v] = goal;
+    return up ? s->value[place] < s->upper[place] : s->value[place] > s->lower[place];
+}
+
+/* The variable of row r cannot move any further: note what proves it. */
+static void prove(simplex *s, int r, ca_real left)
+{
+    for (int j = 0; j < s->columns; j++) {
+        const ca_real rate = s->rates[r][j], size = ca_abs(rate);
+        const int x = s->variable[ROWS + j];
+        const ca_real value = s->value[ROWS + j], lower = s->lower[ROWS + j],
+                      upper = s->upper[ROWS + j];
+        if (size > NOISE && x < s->thrusts && lower < upper)
+            s->least_rate = ca_min(s->least_rate, size);
+        if (size > ZERO) {
+            if (x < s->thrusts)
+                s->held[x] = 1;
+        } else if (rate != 0) {
+            s->doubt += size * ca_min(rate * left > 0 ? upper - value : value - lower, 2);
+        }
+    }
+}
+
+/* Move variable v towards a goal, as far as the bounds of the others allow. Returns whether v has
+ * reached the goal. */
+static int approach(simplex *s, int v, ca_real goal)
+{
+    int blocked, place = s->place[v];
+    if (s->value[place] == goal)
+        return 1;
+    if (place >= ROWS + s->columns)
+        return 0;
+    if (place >= ROWS) {
+        if (move(s, place - ROWS, goal - s->value[place], -1, &blocked)) {
+            s->value[place] = goal;
             return 1;
         }
-        exchange(s, blocked, k);
+        exchange(s, blocked, place - ROWS);
     }
-    const int r = find(s->rows, s->basic, v);
+    const int r = s->place[v];
     for (int pivot = 0; pivot < PIVOTS_PER_VARIABLE * s->count; pivot++) {
-        const ca_real left = goal - s->value[v];
+        const ca_real left = goal - s->value[r];
         ca_real best = ZERO;
-        k = -1;
+        int k = -1;
         for (int j = 0; j < s->columns; j++) {
-            const ca_real rate = s->rates[r][j];
-            const int x = s->nonbasic[j];
-            if (ca_abs(rate) > best && ((rate > 0) == (left > 0) ? s->value[x] < s->upper[x]
-                                                                 : s->value[x] > s->lower[x])) {
-                best = ca_abs(rate);
+            const ca_real rate = s->rates[r][j], size = ca_abs(rate);
+            if (size > best && can_move(s, ROWS + j, (rate > 0) == (left > 0))) {
+                best = size;
                 k = j;
                 /* Later take the first that moves v, not the fastest, to prevent cycles. */
                 if (pivot > s->count)
@@ -167,54 +234,49 @@ static int push_away(simplex *s, int v, ca_real goal)
             }
         }
         if (k < 0) {
-            for (int j = 0; j < s->columns; j++) {
-                const ca_real rate = s->rates[r][j];
-                const int x = s->nonbasic[j];
-                if (ca_abs(rate) > NOISE && x < s->thrusts && s->lower[x] < s->upper[x])
-                    s->least_rate = ca_min(s->least_rate, ca_abs(rate));
-                if (ca_abs(rate) > ZERO) {
-                    if (x < s->thrusts)
-                        s->held[x] = 1;
-                } else if (rate != 0) {
-                    s->doubt += ca_abs(rate) *
-                                ca_min(rate * left > 0 ? s->upper[x] - s->value[x]
-                                                       : s->value[x] - s->lower[x],
-                                       2);
-                }
-            }
+            prove(s, r, left);
             return 0;
         }
-        if (move(s, k, left / s->rates[r][k], v, &blocked)) {
-            s->value[v] = goal;
+        if (move(s, k, left / s->rates[r][k], r, &blocked)) {
+            s->value[r] = goal;
             return 1;
         }
-        if (blocked >= 0)
+        if (blocked >= 0) {
             exchange(s, blocked, k);
+            if (!(s->lower[ROWS + k] < s->upper[ROWS + k]))
+                drop(s, k);
+        }
     }
     return 0;
 }
 
-/* Move variable v towards a goal, as far as the bounds of the others allow. Later pushes never move
- * v away from the goal again. Returns whether v has reached the goal. */
-static int push(simplex *s, int v, ca_real goal)
+/* Later moves never move v away from its goal again. */
+static void hold(simplex *s, int v, ca_real goal)
 {
-    const int reached = s->value[v] == goal || push_away(s, v, goal);
-    s->lower[v] = ca_min(s->value[v], goal);
-    s->upper[v] = ca_max(s->value[v], goal);
-    return reached;
+    const int place = s->place[v];
+    s->lower[place] = ca_min(s->value[place], goal);
+    s->upper[place] = ca_max(s->value[place], goal);
+    if (place >= ROWS && place < ROWS + s->columns && s->value[place] == goal)
+        drop(s, place - ROWS);
+}
+
+static void push(simplex *s, int v, ca_real goal)
+{
+    approach(s, v, goal);
+    hold(s, v, goal);
 }
 
 /* Fix variable v at its value, and make it nonbasic. */
 static void release(simplex *s, int v)
 {
-    const int r = find(s->rows, s->basic, v);
+    const int r = s->place[v];
     ca_real greatest = -1;
     int pivot = 0;
-    s->lower[v] = s->upper[v] = s->value[v];
-    if (r < 0)
+    s->lower[r] = s->upper[r] = s->value[r];
+    if (r >= ROWS)
         return;
     for (int j = 0; j < s->columns; j++) {
-        const int x = s->nonbasic[j];
+        const int x = ROWS + j;
         const ca_real size = s->lower[x] < s->upper[x] ? ca_abs(s->rates[r][j]) : 0;
         if (size > greatest) {
             greatest = size;
@@ -224,38 +286,20 @@ static void release(simplex *s, int v)
     exchange(s, r, pivot);
 }
 
-static int add(simplex *s, ca_real value, ca_real lower, ca_real upper)
-{
-    s->value[s->count] = value;
-    s->lower[s->count] = lower;
-    s->upper[s->count] = upper;
-    return s->count++;
-}
-
 /* Add a variable, the distance that nonbasic variables move together along a line. From now on they
  * move along the line only. */
 static int add_ray(simplex *s, int count, const int *variables, const ca_real *direction)
 {
-    int kept = 0;
-    ca_real ray[ROWS];
-    for (int r = 0; r < s->rows; r++)
-        ray[r] = 0;
-    for (int i = 0; i < count; i++) {
-        const int k = find(s->columns, s->nonbasic, variables[i]);
-        for (int r = 0; r < s->rows; r++)
-            ray[r] += direction[i] * s->rates[r][k];
+    const int k = add_column(s, 0, CA_INFINITY), ray = s->variable[ROWS + k];
+    for (int r = 0; r < s->rows; r++) {
+        ca_real rate = 0;
+        for (int i = 0; i < count; i++)
+            rate += direction[i] * s->rates[r][s->place[variables[i]] - ROWS];
+        s->rates[r][k] = rate;
     }
-    for (int k = 0; k < s->columns; k++) {
-        if (find(count, variables, s->nonbasic[k]) >= 0)
-            continue;
-        for (int r = 0; r < s->rows; r++)
-            s->rates[r][kept] = s->rates[r][k];
-        s->nonbasic[kept++] = s->nonbasic[k];
-    }
-    for (int r = 0; r < s->rows; r++)
-        s->rates[r][kept] = ray[r];
-    s->columns = kept + 1;
-    return s->nonbasic[kept] = add(s, 0, 0, CA_INFINITY);
+    for (int i = 0; i < count; i++)
+        drop(s, s->place[variables[i]] - ROWS);
+    return ray;
 }
 
 /* Add a variable, the greatest weighted distance of some variables to their goals. */
@@ -264,25 +308,24 @@ static int add_lag(simplex *s, int count, const int *variables, const ca_real *g
 {
     ca_real most = 0;
     for (int i = 0; i < count; i++)
-        most = ca_max(most, ca_abs(goals[i] - s->value[variables[i]]) / weights[i]);
-    const int column = s->columns++;
+        most = ca_max(most, ca_abs(goals[i] - value_of(s, variables[i])) / weights[i]);
+    const int column = add_column(s, most, most);
     for (int r = 0; r < s->rows; r++)
         s->rates[r][column] = 0;
-    const int lag = s->nonbasic[column] = add(s, most, 0, most);
     for (int i = 0; i < count; i++) {
-        const int v = variables[i], r = find(s->rows, s->basic, v);
+        const int place = s->place[variables[i]];
         for (int side = 0; side < 2; side++) {
             const ca_real weight = side ? -weights[i] : weights[i];
             const int row = s->rows++;
             for (int k = 0; k < column; k++)
-                s->rates[row][k] = r >= 0 ? s->rates[r][k] : (ca_real)(s->nonbasic[k] == v);
+                s->rates[row][k] = place < ROWS ? s->rates[place][k] : (ca_real)(place == ROWS + k);
             s->rates[row][column] = weight;
             /* The variable plus its share of the lag is at the goal or beyond, on either side. */
-            s->basic[row] = add(s, s->value[v] + weight * most, side ? -CA_INFINITY : goals[i],
-                                side ? goals[i] : CA_INFINITY);
+            put(s, row, s->count++, s->value[place] + weight * most,
+                side ? -CA_INFINITY : goals[i], side ? goals[i] : CA_INFINITY);
         }
     }
-    return lag;
+    return s->variable[ROWS + column];
 }
 
 /* Restore the dictionary at the beginning of the line. */
@@ -290,25 +333,20 @@ static void begin(const ca_problem *p, simplex *s)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     s->rows = m;
-    s->columns = n;
+    s->columns = s->all_columns = n;
     s->count = n + m;
     s->doubt = p->doubt;
     s->pivots = 0;
     s->thrusts = n;
     s->least_rate = 1;
     for (int k = 0; k < m; k++) {
-        s->basic[k] = p->basic[k];
-        s->value[n + k] = p->axis_value[k];
-        s->lower[n + k] = p->axis_lower[k];
-        s->upper[n + k] = p->axis_upper[k];
+        put(s, k, p->basic[k], p->row_value[k], p->row_lower[k], p->row_upper[k]);
         for (int i = 0; i < n; i++)
             s->rates[k][i] = p->rates[k][i];
     }
     for (int i = 0; i < n; i++) {
-        s->nonbasic[i] = p->nonbasic[i];
-        s->value[i] = p->thrust_value[i];
-        s->lower[i] = -1;
-        s->upper[i] = 1;
+        put(s, ROWS + i, p->nonbasic[i], p->column_value[i], p->column_lower[i],
+            p->column_upper[i]);
         s->held[i] = 0;
     }
 }
@@ -318,16 +356,18 @@ static void keep(const simplex *s, ca_problem *p)
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     p->doubt = s->doubt;
     for (int k = 0; k < m; k++) {
-        p->basic[k] = s->basic[k];
-        p->axis_value[k] = s->value[n + k];
-        p->axis_lower[k] = s->lower[n + k];
-        p->axis_upper[k] = s->upper[n + k];
+        p->basic[k] = s->variable[k];
+        p->row_value[k] = s->value[k];
+        p->row_lower[k] = s->lower[k];
+        p->row_upper[k] = s->upper[k];
         for (int i = 0; i < n; i++)
             p->rates[k][i] = s->rates[k][i];
     }
     for (int i = 0; i < n; i++) {
-        p->nonbasic[i] = s->nonbasic[i];
-        p->thrust_value[i] = s->value[i];
+        p->nonbasic[i] = s->variable[ROWS + i];
+        p->column_value[i] = s->value[ROWS + i];
+        p->column_lower[i] = s->lower[ROWS + i];
+        p->column_upper[i] = s->upper[ROWS + i];
     }
 }
 
@@ -340,10 +380,10 @@ static int group_size(const ca_problem *p, int first)
     return size;
 }
 
-/* Serve a demand, given as scaled goals. Returns the share of the line that the first group moved
- * along. */
+/* Serve a demand, given as scaled goals, by the scaled wrench `axes`. Returns the share of the line
+ * that the first group moved along. */
 static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *reference,
-                     int senses, simplex *s)
+                     int senses, simplex *s, ca_real *axes)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     int variables[CA_M] = {0}, length = -1;
@@ -370,11 +410,14 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         const int axis = p->order[i], v = variables[i];
         if (!p->keep_sense[axis])
             continue;
-        const ca_real value = s->value[v], low = ca_min(goals[axis], reference[axis]),
-                      high = ca_max(goals[axis], reference[axis]);
-        if ((low <= value && value <= high) || push(s, v, value < low ? low : high)) {
-            s->lower[v] = low;
-            s->upper[v] = high;
+        const ca_real value = value_of(s, v), low = ca_min(goals[axis], reference[axis]),
+                      high = ca_max(goals[axis], reference[axis]),
+                      nearest = ca_clip(value, low, high);
+        if (approach(s, v, nearest)) {
+            s->lower[s->place[v]] = low;
+            s->upper[s->place[v]] = high;
+        } else {
+            hold(s, v, nearest);
         }
     }
     for (int i = first; i < m;) {
@@ -395,11 +438,14 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
             push(s, variables[i + k], goals[p->order[i + k]]);
         i += count;
     }
+    for (int k = 0; k < m; k++)
+        axes[k] = value_of(s, n + k);
     if (length >= 0) {
-        share = ca_clip(s->value[length] / size, 0, 1);
-        for (int i = 0; i < first; i++)
-            s->value[variables[i]] =
-                share == 1 ? goals[p->order[i]] : p->begin[i] + share * ways[i];
+        share = ca_clip(value_of(s, length) / size, 0, 1);
+        for (int i = 0; i < first; i++) {
+            const int axis = p->order[i];
+            axes[axis] = share == 1 ? goals[axis] : p->begin[i] + share * ways[i];
+        }
     }
     return share;
 }
@@ -414,23 +460,25 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     simplex s;
-    ca_real reference[CA_M] = {0};
+    ca_real reference[CA_M] = {0}, axes[CA_M];
 
     p->on_reference = 0;
     p->doubt = SLACK;
     scale(p, p->reference, reference);
     for (int k = 0; k < m; k++) {
         p->basic[k] = n + k;
-        p->axis_value[k] = 0;
-        p->axis_lower[k] = -CA_INFINITY;
-        p->axis_upper[k] = CA_INFINITY;
+        p->row_value[k] = 0;
+        p->row_lower[k] = -CA_INFINITY;
+        p->row_upper[k] = CA_INFINITY;
         p->begin[k] = 0;
         for (int i = 0; i < n; i++)
             p->rates[k][i] = p->gamma[k][i] * p->half_range[i] / p->extent[k];
     }
     for (int i = 0; i < n; i++) {
         p->nonbasic[i] = i;
-        p->thrust_value[i] = 0;
+        p->column_value[i] = 0;
+        p->column_lower[i] = -1;
+        p->column_upper[i] = 1;
     }
     if (first > 1) {
         /* The line begins at the reference, or before it if the reference is not well inside. */
@@ -449,21 +497,21 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
             }
             const int length = add_ray(&s, first, variables, direction);
             push(&s, length, size / INSIDE);
-            part = ca_min(1, INSIDE * s.value[length] / size);
+            part = ca_min(1, INSIDE * value_of(&s, length) / size);
         }
         p->on_reference = 1;
         begin(p, &s);
         for (int i = 0; i < first; i++) {
             p->begin[i] = part * reference[p->order[i]];
             p->on_reference = p->on_reference && p->begin[i] == reference[p->order[i]];
-            push(&s, n + p->order[i], p->begin[i]);
+            approach(&s, n + p->order[i], p->begin[i]);
             release(&s, n + p->order[i]);
         }
         keep(&s, p);
     }
-    serve(p, reference, reference, 0, &s);
+    serve(p, reference, reference, 0, &s, axes);
     for (int k = 0; k < m; k++)
-        if (ca_abs(s.value[n + k] - reference[k]) > REST)
+        if (ca_abs(axes[k] - reference[k]) > REST)
             p->keep_sense[k] = 0;
 }
 
@@ -475,7 +523,7 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
     ca_real rates[CA_N], slope = 0, curvature = 0, low = -CA_INFINITY, high = CA_INFINITY;
     int k = -1;
     for (int j = 0; j < s->columns; j++) {
-        const int x = s->nonbasic[j];
+        const int x = s->variable[ROWS + j];
         if (x >= n || s->held[x] || !(p->half_range[x] > 0))
             continue;
         if (k >= 0)
@@ -486,11 +534,13 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
         return 0;
     for (int i = 0; i < n; i++)
         rates[i] = 0;
-    rates[s->nonbasic[k]] = p->half_range[s->nonbasic[k]];
+    const int chosen = s->variable[ROWS + k];
+    rates[chosen] = p->half_range[chosen];
     for (int r = 0; r < s->rows; r++) {
-        if (s->basic[r] < n)
-            rates[s->basic[r]] = p->half_range[s->basic[r]] * s->rates[r][k];
-        else if (ca_abs(s->rates[r][k]) > ZERO)
+        const int v = s->variable[r];
+        if (v < n)
+            rates[v] = p->half_range[v] * s->rates[r][k];
+        else if (ca_abs(s->rates[r][k]) > NOISE)
             /* The thrust would move an axis that has reached its goal. */
             return 0;
     }
@@ -515,15 +565,15 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     simplex s;
-    ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, wrench[CA_M], missed[CA_M];
+    ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M], wrench[CA_M], missed[CA_M];
     ca_real *thrusts = served->thrusts;
 
     scale(p, u, goals);
     scale(p, p->reference, reference);
-    const ca_real share = serve(p, goals, reference, 1, &s);
+    const ca_real share = serve(p, goals, reference, 1, &s, axes);
     *pivots += s.pivots;
     for (int i = 0; i < n; i++)
-        thrusts[i] = ca_clip(p->middle[i] + p->half_range[i] * s.value[i], p->lower[i],
+        thrusts[i] = ca_clip(p->middle[i] + p->half_range[i] * value_of(&s, i), p->lower[i],
                              p->upper[i]);
     for (int i = 0; i < n; i++)
         served->held[i] = s.held[i];
@@ -532,7 +582,7 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     served->unique = choices == 0;
     served->least = choices < 2;
     for (int k = 0; k < m; k++)
-        wrench[k] = p->center[k] + p->extent[k] * s.value[n + k];
+        wrench[k] = p->center[k] + p->extent[k] * axes[k];
     /* The small pivots of almost symmetric vehicles lose digits. */
     ca_residual(p, wrench, thrusts, missed);
     const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench)) / 2;
