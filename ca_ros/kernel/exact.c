@@ -164,15 +164,13 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     if (served.reached) {
         /* u is attainable according to the simplex method, but the thrusts miss it. */
         ca_real least[CA_N], left;
-        for (int i = 0; i < n; i++)
-            least[i] = thrusts[i];
+        ca_copy(n, thrusts, least);
         left = on_face ? ca_settle(p, u, tolerance, least, &answer.steps)
                        : ca_least_norm(p, u, tolerance, 1, least, y, &answer.steps);
         for (int k = 0; k < m; k++)
             missed[k] = served.wrench[k] - u[k];
         if (left <= tolerance || (ca_length(m, missed) <= tolerance && left <= p->slack * size)) {
-            for (int i = 0; i < n; i++)
-                thrusts[i] = least[i];
+            ca_copy(n, least, thrusts);
             return answer;
         }
     }
@@ -187,8 +185,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
         residual = ca_least_norm(p, served.wrench, goal, 0, thrusts, y, &answer.steps);
     if (!(residual <= goal)) {
         /* The thrusts of the simplex method produce the wrench too, if not with the least norm. */
-        for (int i = 0; i < n; i++)
-            thrusts[i] = served.thrusts[i];
+        ca_copy(n, served.thrusts, thrusts);
         ca_residual(p, served.wrench, thrusts, missed);
         if (!(ca_length(m, missed) <= goal))
             answer.status = CA_INEXACT;

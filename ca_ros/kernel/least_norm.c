@@ -124,9 +124,8 @@ static void factorize(const bounded_program *program, const int *free, int count
     }
 }
 
-/* Solve basis_F^T basis_F step = slopes without squaring the condition number; change = basis_F
- * step. `away` is the part of `slopes` that the free rows do not span. */
-static void solve_free(const qr_factors *f, int m, const ca_real *slopes, ca_real *step,
+/* `solve_free` by the QR factors. */
+static void solve_by_columns(const qr_factors *f, int m, const ca_real *slopes, ca_real *step,
                        ca_real *change, ca_real *away)
 {
     ca_real sorted[CA_M], g[CA_M] = {0}, t[CA_M];
@@ -182,6 +181,64 @@ static void solve_free(const qr_factors *f, int m, const ca_real *slopes, ca_rea
     for (int j = 0; j < rank; j++)
         for (int i = 0; i < f->free; i++)
             change[i] += g[j] * f->q[j][i];
+}
+
+/* `solve_free` for fewer free rows than axes: basis_F = L Q by the Gram-Schmidt method over the rows.
+ * Returns 0 if the rows are almost dependent. */
+static int solve_by_rows(const bounded_program *program, const int *free, int frees,
+                         const ca_real *slopes, ca_real *step, ca_real *change, ca_real *away)
+{
+    const int m = CA_AXES(program->problem);
+    ca_real q[CA_M][CA_M], l[CA_M][CA_M], inverse[CA_M], t[CA_M];
+    if (frees >= m)
+        return 0;
+    ca_copy(m, slopes, away);
+    for (int i = 0; i < frees; i++) {
+        ca_copy(m, program->basis[free[i]], q[i]);
+        for (int j = 0; j < i; j++) {
+            l[i][j] = ca_dot(m, q[j], q[i]);
+            for (int k = 0; k < m; k++)
+                q[i][k] -= l[i][j] * q[j][k];
+        }
+        const ca_real square = ca_dot(m, q[i], q[i]);
+        if (!(square > WELL * WELL))
+            return 0;
+        inverse[i] = 1 / ca_sqrt(square);
+        for (int k = 0; k < m; k++)
+            q[i][k] *= inverse[i];
+        t[i] = ca_dot(m, q[i], away);
+        for (int k = 0; k < m; k++)
+            away[k] -= t[i] * q[i][k];
+    }
+    for (int i = frees - 1; i >= 0; i--) {
+        ca_real sum = t[i];
+        for (int j = i + 1; j < frees; j++)
+            sum -= l[j][i] * change[j];
+        change[i] = sum * inverse[i];
+    }
+    for (int k = 0; k < m; k++)
+        step[k] = 0;
+    for (int i = 0; i < frees; i++) {
+        ca_real sum = change[i];
+        for (int j = 0; j < i; j++)
+            sum -= l[i][j] * t[j];
+        t[i] = sum * inverse[i];
+        for (int k = 0; k < m; k++)
+            step[k] += t[i] * q[i][k];
+    }
+    return 1;
+}
+
+/* Solve basis_F^T basis_F step = slopes without squaring the condition number; change = basis_F
+ * step. `away` is the part of `slopes` that the free rows do not span. */
+static void solve_free(const bounded_program *program, const int *free, int frees,
+                       const ca_real *slopes, ca_real *step, ca_real *change, ca_real *away)
+{
+    qr_factors factors;
+    if (solve_by_rows(program, free, frees, slopes, step, change, away))
+        return;
+    factorize(program, free, frees, &factors);
+    solve_by_columns(&factors, CA_AXES(program->problem), slopes, step, change, away);
 }
 
 /* left = u - A f */
@@ -266,224 +323,224 @@ static void multiply_basis(const bounded_program *program, const ca_real *y, ca_
         z[i] = ca_dot(m, program->basis[i], y);
 }
 
-typedef struct {
-    int count;
-    ca_real start[WIDE], rate[WIDE], lower[WIDE], upper[WIDE];
-    ca_real corner[2 * WIDE + 1];
-} search_line;
-
-/* rate . clip(start + t rate) - goal, which grows with t */
-static ca_real excess(const search_line *line, ca_real t, ca_real goal)
+/* Return t >= 0 at which `excess`, which is negative at t = 0 and grows with t by
+ * rates . (clip(z + t rates) - f), is zero. If every rotor reaches a bound before that, `short_of`
+ * is the remaining gap: the wrench is unattainable. */
+static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *f,
+                      const ca_real *rates, ca_real excess, ca_real *short_of)
 {
-    ca_real sum = 0;
-    for (int i = 0; i < line->count; i++)
-        sum += ca_clip(line->start[i] + t * line->rate[i], line->lower[i], line->upper[i]) *
-               line->rate[i];
-    return sum - goal;
-}
-
-/* Return t >= 0 at which the excess is zero. If every rotor reaches a bound before that,
- * `short_of` is the remaining gap: the wrench is unattainable. */
-static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *rates,
-                      ca_real goal, ca_real *short_of)
-{
-    search_line line;
-    ca_real fastest = 0, rounding = 0;
-    int corners = 1, low, high;
+    /* A rotor moves between its bounds from `start` to `end`, and adds `slope` to the slope. */
+    ca_real start[WIDE], end[WIDE], slope[WIDE];
+    ca_real fastest = 0, rounding = 0, gain = 0, last = 0, t = 0;
+    int count = 0;
 
     *short_of = 0;
     for (int i = 0; i < program->count; i++)
         fastest = ca_max(fastest, ca_abs(rates[i]));
-    line.count = 0;
-    line.corner[0] = 0;
+    const ca_real still = STILL * fastest;
     for (int i = 0; i < program->count; i++) {
-        const ca_real size = ca_abs(rates[i]);
-        /* The corner of a rotor that moves only by rounding would be far away. */
-        if (!(size > STILL * fastest))
+        const ca_real rate = rates[i], size = ca_abs(rate);
+        /* The end of a rotor that moves only by rounding would be far away. */
+        if (!(size > still))
             continue;
         const ca_real lower = program->lower[i], upper = program->upper[i];
-        const ca_real inverse = 1 / rates[i];
-        const ca_real ends[2] = {(lower - z[i]) * inverse, (upper - z[i]) * inverse};
-        for (int e = 0; e < 2; e++) {
-            if (!(ends[e] > 0))
-                continue;
-            int place = corners++;
-            for (; place > 1 && line.corner[place - 1] > ends[e]; place--)
-                line.corner[place] = line.corner[place - 1];
-            line.corner[place] = ends[e];
-        }
-        line.start[line.count] = z[i];
-        line.rate[line.count] = rates[i];
-        line.lower[line.count] = lower;
-        line.upper[line.count++] = upper;
+        const ca_real first = rate > 0 ? lower : upper, final = rate > 0 ? upper : lower;
+        const ca_real inverse = 1 / rate, until = (final - z[i]) * inverse;
         rounding += size * ca_max(ca_abs(lower), ca_abs(upper));
+        if (!(until > 0))
+            continue;
+        start[count] = (first - z[i]) * inverse;
+        end[count] = until;
+        slope[count++] = rate * rate;
+        gain += rate * (final - f[i]);
+        last = ca_max(last, until);
     }
+    /* On the boundary of the admissible set the goal is reached where a rotor reaches its bound, and
+     * kept beyond it: the search ends there. */
     rounding *= SUM;
-    /* On the boundary of the admissible set the goal is reached at a corner and kept beyond it: the
-     * search ends at the corner. `low` is a corner before the goal, `high` one at or after it. */
-    low = -1;
-    high = corners;
-    ca_real before = 0, after = 0;
-    while (high - low > 1) {
-        const int middle = (low + high) / 2;
-        const ca_real value = excess(&line, line.corner[middle], goal);
-        if (value >= -rounding) {
-            high = middle;
-            after = value;
-        } else {
-            low = middle;
-            before = value;
-        }
-    }
-    if (high == 0)
+    if (excess >= -rounding)
         return 0;
-    if (high == corners) {
-        *short_of = -before;
-        return 2 * line.corner[corners - 1];
+    if (excess + gain < -rounding) {
+        *short_of = -(excess + gain);
+        return 2 * last;
     }
-    const ca_real share = ca_min(before / (before - after), 1);
-    return line.corner[low] + share * (line.corner[high] - line.corner[low]);
+    for (int piece = 0; piece < 2 * count; piece++) {
+        ca_real sum = 0, next = last;
+        for (int i = 0; i < count; i++) {
+            const int started = start[i] <= t;
+            const ca_real change = started ? end[i] : start[i];
+            if (!(change > t))
+                continue;
+            next = ca_min(next, change);
+            if (started)
+                sum += slope[i];
+        }
+        const ca_real after = excess + sum * (next - t);
+        if (after > 0)
+            return ca_min(t - excess / sum, next);
+        t = next;
+        excess = after;
+        if (after >= -rounding)
+            break;
+    }
+    return t;
 }
 
-static void copy(int count, const ca_real *from, ca_real *to)
+/* Newton's iteration, and the best of its iterates. */
+typedef struct {
+    const bounded_program *program;
+    const ca_real *u;
+    ca_real tolerance;
+    int early;            /* whether to stop when u is proven or likely to be unattainable */
+    ca_real *thrusts;     /* of the best iterate; if `early`, only set within the tolerance */
+    ca_real *multipliers; /* in: the first iterate; out: of the best or, if `early`, of the last */
+    ca_real residual;     /* of the best iterate */
+    int *steps;
+} newton;
+
+/* Keep an iterate if it is the best. Returns whether it is within the tolerance. */
+static int keep(newton *it, ca_real residual, const ca_real *f, const ca_real *y)
 {
-    for (int i = 0; i < count; i++)
-        to[i] = from[i];
+    const int done = residual <= it->tolerance;
+    if (done || (!it->early && residual < it->residual)) {
+        it->residual = residual;
+        ca_copy(it->program->count, f, it->thrusts);
+        ca_copy(CA_AXES(it->program->problem), y, it->multipliers);
+    }
+    return done;
 }
 
-/* Newton's iteration, from the multipliers or, if `start` is zero, from the pseudo-inverse. Returns
- * the least residual of all iterates, with its thrusts and multipliers. With `early` it stops when
- * u is proven or likely to be unattainable. Then the thrusts are not set, and another iteration can
- * continue from the multipliers. */
-static ca_real iterate(const bounded_program *program, const ca_real *u, ca_real tolerance,
-                       int start, int early, int bound, ca_real *thrusts, ca_real *multipliers,
-                       int *steps)
+/* If a step does not change the active set, add it to the thrusts f. Adding `change` to f loses
+ * fewer digits than adding the step to the multipliers, which may be large. */
+static int completes(const bounded_program *program, const ca_real *z, const ca_real *rates,
+                     const ca_real *change, const int *free, int frees, const int *held,
+                     ca_real limit, ca_real *f)
 {
+    const int helds = program->count - frees;
+    for (int i = 0; i < helds; i++) {
+        const int rotor = held[i];
+        const ca_real aimed =
+            ca_clip(z[rotor] + rates[rotor], program->lower[rotor], program->upper[rotor]);
+        if (ca_abs(aimed - f[rotor]) > limit)
+            return 0;
+    }
+    for (int i = 0; i < frees; i++) {
+        const int rotor = free[i];
+        const ca_real aimed = z[rotor] + rates[rotor];
+        f[rotor] = ca_clip(f[rotor] + change[i], program->lower[rotor], program->upper[rotor]);
+        if (ca_abs(aimed - f[rotor]) > limit)
+            return 0;
+    }
+    return 1;
+}
+
+/* Whether a gap along a direction of multipliers proves that u is not attainable: all attainable
+ * wrenches are on one side of a plane. */
+static int proves(const newton *it, const ca_real *way, ca_real short_of)
+{
+    const ca_problem *problem = it->program->problem;
+    const int m = CA_AXES(problem);
+    ca_real normal[CA_M];
+    for (int k = 0; k < m; k++) {
+        normal[k] = 0;
+        for (int j = k; j < m; j++)
+            normal[k] += problem->coordinates[j][k] * way[j];
+    }
+    return short_of > 4 * it->tolerance * ca_length(m, normal);
+}
+
+static ca_real iterate(newton *it, int bound)
+{
+    const bounded_program *program = it->program;
     const ca_problem *problem = program->problem;
     const int m = CA_AXES(problem), count = program->count;
-    ca_real target[CA_M], y[CA_M], least = CA_INFINITY;
+    ca_real y[CA_M] = {0}, z[WIDE];
     int strays = 0, idle = 0;
-    multiply(m, problem->coordinates, u, target);
-    copy(m, start ? multipliers : target, y);
 
-    if (early)
-        copy(m, y, multipliers);
+    it->residual = CA_INFINITY;
+    ca_copy(m, it->multipliers, y);
+    multiply_basis(program, y, z);
     for (int number = 0; number < bound; number++) {
-        ca_real z[WIDE], f[WIDE], left[CA_M], residual;
+        ca_real f[WIDE], left[CA_M], g[WIDE];
         int free[WIDE], held[WIDE], frees = 0, helds = 0;
         for (int i = 0; i < count; i++) {
             const ca_real lower = program->lower[i], upper = program->upper[i];
-            z[i] = ca_dot(m, program->basis[i], y);
             f[i] = ca_clip(z[i], lower, upper);
             if (z[i] > lower && z[i] < upper)
                 free[frees++] = i;
             else
                 held[helds++] = i;
         }
-        leave(program, u, f, left);
-        residual = ca_length(m, left);
-        /* In single precision, steps rarely help if rounding errors of y exceed the tolerance. */
-        const int uncertain = CA_CHOOSE_INT(0, ROUNDING * ca_length(m, y) > 16 * tolerance);
-        idle = residual < (uncertain ? least / 2 : least) ? 0 : idle + 1;
-        if (idle > (uncertain ? IDLE / 4 : IDLE))
+        leave(program, it->u, f, left);
+        const ca_real residual = ca_length(m, left), least = it->residual;
+        if (keep(it, residual, f, y))
             break;
-        if (residual <= tolerance || (!early && residual < least)) {
-            least = residual;
-            copy(count, f, thrusts);
-            copy(m, y, multipliers);
-            if (residual <= tolerance)
-                break;
-        }
+        /* In single precision, steps rarely help if rounding errors of y exceed the tolerance. */
+        const int uncertain =
+            CA_CHOOSE_INT(0, ROUNDING * ca_length(m, y) > 16 * it->tolerance);
+        idle = residual < (uncertain ? least / 2 : least) ? 0 : idle + 1;
         /* With as many rotors as axes there is only one solution. */
-        if (early && count == m)
+        if (idle > (uncertain ? IDLE / 4 : IDLE) || (it->early && count == m))
             break;
 
         ca_real slopes[CA_M], step[CA_M], away[CA_M], rates[WIDE], change[WIDE];
+        const ca_real *way = step, *speeds = rates;
+        ca_real advance = 0, short_of = 0;
         int astray = 0;
-        ++*steps;
+        ++*it->steps;
         multiply(m, problem->coordinates, left, slopes);
-        if (solve_normal(program, free, frees, held, slopes, step)) {
-            multiply_basis(program, step, rates);
-            for (int i = 0; i < frees; i++)
-                change[i] = rates[free[i]];
-        } else {
-            qr_factors factors;
-            ca_real missed[CA_M];
-            factorize(program, free, frees, &factors);
-            solve_free(&factors, m, slopes, step, change, away);
+        const int normal = solve_normal(program, free, frees, held, slopes, step);
+        if (!normal) {
             /* Along an axis that the free rotors do not span, the residual is either a rounding
              * error, which is ignored, or the step goes along this axis until the next rotor
              * becomes free. */
+            ca_real missed[CA_M];
+            solve_free(program, free, frees, slopes, step, change, away);
             multiply(m, problem->back, away, missed);
-            astray = factors.rank < m && ca_length(m, missed) > CA_REAL(0.8) * tolerance;
-            if (astray && early && ++strays > STRAYS)
+            astray = ca_length(m, missed) > CA_REAL(0.8) * it->tolerance;
+            if (astray && it->early && ++strays > STRAYS)
                 break;
-            multiply_basis(program, step, rates);
         }
-        if (!astray) {
-            /* If the step does not change the active set, it ends at the solution. Adding the step
-             * to the thrusts loses fewer digits than adding it to y, which may be large. */
-            ca_real after[CA_M], greatest = 0, change_of_set = 0;
-            for (int k = 0; k < m; k++)
-                after[k] = y[k] + step[k];
-            for (int i = 0; i < frees; i++) {
-                const int rotor = free[i];
-                const ca_real lower = program->lower[rotor], upper = program->upper[rotor];
-                const ca_real aimed = ca_clip(z[rotor] + rates[rotor], lower, upper);
-                f[rotor] = ca_clip(f[rotor] + change[i], lower, upper);
-                change_of_set = ca_max(change_of_set, ca_abs(aimed - f[rotor]));
-            }
-            for (int i = 0; i < helds; i++) {
-                const int rotor = held[i];
-                const ca_real aimed = ca_clip(z[rotor] + rates[rotor], program->lower[rotor],
-                                              program->upper[rotor]);
-                change_of_set = ca_max(change_of_set, ca_abs(aimed - f[rotor]));
-            }
-            for (int i = 0; i < count; i++)
-                greatest = ca_max(greatest, ca_abs(f[i]));
-            if (change_of_set <= CHANGED * (1 + greatest) + ROUNDING * ca_length(m, after)) {
-                leave(program, u, f, left);
-                residual = ca_length(m, left);
-                if (residual <= tolerance || (!early && residual < least)) {
-                    least = residual;
-                    copy(count, f, thrusts);
-                    copy(m, after, multipliers);
-                    if (residual <= tolerance)
-                        break;
-                }
-            }
-        }
-        ca_real advance = 0, short_of = 0;
-        const ca_real *way = step;
         if (astray) {
-            ca_real ways[WIDE];
             way = away;
-            multiply_basis(program, away, ways);
-            advance = search(program, z, ways, ca_dot(m, target, away), &short_of);
+            speeds = g;
+            multiply_basis(program, away, g);
+            advance = search(program, z, f, g, -ca_dot(m, away, slopes), &short_of);
         }
         if (!(advance > 0)) {
             way = step;
-            advance = search(program, z, rates, ca_dot(m, target, step), &short_of);
+            speeds = rates;
+            multiply_basis(program, step, rates);
+            advance = 0;
         }
-        if (!(advance > 0))
-            break;
-        if (early && short_of > 0) {
-            /* All attainable wrenches are on one side of a plane. Compute the distance of u. */
-            ca_real normal[CA_M];
-            for (int k = 0; k < m; k++) {
-                normal[k] = 0;
-                for (int j = k; j < m; j++)
-                    normal[k] += problem->coordinates[j][k] * way[j];
+        if (!astray) {
+            ca_real after[CA_M];
+            ca_copy(count, f, g);
+            for (int k = 0; k < m; k++)
+                after[k] = y[k] + step[k];
+            if (normal)
+                for (int i = 0; i < frees; i++)
+                    change[i] = rates[free[i]];
+            const ca_real limit =
+                CHANGED * (1 + problem->greatest) + ROUNDING * ca_length(m, after);
+            if (completes(program, z, rates, change, free, frees, held, limit, g)) {
+                leave(program, it->u, g, left);
+                if (keep(it, ca_length(m, left), g, after))
+                    return it->residual;
             }
-            if (short_of > 4 * tolerance * ca_length(m, normal))
-                break;
         }
+        if (way == step)
+            advance = search(program, z, f, rates, -ca_dot(m, step, slopes), &short_of);
+        if (!(advance > 0) || (it->early && short_of > 0 && proves(it, way, short_of)))
+            break;
         for (int k = 0; k < m; k++)
             y[k] += advance * way[k];
-        if (early)
-            copy(m, y, multipliers);
+        for (int i = 0; i < count; i++)
+            z[i] += advance * speeds[i];
     }
-    return least;
+    if (it->early && !(it->residual <= it->tolerance))
+        ca_copy(m, y, it->multipliers);
+    return it->residual;
 }
 
 ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
@@ -492,17 +549,15 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
     const int n = CA_ROTORS(problem), m = CA_AXES(problem);
     const bounded_program program = {problem, n, problem->basis, problem->lower, problem->upper, 0};
     ca_real f[CA_N], least = CA_INFINITY;
-    for (int i = 0; i < n; i++)
-        f[i] = thrusts[i];
+    ca_copy(n, thrusts, f);
     for (int number = 0; number < CA_CHOOSE_INT(n, 3); number++) {
         ca_real left[CA_M], slopes[CA_M], step[CA_M], away[CA_M], change[CA_N];
         int free[CA_N], frees = 0;
-        qr_factors factors;
         ca_residual(problem, u, f, left);
         const ca_real residual = ca_length(m, left);
         if (residual < least) {
             least = residual;
-            copy(n, f, thrusts);
+            ca_copy(n, f, thrusts);
         }
         for (int i = 0; i < n; i++)
             if (f[i] > problem->lower[i] && f[i] < problem->upper[i])
@@ -510,9 +565,8 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
         if (residual <= tolerance || frees == 0)
             break;
         ++*steps;
-        factorize(&program, free, frees, &factors);
         multiply(m, problem->coordinates, left, slopes);
-        solve_free(&factors, m, slopes, step, change, away);
+        solve_free(&program, free, frees, slopes, step, change, away);
         for (int i = 0; i < frees; i++)
             f[free[i]] = ca_clip(f[free[i]] + change[i], problem->lower[free[i]],
                                  problem->upper[free[i]]);
@@ -551,13 +605,15 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
     const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper,
                                      rate};
     ca_real missed[CA_M];
-    iterate(&relaxed, u, tolerance / 2, 0, 0, STEPS, f, multipliers, steps);
+    newton it = {&relaxed, u, tolerance / 2, 0, f, multipliers, 0, steps};
+    multiply(m, problem->coordinates, u, multipliers);
+    iterate(&it, STEPS);
     ca_residual(problem, u, f, missed);
     /* On the boundary multipliers may be large although slack changes nothing. */
     for (int i = 0; i < n; i++)
         difference = ca_max(difference, ca_abs(f[i] - thrusts[i]));
     if (difference > SAME * problem->greatest && ca_length(m, missed) <= slack)
-        copy(n, f, thrusts);
+        ca_copy(n, f, thrusts);
 }
 
 ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
@@ -565,8 +621,9 @@ ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real toleranc
 {
     const bounded_program plain = {
         problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    const ca_real residual =
-        iterate(&plain, u, tolerance / 2, 0, 1, ATTEMPT, thrusts, y, steps);
+    newton it = {&plain, u, tolerance / 2, 1, thrusts, y, 0, steps};
+    multiply(CA_AXES(problem), problem->coordinates, u, y);
+    const ca_real residual = iterate(&it, ATTEMPT);
     if (residual <= tolerance)
         relax(problem, u, tolerance, thrusts, y, steps);
     return residual;
@@ -577,7 +634,10 @@ ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real toler
 {
     const bounded_program plain = {
         problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    ca_real residual = iterate(&plain, u, tolerance / 2, start, 0, STEPS, thrusts, y, steps);
+    newton it = {&plain, u, tolerance / 2, 0, thrusts, y, 0, steps};
+    if (!start)
+        multiply(CA_AXES(problem), problem->coordinates, u, y);
+    ca_real residual = iterate(&it, STEPS);
     if (residual > tolerance / 2)
         residual = ca_settle(problem, u, tolerance / 2, thrusts, steps);
     if (residual <= tolerance)
@@ -592,7 +652,11 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
     ca_real lower[CA_N], upper[CA_N], f[CA_N], left[CA_M], slopes[CA_M], y[CA_M], away[CA_M];
     ca_real change[CA_N];
     int free[CA_N], frees = 0;
-    qr_factors factors;
+    if (served->least) {
+        ca_copy(n, served->thrusts, thrusts);
+        ca_residual(problem, served->wrench, thrusts, left);
+        return ca_length(m, left);
+    }
     /* With the held thrusts fixed, the multipliers are small. */
     for (int i = 0; i < n; i++) {
         lower[i] = served->held[i] ? served->thrusts[i] : problem->lower[i];
@@ -601,17 +665,11 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
         if (lower[i] < upper[i])
             free[frees++] = i;
     }
-    if (served->least) {
-        for (int i = 0; i < n; i++)
-            thrusts[i] = served->thrusts[i];
-        ca_residual(problem, served->wrench, thrusts, left);
-        return ca_length(m, left);
-    }
     const bounded_program face = {problem, n, problem->basis, lower, upper, 0};
+    newton it = {&face, served->wrench, tolerance / 2, 0, thrusts, y, 0, steps};
     ++*steps;
-    factorize(&face, free, frees, &factors);
     ca_residual(problem, served->wrench, f, left);
     multiply(m, problem->coordinates, left, slopes);
-    solve_free(&factors, m, slopes, y, change, away);
-    return iterate(&face, served->wrench, tolerance / 2, 1, 0, STEPS, thrusts, y, steps);
+    solve_free(&face, free, frees, slopes, y, change, away);
+    return iterate(&it, STEPS);
 }

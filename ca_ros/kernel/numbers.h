@@ -56,6 +56,12 @@ static inline ca_real ca_length(int count, const ca_real *a)
     return ca_sqrt(ca_dot(count, a, a));
 }
 
+static inline void ca_copy(int count, const ca_real *from, ca_real *to)
+{
+    for (int i = 0; i < count; i++)
+        to[i] = from[i];
+}
+
 #define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)
 #define ca_prioritize CA_SYMBOL(ca_prioritize)
 #define ca_attempt CA_SYMBOL(ca_attempt)
