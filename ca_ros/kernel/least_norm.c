@@ -17,6 +17,8 @@
 #define STRAYS 1
 /* Norm of a column of the free rows of the basis below which they do not span an axis. */
 #define FLAT CA_CHOOSE(1e-8, 1e-4)
+/* Distance of a free row from the span of others below which it is in the span. */
+#define DEPENDENT CA_CHOOSE(1e-13, 1e-4)
 /* Least pivot of well-conditioned normal equations. */
 #define WELL CA_CHOOSE(1e-2, 3e-2)
 /* Multipliers above this, in units of the greatest thrust, indicate almost parallel facets. */
@@ -45,10 +47,148 @@ typedef struct {
     ca_real rate;                  /* of the actuators beyond n */
 } bounded_program;
 
+/* Solve h x = right for a positive definite matrix, given and overwritten in its lower triangle.
+ * Returns 0 if it is ill-conditioned. */
+static int solve_definite(int m, ca_real h[CA_M][CA_M], const ca_real *right, ca_real *x)
+{
+    ca_real inverse[CA_M] = {0};
+    /* L D L^T; the lower triangle of h becomes L. */
+    for (int k = 0; k < m; k++) {
+        for (int j = 0; j < k; j++) {
+            ca_real sum = h[k][j];
+            for (int i = 0; i < j; i++)
+                sum -= h[k][i] * h[j][i];
+            h[k][j] = sum;
+        }
+        ca_real pivot = h[k][k];
+        for (int j = 0; j < k; j++) {
+            const ca_real entry = h[k][j] * inverse[j];
+            pivot -= entry * h[k][j];
+            h[k][j] = entry;
+        }
+        if (!(pivot > WELL))
+            return 0;
+        inverse[k] = 1 / pivot;
+    }
+    for (int k = 0; k < m; k++) {
+        ca_real sum = right[k];
+        for (int j = 0; j < k; j++)
+            sum -= h[k][j] * x[j];
+        x[k] = sum;
+    }
+    for (int k = m - 1; k >= 0; k--) {
+        ca_real sum = x[k] * inverse[k];
+        for (int j = k + 1; j < m; j++)
+            sum -= h[j][k] * x[j];
+        x[k] = sum;
+    }
+    return 1;
+}
+
+/* h += sign row row^T in its lower triangle */
+static void add_square(int m, const ca_real *row, ca_real sign, ca_real h[CA_M][CA_M])
+{
+    for (int k = 0; k < m; k++) {
+        const ca_real entry = sign * row[k];
+        for (int j = 0; j <= k; j++)
+            h[k][j] += entry * row[j];
+    }
+}
+
+/* Solve basis_F^T basis_F step = slopes by its normal equations; 0 if they are ill-conditioned. */
+static int solve_normal(const bounded_program *program, const int *free, int frees,
+                        const int *bound, const ca_real *slopes, ca_real *step)
+{
+    const int m = CA_AXES(program->problem), bounds = program->count - frees;
+    ca_real h[CA_M][CA_M];
+    if (frees < m)
+        return 0;
+    /* basis^T basis is the identity, so either the free or the other rows can be summed. */
+    const int few = bounds < frees, count = few ? bounds : frees;
+    const int *rotors = few ? bound : free;
+    const ca_real sign = few ? CA_REAL(-1) : CA_REAL(1);
+    const ca_real whole = few ? 1 + program->rate * program->rate : 0;
+    for (int k = 0; k < m; k++)
+        for (int j = 0; j <= k; j++)
+            h[k][j] = j == k ? whole : 0;
+    for (int i = 0; i < count; i++)
+        add_square(m, program->basis[rotors[i]], sign, h);
+    return solve_definite(m, h, slopes, step);
+}
+
+/* An orthonormal basis of the span of the free rows, if they do not span all axes. */
+typedef struct {
+    int rank;
+    ca_real q[CA_M][CA_M];
+} row_span;
+
+/* Find the span by the Gram-Schmidt method, and the part `away` of `slopes` that is not in it.
+ * Returns 0 if it is not clear, or all axes. */
+static int find_span(const bounded_program *program, const int *free, int frees,
+                     const ca_real *slopes, row_span *span, ca_real *away)
+{
+    const int m = CA_AXES(program->problem);
+    ca_copy(m, slopes, away);
+    span->rank = 0;
+    for (int i = 0; i < frees; i++) {
+        ca_real rest[CA_M];
+        ca_copy(m, program->basis[free[i]], rest);
+        for (int j = 0; j < span->rank; j++) {
+            const ca_real share = ca_dot(m, span->q[j], rest);
+            for (int k = 0; k < m; k++)
+                rest[k] -= share * span->q[j][k];
+        }
+        const ca_real square = ca_dot(m, rest, rest);
+        if (!(square > DEPENDENT * DEPENDENT))
+            continue;
+        if (!(square > WELL * WELL) || span->rank == m - 1)
+            return 0;
+        ca_real *row = span->q[span->rank++];
+        const ca_real inverse = 1 / ca_sqrt(square);
+        for (int k = 0; k < m; k++)
+            row[k] = rest[k] * inverse;
+        const ca_real share = ca_dot(m, row, away);
+        for (int k = 0; k < m; k++)
+            away[k] -= share * row[k];
+    }
+    return 1;
+}
+
+/* Solve basis_F^T basis_F step = slopes in the span; change = basis_F step. Returns 0 if the
+ * equations are ill-conditioned. */
+static int solve_in_span(const bounded_program *program, const int *free, int frees,
+                         const row_span *span, const ca_real *slopes, ca_real *step,
+                         ca_real *change)
+{
+    const int m = CA_AXES(program->problem), rank = span->rank;
+    ca_real h[CA_M][CA_M], right[CA_M], shares[CA_M];
+    for (int j = 0; j < rank; j++) {
+        right[j] = ca_dot(m, span->q[j], slopes);
+        for (int k = 0; k <= j; k++)
+            h[j][k] = 0;
+    }
+    for (int i = 0; i < frees; i++) {
+        for (int j = 0; j < rank; j++)
+            shares[j] = ca_dot(m, span->q[j], program->basis[free[i]]);
+        add_square(rank, shares, 1, h);
+    }
+    if (!solve_definite(rank, h, right, shares))
+        return 0;
+    for (int k = 0; k < m; k++)
+        step[k] = 0;
+    for (int j = 0; j < rank; j++)
+        for (int k = 0; k < m; k++)
+            step[k] += shares[j] * span->q[j][k];
+    for (int i = 0; i < frees; i++)
+        change[free[i]] = ca_dot(m, program->basis[free[i]], step);
+    return 1;
+}
+
 /* The factors Q R of the free rows of the basis, with the columns in the order of `axis`. If the
  * rows do not span all axes, also the factors P T of R^T. */
 typedef struct {
-    int free, rank;
+    const int *free;
+    int count, rank;
     int axis[CA_M];
     ca_real q[CA_M][WIDE];
     ca_real r[CA_M][CA_M];
@@ -59,7 +199,8 @@ typedef struct {
 static void factorize(const bounded_program *program, const int *free, int count, qr_factors *f)
 {
     const int m = CA_AXES(program->problem);
-    f->free = count;
+    f->free = free;
+    f->count = count;
     f->rank = m;
     for (int k = 0; k < m; k++) {
         f->axis[k] = k;
@@ -124,8 +265,7 @@ static void factorize(const bounded_program *program, const int *free, int count
     }
 }
 
-/* `solve_free` by the QR factors. */
-static void solve_by_columns(const qr_factors *f, int m, const ca_real *slopes, ca_real *step,
+static void solve_factors(const qr_factors *f, int m, const ca_real *slopes, ca_real *step,
                        ca_real *change, ca_real *away)
 {
     ca_real sorted[CA_M], g[CA_M] = {0}, t[CA_M];
@@ -176,69 +316,32 @@ static void solve_by_columns(const qr_factors *f, int m, const ca_real *slopes, 
         for (int k = 0; k < m; k++)
             step[f->axis[k]] = served[k];
     }
-    for (int i = 0; i < f->free; i++)
-        change[i] = 0;
-    for (int j = 0; j < rank; j++)
-        for (int i = 0; i < f->free; i++)
-            change[i] += g[j] * f->q[j][i];
+    for (int i = 0; i < f->count; i++) {
+        ca_real sum = 0;
+        for (int j = 0; j < rank; j++)
+            sum += g[j] * f->q[j][i];
+        change[f->free[i]] = sum;
+    }
 }
 
-/* `solve_free` for fewer free rows than axes: basis_F = L Q by the Gram-Schmidt method over the rows.
- * Returns 0 if the rows are almost dependent. */
-static int solve_by_rows(const bounded_program *program, const int *free, int frees,
-                         const ca_real *slopes, ca_real *step, ca_real *change, ca_real *away)
+/* The same, and `find_span`, by the QR factors: without squaring the condition number. */
+static void solve_by_columns(const bounded_program *program, const int *free, int frees,
+                             const ca_real *slopes, ca_real *step, ca_real *change, ca_real *away)
 {
-    const int m = CA_AXES(program->problem);
-    ca_real q[CA_M][CA_M], l[CA_M][CA_M], inverse[CA_M], t[CA_M];
-    if (frees >= m)
-        return 0;
-    ca_copy(m, slopes, away);
-    for (int i = 0; i < frees; i++) {
-        ca_copy(m, program->basis[free[i]], q[i]);
-        for (int j = 0; j < i; j++) {
-            l[i][j] = ca_dot(m, q[j], q[i]);
-            for (int k = 0; k < m; k++)
-                q[i][k] -= l[i][j] * q[j][k];
-        }
-        const ca_real square = ca_dot(m, q[i], q[i]);
-        if (!(square > WELL * WELL))
-            return 0;
-        inverse[i] = 1 / ca_sqrt(square);
-        for (int k = 0; k < m; k++)
-            q[i][k] *= inverse[i];
-        t[i] = ca_dot(m, q[i], away);
-        for (int k = 0; k < m; k++)
-            away[k] -= t[i] * q[i][k];
-    }
-    for (int i = frees - 1; i >= 0; i--) {
-        ca_real sum = t[i];
-        for (int j = i + 1; j < frees; j++)
-            sum -= l[j][i] * change[j];
-        change[i] = sum * inverse[i];
-    }
-    for (int k = 0; k < m; k++)
-        step[k] = 0;
-    for (int i = 0; i < frees; i++) {
-        ca_real sum = change[i];
-        for (int j = 0; j < i; j++)
-            sum -= l[i][j] * t[j];
-        t[i] = sum * inverse[i];
-        for (int k = 0; k < m; k++)
-            step[k] += t[i] * q[i][k];
-    }
-    return 1;
+    qr_factors factors;
+    factorize(program, free, frees, &factors);
+    solve_factors(&factors, CA_AXES(program->problem), slopes, step, change, away);
 }
 
-/* Solve basis_F^T basis_F step = slopes without squaring the condition number; change = basis_F
- * step. `away` is the part of `slopes` that the free rows do not span. */
+/* Solve basis_F^T basis_F step = slopes; change = basis_F step. `away` is the part of `slopes` that
+ * the free rows do not span. */
 static void solve_free(const bounded_program *program, const int *free, int frees,
                        const ca_real *slopes, ca_real *step, ca_real *change, ca_real *away)
 {
-    qr_factors factors;
-    if (solve_by_rows(program, free, frees, slopes, step, change, away))
-        return;
-    factorize(program, free, frees, &factors);
-    solve_by_columns(&factors, CA_AXES(program->problem), slopes, step, change, away);
+    row_span span;
+    if (!find_span(program, free, frees, slopes, &span, away) ||
+        !solve_in_span(program, free, frees, &span, slopes, step, change))
+        solve_by_columns(program, free, frees, slopes, step, change, away);
 }
 
 /* left = u - A f */
@@ -259,63 +362,6 @@ static void multiply(int m, const ca_real matrix[CA_M][CA_M], const ca_real *x, 
         y[k] = ca_dot(k + 1, matrix[k], x);
 }
 
-/* Solve basis_F^T basis_F step = slopes by its normal equations; 0 if they are ill-conditioned. */
-static int solve_normal(const bounded_program *program, const int *free, int frees,
-                        const int *bound, const ca_real *slopes, ca_real *step)
-{
-    const int m = CA_AXES(program->problem), bounds = program->count - frees;
-    ca_real h[CA_M][CA_M], inverse[CA_M] = {0};
-    if (frees < m)
-        return 0;
-    /* basis^T basis is the identity, so either the free or the other rows can be summed. */
-    const int few = bounds < frees, count = few ? bounds : frees;
-    const int *rotors = few ? bound : free;
-    const ca_real sign = few ? CA_REAL(-1) : CA_REAL(1);
-    const ca_real whole = few ? 1 + program->rate * program->rate : 0;
-    for (int k = 0; k < m; k++)
-        for (int j = 0; j <= k; j++)
-            h[k][j] = j == k ? whole : 0;
-    for (int i = 0; i < count; i++) {
-        const ca_real *row = program->basis[rotors[i]];
-        for (int k = 0; k < m; k++) {
-            const ca_real entry = sign * row[k];
-            for (int j = 0; j <= k; j++)
-                h[k][j] += entry * row[j];
-        }
-    }
-    /* L D L^T; the lower triangle of h becomes L. */
-    for (int k = 0; k < m; k++) {
-        for (int j = 0; j < k; j++) {
-            ca_real sum = h[k][j];
-            for (int i = 0; i < j; i++)
-                sum -= h[k][i] * h[j][i];
-            h[k][j] = sum;
-        }
-        ca_real pivot = h[k][k];
-        for (int j = 0; j < k; j++) {
-            const ca_real entry = h[k][j] * inverse[j];
-            pivot -= entry * h[k][j];
-            h[k][j] = entry;
-        }
-        if (!(pivot > WELL))
-            return 0;
-        inverse[k] = 1 / pivot;
-    }
-    for (int k = 0; k < m; k++) {
-        ca_real sum = slopes[k];
-        for (int j = 0; j < k; j++)
-            sum -= h[k][j] * step[j];
-        step[k] = sum;
-    }
-    for (int k = m - 1; k >= 0; k--) {
-        ca_real sum = step[k] * inverse[k];
-        for (int j = k + 1; j < m; j++)
-            sum -= h[j][k] * step[j];
-        step[k] = sum;
-    }
-    return 1;
-}
-
 static void multiply_basis(const bounded_program *program, const ca_real *y, ca_real *z)
 {
     const int m = CA_AXES(program->problem);
@@ -329,8 +375,8 @@ static void multiply_basis(const bounded_program *program, const ca_real *y, ca_
 static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *f,
                       const ca_real *rates, ca_real excess, ca_real *short_of)
 {
-    /* A rotor moves between its bounds from `start` to `end`, and adds `slope` to the slope. */
-    ca_real start[WIDE], end[WIDE], slope[WIDE];
+    /* Each rotor moves between its bounds until `end`. `change` is where its slope changes next. */
+    ca_real change[WIDE], end[WIDE], now[WIDE], later[WIDE];
     ca_real fastest = 0, rounding = 0, gain = 0, last = 0, t = 0;
     int count = 0;
 
@@ -344,14 +390,16 @@ static ca_real search(const bounded_program *program, const ca_real *z, const ca
         if (!(size > still))
             continue;
         const ca_real lower = program->lower[i], upper = program->upper[i];
-        const ca_real first = rate > 0 ? lower : upper, final = rate > 0 ? upper : lower;
-        const ca_real inverse = 1 / rate, until = (final - z[i]) * inverse;
+        const ca_real inverse = 1 / rate, final = rate > 0 ? upper : lower;
+        const ca_real until = (final - z[i]) * inverse;
         rounding += size * ca_max(ca_abs(lower), ca_abs(upper));
-        if (!(until > 0))
+        if (!(until > 0 && lower < upper))
             continue;
-        start[count] = (first - z[i]) * inverse;
-        end[count] = until;
-        slope[count++] = rate * rate;
+        const ca_real start = ((rate > 0 ? lower : upper) - z[i]) * inverse;
+        later[count] = rate * rate;
+        now[count] = start > 0 ? 0 : later[count];
+        change[count] = start > 0 ? start : until;
+        end[count++] = until;
         gain += rate * (final - f[i]);
         last = ca_max(last, until);
     }
@@ -364,16 +412,15 @@ static ca_real search(const bounded_program *program, const ca_real *z, const ca
         *short_of = -(excess + gain);
         return 2 * last;
     }
-    for (int piece = 0; piece < 2 * count; piece++) {
-        ca_real sum = 0, next = last;
+    for (int piece = 2 * count; piece > 0 && count > 0; piece--) {
+        ca_real sum = 0, next = change[0];
+        int first = 0;
         for (int i = 0; i < count; i++) {
-            const int started = start[i] <= t;
-            const ca_real change = started ? end[i] : start[i];
-            if (!(change > t))
-                continue;
-            next = ca_min(next, change);
-            if (started)
-                sum += slope[i];
+            sum += now[i];
+            if (change[i] < next) {
+                next = change[i];
+                first = i;
+            }
         }
         const ca_real after = excess + sum * (next - t);
         if (after > 0)
@@ -382,6 +429,16 @@ static ca_real search(const bounded_program *program, const ca_real *z, const ca
         excess = after;
         if (after >= -rounding)
             break;
+        if (change[first] < end[first]) {
+            now[first] = later[first];
+            change[first] = end[first];
+        } else {
+            count--;
+            now[first] = now[count];
+            later[first] = later[count];
+            change[first] = change[count];
+            end[first] = end[count];
+        }
     }
     return t;
 }
@@ -391,18 +448,17 @@ typedef struct {
     const bounded_program *program;
     const ca_real *u;
     ca_real tolerance;
-    int early;            /* whether to stop when u is proven or likely to be unattainable */
-    ca_real *thrusts;     /* of the best iterate; if `early`, only set within the tolerance */
-    ca_real *multipliers; /* in: the first iterate; out: of the best or, if `early`, of the last */
+    ca_real *thrusts;     /* of the best iterate; of an attempt only if within the tolerance */
+    ca_real *multipliers; /* in: the first iterate; out: of the best or, of an attempt, the last */
     ca_real residual;     /* of the best iterate */
     int *steps;
 } newton;
 
 /* Keep an iterate if it is the best. Returns whether it is within the tolerance. */
-static int keep(newton *it, ca_real residual, const ca_real *f, const ca_real *y)
+static int keep(newton *it, int early, ca_real residual, const ca_real *f, const ca_real *y)
 {
     const int done = residual <= it->tolerance;
-    if (done || (!it->early && residual < it->residual)) {
+    if (done || (!early && residual < it->residual)) {
         it->residual = residual;
         ca_copy(it->program->count, f, it->thrusts);
         ca_copy(CA_AXES(it->program->problem), y, it->multipliers);
@@ -410,35 +466,32 @@ static int keep(newton *it, ca_real residual, const ca_real *f, const ca_real *y
     return done;
 }
 
-/* If a step does not change the active set, add it to the thrusts f. Adding `change` to f loses
- * fewer digits than adding the step to the multipliers, which may be large. */
+/* If a step does not change the active set, set g to the thrusts f after the step. Adding `change` to
+ * f loses fewer digits than adding the step to the multipliers, which may be large. */
 static int completes(const bounded_program *program, const ca_real *z, const ca_real *rates,
-                     const ca_real *change, const int *free, int frees, const int *held,
-                     ca_real limit, ca_real *f)
+                     const ca_real *f, const ca_real *change, ca_real limit, ca_real *g)
 {
-    const int helds = program->count - frees;
-    for (int i = 0; i < helds; i++) {
-        const int rotor = held[i];
-        const ca_real aimed =
-            ca_clip(z[rotor] + rates[rotor], program->lower[rotor], program->upper[rotor]);
-        if (ca_abs(aimed - f[rotor]) > limit)
-            return 0;
-    }
-    for (int i = 0; i < frees; i++) {
-        const int rotor = free[i];
-        const ca_real aimed = z[rotor] + rates[rotor];
-        f[rotor] = ca_clip(f[rotor] + change[i], program->lower[rotor], program->upper[rotor]);
-        if (ca_abs(aimed - f[rotor]) > limit)
-            return 0;
+    for (int i = 0; i < program->count; i++) {
+        const ca_real lower = program->lower[i], upper = program->upper[i];
+        const ca_real aimed = z[i] + rates[i];
+        if (z[i] > lower && z[i] < upper) {
+            g[i] = ca_clip(f[i] + change[i], lower, upper);
+            if (ca_abs(aimed - g[i]) > limit)
+                return 0;
+        } else {
+            g[i] = f[i];
+            if (ca_abs(ca_clip(aimed, lower, upper) - g[i]) > limit)
+                return 0;
+        }
     }
     return 1;
 }
 
 /* Whether a gap along a direction of multipliers proves that u is not attainable: all attainable
  * wrenches are on one side of a plane. */
-static int proves(const newton *it, const ca_real *way, ca_real short_of)
+static int proves(const ca_problem *problem, ca_real tolerance, const ca_real *way,
+                   ca_real short_of)
 {
-    const ca_problem *problem = it->program->problem;
     const int m = CA_AXES(problem);
     ca_real normal[CA_M];
     for (int k = 0; k < m; k++) {
@@ -446,10 +499,47 @@ static int proves(const newton *it, const ca_real *way, ca_real short_of)
         for (int j = k; j < m; j++)
             normal[k] += problem->coordinates[j][k] * way[j];
     }
-    return short_of > 4 * it->tolerance * ca_length(m, normal);
+    return short_of > 4 * tolerance * ca_length(m, normal);
 }
 
-static ca_real iterate(newton *it, int bound)
+/* The step if the normal equations cannot be solved. Returns whether it goes along an axis that the
+ * free rotors do not span, until the next rotor becomes free; then `change` is not set. */
+static int solve_singular(bounded_program plain, ca_real tolerance, const int *free, int frees, const ca_real *slopes,
+                           ca_real *step, ca_real *change)
+{
+    const bounded_program *program = &plain;
+    const int m = CA_AXES(plain.problem);
+    ca_real away[CA_M], missed[CA_M];
+    row_span span;
+    const int spanned = find_span(program, free, frees, slopes, &span, away);
+    if (!spanned)
+        solve_by_columns(program, free, frees, slopes, step, change, away);
+    multiply(m, program->problem->back, away, missed);
+    /* A smaller residual along such an axis is a rounding error, which is ignored. */
+    if (ca_length(m, missed) > CA_REAL(0.8) * tolerance) {
+        ca_copy(m, away, step);
+        return 1;
+    }
+    if (spanned && !solve_in_span(program, free, frees, &span, slopes, step, change))
+        solve_by_columns(program, free, frees, slopes, step, change, away);
+    return 0;
+}
+
+/* Search along the step for the axes that the free rotors span. */
+static ca_real search_in_span(bounded_program plain, const int *free, int frees,
+                               const ca_real *slopes, const ca_real *z, const ca_real *f,
+                               ca_real *step, ca_real *rates, ca_real *short_of)
+{
+    const bounded_program *program = &plain;
+    ca_real change[WIDE], away[CA_M];
+    solve_free(program, free, frees, slopes, step, change, away);
+    multiply_basis(program, step, rates);
+    return search(program, z, f, rates, -ca_dot(CA_AXES(program->problem), step, slopes),
+                  short_of);
+}
+
+/* With `early` the iteration stops when u is proven or likely to be unattainable. */
+static ca_real iterate(newton *it, int early, int bound)
 {
     const bounded_program *program = it->program;
     const ca_problem *problem = program->problem;
@@ -461,7 +551,7 @@ static ca_real iterate(newton *it, int bound)
     ca_copy(m, it->multipliers, y);
     multiply_basis(program, y, z);
     for (int number = 0; number < bound; number++) {
-        ca_real f[WIDE], left[CA_M], g[WIDE];
+        ca_real f[WIDE], left[CA_M];
         int free[WIDE], held[WIDE], frees = 0, helds = 0;
         for (int i = 0; i < count; i++) {
             const ca_real lower = program->lower[i], upper = program->upper[i];
@@ -473,74 +563,56 @@ static ca_real iterate(newton *it, int bound)
         }
         leave(program, it->u, f, left);
         const ca_real residual = ca_length(m, left), least = it->residual;
-        if (keep(it, residual, f, y))
+        if (keep(it, early, residual, f, y))
             break;
         /* In single precision, steps rarely help if rounding errors of y exceed the tolerance. */
-        const int uncertain =
-            CA_CHOOSE_INT(0, ROUNDING * ca_length(m, y) > 16 * it->tolerance);
+        const int uncertain = CA_CHOOSE_INT(
+            0, ROUNDING * ROUNDING * ca_dot(m, y, y) > 256 * it->tolerance * it->tolerance);
         idle = residual < (uncertain ? least / 2 : least) ? 0 : idle + 1;
         /* With as many rotors as axes there is only one solution. */
-        if (idle > (uncertain ? IDLE / 4 : IDLE) || (it->early && count == m))
+        if (idle > (uncertain ? IDLE / 4 : IDLE) || (early && count == m))
             break;
 
-        ca_real slopes[CA_M], step[CA_M], away[CA_M], rates[WIDE], change[WIDE];
-        const ca_real *way = step, *speeds = rates;
-        ca_real advance = 0, short_of = 0;
-        int astray = 0;
+        ca_real slopes[CA_M], step[CA_M], rates[WIDE], change[WIDE], short_of;
         ++*it->steps;
         multiply(m, problem->coordinates, left, slopes);
         const int normal = solve_normal(program, free, frees, held, slopes, step);
-        if (!normal) {
-            /* Along an axis that the free rotors do not span, the residual is either a rounding
-             * error, which is ignored, or the step goes along this axis until the next rotor
-             * becomes free. */
-            ca_real missed[CA_M];
-            solve_free(program, free, frees, slopes, step, change, away);
-            multiply(m, problem->back, away, missed);
-            astray = ca_length(m, missed) > CA_REAL(0.8) * it->tolerance;
-            if (astray && it->early && ++strays > STRAYS)
-                break;
-        }
-        if (astray) {
-            way = away;
-            speeds = g;
-            multiply_basis(program, away, g);
-            advance = search(program, z, f, g, -ca_dot(m, away, slopes), &short_of);
-        }
-        if (!(advance > 0)) {
-            way = step;
-            speeds = rates;
-            multiply_basis(program, step, rates);
-            advance = 0;
-        }
+        const int astray =
+            !normal && solve_singular(*program, it->tolerance, free, frees, slopes, step, change);
+        if (astray && early && ++strays > STRAYS)
+            break;
+        multiply_basis(program, step, rates);
         if (!astray) {
-            ca_real after[CA_M];
-            ca_copy(count, f, g);
+            ca_real after[CA_M], g[WIDE];
             for (int k = 0; k < m; k++)
                 after[k] = y[k] + step[k];
-            if (normal)
-                for (int i = 0; i < frees; i++)
-                    change[i] = rates[free[i]];
             const ca_real limit =
                 CHANGED * (1 + problem->greatest) + ROUNDING * ca_length(m, after);
-            if (completes(program, z, rates, change, free, frees, held, limit, g)) {
+            if (completes(program, z, rates, f, normal ? rates : change, limit, g)) {
                 leave(program, it->u, g, left);
-                if (keep(it, ca_length(m, left), g, after))
+                if (keep(it, early, ca_length(m, left), g, after))
                     return it->residual;
             }
         }
-        if (way == step)
-            advance = search(program, z, f, rates, -ca_dot(m, step, slopes), &short_of);
-        if (!(advance > 0) || (it->early && short_of > 0 && proves(it, way, short_of)))
+        ca_real advance =
+            search(program, z, f, rates, -ca_dot(m, step, slopes), &short_of);
+        if (astray && !(advance > 0))
+            advance = search_in_span(*program, free, frees, slopes, z, f, step, rates, &short_of);
+        if (!(advance > 0) || (early && short_of > 0 && proves(problem, it->tolerance, step, short_of)))
             break;
         for (int k = 0; k < m; k++)
-            y[k] += advance * way[k];
+            y[k] += advance * step[k];
         for (int i = 0; i < count; i++)
-            z[i] += advance * speeds[i];
+            z[i] += advance * rates[i];
     }
-    if (it->early && !(it->residual <= it->tolerance))
+    if (early && !(it->residual <= it->tolerance))
         ca_copy(m, y, it->multipliers);
     return it->residual;
+}
+
+static ca_real iterate_on(newton *it)
+{
+    return iterate(it, 0, STEPS);
 }
 
 ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
@@ -568,7 +640,7 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
         multiply(m, problem->coordinates, left, slopes);
         solve_free(&program, free, frees, slopes, step, change, away);
         for (int i = 0; i < frees; i++)
-            f[free[i]] = ca_clip(f[free[i]] + change[i], problem->lower[free[i]],
+            f[free[i]] = ca_clip(f[free[i]] + change[free[i]], problem->lower[free[i]],
                                  problem->upper[free[i]]);
     }
     return least;
@@ -605,9 +677,9 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
     const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper,
                                      rate};
     ca_real missed[CA_M];
-    newton it = {&relaxed, u, tolerance / 2, 0, f, multipliers, 0, steps};
+    newton it = {&relaxed, u, tolerance / 2, f, multipliers, 0, steps};
     multiply(m, problem->coordinates, u, multipliers);
-    iterate(&it, STEPS);
+    iterate_on(&it);
     ca_residual(problem, u, f, missed);
     /* On the boundary multipliers may be large although slack changes nothing. */
     for (int i = 0; i < n; i++)
@@ -621,9 +693,9 @@ ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real toleranc
 {
     const bounded_program plain = {
         problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    newton it = {&plain, u, tolerance / 2, 1, thrusts, y, 0, steps};
+    newton it = {&plain, u, tolerance / 2, thrusts, y, 0, steps};
     multiply(CA_AXES(problem), problem->coordinates, u, y);
-    const ca_real residual = iterate(&it, ATTEMPT);
+    const ca_real residual = iterate(&it, 1, ATTEMPT);
     if (residual <= tolerance)
         relax(problem, u, tolerance, thrusts, y, steps);
     return residual;
@@ -634,10 +706,10 @@ ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real toler
 {
     const bounded_program plain = {
         problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    newton it = {&plain, u, tolerance / 2, 0, thrusts, y, 0, steps};
+    newton it = {&plain, u, tolerance / 2, thrusts, y, 0, steps};
     if (!start)
         multiply(CA_AXES(problem), problem->coordinates, u, y);
-    ca_real residual = iterate(&it, STEPS);
+    ca_real residual = iterate_on(&it);
     if (residual > tolerance / 2)
         residual = ca_settle(problem, u, tolerance / 2, thrusts, steps);
     if (residual <= tolerance)
@@ -666,10 +738,10 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
             free[frees++] = i;
     }
     const bounded_program face = {problem, n, problem->basis, lower, upper, 0};
-    newton it = {&face, served->wrench, tolerance / 2, 0, thrusts, y, 0, steps};
+    newton it = {&face, served->wrench, tolerance / 2, thrusts, y, 0, steps};
     ++*steps;
     ca_residual(problem, served->wrench, f, left);
     multiply(m, problem->coordinates, left, slopes);
     solve_free(&face, free, frees, slopes, y, change, away);
-    return iterate(&it, STEPS);
+    return iterate_on(&it);
 }
