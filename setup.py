@@ -17,15 +17,20 @@ studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistu
 parts = ('exact', 'least_norm', 'priorities', 'module')
 kernels = [
     Extension(
-        f'{package}.kernel._{precision}',
+        f'{package}.kernel._{name}',
         [f'{package}/kernel/{part}.c' for part in parts],
-        depends=[f'{package}/kernel/{name}.h' for name in ('exact', 'numbers')],
-        define_macros=macros,
+        depends=[f'{package}/kernel/{header}.h' for header in ('exact', 'numbers')],
+        define_macros=[('CA_MODULE', f'_{name}'), *macros],
         # No fused multiplications: all machines are to give the same bits.
         extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off'],
         optional=True,
     )
-    for precision, macros in (('double', []), ('single', [('CA_FLOAT', None)]))
+    # Loops of constant length are faster: vehicles with upright rotors have four axes.
+    for name, macros in (
+        ('double', []),
+        ('double_4', [('CA_M', '4'), ('CA_FIXED_AXES', None)]),
+        ('single', [('CA_FLOAT', None)]),
+    )
 ]
 
 setup(

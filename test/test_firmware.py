@@ -105,7 +105,7 @@ def test_golden_vectors_are_reproduced_here(name, compiler, precision, exported)
 
 @pytest.mark.slow
 @pytest.mark.parametrize('precision', PRECISIONS)
-@pytest.mark.parametrize('name', VEHICLES)
+@pytest.mark.parametrize('name', [*VEHICLES, 'rov'])
 def test_golden_vectors_are_reproduced_on_emulated_boards(name, precision, exported):
     needs(*ARM)
     assert len(reproduced(make(exported(name, precision), 'qemu'))) == 2
@@ -172,7 +172,7 @@ def test_the_library_calls_nothing_and_the_header_is_for_cpp(exported, tmp_path)
 
 # Golden vectors
 
-@pytest.mark.parametrize('name', [*VEHICLES, 'quadrotor'])
+@pytest.mark.parametrize('name', [*VEHICLES, 'quadrotor', 'rov'])
 def test_golden_vectors_are_the_answers_of_the_allocator(name):
     """The wrenches are inside, on and outside, and the answers those of `exact` after a fault."""
     firmware = firmware_of(name)
@@ -197,7 +197,7 @@ def test_golden_vectors_are_the_answers_of_the_allocator(name):
             assert status == answer.status
             np.testing.assert_allclose(speeds, answer.speeds, rtol=1e-9)
             speeds = single.allocate(i, u.astype(np.float32))[1]
-            _, least, greatest = single.rotors[i]
+            *_, least, greatest = single.rotors[i]
             assert np.all((least <= speeds) & (speeds <= greatest))
 
 

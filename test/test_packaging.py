@@ -91,7 +91,8 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     assert len(library) > 4
     assert modules | library | {
         'ca_ros/py.typed', 'ca_ros/evaluation/templates/page.html'} <= set(names)
-    assert {'_double', '_single'} <= {Path(name).name.partition('.')[0] for name in names}
+    extensions = {'_double', '_double_4', '_single'}
+    assert extensions <= {Path(name).name.partition('.')[0] for name in names}
     [data] = {name.split('/')[0] for name in names if '.data/' in name}
     shared = {name.removeprefix(f'{data}/data/share/') for name in names if name.startswith(data)}
     layouts = {f'ca_ros/layouts/{file.name}' for file in (ROOT / 'layouts').iterdir()}

@@ -36,6 +36,8 @@ class Setting:
         The status of a wrench that is not attainable.
     slack : float
         See `Exact`.
+    weight, preferred : (n,) arrays, optional
+        W > 0 and f_p of the cost ``|W (f - f_p)|^2`` [f_p in N]; by default ones and zeros.
     """
 
     groups: Sequence[Sequence[str]]
@@ -44,6 +46,27 @@ class Setting:
     on_reference: bool
     status: Status
     slack: float
+    weight: Array | None = None
+    preferred: Array | None = None
+
+    def preference(self, n: int) -> tuple[Array, Array] | None:
+        """Return W and f_p (n,); None if neither is given.
+
+        Raises
+        ------
+        ValueError
+            If one of them has not n finite numbers, or a weight is not positive.
+        """
+        if self.weight is None and self.preferred is None:
+            return None
+        weight = np.ones(n) if self.weight is None else np.asarray(self.weight, float)
+        preferred = np.zeros(n) if self.preferred is None else np.asarray(self.preferred, float)
+        for name, array in (('weight', weight), ('preferred', preferred)):
+            if array.shape != (n,) or not np.isfinite(array).all():
+                raise ValueError(f'{name}: expected {n} finite numbers, got {array.tolist()}')
+        if not np.all(weight > 0.0):
+            raise ValueError(f'weight: expected positive numbers, got {weight.tolist()}')
+        return weight, preferred
 
 
 def kernel_for(
@@ -66,13 +89,14 @@ def kernel_for(
     Raises
     ------
     ValueError
-        If the problem's admissible set has no volume.
+        If the problem's admissible set has no volume, or a weight or preferred thrust is wrong.
     """
     if not problem.spans:
         raise problem.no_volume()
     axes = problem.axes
     groups = setting.groups
     keeps = sensed(groups, setting.reversal)
+    preference = setting.preference(problem.n)
     gamma, lower, upper, start = (
         np.ascontiguousarray(array, dtype)
         for array in (problem.gamma, problem.lower, problem.upper, setting.reference)
@@ -88,6 +112,8 @@ def kernel_for(
         policy=int(setting.status),
         on_reference=setting.on_reference,
         slack=setting.slack,
+        weight=preference and np.ascontiguousarray(preference[0], dtype),
+        preferred=preference and np.ascontiguousarray(preference[1], dtype),
     )
 
 
@@ -100,6 +126,20 @@ class NumpyEngine:
     def __init__(self, problem: AllocationProblem, setting: Setting, osqp: bool = False) -> None:
         rows = [[problem.axes.index(axis) for axis in group] for group in setting.groups]
         reference = setting.reference
+        self._given, self._preference = problem, setting.preference(problem.n)
+        if self._preference is not None:
+            # The problem of g = W (f - f_p), whose wrench is u - Gamma f_p.
+            weight, preferred = self._preference
+            self._offset = problem.gamma @ preferred
+            reference = reference - self._offset
+            problem = AllocationProblem(
+                problem.gamma / weight,
+                weight * (problem.lower - preferred),
+                weight * (problem.upper - preferred),
+                problem.axes,
+                problem.names,
+                reference,
+            )
         begin = reference if setting.on_reference else None
         self._problem, self._slack, self._status = problem, setting.slack, setting.status
         self._serve = Prioritization(problem, rows, reference, setting.reversal, begin)
@@ -107,6 +147,20 @@ class NumpyEngine:
 
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
         """Write the thrusts for u; see `Kernel.allocate`.  Steps are not counted."""
+        if self._preference is None:
+            return self._allocate(u, thrusts)
+        given, scaled = self._given, self._problem
+        answer = self._allocate(given.check(u) - self._offset, thrusts)
+        if answer is not None and answer[0] == Status.REJECTED:
+            thrusts[:] = given.rest
+            return answer
+        weight, preferred = self._preference
+        low, high = thrusts <= scaled.lower, thrusts >= scaled.upper
+        thrusts[:] = given.clip(preferred + thrusts / weight)
+        thrusts[low], thrusts[high] = given.lower[low], given.upper[high]
+        return answer
+
+    def _allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
         problem = self._problem
         u = problem.check(u)
         if problem.attains_unbounded(u):

@@ -97,8 +97,9 @@ def _numbers(firmware: Firmware) -> dict[str, str]:
         'problems': literals.problems(firmware),
         'axes': '\n'.join(f'    {literals.braced(row)},' for row in rows),
         'thrust_coefficient': table(0),
-        'speed_min': table(1),
-        'speed_max': table(2),
+        'reverse_coefficient': table(1),
+        'speed_min': table(2),
+        'speed_max': table(3),
         'vectors': golden.vectors(firmware),
     }
 

@@ -96,14 +96,23 @@ class Firmware:
         return [[axes.index(axis) for axis in fault.problem.axes] for fault in self.faults]
 
     @cached_property
-    def rotors(self) -> list[tuple[Array, Array, Array]]:
-        """For each fault, k_f, and the bounds of the speeds, (n,) each; k_f of a lost one is 1."""
+    def rotors(self) -> list[tuple[Array, Array, Array, Array]]:
+        """For each fault, k_f, k_f backwards, and the bounds of the speeds, (n,) each.
+
+        The coefficients of a lost rotor are 1.
+        """
         found = []
         for fault in self.faults:
             vehicle = fault.problem.vehicle
-            k_f = vehicle.thrust_per_squared_speed
+            forwards, backwards = (
+                np.where(k_f > 0.0, k_f, 1.0).astype(self.dtype)
+                for k_f in (
+                    vehicle.thrust_per_squared_speed,
+                    vehicle.reverse_thrust_per_squared_speed,
+                )
+            )
             least, greatest = (bound.astype(self.dtype) for bound in vehicle.speed_limits)
-            found.append((np.where(k_f > 0.0, k_f, 1.0).astype(self.dtype), least, greatest))
+            found.append((forwards, backwards, least, greatest))
         return found
 
     def allocate(self, fault: int, wrench: Array) -> tuple[int, Array]:
@@ -117,16 +126,21 @@ class Firmware:
         """
         known = 0 <= fault < len(self.faults)
         row = fault if known else 0
-        k_f, least, greatest = self.rotors[row]
+        k_f, reverse, least, greatest = self.rotors[row]
+        zero = self.dtype(0)
+        rest = np.minimum(np.maximum(zero, least), greatest)
         if not (known and np.all(np.abs(wrench) <= self.dtype(LIMIT[self.precision]))):
-            return INVALID, least
+            return INVALID, rest
         thrusts = np.empty(self.problem.n, self.dtype)
         answer = self.kernels[row].allocate(np.ascontiguousarray(wrench[self.rows[row]]), thrusts)
         status = 0 if answer is None else answer[0]
         if status in (INVALID, Status.REJECTED):
-            return status, least
+            return status, rest
         # Quotient, square root and comparisons are the same to the last bit in C.
-        speeds = np.sqrt(np.maximum(thrusts, self.dtype(0)) / k_f)
+        forwards = np.sqrt(np.maximum(thrusts, zero) / k_f)
+        speeds = np.where(
+            thrusts < zero, -np.sqrt(np.maximum(-thrusts, zero) / reverse), forwards
+        )
         return status, np.minimum(np.maximum(speeds, least), greatest)
 
     def effort(self, fault: int, wrenches: Array) -> tuple[int, int]:

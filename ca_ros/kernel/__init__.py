@@ -1,8 +1,9 @@
 """The exact allocator in C, as extension modules that may be missing.
 
 The library itself is `exact.h`, `exact.c`, `least_norm.c` and `priorities.c`; `module.c` binds it.
-It is built for double and for single precision.  `CA_ROS_KERNEL=numpy` in the environment chooses
-the NumPy implementation instead, and `CA_ROS_KERNEL=c` makes a missing extension an error.
+It is built for double and for single precision.  A third module, of double precision, is for
+exactly four axes, and faster; it gives the same bits.  `CA_ROS_KERNEL=numpy` in the environment
+chooses the NumPy implementation instead, and `CA_ROS_KERNEL=c` makes a missing extension an error.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ ROTORS_MAX = 32
 """Greatest number of rotors of the extension modules."""
 
 AXES_MAX = 6
+
+FOUR = 4
+"""Number of axes of the extension module for exactly four."""
 
 INVALID = 5
 """The status of a wrench that is not finite."""
@@ -41,6 +45,8 @@ class Kernel(Protocol):
         policy: int,
         on_reference: bool,
         slack: float,
+        weight: Array | None = None,
+        preferred: Array | None = None,
     ) -> None: ...
 
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
@@ -73,15 +79,16 @@ class Kernel(Protocol):
         """Return the fields of `ca_problem` in C: type, dimensions and numbers by name."""
 
 
-def load(precision: str = 'double') -> type[Kernel] | None:
-    """Return the class of the extension module; None if it cannot be imported.
+def load(name: str = 'double') -> type[Kernel] | None:
+    """Return the class of an extension module; None if it cannot be imported.
 
     Parameters
     ----------
-    precision : 'double' or 'single'
+    name : 'double', 'single' or 'double_4'
+        The precision; 'double_4' is for exactly four axes.
     """
     try:
-        kernel: type[Kernel] = import_module(f'ca_ros.kernel._{precision}').Kernel
+        kernel: type[Kernel] = import_module(f'ca_ros.kernel._{name}').Kernel
     except ImportError:
         return None
     return kernel
@@ -99,7 +106,9 @@ def chosen(n: int, m: int) -> type[Kernel] | None:
     if wanted not in ('', 'c', 'numpy'):
         raise ValueError(f'CA_ROS_KERNEL: expected c or numpy, got {wanted!r}')
     fits = n <= ROTORS_MAX and m <= AXES_MAX
-    kernel = load() if fits and wanted != 'numpy' else None
+    kernel = None
+    if fits and wanted != 'numpy':
+        kernel = load('double_4' if m == FOUR else 'double')
     if wanted == 'c' and kernel is None:
         raise ValueError(
             'CA_ROS_KERNEL: the extension module is not built (pip install needs a C compiler)'

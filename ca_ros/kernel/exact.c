@@ -68,14 +68,12 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
     *p = (ca_problem){0};
     if (n < 1 || n > CA_N || m < 1 || m > CA_M)
         return CA_BAD_SIZE;
-#ifdef CA_FIXED
-    if (n != CA_N || m != CA_M)
-        return CA_BAD_SIZE;
-#endif
     if (!order_is_sound(options, m))
         return CA_BAD_ORDER;
     p->n = n;
     p->m = m;
+    if (CA_ROTORS(p) != n || CA_AXES(p) != m)
+        return CA_BAD_SIZE;
     p->policy = options->policy;
     p->slack = options->slack;
     p->greatest = 1;
@@ -84,11 +82,22 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
     for (int i = 0; i < n; i++) {
         if (!is_finite(lower[i]) || !is_finite(upper[i]) || lower[i] > upper[i])
             return CA_BAD_NUMBER;
-        p->lower[i] = lower[i];
-        p->upper[i] = upper[i];
-        p->middle[i] = (lower[i] + upper[i]) / 2;
-        p->half_range[i] = (upper[i] - lower[i]) / 2;
-        p->greatest = ca_max(p->greatest, ca_max(ca_abs(lower[i]), ca_abs(upper[i])));
+        const ca_real weight = options->weighted ? options->weight[i] : 1;
+        const ca_real preferred = options->weighted ? options->preferred[i] : 0;
+        if (!(weight > 0) || !is_finite(weight) || !is_finite(1 / weight) || !is_finite(preferred))
+            return CA_BAD_NUMBER;
+        p->weighted = p->weighted || weight < 1 || weight > 1 || preferred < 0 || preferred > 0;
+        p->weight[i] = weight;
+        p->preferred[i] = preferred;
+        p->thrust_lower[i] = lower[i];
+        p->thrust_upper[i] = upper[i];
+        p->lower[i] = weight * (lower[i] - preferred);
+        p->upper[i] = weight * (upper[i] - preferred);
+        if (!is_finite(p->lower[i]) || !is_finite(p->upper[i]))
+            return CA_BAD_NUMBER;
+        p->middle[i] = (p->lower[i] + p->upper[i]) / 2;
+        p->half_range[i] = (p->upper[i] - p->lower[i]) / 2;
+        p->greatest = ca_max(p->greatest, ca_max(ca_abs(p->lower[i]), ca_abs(p->upper[i])));
     }
     for (int k = 0; k < m; k++) {
         p->order[k] = options->order[k];
@@ -101,10 +110,14 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
             const ca_real entry = gamma[k * n + i];
             if (!is_finite(entry))
                 return CA_BAD_NUMBER;
-            p->gamma[k][i] = entry;
-            p->center[k] += entry * p->middle[i];
-            p->extent[k] += ca_abs(entry * p->half_range[i]);
+            p->gamma[k][i] = entry / p->weight[i];
+            if (!is_finite(p->gamma[k][i]))
+                return CA_BAD_NUMBER;
+            p->offset[k] += entry * p->preferred[i];
+            p->center[k] += p->gamma[k][i] * p->middle[i];
+            p->extent[k] += ca_abs(p->gamma[k][i] * p->half_range[i]);
         }
+        p->reference[k] -= p->offset[k];
         if (!(p->extent[k] > 0))
             return CA_NO_VOLUME;
     }
@@ -128,25 +141,28 @@ int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *
 static void rest(const ca_problem *p, ca_real *thrusts)
 {
     for (int i = 0; i < CA_ROTORS(p); i++)
-        thrusts[i] = ca_clip(0, p->lower[i], p->upper[i]);
+        thrusts[i] = ca_clip(0, p->thrust_lower[i], p->thrust_upper[i]);
 }
 
-ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
+/* Thrusts of g = weight (f - preferred), in place. */
+static void unweight(const ca_problem *p, ca_real *thrusts)
+{
+    for (int i = 0; i < CA_ROTORS(p); i++) {
+        const ca_real g = thrusts[i], f = p->preferred[i] + g / p->weight[i];
+        thrusts[i] = g <= p->lower[i]   ? p->thrust_lower[i]
+                     : g >= p->upper[i] ? p->thrust_upper[i]
+                                        : ca_clip(f, p->thrust_lower[i], p->thrust_upper[i]);
+    }
+}
+
+/* Allocate in the units of the prepared problem, with a residual relative to `size`. If u is
+ * rejected, the thrusts are not set. */
+static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real size, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
+    const ca_real tolerance = CA_TOLERANCE * size;
     ca_answer answer = {CA_EXACT, 1, 0, 0};
-    ca_real length = 0, missed[CA_M] = {0}, y[CA_M] = {0};
-
-    for (int k = 0; k < m && length <= CA_ABSURD; k++)
-        length = is_finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
-    length = length <= CA_ABSURD ? ca_length(m, u) : length;
-    if (!(length <= CA_ABSURD)) {
-        rest(p, thrusts);
-        answer.status = CA_INVALID;
-        answer.level = 0;
-        return answer;
-    }
-    const ca_real size = ca_max(1, length), tolerance = CA_TOLERANCE * size;
+    ca_real missed[CA_M] = {0}, y[CA_M] = {0};
     if (ca_attempt(p, u, tolerance, thrusts, y, &answer.steps) <= tolerance)
         return answer;
 
@@ -157,7 +173,7 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     const int on_face = !served.almost_parallel && (served.unique || !served.reached);
     if (on_face && (served.reached || p->policy != CA_REJECTED)) {
         residual = ca_least_norm_on_face(p, &served, goal, thrusts, &answer.steps);
-        ca_residual(p, u, thrusts, missed);
+        ca_leave(p, u, thrusts, missed);
         if (ca_length(m, missed) <= tolerance)
             return answer;
     }
@@ -177,7 +193,6 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     answer.status = p->policy;
     answer.level = served.level;
     if (p->policy == CA_REJECTED) {
-        rest(p, thrusts);
         answer.level = 0;
         return answer;
     }
@@ -186,10 +201,10 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     if (!(residual <= goal)) {
         /* The thrusts of the simplex method produce the wrench too, if not with the least norm. */
         ca_copy(n, served.thrusts, thrusts);
-        ca_residual(p, served.wrench, thrusts, missed);
+        ca_leave(p, served.wrench, thrusts, missed);
         if (!(ca_length(m, missed) <= goal))
             answer.status = CA_INEXACT;
-        ca_residual(p, u, thrusts, missed);
+        ca_leave(p, u, thrusts, missed);
         if (ca_length(m, missed) <= tolerance) {
             answer.status = CA_EXACT;
             answer.level = 1;
@@ -198,26 +213,70 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     return answer;
 }
 
-void ca_residual(const ca_problem *p, const ca_real *u, const ca_real *thrusts, ca_real *residual)
+ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
+{
+    const int m = CA_AXES(p);
+    ca_answer answer = {CA_INVALID, 0, 0, 0};
+    ca_real length = 0;
+    for (int k = 0; k < m && length <= CA_ABSURD; k++)
+        length = is_finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
+    length = length <= CA_ABSURD ? ca_length(m, u) : length;
+    if (length <= CA_ABSURD) {
+        const ca_real size = ca_max(1, length);
+        if (!p->weighted) {
+            answer = solve(p, u, size, thrusts);
+        } else {
+            ca_real shifted[CA_M];
+            for (int k = 0; k < m; k++)
+                shifted[k] = u[k] - p->offset[k];
+            answer = solve(p, shifted, size, thrusts);
+            if (answer.status != CA_REJECTED)
+                unweight(p, thrusts);
+        }
+    }
+    if (answer.status == CA_INVALID || answer.status == CA_REJECTED)
+        rest(p, thrusts);
+    return answer;
+}
+
+void ca_leave(const ca_problem *p, const ca_real *u, const ca_real *f, ca_real *left)
 {
     for (int k = 0; k < CA_AXES(p); k++)
-        residual[k] = u[k] - ca_dot(CA_ROTORS(p), p->gamma[k], thrusts);
+        left[k] = u[k] - ca_dot(CA_ROTORS(p), p->gamma[k], f);
+}
+
+void ca_residual(const ca_problem *p, const ca_real *u, const ca_real *thrusts, ca_real *residual)
+{
+    ca_real shifted[CA_M], g[CA_N];
+    if (!p->weighted) {
+        ca_leave(p, u, thrusts, residual);
+        return;
+    }
+    for (int k = 0; k < CA_AXES(p); k++)
+        shifted[k] = u[k] - p->offset[k];
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        g[i] = p->weight[i] * (thrusts[i] - p->preferred[i]);
+    ca_leave(p, shifted, g, residual);
 }
 
 void ca_active_set(const ca_problem *p, const ca_real *thrusts, signed char *active)
 {
     for (int i = 0; i < CA_ROTORS(p); i++) {
-        const ca_real low = CA_TOLERANCE * ca_max(1, ca_abs(p->lower[i]));
-        const ca_real high = CA_TOLERANCE * ca_max(1, ca_abs(p->upper[i]));
-        active[i] = thrusts[i] <= p->lower[i] + low ? -1 : thrusts[i] >= p->upper[i] - high ? 1 : 0;
+        const ca_real low = CA_TOLERANCE * ca_max(1, ca_abs(p->thrust_lower[i]));
+        const ca_real high = CA_TOLERANCE * ca_max(1, ca_abs(p->thrust_upper[i]));
+        active[i] = thrusts[i] <= p->thrust_lower[i] + low ? -1 : thrusts[i] >= p->thrust_upper[i] - high ? 1 : 0;
     }
 }
 
 void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
-               const ca_real *speed_min, const ca_real *speed_max, ca_real *speeds)
+               const ca_real *reverse_coefficient, const ca_real *speed_min,
+               const ca_real *speed_max, ca_real *speeds)
 {
     for (int i = 0; i < n; i++) {
-        const ca_real speed = thrusts[i] > 0 ? ca_sqrt(thrusts[i] / thrust_coefficient[i]) : 0;
+        const ca_real f = thrusts[i];
+        const ca_real speed = f > 0   ? ca_sqrt(f / thrust_coefficient[i])
+                              : f < 0 ? -ca_sqrt(-f / reverse_coefficient[i])
+                                      : 0;
         speeds[i] = ca_clip(speed, speed_min[i], speed_max[i]);
     }
 }
@@ -299,7 +358,7 @@ ca_real ca_margin(const ca_problem *p, const ca_real *u)
         ca_real normal[CA_M], height = 0, width = 0;
         if (normal_of(p, choice, normal)) {
             for (int k = 0; k < m; k++)
-                height += normal[k] * (u[k] - p->center[k]);
+                height += normal[k] * (u[k] - p->offset[k] - p->center[k]);
             for (int i = 0; i < n; i++) {
                 ca_real side = 0;
                 for (int k = 0; k < m; k++)

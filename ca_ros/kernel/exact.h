@@ -2,7 +2,7 @@
  *
  *     minimise |f|^2   subject to   Gamma f = u,   lower <= f <= upper
  *
- * f are the thrusts of n rotors [N], u is a wrench of m axes [N, N m]. If no thrusts within the
+ * or |W (f - f_p)|^2 with weights W and preferred thrusts f_p. f are the thrusts of n rotors [N], u is a wrench of m axes [N, N m]. If no thrusts within the
  * bounds produce u, a policy chooses an attainable wrench. docs/exact.md and docs/priorities.md
  * explain the methods. The equation numbers are those of "Evaluation of Control Allocation Methods
  * for Multirotor Aerial Vehicles".
@@ -14,7 +14,8 @@
 #define CA_ROS_KERNEL_EXACT_H
 
 /* Maximum numbers of rotors and axes. For a single vehicle, define them as its numbers; if all
- * problems have these numbers, define CA_FIXED too, which makes the code faster. */
+ * problems have these numbers, define CA_FIXED too, or CA_FIXED_AXES if they have this number of
+ * axes, which makes the code faster. */
 #ifndef CA_N
 #define CA_N 32
 #endif
@@ -74,20 +75,31 @@ typedef struct {
     int on_reference;        /* nonzero if the reference is attainable, and lines begin there */
     ca_real slack;           /* greatest error of an attainable wrench near almost parallel facets
                                 of the admissible set, as a share of max(1, |u|) */
+    int weighted;            /* nonzero if the next two are given; zero for ones and zeros */
+    ca_real weight[CA_N];    /* of the thrusts in the cost |weight (f - preferred)|^2, positive */
+    ca_real preferred[CA_N]; /* preferred thrusts [N] */
 } ca_options;
 
-/* The prepared problem. It is constant data, and may be in flash.
+/* The prepared problem. It is constant data, and may be in flash. If it is weighted, it is solved for
+ * g = weight (f - preferred): `gamma`, `lower`, `upper`, `reference` and what follows from them are
+ * those of g, and of the wrench u - offset.
  * X(type, name, dimensions) */
 #define CA_FIELDS(X) \
     X(int, n, )                             /* number of rotors */ \
     X(int, m, )                             /* number of axes */ \
+    X(int, weighted, )                      /* whether a weight is not 1 or a preference not 0 */ \
+    X(ca_real, weight, [CA_N]) \
+    X(ca_real, preferred, [CA_N])           /* [N] */ \
+    X(ca_real, offset, [CA_M])              /* wrench of the preferred thrusts [N, N m] */ \
+    X(ca_real, thrust_lower, [CA_N])        /* bounds of the thrusts f [N] */ \
+    X(ca_real, thrust_upper, [CA_N]) \
     X(ca_real, gamma, [CA_M][CA_N])         /* control allocation matrix */ \
-    X(ca_real, lower, [CA_N])               /* bounds of the thrusts [N] */ \
+    X(ca_real, lower, [CA_N])               /* bounds */ \
     X(ca_real, upper, [CA_N]) \
     X(ca_real, basis, [CA_N][CA_M])         /* orthonormal columns that span the rows of Gamma */ \
     X(ca_real, coordinates, [CA_M][CA_M])   /* Gamma f = u is basis^T f = coordinates u */ \
     X(ca_real, back, [CA_M][CA_M])          /* inverse of `coordinates` */ \
-    X(ca_real, greatest, )                  /* greatest thrust, at least 1 N */ \
+    X(ca_real, greatest, )                  /* greatest size of a bound, at least 1 */ \
     X(ca_real, slack, ) \
     X(ca_real, middle, [CA_N])              /* middles and half lengths of the ranges [N] */ \
     X(ca_real, half_range, [CA_N]) \
@@ -143,8 +155,10 @@ void ca_active_set(const ca_problem *problem, const ca_real *thrusts, signed cha
  * function tests all choices of m - 1 rotors, which is slow for many rotors. */
 ca_real ca_margin(const ca_problem *problem, const ca_real *u);
 
-/* Rotor speeds [rad/s] of thrusts [N], f = k w^2, within speed_min and speed_max, Eq. (11). */
+/* Rotor speeds [rad/s] of thrusts [N], f = k w^2 or, backwards, f = -k_reverse w^2, within speed_min
+ * and speed_max, Eq. (11). The coefficients are positive. */
 void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
-               const ca_real *speed_min, const ca_real *speed_max, ca_real *speeds);
+               const ca_real *reverse_coefficient, const ca_real *speed_min,
+               const ca_real *speed_max, ca_real *speeds);
 
 #endif

@@ -349,7 +349,7 @@ static void leave(const bounded_program *program, const ca_real *u, const ca_rea
 {
     const ca_problem *problem = program->problem;
     const int n = CA_ROTORS(problem), m = CA_AXES(problem);
-    ca_residual(problem, u, f, left);
+    ca_leave(problem, u, f, left);
     if (program->count > n)
         for (int k = 0; k < m; k++)
             left[k] -= program->rate * ca_dot(m, problem->back[k], f + n);
@@ -625,7 +625,7 @@ ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance
     for (int number = 0; number < CA_CHOOSE_INT(n, 3); number++) {
         ca_real left[CA_M], slopes[CA_M], step[CA_M], away[CA_M], change[CA_N];
         int free[CA_N], frees = 0;
-        ca_residual(problem, u, f, left);
+        ca_leave(problem, u, f, left);
         const ca_real residual = ca_length(m, left);
         if (residual < least) {
             least = residual;
@@ -680,7 +680,7 @@ static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance
     newton it = {&relaxed, u, tolerance / 2, f, multipliers, 0, steps};
     multiply(m, problem->coordinates, u, multipliers);
     iterate_on(&it);
-    ca_residual(problem, u, f, missed);
+    ca_leave(problem, u, f, missed);
     /* On the boundary multipliers may be large although slack changes nothing. */
     for (int i = 0; i < n; i++)
         difference = ca_max(difference, ca_abs(f[i] - thrusts[i]));
@@ -726,7 +726,7 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
     int free[CA_N], frees = 0;
     if (served->least) {
         ca_copy(n, served->thrusts, thrusts);
-        ca_residual(problem, served->wrench, thrusts, left);
+        ca_leave(problem, served->wrench, thrusts, left);
         return ca_length(m, left);
     }
     /* With the held thrusts fixed, the multipliers are small. */
@@ -740,7 +740,7 @@ ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served
     const bounded_program face = {problem, n, problem->basis, lower, upper, 0};
     newton it = {&face, served->wrench, tolerance / 2, thrusts, y, 0, steps};
     ++*steps;
-    ca_residual(problem, served->wrench, f, left);
+    ca_leave(problem, served->wrench, f, left);
     multiply(m, problem->coordinates, left, slopes);
     solve_free(&face, free, frees, slopes, y, change, away);
     return iterate_on(&it);

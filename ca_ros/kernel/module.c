@@ -8,13 +8,17 @@
 
 #include "exact.h"
 
+/* The name of the module comes from setup.py. */
+#define TEXT(name) #name
+#define TEXT_OF(name) TEXT(name)
+#define JOIN(a, b) a##b
+#define JOIN_OF(a, b) JOIN(a, b)
+#define NAME TEXT_OF(CA_MODULE)
+#define INIT JOIN_OF(PyInit_, CA_MODULE)
+
 #ifdef CA_FLOAT
-#define NAME "_single"
-#define INIT PyInit__single
 #define FORMAT 'f'
 #else
-#define NAME "_double"
-#define INIT PyInit__double
 #define FORMAT 'd'
 #endif
 
@@ -211,17 +215,20 @@ static int copy_ints(PyObject *sequence, int count, int *numbers)
 }
 
 static const char *const FAULTS[] = {
-    "", "too many rotors or axes", "a number is not finite, or a lower bound above its upper bound",
+    "", "too many rotors or axes",
+    "a number is not finite, a lower bound above its upper bound, or a weight not positive",
     "the rotors cannot command the axes independently",
     "the order does not name each axis once, group by group"};
 
-/* Kernel(gamma, lower, upper, reference, order, group, keep_sense, policy, on_reference, slack) */
+/* Kernel(gamma, lower, upper, reference, order, group, keep_sense, policy, on_reference, slack,
+ *        weight=None, preferred=None) */
 static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
 {
     static char *names[] = {"gamma", "lower", "upper", "reference", "order", "group",
-                            "keep_sense", "policy", "on_reference", "slack", NULL};
-    PyObject *inputs[4], *order, *group, *senses;
-    Py_buffer views[4];
+                            "keep_sense", "policy", "on_reference", "slack", "weight",
+                            "preferred", NULL};
+    PyObject *inputs[6] = {NULL}, *order, *group, *senses;
+    Py_buffer views[6];
     ca_options options;
     double slack;
     int taken = 0, fault = CA_BAD_SIZE;
@@ -230,19 +237,30 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
         PyErr_SetString(PyExc_ValueError, "this Kernel has a problem: make another Kernel");
         return -1;
     }
-    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd", names, &inputs[0],
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd|OO", names, &inputs[0],
                                      &inputs[1], &inputs[2], &inputs[3], &order, &group, &senses,
-                                     &options.policy, &options.on_reference, &slack))
+                                     &options.policy, &options.on_reference, &slack, &inputs[4],
+                                     &inputs[5]))
         return -1;
     const Py_ssize_t m = PySequence_Length(order);
     options.slack = (ca_real)slack;
+    options.weighted = inputs[4] && inputs[4] != Py_None;
+    if (options.weighted != (inputs[5] && inputs[5] != Py_None)) {
+        PyErr_SetString(PyExc_ValueError, "give weight and preferred, or neither");
+        return -1;
+    }
     if (m >= 1 && m <= CA_M && copy_ints(order, (int)m, options.order) &&
         copy_ints(group, (int)m, options.group) && copy_ints(senses, (int)m, options.keep_sense)) {
-        Py_ssize_t n = -1, widths[4] = {m, 1, 1, m};
-        while (taken < 4 && get(inputs[taken], &views[taken], FORMAT, widths[taken],
-                                taken < 3 ? &n : NULL, 0))
+        const int given = options.weighted ? 6 : 4;
+        Py_ssize_t n = -1, widths[6] = {m, 1, 1, m, 1, 1};
+        while (taken < given && get(inputs[taken], &views[taken], FORMAT, widths[taken],
+                                    taken != 3 ? &n : NULL, 0))
             taken++;
-        if (taken == 4 && n <= CA_N) {
+        if (taken == given && n <= CA_N) {
+            for (Py_ssize_t i = 0; given == 6 && i < n; i++) {
+                options.weight[i] = ((const ca_real *)views[4].buf)[i];
+                options.preferred[i] = ((const ca_real *)views[5].buf)[i];
+            }
             for (int k = 0; k < m; k++)
                 options.reference[k] = ((const ca_real *)views[3].buf)[k];
             fault = ca_set_up(&self->problem, (int)n, (int)m, views[0].buf, views[1].buf,

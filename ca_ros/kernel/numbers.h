@@ -21,12 +21,17 @@
 #define CA_CHOOSE_INT(in_double, in_float) (in_double)
 #endif
 
-/* With CA_FIXED all problems have CA_N rotors and CA_M axes, and loops have constant lengths. */
+/* With CA_FIXED all problems have CA_N rotors and CA_M axes, and loops have constant lengths; with
+ * CA_FIXED_AXES this is so for the axes. */
 #ifdef CA_FIXED
+#define CA_FIXED_AXES
 #define CA_ROTORS(problem) ((void)(problem), CA_N)
-#define CA_AXES(problem) ((void)(problem), CA_M)
 #else
 #define CA_ROTORS(problem) ((problem)->n)
+#endif
+#ifdef CA_FIXED_AXES
+#define CA_AXES(problem) ((void)(problem), CA_M)
+#else
 #define CA_AXES(problem) ((problem)->m)
 #endif
 
@@ -62,6 +67,7 @@ static inline void ca_copy(int count, const ca_real *from, ca_real *to)
         to[i] = from[i];
 }
 
+#define ca_leave CA_SYMBOL(ca_leave)
 #define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)
 #define ca_prioritize CA_SYMBOL(ca_prioritize)
 #define ca_attempt CA_SYMBOL(ca_attempt)
@@ -80,6 +86,9 @@ typedef struct {
     int reached;           /* whether the wrench equals the demand, up to rounding */
     ca_real level;         /* smallest share of its demand that an axis got */
 } ca_served;
+
+/* left = u - Gamma f, in the units of the prepared problem. */
+void ca_leave(const ca_problem *problem, const ca_real *u, const ca_real *f, ca_real *left);
 
 /* Set `begin` and the fields after it. */
 void ca_priorities_set_up(ca_problem *problem, int on_reference);

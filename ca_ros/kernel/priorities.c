@@ -584,11 +584,11 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     for (int k = 0; k < m; k++)
         wrench[k] = p->center[k] + p->extent[k] * axes[k];
     /* The small pivots of almost symmetric vehicles lose digits. */
-    ca_residual(p, wrench, thrusts, missed);
+    ca_leave(p, wrench, thrusts, missed);
     const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench)) / 2;
     if (ca_length(m, missed) > tolerance) {
         ca_settle(p, wrench, tolerance, thrusts, steps);
-        ca_residual(p, wrench, thrusts, missed);
+        ca_leave(p, wrench, thrusts, missed);
     }
     served->reached = 1;
     served->level = 1;

@@ -175,7 +175,7 @@ static int judge(const ca_problem *p, const ca_real *u, int exactly)
     if (missed > (TOLERANCE + (double)p->slack) * size * CA_M)
         return fail("not exact", p, u, f, answer);
     ca_active_set(p, f, active);
-    ca_speeds(p->n, f, ones, p->lower, p->upper, speeds);
+    ca_speeds(p->n, f, ones, ones, p->lower, p->upper, speeds);
     for (int i = 0; i < p->n; i++)
         if (active[i] < -1 || active[i] > 1 || isnan(speeds[i]))
             return fail("a wrong active set or speed", p, u, f, answer);

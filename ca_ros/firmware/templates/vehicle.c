@@ -17,6 +17,11 @@ static const ca_real thrust_coefficient[${NAME}_FAULTS][CA_N] = {
 $thrust_coefficient
 };
 
+/* The same of rotors that turn backwards. */
+static const ca_real reverse_coefficient[${NAME}_FAULTS][CA_N] = {
+$reverse_coefficient
+};
+
 /* Bounds of the speeds [rad/s]. */
 static const ca_real speed_min[${NAME}_FAULTS][CA_N] = {
 $speed_min
@@ -44,9 +49,10 @@ int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
     }
     if (status == CA_INVALID || status == CA_REJECTED) {
         for (int i = 0; i < CA_N; i++)
-            speeds[i] = speed_min[row][i];
+            speeds[i] = ca_clip(0, speed_min[row][i], speed_max[row][i]);
     } else {
-        ca_speeds(CA_N, thrusts, thrust_coefficient[row], speed_min[row], speed_max[row], speeds);
+        ca_speeds(CA_N, thrusts, thrust_coefficient[row], reverse_coefficient[row],
+            speed_min[row], speed_max[row], speeds);
     }
     return status;
 }

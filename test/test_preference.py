@@ -1,0 +1,144 @@
+"""Weights and preferred thrusts, and the kernel for four axes, against independent solvers."""
+
+from dataclasses import replace
+
+import daqp
+import numpy as np
+import pytest
+import quadprog
+
+from ca_ros import AllocationProblem, Status
+from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
+from ca_ros.kernel import load
+
+pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')
+
+
+def random_problem(rng):
+    """Return a problem with bounds of any sign, and its setting with weights and preferences."""
+    m = int(rng.integers(2, 7))
+    n = m + int(rng.integers(1, 7))
+    lower = rng.uniform(-3.0, 1.0, n)
+    problem = AllocationProblem(
+        rng.normal(size=(m, n)), lower, lower + rng.uniform(0.5, 4.0, n),
+        reference=rng.normal(size=m))
+    axes = list(problem.axes)
+    split = int(rng.integers(1, m + 1))
+    groups = [axes[:split], *([axis] for axis in axes[split:])]
+    return problem, Setting(
+        groups, 'prevent', problem.reference, False, Status.PRIORITIZED, 0.0,
+        weight=10.0 ** rng.uniform(-1.0, 1.0, n), preferred=rng.uniform(-2.0, 3.0, n))
+
+
+def allocate(engine, problem, u):
+    thrusts = np.empty(problem.n)
+    return engine.allocate(np.ascontiguousarray(u), thrusts), thrusts
+
+
+def wrenches(problem, rng, size):
+    """Draw attainable wrenches, and others up to twice as far from the centre as the boundary."""
+    inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ problem.gamma.T
+    ways = inside - problem.center
+    ends = np.array([problem.reach(problem.center, way) for way in ways])[:, None]
+    return inside, problem.center + rng.uniform(1.01, 2.0, (size, 1)) * ends * ways
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
+    rng = np.random.default_rng(seed)
+    problem, setting = random_problem(rng)
+    kernel = kernel_for(load(), problem, setting)
+    squares = np.diag(setting.weight ** 2)
+    for u in wrenches(problem, rng, 5)[0]:
+        answer, thrusts = allocate(kernel, problem, u)
+        assert answer is None
+        assert np.all((problem.lower <= thrusts) & (thrusts <= problem.upper))
+        residual = np.linalg.norm(u - problem.gamma @ thrusts)
+        assert residual <= 1e-11 * max(1.0, np.linalg.norm(u))
+        linear = squares @ setting.preferred
+        rows = np.vstack([problem.gamma, np.eye(problem.n), -np.eye(problem.n)])
+        ends = np.concatenate([u, problem.lower, -problem.upper])
+        other = quadprog.solve_qp(squares, linear, rows.T, ends, meq=len(u))[0]
+        np.testing.assert_allclose(thrusts, other, rtol=0.0, atol=1e-7)
+        bounds = (np.concatenate([end, u]) for end in (problem.upper, problem.lower))
+        sense = np.array([0] * problem.n + [5] * len(u), np.int32)
+        x, _, flag, _ = daqp.solve(
+            squares, -linear, problem.gamma.copy(), *bounds, sense)
+        assert flag > 0
+        np.testing.assert_allclose(thrusts, x, rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize('seed', range(30))
+@pytest.mark.parametrize('status', [Status.PRIORITIZED, Status.SCALED, Status.REJECTED])
+def test_numpy_gives_the_same(seed, status):
+    rng = np.random.default_rng(seed)
+    problem, setting = random_problem(rng)
+    setting = replace(setting, status=status)
+    if status is not Status.PRIORITIZED:
+        setting = replace(setting, groups=[problem.axes], reversal='allow',
+                          reference=problem.center, on_reference=True)
+    engines = kernel_for(load(), problem, setting), NumpyEngine(problem, setting)
+    for demands in wrenches(problem, rng, 4):
+        for u in demands:
+            (ours, f), (theirs, g) = (allocate(engine, problem, u) for engine in engines)
+            assert (ours is None) == (theirs is None)
+            if ours is not None:
+                assert ours[0] == theirs[0]
+                assert ours[1] == pytest.approx(theirs[1], abs=1e-8)
+            np.testing.assert_allclose(f, g, rtol=0.0, atol=1e-7)
+
+
+def test_by_hand():
+    # Two rotors share 3 N: 3 - f_1 - f_2 = 0, weights 1 and 2, preferred 1 and 0.
+    # Stationary: f_1 - 1 = 4 f_2, so f_2 = 0.4; with f_1 <= 2 the bound counts, and f_2 = 1.
+    gamma = np.ones((1, 2))
+    for upper, expected in ((9.0, [2.6, 0.4]), (2.0, [2.0, 1.0])):
+        problem = AllocationProblem(gamma, -1.0, upper)
+        setting = Setting([problem.axes], 'allow', problem.reference, False, Status.PRIORITIZED,
+                          0.0, weight=np.array([1.0, 2.0]), preferred=np.array([1.0, 0.0]))
+        for engine in (kernel_for(load(), problem, setting), NumpyEngine(problem, setting)):
+            answer, thrusts = allocate(engine, problem, np.array([3.0]))
+            assert answer is None
+            np.testing.assert_allclose(thrusts, expected, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_ones_and_zeros_and_four_axes_change_no_bit(seed):
+    rng = np.random.default_rng(seed)
+    n = 4 + seed
+    problem = AllocationProblem(rng.normal(size=(4, n)), rng.uniform(-2.0, 0.0, n), 3.0)
+    setting = Setting([[axis] for axis in problem.axes], 'prevent', problem.reference, False,
+                      Status.PRIORITIZED, 1e-9)
+    plain = replace(setting, weight=np.ones(n), preferred=np.zeros(n))
+    demands = np.vstack(wrenches(problem, rng, 50))
+    expected = [allocate(kernel_for(load(), problem, setting), problem, u) for u in demands]
+    assert {answer is None for answer, _ in expected} == {True, False}
+    for name, options in (('double', plain), ('double_4', setting), ('double_4', plain)):
+        kernel = kernel_for(load(name), problem, options)
+        for u, (answer, thrusts) in zip(demands, expected, strict=True):
+            other, f = allocate(kernel, problem, u)
+            assert other == answer
+            np.testing.assert_array_equal(f, thrusts)
+
+
+def test_the_kernel_for_four_axes_refuses_others():
+    problem = AllocationProblem(np.eye(3, 4), 0.0, 1.0)
+    setting = Setting([problem.axes], 'allow', problem.reference, False, Status.PRIORITIZED, 0.0)
+    with pytest.raises(ValueError, match='rotors or axes'):
+        kernel_for(load('double_4'), problem, setting)
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'weight': np.zeros(5)}, 'positive'), ({'weight': np.ones(4)}, 'weight.*5 finite'),
+    ({'preferred': np.full(5, np.nan)}, 'preferred.*finite')])
+def test_a_wrong_preference_is_named(changes, message):
+    problem = AllocationProblem(np.eye(2, 5) + 1.0, 0.0, 1.0)
+    setting = Setting([problem.axes], 'allow', problem.reference, False, Status.PRIORITIZED, 0.0)
+    with pytest.raises(ValueError, match=message):
+        kernel_for(load(), problem, replace(setting, **changes))
+
+
+def test_a_weight_and_a_preference_belong_together():
+    with pytest.raises(ValueError, match='or neither'):
+        load()(np.ones((1, 2)), np.zeros(2), np.ones(2), np.zeros(1), [0], [0], [0], 1, False, 0.0,
+               weight=np.ones(2))
