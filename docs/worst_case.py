@@ -10,7 +10,7 @@ import argparse
 import re
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import astuple, dataclass, field
-from math import ceil, log2
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -95,12 +95,16 @@ class Bounds:
 
 def _step(n: int, m: int, count: int) -> int:
     """Return the greatest number of products of a Newton step with `count` actuators."""
+    definite = m * (m + 1) * (m + 2) // 6 + m * m
     residuals = 2 * (n * m + m * m)
-    normal = count // 2 * m * (m + 1) // 2 + m * (m + 1) * (m + 2) // 6 + m * m
+    normal = count // 2 * m * (m + 3) // 2 + definite
+    spanned = count * (2 * m * m - m) + 3 * m * m
+    in_span = count * (m * m + m * (m + 1) // 2) + definite + m * m
     factors = 3 * count * m * (m + 1) // 2 + m * m * (m + 1) + m
     solution = 4 * m * m + count * m
-    search = 2 * (count * m + m + count * (5 + 2 * ceil(log2(2 * count + 2))))
-    return 2 * count * m + residuals + normal + factors + solution + search + 4 * m * m
+    search = 2 * (count * m + m + 8 * count + 1)
+    solves = normal + spanned + in_span + factors + solution
+    return count * m + count + m + residuals + solves + search + 4 * m * m + 2 * m
 
 
 @dataclass

@@ -30,7 +30,7 @@ UNATTAINABLE = {
     'prioritize': 'is served in the order of priorities: {order} (`CA_PRIORITIZED`, with\n'
     '`allocation.exact.reversal: {reversal}`)',
     'scale': 'is scaled towards hover until it is attainable (`CA_SCALED`)',
-    'reject': 'is rejected: all rotors get their least speeds (`CA_REJECTED`)',
+    'reject': 'is rejected: all rotors get the speed nearest to zero (`CA_REJECTED`)',
 }
 """What becomes of an unattainable wrench, by policy."""
 

@@ -71,7 +71,10 @@ static void sound(input *x)
     for (int i = 0; i < x->n; i++) {
         x->lower[i] = below(2) ? 0 : -uniform();
         x->upper[i] = x->lower[i] + (ca_real)0.01 + 10 * uniform();
+        x->options.weight[i] = (ca_real)0.1 + uniform();
+        x->options.preferred[i] = 4 * uniform() - 2;
     }
+    x->options.weighted = below(2);
     const int policies[] = {CA_PRIORITIZED, CA_SCALED, CA_REJECTED};
     x->options.policy = policies[below(3)];
     x->options.on_reference = 0;
@@ -95,6 +98,12 @@ static void distort(input *x)
     for (int i = 0; i < x->n; i++)
         if (!below(8))
             x->upper[i] = x->lower[i] + (below(2) ? hostile() : 0);
+    for (int i = 0; i < x->n; i++) {
+        if (!below(8))
+            x->options.weight[i] = hostile();
+        if (!below(8))
+            x->options.preferred[i] = hostile();
+    }
     for (int k = 0; k < x->m; k++)
         if (!below(8))
             x->options.reference[k] = hostile();
@@ -110,7 +119,7 @@ static int spoil(input *x)
                            REFUSED};
     const ca_real number = bad[below(5)];
     const int axis = below(x->m), rotor = below(x->n);
-    switch (below(15)) {
+    switch (below(17)) {
     case 0: x->n = 0; return CA_BAD_SIZE;
     case 1: x->n = CA_N + 1 + below(1000); return CA_BAD_SIZE;
     case 2: x->m = -below(1000); return CA_BAD_SIZE;
@@ -125,6 +134,14 @@ static int spoil(input *x)
     case 11: x->options.policy = below(2) ? -1 : 99; return CA_BAD_ORDER;
     case 12: x->options.order[axis] = below(2) ? -1 : CA_M; return CA_BAD_ORDER;
     case 13: x->options.group[axis] += 2 + below(9); return CA_BAD_ORDER;
+    case 14:
+        x->options.weighted = 1;
+        x->options.weight[rotor] = below(2) ? -uniform() : number;
+        return CA_BAD_NUMBER;
+    case 15:
+        x->options.weighted = 1;
+        x->options.preferred[rotor] = number;
+        return CA_BAD_NUMBER;
     default:
         for (int i = 0; i < x->n; i++)
             x->gamma[axis * x->n + i] = 0;
@@ -141,7 +158,7 @@ static int fail(const char *what, const ca_problem *p, const ca_real *u, const c
         printf(" %a", (double)u[k]);
     printf("\nthrusts");
     for (int i = 0; i < p->n; i++)
-        printf(" %a in %a ... %a", (double)f[i], (double)p->lower[i], (double)p->upper[i]);
+        printf(" %a in %a ... %a", (double)f[i], (double)p->thrust_lower[i], (double)p->thrust_upper[i]);
     printf("\n");
     return 0;
 }
@@ -158,7 +175,7 @@ static int judge(const ca_problem *p, const ca_real *u, int exactly)
     }
     const ca_answer answer = ca_allocate(p, u, f);
     for (int i = 0; i < p->n; i++)
-        if (!(p->lower[i] <= f[i] && f[i] <= p->upper[i]))
+        if (!(p->thrust_lower[i] <= f[i] && f[i] <= p->thrust_upper[i]))
             return fail("a thrust is out of its bounds", p, u, f, answer);
     for (int k = 0; k < p->m; k++)
         finite = finite && isfinite(u[k]);
@@ -175,7 +192,7 @@ static int judge(const ca_problem *p, const ca_real *u, int exactly)
     if (missed > (TOLERANCE + (double)p->slack) * size * CA_M)
         return fail("not exact", p, u, f, answer);
     ca_active_set(p, f, active);
-    ca_speeds(p->n, f, ones, ones, p->lower, p->upper, speeds);
+    ca_speeds(p->n, f, ones, ones, p->thrust_lower, p->thrust_upper, speeds);
     for (int i = 0; i < p->n; i++)
         if (active[i] < -1 || active[i] > 1 || isnan(speeds[i]))
             return fail("a wrong active set or speed", p, u, f, answer);
@@ -209,10 +226,10 @@ int main(int count, char **arguments)
             ca_real u[CA_M];
             const int how = below(4);
             for (int k = 0; k < x.m; k++)
-                u[k] = how == 0 || (how == 1 && below(2)) ? hostile()
-                                                          : problem.center[k] + (ca_real)how *
-                                                                problem.extent[k] *
-                                                                (uniform() - (ca_real)0.5);
+                u[k] = how == 0 || (how == 1 && below(2))
+                           ? hostile()
+                           : problem.offset[k] + problem.center[k] +
+                                 (ca_real)how * problem.extent[k] * (uniform() - (ca_real)0.5);
             if (!judge(&problem, u, kind == 2))
                 return 1;
             ca_real f[CA_N];

@@ -39,8 +39,8 @@ $wrench
  *
  * Returns an enum ca_status (exact.h). The speeds are finite and within their bounds, whatever the
  * wrench is. If the status is CA_INVALID (the wrench is not finite, or there is no such fault) or
- * CA_REJECTED, all rotors that are left are at their least speeds. The function keeps no state:
- * it may be called from several threads and interrupts.
+ * CA_REJECTED, all rotors are at the speed nearest to zero. The function keeps no state: it may
+ * be called from several threads and interrupts.
  */
 int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
     ca_real speeds[${NAME}_ROTORS]);
