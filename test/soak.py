@@ -25,6 +25,8 @@ SERIES = {
     'test_kill.py': {'CA_ROS_KILLS': '50'},
     'test_fault_proxy.py': {'CA_ROS_LEGS': 'all'},
     'test_kernel.py': {'CA_ROS_VEHICLES': '1000'},
+    'test_preference.py': {'CA_ROS_PROBLEMS': '1000'},
+    'test_problem.py': {'CA_ROS_PROBLEMS': '1000'},
     'test_kernel_c.py': {'CA_ROS_HOSTILE': '1000000'},
 }
 """Files of tests, and how long they are to be."""

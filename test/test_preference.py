@@ -1,5 +1,7 @@
 """Weights and preferred thrusts, and the kernel for four axes, against independent solvers."""
 
+import os
+import pickle
 from dataclasses import replace
 
 import daqp
@@ -7,9 +9,12 @@ import numpy as np
 import pytest
 import quadprog
 
-from ca_ros import AllocationProblem, Status
+from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
 from ca_ros.kernel import load
+
+PROBLEMS = int(os.environ.get('CA_ROS_PROBLEMS', '60'))
+"""How many random problems; 1000 in `make soak`."""
 
 pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')
 
@@ -43,7 +48,7 @@ def wrenches(problem, rng, size):
     return inside, problem.center + rng.uniform(1.01, 2.0, (size, 1)) * ends * ways
 
 
-@pytest.mark.parametrize('seed', range(60))
+@pytest.mark.parametrize('seed', range(PROBLEMS))
 def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
     rng = np.random.default_rng(seed)
     problem, setting = random_problem(rng)
@@ -142,3 +147,49 @@ def test_a_weight_and_a_preference_belong_together():
     with pytest.raises(ValueError, match='or neither'):
         load()(np.ones((1, 2)), np.zeros(2), np.ones(2), np.zeros(1), [0], [0], [0], 1, False, 0.0,
                weight=np.ones(2))
+
+
+# The options of exact
+
+def test_the_certificate_proves_the_least_weighted_distance():
+    rng = np.random.default_rng(4)
+    octorotor = Vehicle.load('octorotor')
+    weights, preferred = rng.uniform(0.5, 4.0, 8), rng.uniform(0.0, 4.0, 8)
+    allocator = make_allocator('exact', octorotor, weights=weights, preferred=preferred)
+    demands = np.vstack(wrenches(allocator.problem, rng, 20))
+    answers = allocator.allocate_batch(demands)
+    proof = answers.certificate
+    assert np.abs(proof.kkt_residual).max() <= 1e-9
+    # The proof fails for the thrusts of least norm.
+    plain = make_allocator('exact', octorotor).allocate_batch(demands)
+    plain.__dict__['preference'] = answers.preference
+    assert plain.certificate.kkt_residual[:20].min() > 1e-3
+    single = allocator.allocate(demands[0])
+    np.testing.assert_array_equal(single.thrusts, answers.thrusts[0])
+    assert single.certificate.kkt_residual <= 1e-9
+    again = pickle.loads(pickle.dumps(allocator))
+    np.testing.assert_array_equal(again.allocate(demands[0]).thrusts, single.thrusts)
+
+
+def test_a_heavy_rotor_stays_at_its_preferred_thrust():
+    hexarotor = Vehicle.load('hexarotor')
+    allocator = make_allocator(
+        'exact', hexarotor, weights=[1e3, 1.0, 1.0, 1.0, 1.0, 1.0], preferred=1.0)
+    assert allocator.allocate([9.81, 0.1, 0.1, 0.01]).thrusts[0] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_without_preference_nothing_changes():
+    hexarotor = Vehicle.load('hexarotor')
+    u = [9.81, 0.5, -0.4, 0.05]
+    plain = make_allocator('exact', hexarotor).allocate(u)
+    given = make_allocator('exact', hexarotor, weights=np.ones(6), preferred=[0.0] * 6).allocate(u)
+    np.testing.assert_array_equal(plain.thrusts, given.thrusts)
+    assert given.preference is None
+
+
+@pytest.mark.parametrize(('options', 'fault'), [
+    ({'weights': 0.0}, 'weights'), ({'weights': [1.0, 2.0]}, 'weights.*6'),
+    ({'preferred': np.nan}, 'preferred'), ({'preferred': 'hover'}, 'preferred')])
+def test_a_wrong_option_is_named(options, fault):
+    with pytest.raises(ValueError, match=fault):
+        make_allocator('exact', Vehicle.load('hexarotor'), **options)

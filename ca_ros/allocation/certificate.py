@@ -24,7 +24,8 @@ class Certificate:
         Multipliers y of Gamma f = u in the quadratic program of Eqs. (20)-(22).
     kkt_residual : float
         Greatest |f - clip(Gamma^T y)| [N].  It is zero if and only if the thrusts have the least
-        norm of all that produce the same wrench.
+        norm of all that produce the same wrench.  With weights and preferred thrusts, the norm is
+        |W (f - f_p)|, and Gamma^T y becomes f_p + W^-2 Gamma^T y.
     margin : float
         Signed distance of u to the boundary of the admissible set, positive inside [N, N m].
     limit : (n,) int8 array
@@ -59,11 +60,27 @@ def _size(number: float | Array) -> str:
     return 'below 1e-12' if number < 1e-12 else f'{number:.1e}'
 
 
-def certify(problem: AllocationProblem, demand: Array, thrusts: Array) -> Certificate:
-    """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m]."""
+def certify(
+    problem: AllocationProblem,
+    demand: Array,
+    thrusts: Array,
+    preference: tuple[Array, Array] | None = None,
+) -> Certificate:
+    """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m].
+
+    `preference` has the weights and the preferred thrusts, (n,) each [1, N].
+    """
     wrench = thrusts @ problem.gamma.T
     rows = wrench.reshape(-1, wrench.shape[-1])
-    multipliers = np.array([problem.multipliers(row) for row in rows]).reshape(wrench.shape)
+    if preference is None:
+        multipliers = np.array([problem.multipliers(row) for row in rows]).reshape(wrench.shape)
+        least = problem.least(multipliers)
+    else:
+        weights, preferred = preference
+        scaled, offset = problem.preferring(weights, preferred), problem.gamma @ preferred
+        found = [scaled.multipliers(row - offset) for row in rows]
+        multipliers = np.array(found).reshape(wrench.shape)
+        least = problem.clip(preferred + scaled.least(multipliers) / weights)
     image = problem.image
     heights = (demand - image.center) @ image.normals.T
     slacks = image.widths - np.abs(heights)
@@ -73,7 +90,7 @@ def certify(problem: AllocationProblem, demand: Array, thrusts: Array) -> Certif
         primal_residual=np.linalg.norm(problem.residual(demand, thrusts), axis=-1),
         bound_violation=problem.violation(thrusts),
         multipliers=multipliers,
-        kkt_residual=np.abs(thrusts - problem.least(multipliers)).max(axis=-1),
+        kkt_residual=np.abs(thrusts - least).max(axis=-1),
         margin=slacks.min(axis=-1),
         limit=np.sign(side * image.sides[nearest]).astype(np.int8),
         problem=problem,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
+from ca_ros.allocation.option_values import per_rotor
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import INVALID, chosen
@@ -41,6 +42,7 @@ class Exact(Allocator):
     """Allocate the wrench exactly, with the smallest thrusts, Eqs. (20)-(22).
 
     The allocator solves ``min |f|^2`` subject to ``Gamma f = u`` and the bounds of the thrusts.
+    With weights or preferred thrusts the cost is ``|W (f - f_p)|^2``.
     The problem is feasible for every u in the admissible set.  For a u outside the set, the policy
     chooses an attainable wrench, which is then allocated exactly.  A batch uses all processors
     that the process may run on.
@@ -64,6 +66,11 @@ class Exact(Allocator):
         Greatest error of an attainable wrench u, as a share of max(1, |u|).  It is used only where
         facets of the admissible set are almost parallel, because the vehicle is symmetric except
         for the rounding of its file.  There it keeps the thrusts from jumping.
+    weights : float or (n,) array
+        The diagonal of W, positive.  A rotor with a greater weight deviates less from its
+        preferred thrust.
+    preferred : float or (n,) array
+        f_p, the preferred thrusts [N].
 
     Attributes
     ----------
@@ -111,6 +118,20 @@ class Exact(Allocator):
             maximum=1e-2,
             mutable=True,
         ),
+        'weights': Parameter(
+            'weight of each rotor in the cost: one number, or one for each rotor; a rotor with a '
+            'greater weight deviates less from its preferred thrust',
+            array=True,
+            default=1.0,
+            positive=True,
+            mutable=True,
+        ),
+        'preferred': Parameter(
+            'thrusts that the cost prefers: one number, or one for each rotor [N]',
+            array=True,
+            default=0.0,
+            mutable=True,
+        ),
         'solver': Parameter(
             'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of '
             'OSQP. Both end at the same thrusts',
@@ -130,6 +151,8 @@ class Exact(Allocator):
         solver: str = 'newton',
         reversal: str = REVERSAL,
         slack: float = 1e-9,
+        weights: ArrayLike = 1.0,
+        preferred: ArrayLike = 0.0,
     ) -> None:
         super().__init__(vehicle)
         for name, value in (
@@ -143,6 +166,12 @@ class Exact(Allocator):
         self.slack, self.solver = slack, solver
         problem = self.problem
         self._n = problem.n
+        self.weights = per_rotor('weights', weights, problem.n, self.parameters)
+        self.preferred = per_rotor('preferred', preferred, problem.n, self.parameters)
+        preference = None
+        if np.any(self.weights != 1.0) or np.any(self.preferred != 0.0):
+            preference = self.weights, self.preferred
+        self._preference = preference
         axes = problem.axes
         groups = default_order(axes) if order is None else groups_of(order, axes)
         if about is not None:
@@ -154,7 +183,9 @@ class Exact(Allocator):
         else:
             groups, reversal, inside = (axes,), 'allow', True
             reference = self.admissible.reference if about is None else problem.check(about)
-        self.setting = Setting(groups, reversal, reference, inside, status, slack)
+        self.setting = Setting(
+            groups, reversal, reference, inside, status, slack, *(preference or ())
+        )
         self.engine = 'C' if kernel else 'NumPy'
         self._engine = (
             kernel_for(kernel, problem, self.setting)
@@ -165,7 +196,7 @@ class Exact(Allocator):
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:
         # The kernel cannot be copied; its set-up takes microseconds.
         options = (self.policy, self.order, self.about, self.solver, self.reversal, self.slack)
-        return type(self), (self.problem, *options)
+        return type(self), (self.problem, *options, self.weights, self.preferred)
 
     @cached_property
     def admissible(self) -> AdmissibleSet:
@@ -183,10 +214,14 @@ class Exact(Allocator):
             self.problem.check(u)
             raise
         if answer is None:
-            return Allocation(self.problem, demand, thrusts, EXACT)
-        if answer[0] == INVALID:
-            self.problem.check(u)
-        return Allocation(self.problem, demand, thrusts, STATUSES[answer[0]], answer[1])
+            result = Allocation(self.problem, demand, thrusts, EXACT)
+        else:
+            if answer[0] == INVALID:
+                self.problem.check(u)
+            result = Allocation(self.problem, demand, thrusts, STATUSES[answer[0]], answer[1])
+        if self._preference:
+            result.__dict__['preference'] = self._preference
+        return result
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)
@@ -213,4 +248,6 @@ class Exact(Allocator):
                 list(pool.map(work, ends[:-1], ends[1:]))
         elif size:
             work(0, size)
-        return self._batch(demands, thrusts, status, levels)
+        result = self._batch(demands, thrusts, status, levels)
+        result.__dict__['preference'] = self._preference
+        return result

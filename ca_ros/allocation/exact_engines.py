@@ -128,18 +128,9 @@ class NumpyEngine:
         reference = setting.reference
         self._given, self._preference = problem, setting.preference(problem.n)
         if self._preference is not None:
-            # The problem of g = W (f - f_p), whose wrench is u - Gamma f_p.
-            weight, preferred = self._preference
-            self._offset = problem.gamma @ preferred
+            self._offset = problem.gamma @ self._preference[1]
             reference = reference - self._offset
-            problem = AllocationProblem(
-                problem.gamma / weight,
-                weight * (problem.lower - preferred),
-                weight * (problem.upper - preferred),
-                problem.axes,
-                problem.names,
-                reference,
-            )
+            problem = problem.preferring(*self._preference)
         begin = reference if setting.on_reference else None
         self._problem, self._slack, self._status = problem, setting.slack, setting.status
         self._serve = Prioritization(problem, rows, reference, setting.reversal, begin)

@@ -50,6 +50,8 @@ class Allocation:
     last : (n,) array or None
         With slew limits (`ca_ros.allocation.slew`), the last command, on which the thrusts depend
         too.  None if they depend on the demand alone.
+    preference : tuple of two (n,) arrays, or None
+        Weights and preferred thrusts [1, N], if the method was given any.
     """
 
     problem: AllocationProblem
@@ -59,6 +61,7 @@ class Allocation:
     level: float | Array = 1.0
     violation: float | Array = 0.0
     last: Array | None = None
+    preference: tuple[Array, Array] | None = None
 
     def __init__(
         self,
@@ -110,4 +113,4 @@ class Allocation:
     @cached_property
     def certificate(self) -> Certificate:
         """The certificate, computed from the problem's data at the first access."""
-        return certify(self.problem, self.demand, self.thrusts)
+        return certify(self.problem, self.demand, self.thrusts, self.preference)

@@ -259,6 +259,27 @@ class AllocationProblem:
         """The quadratic program of Eqs. (20)-(22)."""
         return DualNewton(self.gamma, self.lower, self.upper)
 
+    def preferring(self, weights: Array, preferred: Array) -> AllocationProblem:
+        """Return the problem of g = W (f - f_p), whose demand is u - Gamma f_p.
+
+        Its thrusts g of least norm belong to the thrusts f of least ``|W (f - f_p)|``.
+
+        Parameters
+        ----------
+        weights : (n,) array
+            The diagonal of W, positive.
+        preferred : (n,) array
+            f_p [N].
+        """
+        return AllocationProblem(
+            self.gamma / weights,
+            weights * (self.lower - preferred),
+            weights * (self.upper - preferred),
+            self.axes,
+            self.names,
+            self.reference - self.gamma @ preferred,
+        )
+
     def multipliers(self, u: Array) -> Array:
         """Return the multipliers (m,) of that program for a wrench (m,) in the admissible set."""
         return self.least_norm.solve(u, float(self.tolerance(u)))[1]
