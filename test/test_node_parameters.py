@@ -132,6 +132,19 @@ def test_the_audit_refuses_in_the_words_of_python(graph, tmp_path, node):
         assert (code, said) == (1, f'{node}: {refused.value}\n')
 
 
+def test_the_allocator_starts_from_a_file_without_an_inertia(graph, tmp_path):
+    values = load('hexarotor')
+    del values['vehicle.inertia']
+    file = tmp_path / 'onboard.yaml'
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}), encoding='utf-8')
+    graph.start('allocator', '--vehicle', str(file))
+    assert graph.connect('allocator').get('vehicle.mass') == [1.0]
+    for node in ('controller', 'simulator'):
+        process = graph.start_silent(node, '--vehicle', str(file))
+        _, said = graph.outlive(process)
+        check_line(node, process.returncode, said, ['onboard.yaml: vehicle.inertia: missing'])
+
+
 def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path):
     file = tmp_path / 'others.yaml'
     file.write_text(yaml.safe_dump({

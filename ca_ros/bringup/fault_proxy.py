@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from array import array
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from math import inf
 from typing import Any
@@ -22,7 +22,7 @@ from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.qos import COMMAND, offered
 from ca_ros.nodes.topics import DIAGNOSTICS, LINKS
-from ca_ros.schema import ParameterError
+from ca_ros.schema import Parameter, ParameterError
 
 PREFIX = 'faulty/'
 
@@ -178,11 +178,13 @@ def _numbers(message: Any) -> list[tuple[Any, str]]:
     return found
 
 
-def _parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
+def _parse(
+    prog: str, description: str, argv: Sequence[str], declared: Mapping[str, Parameter]
+) -> list[str]:
     """Return the arguments for ROS; the node has none of its own."""
     table = '\n'.join(
         f'  {name:<12} {parameter.description}; {parameter.range()}'
-        for name, parameter in FAULTS.items()
+        for name, parameter in declared.items()
     )
     parser = argparse.ArgumentParser(
         prog=prog,

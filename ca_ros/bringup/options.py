@@ -17,7 +17,7 @@ from ca_ros.flight.plots import add_option
 from ca_ros.flight.rotor_failures import add_options as add_failure_options
 from ca_ros.flight.rotor_failures import failures_of
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
-from ca_ros.nodes.parameters import NODE
+from ca_ros.nodes.parameters import DECLARED, NODE
 
 NODES = ('controller', 'allocator', 'simulator')
 """The nodes in the order in which `bringup` ends them: the source of commands first."""
@@ -175,7 +175,9 @@ def commands(options: argparse.Namespace) -> dict[str, list[str]]:
         own = ['--ros-args', '--enclave', full, '-r', f'__ns:={options.namespace}']
         if options.faults is not None:
             own += remaps(name)
-        vehicle = vehicle_arguments(options.vehicle, full) if options.vehicle else []
+        vehicle = []
+        if options.vehicle:
+            vehicle = vehicle_arguments(options.vehicle, full, DECLARED[name])
         chosen = [
             word
             for key, value in options_as_parameters(options).items()

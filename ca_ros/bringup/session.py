@@ -208,10 +208,10 @@ class Session:
 
 
 def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return which nodes differ from the allocator in which parameters of the vehicle.
+    """Return which nodes differ in which parameters of the vehicle.
 
-    Parameters that a node does not declare are not compared.  A difference is not an error,
-    because model mismatch is a common experiment.
+    The nodes are compared with the allocator, or with the controller in what the allocator does
+    not declare.  A difference is not an error, because model mismatch is a common experiment.
 
     Parameters
     ----------
@@ -223,16 +223,15 @@ def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     str
         Empty if there are no differences.
     """
-    model = parameters['allocator']
-    found = {
-        node: [name for name in VEHICLE if name in own and own[name] != model[name]]
-        for node in NODES
-        for own in [parameters[node]]
-    }
+    found: dict[tuple[str, str], list[str]] = {}
+    for node in NODES:
+        for name in (name for name in VEHICLE if name in parameters[node]):
+            model = 'allocator' if name in parameters['allocator'] else 'controller'
+            if parameters[node][name] != parameters[model][name]:
+                found.setdefault((node, model), []).append(name)
     return '; '.join(
-        f'the {node} differs from the allocator in {", ".join(names)}'
-        for node, names in found.items()
-        if names
+        f'the {node} differs from the {model} in {", ".join(names)}'
+        for (node, model), names in found.items()
     )
 
 

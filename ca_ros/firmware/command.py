@@ -15,10 +15,10 @@ from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES, Firmware
 from ca_ros.schema import ParameterError, Value, check_given, complete
 from ca_ros.vehicle.files import read
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.parameters import ALLOCATED
 from ca_ros.vehicle.vehicle import Vehicle
 
-PARAMETERS = {**VEHICLE, **ALLOCATION}
+PARAMETERS = {**ALLOCATED, **ALLOCATION}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,7 +13,7 @@ from ca_ros.allocation.options import order_from_parameters
 from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.arrays import Array
 from ca_ros.flight.parameters import CONTROLLER
-from ca_ros.flight.rigid_body import cross, difference, heading, rotation_matrix
+from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import REVERSAL
@@ -101,7 +101,7 @@ class Controller:
     ------
     ValueError
         If `order` does not name each of the vehicle's axes once, there is no such `reversal`, or
-        the vehicle's admissible set has no volume.
+        the vehicle's admissible set has no volume, or the vehicle has no inertia.
     """
 
     def __init__(
@@ -112,6 +112,7 @@ class Controller:
         reversal: str = REVERSAL,
     ) -> None:
         self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
+        self._inertia = inertia_of(vehicle)
         self.problem = VehicleProblem(vehicle)
         self.admissible = None if vehicle.powerless else AdmissibleSet(self.problem)
         if self.admissible is not None:
@@ -225,7 +226,6 @@ class Controller:
                     min(max(off, -HEADING_ERROR_MAX), HEADING_ERROR_MAX),
                 ]
             )
-            inertia = self.vehicle.inertia
             turn_x, turn_y, spin = angular_velocity.tolist()
             acceleration = (
                 self.gains.attitude_stiffness * error
@@ -234,8 +234,8 @@ class Controller:
                 # direction of a tilt would rotate with the spin.
                 + np.array([spin * turn_y, -spin * turn_x, 0.0])
             )
-            torque = inertia @ acceleration
-            torque += cross(angular_velocity, inertia @ angular_velocity)
+            torque = self._inertia @ acceleration
+            torque += cross(angular_velocity, self._inertia @ angular_velocity)
             wrench = np.concatenate([force @ rotation, torque])[self._rows]
         return self.problem.check(wrench)
 

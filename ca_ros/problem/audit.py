@@ -22,10 +22,10 @@ from ca_ros.problem.commandable import (
 )
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.parameters import COMMANDED
 from ca_ros.vehicle.vehicle import Vehicle
 
-LOST_AXES = VEHICLE['allocation.lost_axes'].choices
+LOST_AXES = COMMANDED['allocation.lost_axes'].choices
 
 CHOICES_MAX = 2000
 """Facet candidates up to which the audit states the hover margin: they take a millisecond."""
