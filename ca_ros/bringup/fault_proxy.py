@@ -53,9 +53,6 @@ links, to cut only the first, and to restore them:
 
 class FaultProxy(ParameterNode):
     """Subscribes to each topic and publishes its messages, with faults, on faulty/topic.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
     """
 
     declared = known = FAULTS
@@ -70,7 +67,10 @@ class FaultProxy(ParameterNode):
         if self.unknown:
             names = ', '.join(FAULTS)
             raise ParameterError(f'{self.unknown[0]}: no such parameter ({names})')
-        self.configure()
+
+    def start(self) -> None:
+        """Begin to forward messages."""
+        super().start()
         # The deep queues of lockstep, so that the proxy itself loses no message.
         quality = offered('lockstep')
         kinds = {topic.name: topic.kind for topic in LINKS}

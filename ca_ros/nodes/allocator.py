@@ -47,9 +47,6 @@ class AllocatorNode(VehicleNode):
     """Answers each command/wrench with command/motor_speed, and publishes the residual.
 
     When commands cease, the node publishes the timeout action until commands return.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
     """
 
     declared = ALLOCATOR
@@ -64,7 +61,10 @@ class AllocatorNode(VehicleNode):
         self._last: Array = np.zeros(1)
         self._watchdog = Watchdog()
         self._latencies = Latencies()
-        self.configure()
+
+    def start(self) -> None:
+        """Create the method, and begin to answer."""
+        super().start()
         self._speeds = self.offer(topics.SPEED_COMMAND)
         self._allocated, self._residual, self._saturation = (
             self.create_publisher(topic.kind, topic.name, offered(self.mode))

@@ -29,11 +29,7 @@ from ca_ros.vehicle.parameters import AXES
 
 
 class ControllerNode(VehicleNode):
-    """Answers each state, a pose and a velocity with the same stamp, with command/wrench.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
-    """
+    """Answers each state, a pose and a velocity with the same stamp, with command/wrench."""
 
     declared = CONTROLLER
     controller: Controller
@@ -45,7 +41,10 @@ class ControllerNode(VehicleNode):
         self._waypoint: Waypoint | None = None
         self._open = False
         self._watchdog = Watchdog()
-        self.configure()
+
+    def start(self) -> None:
+        """Create the controller, and begin to answer."""
+        super().start()
         self._wrench = self.offer(topics.WRENCH)
         self.listen(topics.POSE, self._receive_pose)
         self.listen(topics.VELOCITY, self._receive_velocity)

@@ -54,9 +54,6 @@ class SimulatorNode(VehicleNode):
     ahead and the motion does not.  In lockstep the node takes one step for each command that
     answers its present state.  At the time `simulator.hold_at` of a lockstep it stops publishing
     states until that parameter changes, so other parameters can be set at a defined time.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
     """
 
     declared = SIMULATOR
@@ -64,11 +61,14 @@ class SimulatorNode(VehicleNode):
 
     def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        lockstep = self.mode == 'lockstep'
         self._state = NULL_STATE
         self._watchdog = Watchdog()
         self._held, self._resting = False, True
-        self.configure()
+
+    def start(self) -> None:
+        """Create the rigid body, and begin to simulate."""
+        super().start()
+        lockstep = self.mode == 'lockstep'
         self._command = np.zeros(self.body.vehicle.n)
         self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
         self._period_ns = round(self._step_ns / self.parameters['simulator.real_time_factor'])

@@ -38,8 +38,8 @@ SIZE_MAX = 16384
 class VehicleNode(ParameterNode):
     """A node with the parameters of a vehicle.
 
-    The constructor of a subclass calls `configure` once `build` and `adopt` can run, then `offer`
-    and `listen` for its topics, and `observe` at its end.
+    The `start` of a subclass calls that of this class, then `offer` and `listen` for its topics,
+    and `observe` at its end.
 
     Parameters
     ----------
