@@ -17,11 +17,11 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.processes import Processes
+from ca_ros.commands import NODES
 from ros import DEADLINE, Graph, fly_in_real_time
 from test_bringup import fly_offline
 
 KILLS = int(os.environ.get('CA_ROS_KILLS', '1'))
-NODES = ('simulator', 'allocator', 'controller')
 IDLE = 40.0
 """Of each rotor [rad/s]."""
 

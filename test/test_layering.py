@@ -9,6 +9,7 @@ import pytest
 
 from ca_ros import ALLOCATORS
 from ca_ros.commands import COMMANDS, STUDIES
+from ca_ros.commands import NODES as LOOP
 
 BLOCK = """
 import sys
@@ -116,7 +117,7 @@ HEAVY = {'scipy', 'osqp', *STUDIES, 'pandas'}
 
 
 @pytest.mark.parametrize('module', ['ca_ros', *(
-    f'ca_ros.nodes.{node}' for node in ('allocator', 'controller', 'simulator'))])
+    COMMANDS[node] for node in LOOP)])
 def test_what_is_not_needed_is_not_imported(module):
     result = subprocess.run(
         [sys.executable, '-c', IMPORTED.replace('MODULE', module)], capture_output=True, text=True)

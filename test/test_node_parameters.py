@@ -15,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
+from ca_ros.commands import NODES
 from ca_ros.nodes.parameters import ALLOCATOR, DECLARED, PARAMETERS, load
 from ca_ros.schema import REQUIRED
 from ros import Graph, wrench
@@ -170,6 +171,10 @@ def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_p
     answers = start_with(graph, tmp_path, 'allocator', [{name: 1.0} for name in unknown])
     for (name, word), (code, said) in zip(unknown.items(), answers, strict=True):
         check_line('allocator', code, said, [f'{name}: ', word])
+
+
+def test_each_node_of_the_loop_has_its_parameters():
+    assert DECLARED.keys() == set(NODES)
 
 
 @pytest.mark.parametrize('node', DECLARED)

@@ -13,14 +13,12 @@ from ca_ros.allocation import ALLOCATORS, method_class
 from ca_ros.arguments import full_name, renamed
 from ca_ros.bringup.fault_proxy import remaps
 from ca_ros.bringup.link_faults import FAULTS
+from ca_ros.commands import COMMANDS, NODES
 from ca_ros.flight.plots import add_option
 from ca_ros.flight.rotor_failures import add_options as add_failure_options
 from ca_ros.flight.rotor_failures import failures_of
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
 from ca_ros.nodes.parameters import DECLARED, NODE
-
-NODES = ('controller', 'allocator', 'simulator')
-"""The nodes in the order in which `bringup` ends them: the source of commands first."""
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -183,12 +181,12 @@ def commands(options: argparse.Namespace) -> dict[str, list[str]]:
             for key, value in options_as_parameters(options).items()
             for word in ('-p', f'{key}:={value}')
         ]
-        node = [sys.executable, '-m', f'ca_ros.nodes.{name}']
+        node = [sys.executable, '-m', COMMANDS[name]]
         lines[name] = [*node, *own, '--', *vehicle, *options.ros, '--ros-args', *chosen]
     if options.faults is not None:
         own = ['--ros-args', '-r', f'__ns:={options.namespace}']
         own += [word for parameter in options.faults for word in ('-p', parameter)]
-        lines['fault_proxy'] = [sys.executable, '-m', 'ca_ros.bringup.fault_proxy', *own]
+        lines['fault_proxy'] = [sys.executable, '-m', COMMANDS['fault_proxy'], *own]
     return lines
 
 

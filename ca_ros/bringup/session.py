@@ -18,10 +18,11 @@ from rclpy.executors import SingleThreadedExecutor
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.bringup.options import NODES, options_as_parameters
+from ca_ros.bringup.options import options_as_parameters
 from ca_ros.bringup.processes import Processes
 from ca_ros.bringup.recorder import LINKS, Recorder
 from ca_ros.bringup.rotor_health import RotorHealth
+from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
