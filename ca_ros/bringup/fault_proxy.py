@@ -10,18 +10,18 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.link_faults import FAULTS, Faults, Link, corrupted, links
+from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import mismatch
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.parameter_node import ParameterNode
-from ca_ros.nodes.qos import COMMAND, offered
-from ca_ros.nodes.topics import DIAGNOSTICS, LINKS
+from ca_ros.nodes.qos import offered
+from ca_ros.nodes.topics import LINKS
 from ca_ros.schema import Parameter, ParameterError
 
 PREFIX = 'faulty/'
@@ -85,7 +85,7 @@ class FaultProxy(ParameterNode):
             )
         self._alarm = self.create_timer(1.0, self._pass_on, clock=self._steady)
         self._alarm.cancel()
-        self._diagnostics = self.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
+        self._diagnostics = DiagnosticsPublisher(self, hardware_id='link')
         self.create_timer(1.0, self._diagnose, clock=self._steady)
 
     def build(self, parameters: dict[str, Any]) -> dict[str, Faults]:
@@ -129,8 +129,7 @@ class FaultProxy(ParameterNode):
 
     def _diagnose(self) -> None:
         """Publish the counts; active faults are a warning."""
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
+        statuses = []
         for topic, faults in self._faults.items():
             values = {**self._counts[topic], 'on their way': len(self._links[topic])}
             notes = [f'{name} {value:g}' for name, value in faults.active.items()]
@@ -141,16 +140,9 @@ class FaultProxy(ParameterNode):
                     continue
                 notes.append(f'a publisher offers another {fault}: its messages are not forwarded')
                 self.get_logger().warning(f'{topic}: {notes[-1]}', throttle_duration_sec=10.0)
-            message.status.append(
-                DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if notes else DiagnosticStatus.OK,
-                    name=f'{self.get_fully_qualified_name().lstrip("/")}: {topic}',
-                    message=', '.join(notes) or 'no faults',
-                    hardware_id='link',
-                    values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-                )
-            )
-        self._diagnostics.publish(message)
+            level, message = (WARN, ', '.join(notes)) if notes else (OK, 'no faults')
+            statuses.append(self._diagnostics.status(topic, level, message, values))
+        self._diagnostics.publish(*statuses)
 
 
 def corrupt(message: Any, corruption: str, place: float) -> None:

@@ -18,7 +18,7 @@ from ca_ros.flight.rigid_body import (
     velocity_in_body,
 )
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import ERROR, OK, STALE
+from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     answers_nothing,
@@ -30,7 +30,7 @@ from ca_ros.nodes.messages import (
 from ca_ros.nodes.parameters import SIMULATOR
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.nodes.watchdog import Watchdog, fallback
+from ca_ros.nodes.watchdog import fallback
 from ca_ros.vehicle.vehicle import Vehicle
 
 REPEAT = 0.2
@@ -62,7 +62,6 @@ class SimulatorNode(VehicleNode):
     def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
         self._state = NULL_STATE
-        self._watchdog = Watchdog()
         self._held, self._resting = False, True
 
     def start(self) -> None:
@@ -104,23 +103,18 @@ class SimulatorNode(VehicleNode):
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
-        levels = super().levels()
-        if self._watchdog.expired:
-            return [*levels, (ERROR, f'no command: {self.parameters["timeout_action"]}')]
-        return [*levels, (STALE, 'no command yet') if self._resting else (OK, 'in flight')]
+        state = (STALE, 'no command yet') if self._resting else (OK, 'in flight')
+        return [*super().levels(), state]
 
     def watch(self) -> None:
-        """Apply the timeout action while no commands come, except in lockstep."""
-        if self.mode == 'lockstep':
-            return
-        if self._watchdog.look():
-            action = str(self.parameters['timeout_action'])
-            self._command = fallback(action, self.body.vehicle, self._command)
-            if self._watchdog.begun:
-                self.counts['timeouts'] += 1
-                self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
-        if not self._resting:
+        """Check the timeout and take the steps that are due, except in lockstep."""
+        super().watch()
+        if self.mode == 'realtime' and not self._resting:
             self._catch_up()
+
+    def fall_back(self, action: str) -> None:
+        """Turn the rotors at the speeds of a timeout action."""
+        self._command = fallback(action, self.body.vehicle, self._command)
 
     def _receive(self, command: Float64MultiArray) -> None:
         self.counts['received'] += 1

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from math import inf
 from time import monotonic
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -23,7 +23,7 @@ from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
 from ca_ros.nodes.topics import Topic
-from ca_ros.nodes.watchdog import TICK
+from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.vehicle.values import per_rotor
 from ca_ros.vehicle.vehicle import Vehicle
@@ -54,6 +54,8 @@ class VehicleNode(ParameterNode):
     """
 
     known = PARAMETERS
+    awaited: ClassVar[str] = 'command'
+    """What the node cannot work without; its absence is a timeout."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -64,6 +66,7 @@ class VehicleNode(ParameterNode):
         self.counts: Counter[str] = Counter()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.mode = str(self.parameters['mode'])
+        self._watchdog = Watchdog()
         self._streams: list[Subscription] = []
         self._offers: list[Publisher] = []
         self._logged: dict[str, float] = {}
@@ -203,18 +206,47 @@ class VehicleNode(ParameterNode):
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
-        lost = self.audit is not None and not self.audit.sound
-        return self._notes + ([(ERROR, str(self.audit))] if lost else [])
+        levels = [*self._notes]
+        if self.audit is not None and not self.audit.sound:
+            levels.append((ERROR, str(self.audit)))
+        if self._watchdog.expired:
+            levels.append((ERROR, f'{self.missing}{self._action(": ")}'))
+        return levels
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
         return dict(self.counts)
 
+    @property
+    def missing(self) -> str:
+        """What the logs and diagnostics say is missing."""
+        return f'no {self.awaited}'
+
     def watch(self) -> None:
-        """Check the timeouts; called every `TICK` seconds."""
+        """Check the timeout, except in lockstep; called every `TICK` seconds."""
+        if self.mode == 'lockstep':
+            return
+        expired = self._watchdog.expired
+        if self._watchdog.look():
+            if self._watchdog.begun:
+                self.counts['timeouts'] += 1
+                self.get_logger().error(
+                    f'{self.missing} for {self._watchdog.timeout:g} s{self._action(": ")}'
+                )
+            self.fall_back(self._action())
+        elif expired:
+            self.get_logger().info(f'{self.awaited}s have returned')
+
+    def fall_back(self, action: str) -> None:
+        """Do the timeout action, if the node has one; called at each check after the timeout."""
 
     def close(self) -> None:
         """Send the last messages; called before the node is destroyed."""
+
+    def _action(self, before: str = '') -> str:
+        """Return the timeout action after some text; nothing if the node has none."""
+        action = self.parameters.get('timeout_action', '')
+        return f'{before}{action}' if action else ''
 
     def _tick(self) -> None:
         now = monotonic()
