@@ -1,5 +1,6 @@
 """Every installed executable: its help, how it ends, and what it says of a wrong vehicle."""
 
+import re
 import signal
 from importlib.metadata import entry_points
 from itertools import cycle
@@ -25,6 +26,7 @@ def test_the_help_of_every_executable_names_its_options(graph):
         out, err = graph.outlive(process)
         assert (process.returncode, err) == (0, '')
         assert out.startswith(f'usage: {name} '), out
+        assert not {'None', '[]'} & set(re.findall(r'default: (.*?)\)', out)), out
         options = ('--help', *OPTIONS.get(name, ()))
         assert [option for option in options if option not in out] == [], name
 

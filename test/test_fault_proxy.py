@@ -5,6 +5,7 @@ With CA_ROS_LEGS set there is a flight through each kind of fault, otherwise thr
 
 import math
 import os
+import re
 
 import numpy as np
 import pytest
@@ -294,6 +295,11 @@ def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
         out, err = graph.outlive(process, DEADLINE / factor)
         assert process.returncode == 0, out + err
         assert 'reached' in out
+        [line] = re.findall(r'faults        dropped (\d+), delayed (\d+), of (\d+) messages', out)
+        dropped, delayed, received = map(int, line)
+        assert dropped + delayed == received > 1000
+        # Six standard deviations.
+        assert abs(dropped - 0.1 * received) < 6.0 * math.sqrt(0.09 * received)
         assert 'Traceback' not in err
         assert graph.alive() == []
 

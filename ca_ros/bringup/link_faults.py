@@ -62,6 +62,10 @@ FAULTS: dict[str, Parameter] = {
 """Parameters of the proxy; shares and times are given once, or for each topic."""
 
 
+KINDS = ('dropped', 'duplicated', 'delayed', 'reordered', 'corrupted')
+"""The names under which the faults of messages are counted."""
+
+
 @dataclass(frozen=True)
 class Fate:
     """The faults of one message.
@@ -89,15 +93,14 @@ class Fate:
     @property
     def kinds(self) -> list[str]:
         """The names of the faults of the message."""
-        if not self.copies:
-            return ['dropped']
-        kinds = {
-            'duplicated': self.copies > 1,
-            'delayed': self.delay > 0.0,
-            'reordered': self.overtaken,
-            'corrupted': self.corruption is not None,
-        }
-        return [kind for kind, happens in kinds.items() if happens]
+        happens = (
+            not self.copies,
+            self.copies > 1,
+            self.delay > 0.0,
+            self.overtaken,
+            self.corruption is not None,
+        )
+        return [kind for kind, fault in zip(KINDS, happens, strict=True) if fault]
 
 
 @dataclass(frozen=True)

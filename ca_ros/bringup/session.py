@@ -21,6 +21,7 @@ from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.bringup.options import options_as_parameters
 from ca_ros.bringup.processes import Processes
 from ca_ros.bringup.recorder import LINKS, Recorder
+from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.rotor_health import RotorHealth
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
@@ -50,6 +51,10 @@ class Flown:
         Time that the flight took [s].
     respawned : Counter of str
         How often each node was restarted.
+    timeouts : Counter of str
+        The timeouts of each node that had one.
+    faults : Counter of str
+        How many messages the fault proxy received, and how many had each fault; empty without it.
     parameters : dict
         The parameters of the nodes by name; where they differ, those of the allocator.
     """
@@ -57,6 +62,8 @@ class Flown:
     flight: Flight
     wall: float
     respawned: Counter[str]
+    timeouts: Counter[str]
+    faults: Counter[str]
     parameters: dict[str, Any]
 
 
@@ -86,6 +93,7 @@ class Session:
         if options.faults is not None:
             links += [f'{PREFIX}{topic}' for topic in LINKS]
         self._recorder = Recorder(links, namespace=options.namespace)
+        self._reports = Reports(self._recorder)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._recorder)
         self._processes = Processes(commands)
@@ -142,11 +150,17 @@ class Session:
             end = recorder.end(duration)
             self._wait(lambda: bag.behind(end))
         wall = time.monotonic() - began
+        faults: Counter[str] = Counter()
+        if self._options.faults is not None:
+            now = recorder.get_clock().now().nanoseconds
+            self._wait(lambda: self._reports.missing(now))
+            faults = self._reports.faults()
         flight = recorder.flight(duration)
         if lockstep and (lost := flight.missing(duration)):
             raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
         combined = {**parameters['simulator'], **parameters['allocator']}
-        return Flown(flight, wall, self._processes.respawned, combined)
+        respawned, timeouts = self._processes.respawned, self._reports.timeouts()
+        return Flown(flight, wall, respawned, timeouts, faults, combined)
 
     def _spin(self) -> None:
         """Serve the recorder and the bag once, and restart nodes that have ended."""

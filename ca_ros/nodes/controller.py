@@ -80,8 +80,10 @@ class ControllerNode(VehicleNode):
             self.counts['refused waypoints'] += 1
             self.complain('waypoint', f'refused a waypoint {fault}')
             return
-        self._waypoint = Waypoint(position, attitude)
-        self.get_logger().info(f'waypoint {position} m, heading {self._waypoint.heading:.4f} rad')
+        last, new = self._waypoint, Waypoint(position, attitude)
+        self._waypoint = new
+        if last is None or last.heading != new.heading or (last.position != position).any():
+            self.get_logger().info(f'waypoint {position} m, heading {new.heading:.4f} rad')
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self.counts['received'] += 1
