@@ -12,7 +12,7 @@ from matplotlib import image
 
 from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
-from ca_ros.bringup.session import differences
+from ca_ros.bringup.agreement import differences
 from ca_ros.commands import NODES
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains

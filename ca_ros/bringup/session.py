@@ -15,6 +15,7 @@ from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 
+from ca_ros.bringup.agreement import check
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
@@ -23,11 +24,9 @@ from ca_ros.bringup.processes import Processes
 from ca_ros.bringup.recorder import LINKS, Recorder
 from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.rotor_health import RotorHealth
-from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.vehicle.parameters import VEHICLE
 
 START_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""
@@ -125,7 +124,7 @@ class Session:
         if bag:
             bag.listen(self._options.namespace)
         self._wait(lambda: recorder.missing() + (bag.missing() if bag else []))
-        self._check_parameters()
+        check(recorder.parameters, options_as_parameters(self._options))
         parameters = recorder.parameters
         lockstep = parameters['allocator']['mode'] == 'lockstep'
         rotors = RotorHealth(recorder, self._options.failures, parameters)
@@ -205,49 +204,6 @@ class Session:
                 f'{self._recorder.context.get_domain_id()}: end them, or choose another '
                 '--namespace or ROS_DOMAIN_ID (DDS lists a node that was killed with -9 for 20 s)'
             )
-
-    def _check_parameters(self) -> None:
-        """Refuse nodes that contradict the options or each other's mode; warn of two vehicles."""
-        parameters = self._recorder.parameters
-        asked = options_as_parameters(self._options)
-        asked.setdefault('mode', parameters['allocator']['mode'])
-        for node in NODES:
-            for name, value in asked.items():
-                if (own := parameters[node].get(name, value)) != value:
-                    raise Stopped(
-                        f'{name} of the {node} is {own}, not {value}: see the parameter files '
-                        'and the ROS arguments'
-                    )
-        if found := differences(parameters):
-            print(f'bringup: warning: the nodes have different vehicles: {found}', file=sys.stderr)
-
-
-def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return which nodes differ in which parameters of the vehicle.
-
-    The nodes are compared with the allocator, or with the controller in what the allocator does
-    not declare.  A difference is not an error, because model mismatch is a common experiment.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Values by node and name.
-
-    Returns
-    -------
-    str
-        Empty if there are no differences.
-    """
-    found: dict[tuple[str, str], list[str]] = {}
-    for node in NODES:
-        for name in (name for name in VEHICLE if name in parameters[node]):
-            model = 'allocator' if name in parameters['allocator'] else 'controller'
-            if parameters[node][name] != parameters[model][name]:
-                found.setdefault((node, model), []).append(name)
-    return '; '.join(
-        f'the {node} differs from the {model} in {", ".join(names)}'
-        for (node, model), names in found.items()
-    )
 
 
 def _show(progress: float, duration: float) -> None:
