@@ -12,8 +12,7 @@ from ca_ros import ALLOCATORS, CaRosError, ParameterError, Vehicle, make_allocat
 from ca_ros.allocation.parameters import ALLOCATION
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.parameters import CONTROLLER
-from ca_ros.flight.parameters import SIMULATOR as PHYSICS
+from ca_ros.flight.parameters import CONTROL, SIMULATION
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.nodes.parameters import ALLOCATOR as ALLOCATOR_NODE
 from ca_ros.nodes.parameters import CONTROLLER as CONTROLLER_NODE
@@ -289,7 +288,7 @@ def test_a_name_that_looks_like_one_of_ours_is_not_passed_over(tmp_path, name):
 
 
 def test_a_file_has_the_tables_of_the_rooms_in_their_order():
-    tables = VEHICLE, ALLOCATION, CONTROLLER, PHYSICS, NODE
+    tables = VEHICLE, ALLOCATION, CONTROL, SIMULATION, NODE
     assert list(PARAMETERS) == [name for table in tables for name in table]
     declared = set().union(ALLOCATOR_NODE, CONTROLLER_NODE, SIMULATOR_NODE)
     assert declared == PARAMETERS.keys()
@@ -322,10 +321,10 @@ def test_only_control_and_simulation_need_the_inertia(tmp_path):
 
 def test_a_table_is_completed_from_a_file_of_more():
     given = {**load('hexarotor'), 'controller.speed_max': 2.0}
-    assert complete(given, CONTROLLER).keys() == CONTROLLER.keys()
-    assert complete({'controller.speed_max': 2.0}, CONTROLLER)['controller.speed_max'] == 2.0
+    assert complete(given, CONTROL).keys() == CONTROL.keys()
+    assert complete({'controller.speed_max': 2.0}, CONTROL)['controller.speed_max'] == 2.0
     for wrong in ({'vehicle.mass': -1.0}, {'allocation.method': 'magic'}, {'vehicle.masss': 1.0}):
-        assert complete({**given, **wrong}, CONTROLLER).keys() == CONTROLLER.keys()
+        assert complete({**given, **wrong}, CONTROL).keys() == CONTROL.keys()
         with pytest.raises(ParameterError, match=next(iter(wrong))):
             check_given({**given, **wrong}, PARAMETERS)
 

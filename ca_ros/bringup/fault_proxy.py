@@ -52,8 +52,7 @@ links, to cut only the first, and to restore them:
 
 
 class FaultProxy(ParameterNode):
-    """Subscribes to each topic and publishes its messages, with faults, on faulty/topic.
-    """
+    """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
 
     declared = known = FAULTS
 

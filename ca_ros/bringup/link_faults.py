@@ -22,7 +22,7 @@ _OF_A_NUMBER = ('not_a_number', 'infinite', 'huge', 'sign')
 CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')
 """Kinds of damage: a number is replaced, an array changes its length, the frame is replaced."""
 
-LINKS: dict[str, tuple[str, ...]] = {
+LINK_CORRUPTIONS: dict[str, tuple[str, ...]] = {
     topic.name: (*_OF_A_NUMBER, 'length' if topic.kind is Float64MultiArray else 'frame')
     for topic in topics.LINKS
 }
@@ -41,7 +41,11 @@ def _time(description: str) -> Parameter:
 
 FAULTS: dict[str, Parameter] = {
     'topics': Parameter(
-        'topics that are faulty', str, array=True, default=list(LINKS), choices=tuple(LINKS)
+        'topics that are faulty',
+        str,
+        array=True,
+        default=list(LINK_CORRUPTIONS),
+        choices=tuple(LINK_CORRUPTIONS),
     ),
     'seed': Parameter('the faults of a message depend on seed, topic and number', default=0.0),
     'drop': _share('share of the messages that are lost'),
@@ -62,7 +66,7 @@ FAULTS: dict[str, Parameter] = {
 """Parameters of the proxy; shares and times are given once, or for each topic."""
 
 
-KINDS = ('dropped', 'duplicated', 'delayed', 'reordered', 'corrupted')
+FAULT_KINDS = ('dropped', 'duplicated', 'delayed', 'reordered', 'corrupted')
 """The names under which the faults of messages are counted."""
 
 
@@ -100,7 +104,7 @@ class Fate:
             self.overtaken,
             self.corruption is not None,
         )
-        return [kind for kind, fault in zip(KINDS, happens, strict=True) if fault]
+        return [kind for kind, fault in zip(FAULT_KINDS, happens, strict=True) if fault]
 
 
 @dataclass(frozen=True)
@@ -169,7 +173,7 @@ def links(given: Mapping[str, Any]) -> dict[str, Faults]:
         topic: Faults(
             topic,
             seed,
-            corruptions=tuple(kind for kind in LINKS[topic] if kind in corruptions),
+            corruptions=tuple(kind for kind in LINK_CORRUPTIONS[topic] if kind in corruptions),
             **{name: column[i] for name, column in columns.items()},
         )
         for i, topic in enumerate(names)

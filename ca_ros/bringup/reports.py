@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from ca_ros.arguments import full_name
-from ca_ros.bringup.link_faults import KINDS
+from ca_ros.bringup.link_faults import FAULT_KINDS
 from ca_ros.commands import NODES
 from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.qos import offered
@@ -38,7 +38,9 @@ class Reports:
 
     def faults(self) -> Counter[str]:
         """Return how many messages the fault proxy received, and how many had each fault."""
-        return Counter({kind: self._sum('fault_proxy', kind) for kind in ('received', *KINDS)})
+        return Counter(
+            {kind: self._sum('fault_proxy', kind) for kind in ('received', *FAULT_KINDS)}
+        )
 
     def missing(self, since: int) -> list[str]:
         """Return the topic if the fault proxy has not reported since a time [ns]."""

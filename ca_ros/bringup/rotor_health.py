@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from ca_ros.bringup.deadline import Deadline
+from ca_ros.bringup.recorder import REQUEST_REPEAT
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
@@ -19,9 +20,6 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 TIMEOUT = 60.0
 """Time limit for a node to accept a parameter [s]."""
-
-REPEAT = 2.0
-"""Time without an answer after which a request is repeated [s]."""
 
 
 class RotorHealthError(CaRosError):
@@ -125,7 +123,7 @@ class RotorHealth:
                 message = Parameter(parameter, value=value).to_parameter_msg()
                 request = SetParameters.Request(parameters=[message])
                 futures.append(self._clients[name].call_async(request))
-                again = monotonic() + REPEAT
+                again = monotonic() + REQUEST_REPEAT
             spin()
         (result,) = done[0].result().results
         if not result.successful:

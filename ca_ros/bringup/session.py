@@ -21,14 +21,14 @@ from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.bringup.options import options_as_parameters
 from ca_ros.bringup.processes import Processes
-from ca_ros.bringup.recorder import LINKS, Recorder
+from ca_ros.bringup.recorder import LINK_NAMES, Recorder
 from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.rotor_health import RotorHealth
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 
-START_TIMEOUT = 60.0
+PROGRESS_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""
 
 LOOK_AROUND = 0.5
@@ -88,9 +88,9 @@ class Session:
         bag: Bag | None,
     ) -> None:
         self._options, self._interrupts, self._bag = options, interrupts, bag
-        links = [*LINKS]
+        links = [*LINK_NAMES]
         if options.faults is not None:
-            links += [f'{PREFIX}{topic}' for topic in LINKS]
+            links += [f'{PREFIX}{topic}' for topic in LINK_NAMES]
         self._recorder = Recorder(links, namespace=options.namespace)
         self._reports = Reports(self._recorder)
         self._executor = SingleThreadedExecutor()
@@ -132,18 +132,18 @@ class Session:
         rotors.update(None, self._spin)
         recorder.send(waypoint)
         began = time.monotonic()
-        progress, deadline = 0.0, Deadline(START_TIMEOUT)
+        progress, deadline = 0.0, Deadline(PROGRESS_TIMEOUT)
         while progress < duration:
             self._spin()
             rotors.update(recorder.elapsed_ns, self._spin)
             if recorder.waiting and not recorder.missing():
                 recorder.send(waypoint)
             if recorder.elapsed != progress:
-                progress, deadline = recorder.elapsed, Deadline(START_TIMEOUT)
+                progress, deadline = recorder.elapsed, Deadline(PROGRESS_TIMEOUT)
                 _show(progress, duration)
             elif deadline.passed():
                 raise Stopped(
-                    f'the flight has stalled at {progress:.2f} s for {START_TIMEOUT:g} s'
+                    f'the flight has stalled at {progress:.2f} s for {PROGRESS_TIMEOUT:g} s'
                 )
         if bag:
             end = recorder.end(duration)
@@ -189,13 +189,13 @@ class Session:
 
     def _wait(self, missing: Callable[[], list[str]]) -> None:
         """Spin until nothing is missing."""
-        fewest, deadline = inf, Deadline(START_TIMEOUT)
+        fewest, deadline = inf, Deadline(PROGRESS_TIMEOUT)
         while topics := missing():
             self._spin()
             if len(topics) < fewest:
-                fewest, deadline = len(topics), Deadline(START_TIMEOUT)
+                fewest, deadline = len(topics), Deadline(PROGRESS_TIMEOUT)
             elif deadline.passed():
-                raise Stopped(f'after {START_TIMEOUT:g} s no node on {", ".join(topics)}')
+                raise Stopped(f'after {PROGRESS_TIMEOUT:g} s no node on {", ".join(topics)}')
 
     def _check_alone(self, own: int) -> None:
         if others := self._recorder.others(own):

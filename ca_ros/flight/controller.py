@@ -12,7 +12,7 @@ import numpy as np
 from ca_ros.allocation.options import order_from_parameters
 from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.arrays import Array
-from ca_ros.flight.parameters import CONTROLLER
+from ca_ros.flight.parameters import CONTROL
 from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -51,7 +51,7 @@ class Gains:
     @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Gains:
         """Read the gains from parameters by name; raise a `ParameterError` that names a fault."""
-        p: dict[str, Any] = complete(given, CONTROLLER)
+        p: dict[str, Any] = complete(given, CONTROL)
         return cls(
             **{
                 name: _three(f'controller.{name}', p[f'controller.{name}'])
@@ -130,7 +130,7 @@ class Controller:
         ParameterError
             If a parameter is wrong; it is named.
         """
-        p: dict[str, Any] = complete(given, {**PRIORITIES, **CONTROLLER})
+        p: dict[str, Any] = complete(given, {**PRIORITIES, **CONTROL})
         gains = Gains.from_parameters(p)
         # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
         missing = set(SIDEWAYS) - set(given.get('allocation.axes', vehicle.axes))

@@ -77,7 +77,7 @@ NODE = {
 }
 """The parameters of the nodes alone; a change of these does not rebuild an allocator."""
 
-PARAMETERS = {**VEHICLE, **ALLOCATION, **flight.CONTROLLER, **flight.SIMULATOR, **NODE}
+PARAMETERS = {**VEHICLE, **ALLOCATION, **flight.CONTROL, **flight.SIMULATION, **NODE}
 """All parameters that the file of a vehicle may have."""
 
 
@@ -91,11 +91,11 @@ ALLOCATOR = {
     **_node('timeout_action', 'command_age_max', 'command_order'),
 }
 
-CONTROLLER = {**VEHICLE, **PRIORITIES, **flight.CONTROLLER, **_node('world_frame')}
+CONTROLLER = {**VEHICLE, **PRIORITIES, **flight.CONTROL, **_node('world_frame')}
 
 SIMULATOR = {
     **SIMULATED,
-    **flight.SIMULATOR,
+    **flight.SIMULATION,
     **_node('timeout_action', 'world_frame', 'simulator.real_time_factor', 'simulator.hold_at'),
 }
 

@@ -33,7 +33,7 @@ from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import fallback
 from ca_ros.vehicle.vehicle import Vehicle
 
-REPEAT = 0.2
+STATE_REPEAT = 0.2
 """Time after which the node publishes an unanswered state again in lockstep [s]."""
 
 BACKLOG = LOCKSTEP_DEPTH // 4
@@ -78,7 +78,7 @@ class SimulatorNode(VehicleNode):
         self._speeds = self.offer(topics.SPEEDS)
         self.listen(topics.SPEED_COMMAND, self._receive)
         self._timer = self.create_timer(
-            REPEAT if lockstep else self._period_ns / 1e9,
+            STATE_REPEAT if lockstep else self._period_ns / 1e9,
             self._repeat if lockstep else self._catch_up,
             clock=self.steady,
         )

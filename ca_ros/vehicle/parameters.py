@@ -27,7 +27,7 @@ INERTIA = {
     ),
 }
 
-ROTORS = {
+PROPULSION = {
     'rotors.positions': Parameter(
         'x, y, z of each rotor in the body frame, forward-left-up [m]', array=True
     ),
@@ -70,7 +70,7 @@ ROTORS = {
     ),
 }
 
-COMMANDED = {
+COMMANDED_AXES = {
     'allocation.axes': Parameter(
         'the components of the wrench that are commanded',
         str,
@@ -87,11 +87,11 @@ COMMANDED = {
     ),
 }
 
-ALLOCATED = {**BODY, **ROTORS, **COMMANDED}
+ALLOCATED = {**BODY, **PROPULSION, **COMMANDED_AXES}
 """What an allocator needs of a vehicle."""
 
-SIMULATED = {**BODY, **INERTIA, **ROTORS}
+SIMULATED = {**BODY, **INERTIA, **PROPULSION}
 """What a simulation needs of a vehicle."""
 
-VEHICLE = {**BODY, **INERTIA, **ROTORS, **COMMANDED}
+VEHICLE = {**BODY, **INERTIA, **PROPULSION, **COMMANDED_AXES}
 """All parameters of a vehicle; a controller needs them all."""

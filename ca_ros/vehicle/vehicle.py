@@ -22,7 +22,7 @@ from ca_ros.vehicle.parameters import ALLOCATED, VEHICLE
 HEALTH_MIN = 1e-9
 """A rotor whose health is below this counts as lost."""
 
-ROUNDING = 1e-9
+BOUND_ROUNDING = 1e-9
 """How far a thrust may be out of bounds, over the upper bound or 1 N, the greater of both."""
 
 
@@ -214,7 +214,8 @@ class Vehicle:
         Raises
         ------
         ValueError
-            If there is not one thrust per rotor, or one is out of bounds by more than `ROUNDING`.
+            If there is not one thrust per rotor, or one is out of bounds by more than
+            `BOUND_ROUNDING`.
         """
         thrusts = np.asarray(thrusts, float)
         if thrusts.ndim == 1 and len(thrusts) == self.n:
@@ -257,9 +258,9 @@ class Vehicle:
 
     @cached_property
     def _rotors(self) -> list[tuple[float, ...]]:
-        """For each rotor: both k_f, least and greatest thrust (with `ROUNDING`) and speed."""
+        """For each rotor: both k_f, and the bounds of thrust (with `BOUND_ROUNDING`) and speed."""
         factors = self.thrust_per_squared_speed, self.reverse_thrust_per_squared_speed
-        rounding = ROUNDING * np.maximum(1.0, self.thrust_max)
+        rounding = BOUND_ROUNDING * np.maximum(1.0, self.thrust_max)
         columns = (
             *(np.where(k_f > 0.0, k_f, 1.0) for k_f in factors),
             self.thrust_min - rounding,
