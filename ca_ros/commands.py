@@ -6,6 +6,7 @@ library, because setup.py runs it.
 
 from __future__ import annotations
 
+import signal
 import sys
 from functools import partial
 from importlib import import_module
@@ -49,6 +50,9 @@ def run(command: str) -> int | None:
     """Run a command; return its exit code."""
     try:
         code: int | None = import_module(COMMANDS[command]).main()
+    except KeyboardInterrupt:
+        # Ctrl-C before the command handles signals itself.
+        return 128 + signal.SIGINT
     except ModuleNotFoundError as missing:
         package = (missing.name or '').partition('.')[0]
         if package not in HINTS:

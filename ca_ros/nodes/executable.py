@@ -148,6 +148,11 @@ def _parameter_files(ros: Sequence[str]) -> str:
     return ', '.join(words) or 'no file'
 
 
+def _ignore_signals() -> None:
+    for number in ending_signals():
+        signal.signal(number, signal.SIG_IGN)
+
+
 def run(
     name: str,
     node_class: type[ParameterNode],
@@ -189,6 +194,8 @@ def run(
         faulthandler.register(signal.SIGUSR1, file=sys.__stderr__)
     never_wait()
     with ExitStack() as ending:
+        # Python resets the handlers at its end; a signal that comes then must not change the code.
+        ending.callback(_ignore_signals)
         ending.callback(try_shutdown)
         ros: list[str] = []
         try:
