@@ -92,7 +92,8 @@ def environment(place, graph):
         str(Path(sys.executable).parent), os.environ['PATH']]
     return os.environ | {
         'PATH': os.pathsep.join(paths), 'PYTHONPATH': str(place),
-        'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg'}
+        'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg',
+        'MYPY_CACHE_DIR': str(ROOT / '.mypy_cache')}
 
 
 def shell(place, graph, script):

@@ -86,6 +86,8 @@ class Exact(Allocator):
         If an option is wrong, the vehicle's admissible set has no volume, or OSQP is missing.
     """
 
+    solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'
+    guarantees = 'the bounds, and Gamma f = u for every admissible u'
     parameters: ClassVar = {
         'policy': Parameter(
             'what exact allocates for an unattainable wrench. prioritize: the axes in the order '

@@ -118,8 +118,8 @@ def load(
     Returns
     -------
     dict
-        A value for each name in `table`, and for the parameters of one's own method if the table has
-        the method.
+        A value for each name in `table`; with ``allocation.method``, also for the parameters of
+        one's own method.
 
     Raises
     ------
