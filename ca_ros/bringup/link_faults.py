@@ -110,7 +110,6 @@ class Fate:
 @dataclass(frozen=True)
 class Faults:
     """The faults of one link; see `FAULTS`."""
-
     topic: str
     seed: float = 0.0
     drop: float = 0.0

@@ -60,9 +60,7 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     return arguments.split(argv)
 
 
-def vehicle_arguments(
-    vehicle: str, node: str, declared: Mapping[str, Parameter]
-) -> list[str]:
+def vehicle_arguments(vehicle: str, node: str, declared: Mapping[str, Parameter]) -> list[str]:
     """Return the ROS arguments that give a node the parameters of a vehicle.
 
     Parameters

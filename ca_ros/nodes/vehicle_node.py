@@ -6,13 +6,12 @@ from collections import Counter
 from collections.abc import Callable
 from math import inf
 from time import monotonic
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from ca_ros.allocation.parameters import own_parameters
@@ -20,8 +19,9 @@ from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.parameters import PARAMETERS
-from ca_ros.nodes.qos import offered, requested
-from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
+from ca_ros.nodes.qos import offered
+from ca_ros.nodes.rclpy_internals import given_parameters
+from ca_ros.nodes.stream import subscribe
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
@@ -30,9 +30,6 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 """Each event handler costs a microsecond per command; `endpoints.faults` replaces rclpy's."""
-
-SIZE_MAX = 16384
-"""Largest message of a stream [bytes]: 2000 rotor speeds."""
 
 
 class VehicleNode(ParameterNode):
@@ -134,49 +131,9 @@ class VehicleNode(ParameterNode):
 
         `receive` gets what `read` returns for the bytes of a message; default: the message.
 
-        Messages of more than `SIZE_MAX` bytes are dropped before conversion.  While there is one
-        publisher, the node counts the messages that were lost in transport or replaced by a newer
-        message before it took them.
+        See `ca_ros.nodes.stream.subscribe` for what is dropped and counted.
         """
-        kind, name = topic.kind, topic.name
-        newest = 0
-
-        def take(data: bytes, info: dict[str, Any]) -> None:
-            nonlocal newest
-            number = info.get('publication_sequence_number') or 0
-            lost = number - newest - 1
-            if newest and lost > 0 and stream.get_publisher_count() == 1:
-                self.counts[f'lost: {name}'] += lost
-            newest = number
-            try:
-                if len(data) > SIZE_MAX:
-                    fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
-                else:
-                    fault = None
-                    message = read(data) if read else deserialize_message(data, kind)
-            except RMWError:
-                fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
-            if fault:
-                self.counts['received'] += 1
-                self.drop(*fault)
-            else:
-                receive(message)
-
-        def forget(_: object) -> None:
-            nonlocal newest
-            newest = 0
-
-        stream = self.create_subscription(
-            kind,
-            name,
-            # rclpy's annotation does not have callbacks that take the information, too.
-            cast('Callable[[bytes], None]', take),
-            requested(self.mode),
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(
-                matched=forget, use_default_callbacks=False
-            ),
-        )
+        stream = subscribe(self, topic, self.mode, receive, read, self.drop, self.counts)
         self._streams.append(stream)
 
     def offer(self, topic: Topic) -> Publisher:
