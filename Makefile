@@ -108,7 +108,7 @@ steps := -e 's/^Collecting \([A-Za-z0-9._-]*\).*/  fetching \1/p' \
   -e '/^ERROR/,$$p' -e '/^ *error:/,$$p'
 
 # Pip does not notice half-installed packages, so an interrupted installation starts again in a new venv.
-.venv/.demo .venv/.test .venv/.benchmark .venv/.docs: .venv/.$(kind) setup.py setup.cfg
+.venv/.demo .venv/.test .venv/.benchmark .venv/.docs: .venv/.$(kind) setup.py setup.cfg ca_ros/commands.py
 	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes:'
 	@rm $<
 	@{ .venv/bin/python -m pip install --progress-bar off -e '.$(extras$(suffix $@))' 2>&1 && \

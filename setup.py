@@ -1,12 +1,10 @@
 from glob import glob
+from runpy import run_path
 
 from setuptools import Extension, find_packages, setup
 
 package = 'ca_ros'
-commands = [
-    'allocator', 'benchmark', 'bringup', 'controller', 'dynamic_study', 'fault_proxy', 'firmware',
-    'report', 'simulator', 'static_study',
-]
+commands = sorted(run_path(f'{package}/commands.py')['COMMANDS'])
 solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
+
+
+class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Adds the default of each option to its help, unless it is None or empty."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        if action.default in (None, []):
+            return action.help
+        return super()._get_help_string(action)
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -1,22 +1,32 @@
-"""The package's commands; each reports a missing package in one line."""
+"""The package's commands and the nodes of the loop: setup.py and `bringup` read them here.
+
+A command reports a missing package in one line.  This module imports nothing but the standard
+library, because setup.py runs it.
+"""
 
 from __future__ import annotations
 
+import signal
 import sys
 from functools import partial
 from importlib import import_module
 
+NODES = ('controller', 'allocator', 'simulator')
+"""The nodes of the loop, in the order in which `bringup` ends them: the source of commands first.
+
+The module of a node is ``ca_ros.nodes.NAME``, and `ca_ros.nodes.parameters.DECLARED` has its
+parameters.
+"""
+
 COMMANDS = {
-    'allocator': 'ca_ros.nodes.allocator',
+    **{node: f'ca_ros.nodes.{node}' for node in NODES},
     'attainable': 'ca_ros.evaluation.attainable',
     'benchmark': 'ca_ros.evaluation.benchmark.benchmark',
     'bringup': 'ca_ros.bringup.bringup',
-    'controller': 'ca_ros.nodes.controller',
     'dynamic_study': 'ca_ros.evaluation.dynamic_study',
     'fault_proxy': 'ca_ros.bringup.fault_proxy',
     'firmware': 'ca_ros.firmware.command',
     'report': 'ca_ros.evaluation.report.report',
-    'simulator': 'ca_ros.nodes.simulator',
     'static_study': 'ca_ros.evaluation.static_study',
 }
 """The module of each command, which has the function main."""
@@ -40,6 +50,9 @@ def run(command: str) -> int | None:
     """Run a command; return its exit code."""
     try:
         code: int | None = import_module(COMMANDS[command]).main()
+    except KeyboardInterrupt:
+        # Ctrl-C before the command handles signals itself.
+        return 128 + signal.SIGINT
     except ModuleNotFoundError as missing:
         package = (missing.name or '').partition('.')[0]
         if package not in HINTS:
@@ -49,7 +62,8 @@ def run(command: str) -> int | None:
     return code
 
 
-(
-    allocator, attainable, benchmark, bringup, controller, dynamic_study, fault_proxy, firmware,
-    report, simulator, static_study,
-) = (partial(run, command) for command in COMMANDS)  # fmt: skip
+def __getattr__(command: str) -> partial[int | None]:
+    """Return the function that runs a command, under the name of the command."""
+    if command not in COMMANDS:
+        raise AttributeError(f'{command}: expected one of {", ".join(COMMANDS)}')
+    return partial(run, command)

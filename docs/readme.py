@@ -1,4 +1,4 @@
-"""Regenerate the output of README's example and the table of docs/parameters.md.
+"""Regenerate the output of README's example and the tables of docs/parameters.md.
 
 With --check nothing is written, and the exit code is 1 if a page is not up to date.
 """
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from marks import filled
 
+from ca_ros import ALLOCATORS
 from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.schema import REQUIRED, Parameter
 
@@ -18,6 +19,13 @@ PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
 ALLOWED = {'allocation.method': 'a [method](#methods)'}
 """Allowed values that another table lists: links to it."""
+
+
+SYMBOLS = {
+    'Gamma': 'Γ', '^-1': '⁻¹', '^2': '²', '^+': '⁺', '<=': '≤', '|': '\\|',
+    'gamma': '\N{GREEK SMALL LETTER GAMMA}', 'alpha': '\N{GREEK SMALL LETTER ALPHA}',
+    ' - ': ' \N{MINUS SIGN} ',
+}
 
 
 def table() -> str:
@@ -30,6 +38,23 @@ def table() -> str:
             f'| {parameter.description} |'
         )
     return '\n'.join(rows)
+
+
+def methods() -> str:
+    """Return the methods as a Markdown table."""
+    rows = ['| method | solves | guarantees |', '|---|---|---|']
+    for name, kind in ALLOCATORS.items():
+        first = (kind.__doc__ or '').partition('\n')[0].removesuffix('.')
+        solves = vars(kind).get('solves') or first
+        rows.append(f'| `{name}` | {_formula(solves)} | {_formula(kind.guarantees)} |')
+    return '\n'.join(rows)
+
+
+def _formula(text: str) -> str:
+    """Return a text with the symbols that docstrings spell out, for a Markdown table."""
+    for words, symbol in SYMBOLS.items():
+        text = text.replace(words, symbol)
+    return text
 
 
 def _default(parameter: Parameter) -> str:
@@ -53,7 +78,10 @@ def fresh(text: str) -> str:
         text,
         flags=re.DOTALL,
     )
-    return filled(text, 'parameters', table()) if '<!-- parameters -->' in text else text
+    for mark, content in (('parameters', table), ('methods', methods)):
+        if f'<!-- {mark} -->' in text:
+            text = filled(text, mark, content())
+    return text
 
 
 def main() -> None:

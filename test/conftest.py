@@ -15,8 +15,9 @@ os.environ |= {
 }
 
 
-# Where nohup ignores it, the processes of the tests would too.
+# What nohup or a shell in the background ignores, the processes of the tests would ignore, too.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 pytest.register_assert_rewrite('ros')
 

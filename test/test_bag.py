@@ -15,7 +15,7 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
 
-from ca_ros.bringup.bag import LOOP, TOPICS, Bag
+from ca_ros.bringup.bag import LOOP, RECORDED, Bag
 from ros import Graph
 
 pytest.importorskip('rosbags', reason="needs the extra 'bag'")
@@ -76,7 +76,7 @@ def test_every_topic_is_there_with_its_type_and_count(flight):
     expected = {
         topic if topic.startswith('/') else f'/{topic}':
         f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
-        for topic, kind in TOPICS.items()}
+        for topic, kind in RECORDED.items()}
     assert recording.types == expected
     counts = {topic: len(messages) for topic, messages in recording.messages.items()}
     noted = {
@@ -92,7 +92,7 @@ def test_the_type_hashes_are_those_on_the_wire(flight, graph):
     noted = {
         entry['topic_metadata']['type']: entry['topic_metadata']['type_description_hash']
         for entry in flight[0].metadata['topics_with_message_count']}
-    for kind in set(TOPICS.values()):
+    for kind in set(RECORDED.values()):
         graph.publisher(kind, kind.__name__)
         def found(name=f'/{kind.__name__}'):
             return graph.node.get_publishers_info_by_topic(name)

@@ -12,13 +12,13 @@ from matplotlib import image
 
 from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
-from ca_ros.bringup.options import NODES
-from ca_ros.bringup.session import differences
+from ca_ros.bringup.agreement import differences
+from ca_ros.commands import NODES
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
+from ca_ros.nodes.parameters import DECLARED, load
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.files import find
 from ros import DEADLINE, fly_in_real_time
@@ -129,6 +129,15 @@ def test_only_parameters_that_both_nodes_declare_are_compared():
     assert differences(parameters) == ''
     parameters['simulator'] = {'vehicle.name': 'other'}
     assert differences(parameters) == 'the simulator differs from the allocator in vehicle.name'
+
+
+def test_what_the_allocator_does_not_declare_is_compared_with_the_controller():
+    parameters = {node: load('hexarotor', table=DECLARED[node]) for node in NODES}
+    assert differences(parameters) == ''
+    parameters['simulator'] |= {'vehicle.inertia': [0.02] * 3, 'vehicle.mass': 2.0}
+    assert differences(parameters) == (
+        'the simulator differs from the allocator in vehicle.mass; '
+        'the simulator differs from the controller in vehicle.inertia')
 
 
 def test_it_warns_of_nodes_with_different_vehicles_and_refuses_different_modes(graph, tmp_path):

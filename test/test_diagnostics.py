@@ -314,6 +314,11 @@ def test_the_simulator_says_whether_it_rests_flies_or_is_left_alone(graph):
     values = node.wait(ERROR, 'no command: stop', lambda values: 'dropped: length' in values)
     account = counts(values)
     assert account['received'] == account['served'] + account['dropped: length']
+    timer.reset()
+    node.wait(OK, 'in flight')
+    timer.cancel()
+    _, err = graph.end(node.process, signal.SIGINT)
+    assert err.index('no command for 0.5 s: stop') < err.index('commands have returned')
 
 
 @pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
@@ -336,7 +341,9 @@ def test_the_controller_says_what_it_waits_for(graph, mode):
     node.wait(OK, 'under way')
     timer.cancel()
     if mode == 'realtime':
-        node.wait(ERROR, 'no state')
+        assert counts(node.wait(ERROR, 'no state'))['timeouts'] == 1
+        timer.reset()
+        node.wait(OK, 'under way')
     else:
         message.pose.position.x = math.nan
         send()

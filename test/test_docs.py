@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from ca_ros.commands import NODES
+from ca_ros.nodes.topics import TOPICS
 from ros import executable
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -90,7 +92,8 @@ def environment(place, graph):
         str(Path(sys.executable).parent), os.environ['PATH']]
     return os.environ | {
         'PATH': os.pathsep.join(paths), 'PYTHONPATH': str(place),
-        'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg'}
+        'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg',
+        'MYPY_CACHE_DIR': str(ROOT / '.mypy_cache')}
 
 
 def shell(place, graph, script):
@@ -186,6 +189,18 @@ def test_the_generated_parts_are_up_to_date(script):
     command = [sys.executable, str(ROOT / 'docs' / script), '--check']
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
+
+
+def test_the_table_of_topics_names_every_topic_at_its_nodes():
+    rows = {
+        row[1]: row[2:] for row in re.findall(
+            r'^((?:\| `(\w+)` )\|(.*)\|(.*)\|)$', (ROOT / 'docs' / 'topics.md').read_text(), re.M)}
+    topics = [topic for topic in TOPICS if topic.publisher in NODES]
+    assert len(topics) > 7
+    for topic in topics:
+        assert f'`{topic.name}`' in rows[topic.publisher][1], topic
+        for node in topic.subscribers:
+            assert f'`{topic.name}`' in rows[node][0], topic
 
 
 def test_readme_is_short():

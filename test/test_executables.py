@@ -1,5 +1,6 @@
 """Every installed executable: its help, how it ends, and what it says of a wrong vehicle."""
 
+import re
 import signal
 from importlib.metadata import entry_points
 from itertools import cycle
@@ -8,10 +9,10 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 
 from ca_ros.bringup.options import parse
+from ca_ros.commands import COMMANDS, NODES
 from ca_ros.nodes.executable import split
 from ca_ros.vehicle.files import find
 
-NODES = ('allocator', 'simulator', 'controller')
 OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (
     '--method', '--mode', '--duration', '--out', '--vehicle', '--params-file', '--namespace')}
 
@@ -19,12 +20,13 @@ OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (
 def test_the_help_of_every_executable_names_its_options(graph):
     scripts = entry_points(group='console_scripts')
     names = [script.name for script in scripts if script.module.startswith('ca_ros.')]
-    assert {*OPTIONS, 'benchmark', 'fault_proxy', 'report'} <= set(names)
+    assert sorted(names) == sorted(COMMANDS)
     processes = {name: graph.start_silent(name, '--help') for name in names}
     for name, process in processes.items():
         out, err = graph.outlive(process)
         assert (process.returncode, err) == (0, '')
         assert out.startswith(f'usage: {name} '), out
+        assert not {'None', '[]'} & set(re.findall(r'default: (.*?)\)', out)), out
         options = ('--help', *OPTIONS.get(name, ()))
         assert [option for option in options if option not in out] == [], name
 

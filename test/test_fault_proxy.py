@@ -5,6 +5,7 @@ With CA_ROS_LEGS set there is a flight through each kind of fault, otherwise thr
 
 import math
 import os
+import re
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.fault_proxy import PREFIX, remaps
-from ca_ros.bringup.link_faults import FAULTS, LINKS, Faults, corrupted
+from ca_ros.bringup.link_faults import FAULTS, LINK_CORRUPTIONS, Faults, corrupted
 from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time, six, wrench
 from test_bringup import fly_offline
 
@@ -82,7 +83,7 @@ def test_the_fates_are_those_of_the_seed(graph):
                   corruptions='[not_a_number, infinite, huge, sign, frame]')
     messages = wrenches(200)
     faults = Faults(
-        'command/wrench', 5.0, **given, corruptions=LINKS['command/wrench'])
+        'command/wrench', 5.0, **given, corruptions=LINK_CORRUPTIONS['command/wrench'])
     fates = [faults.fate(k) for k in range(len(messages))]
     expected = []
     for message, fate in zip(messages, fates, strict=True):
@@ -167,7 +168,7 @@ def test_its_help_names_every_parameter_and_the_remaps(graph):
     out, err = graph.outlive(graph.start_silent('fault_proxy', '--help'))
     assert err == ''
     assert [name for name in FAULTS if f'  {name} ' not in out] == []
-    assert [topic for topic in LINKS if f'-r {topic}:={PREFIX}{topic}' not in out] == []
+    assert [topic for topic in LINK_CORRUPTIONS if f'-r {topic}:={PREFIX}{topic}' not in out] == []
 
 
 # Flights
@@ -294,6 +295,11 @@ def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
         out, err = graph.outlive(process, DEADLINE / factor)
         assert process.returncode == 0, out + err
         assert 'reached' in out
+        [line] = re.findall(r'faults        dropped (\d+), delayed (\d+), of (\d+) messages', out)
+        dropped, delayed, received = map(int, line)
+        assert dropped + delayed == received > 1000
+        # Six standard deviations.
+        assert abs(dropped - 0.1 * received) < 6.0 * math.sqrt(0.09 * received)
         assert 'Traceback' not in err
         assert graph.alive() == []
 

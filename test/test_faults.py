@@ -8,11 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import ParameterError
-from ca_ros.bringup.link_faults import CORRUPTIONS, LINKS, Fate, Faults, Link, corrupted, links
+from ca_ros.bringup.link_faults import (
+    CORRUPTIONS,
+    LINK_CORRUPTIONS,
+    Fate,
+    Faults,
+    Link,
+    corrupted,
+    links,
+)
 
 SHARES = st.floats(0.0, 1.0)
 TIMES = st.floats(0.0, 0.1)
-TOPICS = st.sampled_from(list(LINKS))
+TOPICS = st.sampled_from(list(LINK_CORRUPTIONS))
 FAULTY = st.builds(
     Faults, topic=TOPICS, seed=st.integers(0, 2**32).map(float), drop=SHARES, duplicate=SHARES,
     reorder=SHARES, corrupt=SHARES, delay=TIMES, jitter=TIMES)
@@ -45,7 +53,7 @@ def test_what_is_lost_at_one_rate_is_lost_at_every_greater_rate(faults, more, k)
 
 @pytest.mark.parametrize('kind', ['drop', 'duplicate', 'reorder', 'corrupt'])
 @pytest.mark.parametrize('share', [0.0, 0.01, 0.1, 0.3, 1.0])
-@pytest.mark.parametrize('topic', LINKS)
+@pytest.mark.parametrize('topic', LINK_CORRUPTIONS)
 def test_shares_are_kept(topic, kind, share):
     n = 10_000
     faults = Faults(topic, **{kind: share})
@@ -56,8 +64,8 @@ def test_shares_are_kept(topic, kind, share):
 def test_topics_and_seeds_have_fates_of_their_own():
     patterns = {
         tuple(Faults(topic, seed, drop=0.5).fate(k).copies for k in range(64))
-        for topic in LINKS for seed in (0.0, 1.0, 2.0)}
-    assert len(patterns) == 3 * len(LINKS)
+        for topic in LINK_CORRUPTIONS for seed in (0.0, 1.0, 2.0)}
+    assert len(patterns) == 3 * len(LINK_CORRUPTIONS)
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.integers(0, 1000))
@@ -145,7 +153,8 @@ def test_a_topic_has_the_corruptions_of_its_type():
                for t, f in faults.items())
     assert all(('frame' in f.corruptions) != ('length' in f.corruptions) for f in faults.values())
     only = links({'corrupt': 1.0, 'corruptions': 'length'})
-    assert [only[topic].fate(0).corruption for topic in LINKS] == [None, 'length', None, None]
+    assert [only[topic].fate(0).corruption for topic in LINK_CORRUPTIONS] == [
+        None, 'length', None, None]
 
 
 @pytest.mark.parametrize(('given', 'words'), [

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Status, make_allocator
+from ca_ros.allocation import exact
 from ca_ros.allocation.exact_engines import Setting, kernel_for
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
@@ -105,10 +106,16 @@ def test_a_batch_on_all_processors_is_the_batch_on_one(monkeypatch):
     allocator = make_allocator('exact', HEXAROTOR)
     demands = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(9), 3000)
     monkeypatch.setattr('ca_ros.allocation.exact.THREAD_MIN', 1000)
-    monkeypatch.setattr('ca_ros.allocation.exact.sched_getaffinity', lambda _: {0, 1, 2})
+    monkeypatch.setattr('ca_ros.allocation.exact.processors', lambda: 3)
     threaded = allocator.allocate_batch(demands).thrusts
-    monkeypatch.setattr('ca_ros.allocation.exact.sched_getaffinity', lambda _: {0})
+    monkeypatch.setattr('ca_ros.allocation.exact.processors', lambda: 1)
     np.testing.assert_array_equal(threaded, allocator.allocate_batch(demands).thrusts)
+
+
+def test_without_affinities_all_processors_may_be_used(monkeypatch):
+    monkeypatch.delattr(os, 'sched_getaffinity')
+    monkeypatch.setattr(os, 'cpu_count', lambda: 7)
+    assert exact.processors() == 7
 
 
 @pytest.mark.parametrize('name', FLEET)

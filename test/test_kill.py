@@ -17,11 +17,11 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.processes import Processes
+from ca_ros.commands import NODES
 from ros import DEADLINE, Graph, fly_in_real_time
 from test_bringup import fly_offline
 
 KILLS = int(os.environ.get('CA_ROS_KILLS', '1'))
-NODES = ('simulator', 'allocator', 'controller')
 IDLE = 40.0
 """Of each rotor [rad/s]."""
 
@@ -229,7 +229,7 @@ def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
     # Each start may take its time here.
     patient = (
         'from ca_ros.bringup import bringup, session; session.Processes.STARTING = 1e6; '
-        'session.START_TIMEOUT = 1e6; '
+        'session.PROGRESS_TIMEOUT = 1e6; '
         'raise SystemExit(bringup.main())')
     flight = graph.start_silent(
         sys.executable, '-c', patient,

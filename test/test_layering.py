@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ca_ros import ALLOCATORS
+from ca_ros import ALLOCATORS, commands
 from ca_ros.commands import COMMANDS, STUDIES
+from ca_ros.commands import NODES as LOOP
 
 BLOCK = """
 import sys
@@ -116,7 +117,7 @@ HEAVY = {'scipy', 'osqp', *STUDIES, 'pandas'}
 
 
 @pytest.mark.parametrize('module', ['ca_ros', *(
-    f'ca_ros.nodes.{node}' for node in ('allocator', 'controller', 'simulator'))])
+    COMMANDS[node] for node in LOOP)])
 def test_what_is_not_needed_is_not_imported(module):
     result = subprocess.run(
         [sys.executable, '-c', IMPORTED.replace('MODULE', module)], capture_output=True, text=True)
@@ -154,6 +155,15 @@ def test_a_command_without_its_packages_names_them_in_one_line(tmp_path, command
     [line] = result.stderr.splitlines()
     assert line.startswith(f'{command}: needs ')
     assert ("'ca_ros[studies]'" if study else "'ca_ros[ros]'") in line
+
+
+def test_an_interrupt_while_a_command_starts_ends_it_without_a_traceback(monkeypatch, capfd):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, 'import_module', interrupted)
+    assert commands.allocator() == 130
+    assert capfd.readouterr() == ('', '')
 
 
 # Rooms

@@ -1,17 +1,17 @@
 """The controller node, a process of its own, over DDS."""
 
-
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Log
+from rclpy.duration import Duration
 
 from ca_ros import Vehicle
 from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ros import Graph, six
+from ros import DEADLINE, Graph, six
 
 LAW = Controller(
     audit(Vehicle.load('hexarotor')).vehicle, Gains.from_parameters(load('hexarotor')))
@@ -40,11 +40,10 @@ class Client:
         return self.last
 
     def send_waypoint(self, position, attitude):
-        """Send a waypoint and wait until the node has said what it makes of it."""
-        before = len(self.log)
+        """Send a waypoint and wait until the node has taken it."""
         self.waypoint.publish(pose_message(position, attitude, 0))
-        self.graph.spin_until(
-            lambda: any('waypoint' in entry.msg for entry in self.log[before:]), 'word of it')
+        assert self.waypoint.wait_for_all_acked(Duration(seconds=DEADLINE))
+        self.settle()
 
     def send(self, position, attitude, velocity, angular_velocity):
         """Send a state; return its stamp [s]."""
@@ -111,6 +110,19 @@ def test_no_wrench_before_a_waypoint(graph):
     assert client.wrenches == []
     client.send_waypoint(*WAYPOINT)
     assert client.ask(*REST).tobytes() == expected(REST).tobytes()
+
+
+def test_a_waypoint_is_logged_when_it_changes(graph):
+    client = Client(graph)
+    others = (2.0, 1.0, 1.0), WAYPOINT[1]
+    for waypoint in (WAYPOINT, WAYPOINT, others, others, WAYPOINT):
+        client.send_waypoint(*waypoint)
+
+    def lines():
+        return [entry.msg[:18] for entry in client.log if entry.msg.startswith('waypoint')]
+
+    client.graph.spin_until(lambda: len(lines()) > 2, 'three waypoints')
+    assert lines() == ['waypoint [1. 2. 3.', 'waypoint [2. 1. 1.', 'waypoint [1. 2. 3.']
 
 
 def test_wrenches_equal_those_of_the_law_to_the_last_bit(client):

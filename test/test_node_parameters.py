@@ -15,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
+from ca_ros.commands import NODES
 from ca_ros.nodes.parameters import ALLOCATOR, DECLARED, PARAMETERS, load
 from ca_ros.schema import REQUIRED
 from ros import Graph, wrench
@@ -132,6 +133,19 @@ def test_the_audit_refuses_in_the_words_of_python(graph, tmp_path, node):
         assert (code, said) == (1, f'{node}: {refused.value}\n')
 
 
+def test_the_allocator_starts_from_a_file_without_an_inertia(graph, tmp_path):
+    values = load('hexarotor')
+    del values['vehicle.inertia']
+    file = tmp_path / 'onboard.yaml'
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}), encoding='utf-8')
+    graph.start('allocator', '--vehicle', str(file))
+    assert graph.connect('allocator').get('vehicle.mass') == [1.0]
+    for node in ('controller', 'simulator'):
+        process = graph.start_silent(node, '--vehicle', str(file))
+        _, said = graph.outlive(process)
+        check_line(node, process.returncode, said, ['onboard.yaml: vehicle.inertia: missing'])
+
+
 def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path):
     file = tmp_path / 'others.yaml'
     file.write_text(yaml.safe_dump({
@@ -157,6 +171,10 @@ def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_p
     answers = start_with(graph, tmp_path, 'allocator', [{name: 1.0} for name in unknown])
     for (name, word), (code, said) in zip(unknown.items(), answers, strict=True):
         check_line('allocator', code, said, [f'{name}: ', word])
+
+
+def test_each_node_of_the_loop_has_its_parameters():
+    assert DECLARED.keys() == set(NODES)
 
 
 @pytest.mark.parametrize('node', DECLARED)

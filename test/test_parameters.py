@@ -4,14 +4,16 @@ import math
 from copy import deepcopy
 from inspect import signature
 
+import numpy as np
 import pytest
 import yaml
 
 from ca_ros import ALLOCATORS, CaRosError, ParameterError, Vehicle, make_allocator
 from ca_ros.allocation.parameters import ALLOCATION
 from ca_ros.evaluation.cases import Case
-from ca_ros.flight.parameters import CONTROLLER
-from ca_ros.flight.parameters import SIMULATOR as PHYSICS
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.parameters import CONTROL, SIMULATION
+from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.nodes.parameters import ALLOCATOR as ALLOCATOR_NODE
 from ca_ros.nodes.parameters import CONTROLLER as CONTROLLER_NODE
 from ca_ros.nodes.parameters import NODE, PARAMETERS, load
@@ -286,18 +288,43 @@ def test_a_name_that_looks_like_one_of_ours_is_not_passed_over(tmp_path, name):
 
 
 def test_a_file_has_the_tables_of_the_rooms_in_their_order():
-    tables = VEHICLE, ALLOCATION, CONTROLLER, PHYSICS, NODE
+    tables = VEHICLE, ALLOCATION, CONTROL, SIMULATION, NODE
     assert list(PARAMETERS) == [name for table in tables for name in table]
     declared = set().union(ALLOCATOR_NODE, CONTROLLER_NODE, SIMULATOR_NODE)
     assert declared == PARAMETERS.keys()
 
 
+def test_a_node_declares_only_what_it_uses_of_a_vehicle():
+    assert VEHICLE.keys() - ALLOCATOR_NODE == {'vehicle.inertia'}
+    assert VEHICLE.keys() - SIMULATOR_NODE == {'allocation.axes', 'allocation.lost_axes'}
+    assert VEHICLE.keys() <= CONTROLLER_NODE.keys()
+    assert not [name for name in SIMULATOR_NODE if name.startswith('allocation')]
+
+
+def test_only_control_and_simulation_need_the_inertia(tmp_path):
+    path = write(tmp_path / 'onboard.yaml', {'vehicle.inertia': MISSING})
+    vehicle, complete_vehicle = Vehicle.load(path), Vehicle.load('hexarotor')
+    given = load(path, table=ALLOCATOR_NODE)
+    assert given == {name: HEXAROTOR[name] for name in ALLOCATOR_NODE}
+    u = [9.81, 0.05, -0.02, 0.01]
+    np.testing.assert_array_equal(*(
+        make_allocator('exact', each).allocate(u).thrusts for each in (vehicle, complete_vehicle)))
+    missing = '^vehicle.inertia: missing; the controller and the simulation need it$'
+    with pytest.raises(MissingParameterError, match=missing):
+        RigidBody(vehicle)
+    with pytest.raises(MissingParameterError, match=missing):
+        Controller.from_parameters(vehicle, given)
+    for table in (CONTROLLER_NODE, SIMULATOR_NODE, PARAMETERS):
+        with pytest.raises(ParameterError, match=r'onboard\.yaml: vehicle\.inertia: missing'):
+            load(path, table=table)
+
+
 def test_a_table_is_completed_from_a_file_of_more():
     given = {**load('hexarotor'), 'controller.speed_max': 2.0}
-    assert complete(given, CONTROLLER).keys() == CONTROLLER.keys()
-    assert complete({'controller.speed_max': 2.0}, CONTROLLER)['controller.speed_max'] == 2.0
+    assert complete(given, CONTROL).keys() == CONTROL.keys()
+    assert complete({'controller.speed_max': 2.0}, CONTROL)['controller.speed_max'] == 2.0
     for wrong in ({'vehicle.mass': -1.0}, {'allocation.method': 'magic'}, {'vehicle.masss': 1.0}):
-        assert complete({**given, **wrong}, CONTROLLER).keys() == CONTROLLER.keys()
+        assert complete({**given, **wrong}, CONTROL).keys() == CONTROL.keys()
         with pytest.raises(ParameterError, match=next(iter(wrong))):
             check_given({**given, **wrong}, PARAMETERS)
 

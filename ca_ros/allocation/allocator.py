@@ -38,6 +38,10 @@ class Allocator(ABC):
     """
 
     parameters: ClassVar[Mapping[str, Parameter]] = {}
+    solves: ClassVar[str] = ''
+    """For the table in docs/parameters.md; if empty, it has the first line of the docstring."""
+    guarantees: ClassVar[str] = 'the bounds'
+    """What holds for every result, for the same table."""
     engine: str = 'NumPy'
     """What works out the thrusts."""
 

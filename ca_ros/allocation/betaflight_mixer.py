@@ -51,6 +51,10 @@ class BetaflightMixer(Allocator):
        https://github.com/betaflight/betaflight
     """
 
+    solves = (
+        'f = Gamma^+ u with the torques scaled to fit and the thrust shifted (as in Betaflight)'
+    )
+    guarantees = 'the bounds, and the direction of the torques for vehicles with equal rotors'
     parameters: ClassVar = {
         'airmode': Parameter(
             'disabled: below half throttle the torques are scaled down',

@@ -40,6 +40,7 @@ class Conventional(Allocator):
         If an option has the wrong shape, or Q is not symmetric and positive semidefinite.
     """
 
+    solves = 'quadratic program: min |f - f_ref|^2_Q + |Gamma f - u|^2 within the bounds'
     parameters: ClassVar = {
         'weight': Parameter(
             'Q of the conventional allocator, Eq. (18): q for Q = q I, the diagonal, or the '

@@ -32,6 +32,9 @@ class Direct(Allocator):
         If the vehicle's admissible set has no volume.
     """
 
+    solves = 'linear program: max alpha with Gamma f = alpha u within the bounds, 0 <= alpha <= 1'
+    guarantees = 'the bounds, and the direction of u'
+
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         # Fractional parts of multiples of the golden ratio are far from each other.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from functools import cached_property
-from os import sched_getaffinity
 from typing import ClassVar
 
 import numpy as np
@@ -36,6 +36,14 @@ STATUSES = tuple(Status)
 
 THREAD_MIN = 8192
 """Wrenches of a batch for each thread, at least."""
+
+
+def processors() -> int:
+    """Return the number of processors that this process may use."""
+    # macOS has no affinities.
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class Exact(Allocator):
@@ -85,6 +93,8 @@ class Exact(Allocator):
         If an option is wrong, the vehicle's admissible set has no volume, or OSQP is missing.
     """
 
+    solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'
+    guarantees = 'the bounds, and Gamma f = u for every admissible u'
     parameters: ClassVar = {
         'policy': Parameter(
             'what exact allocates for an unattainable wrench. prioritize: the axes in the order '
@@ -231,7 +241,7 @@ class Exact(Allocator):
         demands = np.ascontiguousarray(demands)
         thrusts = np.empty((size, self._n))
         status, levels = np.empty(size, dtype=np.int8), np.empty(size)
-        threads = max(1, min(len(sched_getaffinity(0)), size // THREAD_MIN))
+        threads = max(1, min(processors(), size // THREAD_MIN))
         ends = [i * size // threads for i in range(threads + 1)]
 
         def work(first: int, last: int) -> None:

@@ -18,6 +18,8 @@ class PseudoInverse(Allocator):
     wrench.  Lost rotors are left out of Gamma.
     """
 
+    solves = 'f = sat(Gamma^+ u)'
+
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         # Without the columns of lost rotors, the others produce the whole wrench.

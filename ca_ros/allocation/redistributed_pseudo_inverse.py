@@ -48,6 +48,10 @@ class RedistributedPseudoInverse(Allocator):
        Effectors, PhD thesis, Virginia Polytechnic Institute and State University, 1996.
     """
 
+    solves = (
+        'f = sat(Gamma^+ u), repeated for the rotors that are not saturated (cascaded '
+        'generalised inverse)'
+    )
     parameters: ClassVar = {
         'weights': Parameter(
             'weight of each rotor in the norm of the thrusts: one number, or one for each rotor',

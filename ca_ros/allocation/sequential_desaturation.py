@@ -63,6 +63,10 @@ class SequentialDesaturation(Allocator):
        https://github.com/PX4/PX4-Autopilot/tree/main/src/lib/control_allocation
     """
 
+    solves = (
+        'f = Gamma^+ u, moved along thrust, roll, pitch and yaw until it is within the '
+        'bounds, by the airmode (as in PX4)'
+    )
     parameters: ClassVar = {
         'airmode': Parameter(
             'for which axes thrust may be raised. disabled: none',

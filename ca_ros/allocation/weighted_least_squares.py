@@ -66,6 +66,10 @@ class WeightedLeastSquares(Allocator):
        https://github.com/paparazzi/paparazzi
     """
 
+    solves = (
+        'min |Wu (f - f_p)|^2 + gamma |Wv (Gamma f - u)|^2 within the bounds, by an '
+        'active set (as in Paparazzi)'
+    )
     parameters: ClassVar = {
         'gamma': Parameter(
             'weight of the wrench against the preferred thrusts',

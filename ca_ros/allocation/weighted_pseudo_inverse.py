@@ -38,6 +38,7 @@ class WeightedPseudoInverse(PseudoInverse):
     .. [1] W. Durham, K. A. Bordignon and R. Beck, Aircraft Control Allocation, Wiley, 2017.
     """
 
+    solves = 'f = sat(W^-1 (Gamma W^-1)^+ u), W the `weights` of the rotors'
     parameters: ClassVar = {
         'weights': Parameter(
             'weight of each rotor in the norm of the thrusts: one number, or one for each rotor',

@@ -18,7 +18,7 @@ from ca_ros.nodes.messages import nanoseconds, speeds_stamp
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.topics import ROSOUT, type_name
 
-TOPICS: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
+RECORDED: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
 """The recorded topics; each of the relative ones has one publisher."""
 
 LOOP = tuple(topic.path for topic in topics.STREAMS)
@@ -36,7 +36,7 @@ class BagError(CaRosError, RuntimeError):
 
 
 class Bag:
-    """Writes the messages of `TOPICS` to an MCAP bag of rosbag2.
+    """Writes the messages of `RECORDED` to an MCAP bag of rosbag2.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Bag:
         from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
         from rosbags.typesys import Stores, get_typestore
 
-        self.path, self.counts, self.lost = path, dict.fromkeys(TOPICS, 0), 0
+        self.path, self.counts, self.lost = path, dict.fromkeys(RECORDED, 0), 0
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._node: Node | None = None
         self._subscriptions: dict[str, Any] = {}
@@ -88,7 +88,7 @@ class Bag:
         self._node = Node(
             'bag', namespace=namespace, start_parameter_services=False, enable_rosout=False
         )
-        for topic, kind in TOPICS.items():
+        for topic, kind in RECORDED.items():
             # The publishers offer the same, apart from the depth.
             qos = offered('lockstep')
             if topic == ROSOUT.path:
@@ -139,7 +139,7 @@ class Bag:
     def _stamp(self, topic: str) -> int:
         if topic not in self._newest:
             return -1
-        message: Any = deserialize_message(self._newest[topic], TOPICS[topic])
+        message: Any = deserialize_message(self._newest[topic], RECORDED[topic])
         if isinstance(message, Float64MultiArray):
             time = speeds_stamp(message)
             return -1 if time is None else time

@@ -89,9 +89,6 @@ def _bringup(options: argparse.Namespace) -> int:
         return 128 + interrupts[0] if interrupts else 1
     finally:
         try_shutdown()
-    if flown.respawned:
-        counts = ', '.join(f'{name} {count}' for name, count in flown.respawned.items())
-        print(f'  respawned     {counts}')
     if bag:
         print(f'  bag           {bag}')
     return 0 if reached else 1

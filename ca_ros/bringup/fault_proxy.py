@@ -5,24 +5,24 @@ from __future__ import annotations
 import argparse
 from array import array
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from math import inf
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.link_faults import FAULTS, Faults, Link, corrupted, links
+from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import mismatch
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.parameter_node import ParameterNode
-from ca_ros.nodes.qos import COMMAND, offered
-from ca_ros.nodes.topics import DIAGNOSTICS, LINKS
-from ca_ros.schema import ParameterError
+from ca_ros.nodes.qos import offered
+from ca_ros.nodes.topics import LINKS
+from ca_ros.schema import Parameter, ParameterError
 
 PREFIX = 'faulty/'
 
@@ -52,11 +52,7 @@ links, to cut only the first, and to restore them:
 
 
 class FaultProxy(ParameterNode):
-    """Subscribes to each topic and publishes its messages, with faults, on faulty/topic.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
-    """
+    """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
 
     declared = known = FAULTS
 
@@ -70,7 +66,10 @@ class FaultProxy(ParameterNode):
         if self.unknown:
             names = ', '.join(FAULTS)
             raise ParameterError(f'{self.unknown[0]}: no such parameter ({names})')
-        self.configure()
+
+    def start(self) -> None:
+        """Begin to forward messages."""
+        super().start()
         # The deep queues of lockstep, so that the proxy itself loses no message.
         quality = offered('lockstep')
         kinds = {topic.name: topic.kind for topic in LINKS}
@@ -85,7 +84,7 @@ class FaultProxy(ParameterNode):
             )
         self._alarm = self.create_timer(1.0, self._pass_on, clock=self._steady)
         self._alarm.cancel()
-        self._diagnostics = self.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
+        self._diagnostics = DiagnosticsPublisher(self, hardware_id='link')
         self.create_timer(1.0, self._diagnose, clock=self._steady)
 
     def build(self, parameters: dict[str, Any]) -> dict[str, Faults]:
@@ -129,8 +128,7 @@ class FaultProxy(ParameterNode):
 
     def _diagnose(self) -> None:
         """Publish the counts; active faults are a warning."""
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
+        statuses = []
         for topic, faults in self._faults.items():
             values = {**self._counts[topic], 'on their way': len(self._links[topic])}
             notes = [f'{name} {value:g}' for name, value in faults.active.items()]
@@ -141,16 +139,9 @@ class FaultProxy(ParameterNode):
                     continue
                 notes.append(f'a publisher offers another {fault}: its messages are not forwarded')
                 self.get_logger().warning(f'{topic}: {notes[-1]}', throttle_duration_sec=10.0)
-            message.status.append(
-                DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if notes else DiagnosticStatus.OK,
-                    name=f'{self.get_fully_qualified_name().lstrip("/")}: {topic}',
-                    message=', '.join(notes) or 'no faults',
-                    hardware_id='link',
-                    values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-                )
-            )
-        self._diagnostics.publish(message)
+            level, message = (WARN, ', '.join(notes)) if notes else (OK, 'no faults')
+            statuses.append(self._diagnostics.status(topic, level, message, values))
+        self._diagnostics.publish(*statuses)
 
 
 def corrupt(message: Any, corruption: str, place: float) -> None:
@@ -178,11 +169,13 @@ def _numbers(message: Any) -> list[tuple[Any, str]]:
     return found
 
 
-def _parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
+def _parse(
+    prog: str, description: str, argv: Sequence[str], declared: Mapping[str, Parameter]
+) -> list[str]:
     """Return the arguments for ROS; the node has none of its own."""
     table = '\n'.join(
         f'  {name:<12} {parameter.description}; {parameter.range()}'
-        for name, parameter in FAULTS.items()
+        for name, parameter in declared.items()
     )
     parser = argparse.ArgumentParser(
         prog=prog,

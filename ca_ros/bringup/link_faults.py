@@ -22,7 +22,7 @@ _OF_A_NUMBER = ('not_a_number', 'infinite', 'huge', 'sign')
 CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')
 """Kinds of damage: a number is replaced, an array changes its length, the frame is replaced."""
 
-LINKS: dict[str, tuple[str, ...]] = {
+LINK_CORRUPTIONS: dict[str, tuple[str, ...]] = {
     topic.name: (*_OF_A_NUMBER, 'length' if topic.kind is Float64MultiArray else 'frame')
     for topic in topics.LINKS
 }
@@ -41,7 +41,11 @@ def _time(description: str) -> Parameter:
 
 FAULTS: dict[str, Parameter] = {
     'topics': Parameter(
-        'topics that are faulty', str, array=True, default=list(LINKS), choices=tuple(LINKS)
+        'topics that are faulty',
+        str,
+        array=True,
+        default=list(LINK_CORRUPTIONS),
+        choices=tuple(LINK_CORRUPTIONS),
     ),
     'seed': Parameter('the faults of a message depend on seed, topic and number', default=0.0),
     'drop': _share('share of the messages that are lost'),
@@ -60,6 +64,10 @@ FAULTS: dict[str, Parameter] = {
     ),
 }
 """Parameters of the proxy; shares and times are given once, or for each topic."""
+
+
+FAULT_KINDS = ('dropped', 'duplicated', 'delayed', 'reordered', 'corrupted')
+"""The names under which the faults of messages are counted."""
 
 
 @dataclass(frozen=True)
@@ -89,21 +97,19 @@ class Fate:
     @property
     def kinds(self) -> list[str]:
         """The names of the faults of the message."""
-        if not self.copies:
-            return ['dropped']
-        kinds = {
-            'duplicated': self.copies > 1,
-            'delayed': self.delay > 0.0,
-            'reordered': self.overtaken,
-            'corrupted': self.corruption is not None,
-        }
-        return [kind for kind, happens in kinds.items() if happens]
+        happens = (
+            not self.copies,
+            self.copies > 1,
+            self.delay > 0.0,
+            self.overtaken,
+            self.corruption is not None,
+        )
+        return [kind for kind, fault in zip(FAULT_KINDS, happens, strict=True) if fault]
 
 
 @dataclass(frozen=True)
 class Faults:
     """The faults of one link; see `FAULTS`."""
-
     topic: str
     seed: float = 0.0
     drop: float = 0.0
@@ -166,7 +172,7 @@ def links(given: Mapping[str, Any]) -> dict[str, Faults]:
         topic: Faults(
             topic,
             seed,
-            corruptions=tuple(kind for kind in LINKS[topic] if kind in corruptions),
+            corruptions=tuple(kind for kind in LINK_CORRUPTIONS[topic] if kind in corruptions),
             **{name: column[i] for name, column in columns.items()},
         )
         for i, topic in enumerate(names)

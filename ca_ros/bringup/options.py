@@ -10,17 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS, method_class
-from ca_ros.arguments import full_name, renamed
+from ca_ros.arguments import HelpFormatter, full_name, renamed
 from ca_ros.bringup.fault_proxy import remaps
 from ca_ros.bringup.link_faults import FAULTS
+from ca_ros.commands import COMMANDS, NODES
 from ca_ros.flight.plots import add_option
 from ca_ros.flight.rotor_failures import add_options as add_failure_options
 from ca_ros.flight.rotor_failures import failures_of
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
-from ca_ros.nodes.parameters import NODE
-
-NODES = ('controller', 'allocator', 'simulator')
-"""The nodes in the order in which `bringup` ends them: the source of commands first."""
+from ca_ros.nodes.parameters import DECLARED, NODE
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -29,7 +27,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         prog='bringup',
         description='Start controller, allocator and simulator, fly to a waypoint, and report.',
         epilog='ROS arguments after --ros-args go to the three nodes.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=HelpFormatter,
     )
     parser.add_argument(
         '--method',
@@ -37,13 +35,11 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar='METHOD',
         help=f'allocation method: {", ".join(ALLOCATORS)}, or module:Class for your own '
         "(default: the parameter file's)",
-        default=argparse.SUPPRESS,
     )
     parser.add_argument(
         '--mode',
         choices=NODE['mode'].choices,
         help="follow the clock, or step as fast as possible (default: the parameter file's)",
-        default=argparse.SUPPRESS,
     )
     parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
     parser.add_argument(
@@ -62,7 +58,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         type=Path,
         metavar='DIR',
         help='folder of the results (default: a new one here, flight_DATE_TIME)',
-        default=argparse.SUPPRESS,
     )
     add_option(parser)
     parser.add_argument(
@@ -70,7 +65,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         type=Path,
         metavar='DIR',
         help='record every message into this new folder, as an MCAP bag of rosbag2',
-        default=argparse.SUPPRESS,
     )
     parser.add_argument(
         '--respawn',
@@ -82,7 +76,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         type=_faults,
         metavar='PARAMETERS',
         help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
-        default=argparse.SUPPRESS,
     )
     add_failure_options(parser)
     vehicle = parser.add_mutually_exclusive_group()
@@ -90,15 +83,11 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         '--vehicle',
         help=f'a shipped vehicle or a parameter file (default: {DEFAULT_VEHICLE}, unless the ROS '
         'arguments have a --params-file)',
-        default=argparse.SUPPRESS,
     )
-    vehicle.add_argument(
-        '--params-file', metavar='FILE', help='a parameter file', default=argparse.SUPPRESS
-    )
+    vehicle.add_argument('--params-file', metavar='FILE', help='a parameter file')
     parser.add_argument(
         '--namespace',
         help='namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)',
-        default=argparse.SUPPRESS,
     )
     try:
         own, ros = split(argv)
@@ -109,12 +98,11 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     if options.fail and options.respawn:
         parser.error('--fail: not with --respawn, which restarts the flight with sound rotors')
     options.ros = ros
-    for name in ('method', 'mode', 'out', 'bag', 'faults'):
-        setattr(options, name, getattr(options, name, None))
-    options.vehicle = getattr(options, 'params_file', getattr(options, 'vehicle', None))
+    if options.params_file is not None:
+        options.vehicle = options.params_file
     if options.vehicle is None and '--params-file' not in ros:
         options.vehicle = DEFAULT_VEHICLE
-    asked = getattr(options, 'namespace', None)
+    asked = options.namespace
     options.namespace = _absolute(renamed(ros, '__ns', asked or '/'))
     if asked and _absolute(asked) != options.namespace:
         parser.error(f'--namespace {asked}: the ROS arguments have __ns:={options.namespace}')
@@ -175,18 +163,20 @@ def commands(options: argparse.Namespace) -> dict[str, list[str]]:
         own = ['--ros-args', '--enclave', full, '-r', f'__ns:={options.namespace}']
         if options.faults is not None:
             own += remaps(name)
-        vehicle = vehicle_arguments(options.vehicle, full) if options.vehicle else []
+        vehicle = []
+        if options.vehicle:
+            vehicle = vehicle_arguments(options.vehicle, full, DECLARED[name])
         chosen = [
             word
             for key, value in options_as_parameters(options).items()
             for word in ('-p', f'{key}:={value}')
         ]
-        node = [sys.executable, '-m', f'ca_ros.nodes.{name}']
+        node = [sys.executable, '-m', COMMANDS[name]]
         lines[name] = [*node, *own, '--', *vehicle, *options.ros, '--ros-args', *chosen]
     if options.faults is not None:
         own = ['--ros-args', '-r', f'__ns:={options.namespace}']
         own += [word for parameter in options.faults for word in ('-p', parameter)]
-        lines['fault_proxy'] = [sys.executable, '-m', 'ca_ros.bringup.fault_proxy', *own]
+        lines['fault_proxy'] = [sys.executable, '-m', COMMANDS['fault_proxy'], *own]
     return lines
 
 

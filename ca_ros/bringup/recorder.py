@@ -24,9 +24,9 @@ from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_
 from ca_ros.nodes.parameters import DECLARED
 from ca_ros.nodes.qos import COMMAND, offered
 
-LINKS = tuple(topic.name for topic in topics.LINKS)
+LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
 
-REPEAT = 2.0
+REQUEST_REPEAT = 2.0
 """Period of requests for the parameters [s]: DDS may lose an early answer."""
 
 
@@ -40,7 +40,7 @@ class Recorder(Node):
     """
 
     def __init__(
-        self, links: Iterable[str] = LINKS, node_name: str = 'recorder', **kwargs: Any
+        self, links: Iterable[str] = LINK_NAMES, node_name: str = 'recorder', **kwargs: Any
     ) -> None:
         super().__init__(node_name, **kwargs)
         self._links = links
@@ -54,7 +54,7 @@ class Recorder(Node):
         self._parameter_clients = {
             node: self.create_client(GetParameters, f'{node}/get_parameters') for node in DECLARED
         }
-        self._asked = dict.fromkeys(DECLARED, -REPEAT)
+        self._asked = dict.fromkeys(DECLARED, -REQUEST_REPEAT)
         self.parameters: dict[str, dict[str, Any]] = {}
         """The parameters of each running node that has answered, by name."""
         self.restart()
@@ -113,7 +113,7 @@ class Recorder(Node):
 
     def _ask(self, node: str) -> None:
         client = self._parameter_clients[node]
-        if monotonic() > self._asked[node] + REPEAT and client.service_is_ready():
+        if monotonic() > self._asked[node] + REQUEST_REPEAT and client.service_is_ready():
             self._asked[node] = monotonic()
             request = GetParameters.Request(names=list(DECLARED[node]))
             client.call_async(request).add_done_callback(partial(self._receive_parameters, node))

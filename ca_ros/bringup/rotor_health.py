@@ -12,16 +12,14 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from ca_ros.bringup.deadline import Deadline
-from ca_ros.bringup.options import NODES
+from ca_ros.bringup.recorder import REQUEST_REPEAT
+from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.vehicle.vehicle import Vehicle
 
 TIMEOUT = 60.0
 """Time limit for a node to accept a parameter [s]."""
-
-REPEAT = 2.0
-"""Time without an answer after which a request is repeated [s]."""
 
 
 class RotorHealthError(CaRosError):
@@ -52,7 +50,11 @@ class RotorHealth:
         self, node: Node, failures: RotorFailures, parameters: Mapping[str, Mapping[str, Any]]
     ) -> None:
         self.failures = failures
-        self._health = {name: Vehicle.from_parameters(parameters[name]).health for name in NODES}
+        self._health = {
+            name: Vehicle.from_parameters(parameters[name]).health
+            for name in NODES
+            if 'rotors.health' in parameters[name]
+        }
         try:
             failures.check(len(self._health['simulator']))
         except ValueError as error:
@@ -63,7 +65,10 @@ class RotorHealth:
         self._ahead = round(simulator['simulator.time_step'] * 1e9) if self._lockstep else 0
         self._times = failures.times()
         self._clients = (
-            {name: node.create_client(SetParameters, f'{name}/set_parameters') for name in NODES}
+            {
+                name: node.create_client(SetParameters, f'{name}/set_parameters')
+                for name in self._health
+            }
             if self._times
             else {}
         )
@@ -95,7 +100,7 @@ class RotorHealth:
         while self._times and self._times[0] <= now:
             due = True
             time = self._times.pop(0)
-            for name in NODES:
+            for name in self._health:
                 happens = self.failures.physical if name == 'simulator' else self.failures.believed
                 health = happens(self._health[name], time).tolist()
                 if health != self._set_to[name]:
@@ -118,7 +123,7 @@ class RotorHealth:
                 message = Parameter(parameter, value=value).to_parameter_msg()
                 request = SetParameters.Request(parameters=[message])
                 futures.append(self._clients[name].call_async(request))
-                again = monotonic() + REPEAT
+                again = monotonic() + REQUEST_REPEAT
             spin()
         (result,) = done[0].result().results
         if not result.successful:

@@ -15,19 +15,20 @@ from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 
+from ca_ros.bringup.agreement import check
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.bringup.options import NODES, options_as_parameters
+from ca_ros.bringup.options import options_as_parameters
 from ca_ros.bringup.processes import Processes
-from ca_ros.bringup.recorder import LINKS, Recorder
+from ca_ros.bringup.recorder import LINK_NAMES, Recorder
+from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.rotor_health import RotorHealth
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.vehicle.parameters import VEHICLE
 
-START_TIMEOUT = 60.0
+PROGRESS_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""
 
 LOOK_AROUND = 0.5
@@ -49,6 +50,10 @@ class Flown:
         Time that the flight took [s].
     respawned : Counter of str
         How often each node was restarted.
+    timeouts : Counter of str
+        The timeouts of each node that had one.
+    faults : Counter of str
+        How many messages the fault proxy received, and how many had each fault; empty without it.
     parameters : dict
         The parameters of the nodes by name; where they differ, those of the allocator.
     """
@@ -56,6 +61,8 @@ class Flown:
     flight: Flight
     wall: float
     respawned: Counter[str]
+    timeouts: Counter[str]
+    faults: Counter[str]
     parameters: dict[str, Any]
 
 
@@ -81,10 +88,11 @@ class Session:
         bag: Bag | None,
     ) -> None:
         self._options, self._interrupts, self._bag = options, interrupts, bag
-        links = [*LINKS]
+        links = [*LINK_NAMES]
         if options.faults is not None:
-            links += [f'{PREFIX}{topic}' for topic in LINKS]
+            links += [f'{PREFIX}{topic}' for topic in LINK_NAMES]
         self._recorder = Recorder(links, namespace=options.namespace)
+        self._reports = Reports(self._recorder)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._recorder)
         self._processes = Processes(commands)
@@ -116,7 +124,7 @@ class Session:
         if bag:
             bag.listen(self._options.namespace)
         self._wait(lambda: recorder.missing() + (bag.missing() if bag else []))
-        self._check_parameters()
+        check(recorder.parameters, options_as_parameters(self._options))
         parameters = recorder.parameters
         lockstep = parameters['allocator']['mode'] == 'lockstep'
         rotors = RotorHealth(recorder, self._options.failures, parameters)
@@ -124,28 +132,34 @@ class Session:
         rotors.update(None, self._spin)
         recorder.send(waypoint)
         began = time.monotonic()
-        progress, deadline = 0.0, Deadline(START_TIMEOUT)
+        progress, deadline = 0.0, Deadline(PROGRESS_TIMEOUT)
         while progress < duration:
             self._spin()
             rotors.update(recorder.elapsed_ns, self._spin)
             if recorder.waiting and not recorder.missing():
                 recorder.send(waypoint)
             if recorder.elapsed != progress:
-                progress, deadline = recorder.elapsed, Deadline(START_TIMEOUT)
+                progress, deadline = recorder.elapsed, Deadline(PROGRESS_TIMEOUT)
                 _show(progress, duration)
             elif deadline.passed():
                 raise Stopped(
-                    f'the flight has stalled at {progress:.2f} s for {START_TIMEOUT:g} s'
+                    f'the flight has stalled at {progress:.2f} s for {PROGRESS_TIMEOUT:g} s'
                 )
         if bag:
             end = recorder.end(duration)
             self._wait(lambda: bag.behind(end))
         wall = time.monotonic() - began
+        faults: Counter[str] = Counter()
+        if self._options.faults is not None:
+            now = recorder.get_clock().now().nanoseconds
+            self._wait(lambda: self._reports.missing(now))
+            faults = self._reports.faults()
         flight = recorder.flight(duration)
         if lockstep and (lost := flight.missing(duration)):
             raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
         combined = {**parameters['simulator'], **parameters['allocator']}
-        return Flown(flight, wall, self._processes.respawned, combined)
+        respawned, timeouts = self._processes.respawned, self._reports.timeouts()
+        return Flown(flight, wall, respawned, timeouts, faults, combined)
 
     def _spin(self) -> None:
         """Serve the recorder and the bag once, and restart nodes that have ended."""
@@ -175,13 +189,13 @@ class Session:
 
     def _wait(self, missing: Callable[[], list[str]]) -> None:
         """Spin until nothing is missing."""
-        fewest, deadline = inf, Deadline(START_TIMEOUT)
+        fewest, deadline = inf, Deadline(PROGRESS_TIMEOUT)
         while topics := missing():
             self._spin()
             if len(topics) < fewest:
-                fewest, deadline = len(topics), Deadline(START_TIMEOUT)
+                fewest, deadline = len(topics), Deadline(PROGRESS_TIMEOUT)
             elif deadline.passed():
-                raise Stopped(f'after {START_TIMEOUT:g} s no node on {", ".join(topics)}')
+                raise Stopped(f'after {PROGRESS_TIMEOUT:g} s no node on {", ".join(topics)}')
 
     def _check_alone(self, own: int) -> None:
         if others := self._recorder.others(own):
@@ -190,50 +204,6 @@ class Session:
                 f'{self._recorder.context.get_domain_id()}: end them, or choose another '
                 '--namespace or ROS_DOMAIN_ID (DDS lists a node that was killed with -9 for 20 s)'
             )
-
-    def _check_parameters(self) -> None:
-        """Refuse nodes that contradict the options or each other's mode; warn of two vehicles."""
-        parameters = self._recorder.parameters
-        asked = options_as_parameters(self._options)
-        asked.setdefault('mode', parameters['allocator']['mode'])
-        for node in NODES:
-            for name, value in asked.items():
-                if (own := parameters[node].get(name, value)) != value:
-                    raise Stopped(
-                        f'{name} of the {node} is {own}, not {value}: see the parameter files '
-                        'and the ROS arguments'
-                    )
-        if found := differences(parameters):
-            print(f'bringup: warning: the nodes have different vehicles: {found}', file=sys.stderr)
-
-
-def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return which nodes differ from the allocator in which parameters of the vehicle.
-
-    Parameters that a node does not declare are not compared.  A difference is not an error,
-    because model mismatch is a common experiment.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Values by node and name.
-
-    Returns
-    -------
-    str
-        Empty if there are no differences.
-    """
-    model = parameters['allocator']
-    found = {
-        node: [name for name in VEHICLE if name in own and own[name] != model[name]]
-        for node in NODES
-        for own in [parameters[node]]
-    }
-    return '; '.join(
-        f'the {node} differs from the allocator in {", ".join(names)}'
-        for node, names in found.items()
-        if names
-    )
 
 
 def _show(progress: float, duration: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 
@@ -53,7 +54,28 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
     if weak:
         axes = f'; lost axes: {", ".join(lost)}' if lost else ''
         lines.append(f'  at the end    {weak}{axes}')
-    return '\n'.join(lines), reached
+    return '\n'.join(lines + _incidents(flown, reached)), reached
+
+
+def _incidents(flown: Flown, reached: bool) -> list[str]:
+    """Return lines on what disturbed the flight: restarts, timeouts, faults, a slow machine."""
+    faults = {kind: count for kind, count in flown.faults.items() if kind != 'received' and count}
+    lines = [
+        f'  {title:<13} {", ".join(f"{name} {count}" for name, count in counts.items())}'
+        for title, counts in (('respawned', flown.respawned), ('timeouts', flown.timeouts))
+        if counts
+    ]
+    if flown.faults:
+        said = ', '.join(f'{kind} {count}' for kind, count in faults.items()) or 'none'
+        lines.append(f'  faults        {said}, of {flown.faults["received"]} messages')
+    load, processors = os.getloadavg()[0], os.cpu_count() or 1
+    late = flown.timeouts or load > processors
+    if not reached and flown.parameters['mode'] == 'realtime' and late and not flown.faults:
+        lines.append(
+            f'  hint          the machine may be too slow for real time (load average {load:.1f} '
+            f'on {processors} processors): try --mode lockstep'
+        )
+    return lines
 
 
 def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mode: str) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ca_ros.arguments import split
+from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
 from ca_ros.evaluation.sections import AXES
 from ca_ros.flight.plots import COLORS, STYLE, add_option, save
@@ -62,7 +62,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         prog='attainable',
         description='Plot the wrenches that the rotors can produce: a section of the admissible '
         'set through hover, or a projection. One axis or two make a plane figure, three a body.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=HelpFormatter,
     )
     add = made.add_argument
     add('--vehicle', default='hexarotor', help='a shipped vehicle or problem, or a YAML file')

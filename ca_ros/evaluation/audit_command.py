@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ca_ros.nodes.parameters import load
+from ca_ros.nodes.parameters import ALLOCATOR, load
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.commandable import lift, unit
 from ca_ros.schema import ParameterError
@@ -38,7 +38,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def run(options: argparse.Namespace) -> int:
     """Print the audit; return the exit code."""
     try:
-        load(options.vehicle)
+        load(options.vehicle, table=ALLOCATOR)
         vehicle = Vehicle.load(options.vehicle)
         if options.health is not None:
             health = _numbers('--health', options.health, float)

@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.arguments import HelpFormatter
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.plots import add_option
@@ -24,7 +25,7 @@ NOT_REPEATED = ('out', 'figures', 'fail', 'announce', 'ros_arguments')
 def parser(prog: str, description: str) -> argparse.ArgumentParser:
     """Return a parser with the options that the studies and the benchmark share."""
     made = argparse.ArgumentParser(prog=prog, description=description)
-    made.formatter_class = argparse.ArgumentDefaultsHelpFormatter
+    made.formatter_class = HelpFormatter
     add = made.add_argument
     add('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
     methods = (

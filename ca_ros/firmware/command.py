@@ -15,10 +15,10 @@ from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES, Firmware
 from ca_ros.schema import ParameterError, Value, check_given, complete
 from ca_ros.vehicle.files import read
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.parameters import ALLOCATED
 from ca_ros.vehicle.vehicle import Vehicle
 
-PARAMETERS = {**VEHICLE, **ALLOCATION}
+USED = {**ALLOCATED, **ALLOCATION}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,8 +55,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, Value]:
         If one of them is wrong.
     """
     ours = {name: value for name, value in given.items() if name.startswith('allocation.')}
-    check_given(ours, PARAMETERS)
-    return complete(given, PARAMETERS)
+    check_given(ours, USED)
+    return complete(given, USED)
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:

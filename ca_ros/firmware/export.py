@@ -15,7 +15,7 @@ from ca_ros.firmware.readme import facts
 from ca_ros.problem.commandable import unit
 from ca_ros.schema import ParameterError
 
-KERNEL = ('exact.h', 'numbers.h', 'exact.c', 'least_norm.c', 'priorities.c')
+KERNEL_FILES = ('exact.h', 'numbers.h', 'exact.c', 'least_norm.c', 'priorities.c')
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
 TEMPLATES = {
     'vehicle.h': '{name}.h',
@@ -25,7 +25,10 @@ TEMPLATES = {
     'README.md': 'README.md',
 }
 HEADERS = ('errno', 'float', 'limits', 'math', 'stdio', 'stdlib', 'string', 'time')
-TAKEN = {'ca', 'golden', 'vehicle', *(Path(file).stem for file in (*KERNEL, *FIXED)), *HEADERS}
+TAKEN = {
+    *('ca', 'golden', 'vehicle', *HEADERS),
+    *(Path(file).stem for file in (*KERNEL_FILES, *FIXED)),
+}
 """Names of other files and of C's headers."""
 
 
@@ -67,7 +70,7 @@ def write(firmware: Firmware, name: str, out: Path) -> None:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ParameterError(f'--out: {out} exists already and is not an empty folder')
     out.mkdir(parents=True, exist_ok=True)
-    for file in KERNEL:
+    for file in KERNEL_FILES:
         shutil.copyfile(Path(kernel.__file__).with_name(file), out / file)
     templates = Path(__file__).with_name('templates')
     for file in FIXED:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 TOOLS = ('make', 'arm-none-eabi-gcc', 'arm-none-eabi-size')
 
-NODE = re.compile(r'node: { title: "([^"]*)" label: "[^"]*?(\d+) bytes \((\w+)\)')
-EDGE = re.compile(r'edge: { sourcename: "([^"]*)" targetname: "([^"]*)"')
+GRAPH_NODE = re.compile(r'node: { title: "([^"]*)" label: "[^"]*?(\d+) bytes \((\w+)\)')
+GRAPH_EDGE = re.compile(r'edge: { sourcename: "([^"]*)" targetname: "([^"]*)"')
 
 
 class Footprint(NamedTuple):
@@ -72,12 +72,12 @@ def deepest(graph: str, function: str) -> int:
         If a frame has no bound, or functions call each other in a circle.
     """
     frames = {}
-    for title, size, kind in NODE.findall(graph):
+    for title, size, kind in GRAPH_NODE.findall(graph):
         if kind != 'static':
             raise OSError(f'the compiler found no bound for the stack of {title}')
         frames[title] = int(size)
     calls: dict[str, set[str]] = {}
-    for caller, called in EDGE.findall(graph):
+    for caller, called in GRAPH_EDGE.findall(graph):
         calls.setdefault(caller, set()).add(called)
 
     def depth(title: str, above: tuple[str, ...]) -> int:

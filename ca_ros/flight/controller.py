@@ -12,8 +12,8 @@ import numpy as np
 from ca_ros.allocation.options import order_from_parameters
 from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.arrays import Array
-from ca_ros.flight.parameters import CONTROLLER
-from ca_ros.flight.rigid_body import cross, difference, heading, rotation_matrix
+from ca_ros.flight.parameters import CONTROL
+from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import REVERSAL
@@ -51,7 +51,7 @@ class Gains:
     @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Gains:
         """Read the gains from parameters by name; raise a `ParameterError` that names a fault."""
-        p: dict[str, Any] = complete(given, CONTROLLER)
+        p: dict[str, Any] = complete(given, CONTROL)
         return cls(
             **{
                 name: _three(f'controller.{name}', p[f'controller.{name}'])
@@ -101,7 +101,7 @@ class Controller:
     ------
     ValueError
         If `order` does not name each of the vehicle's axes once, there is no such `reversal`, or
-        the vehicle's admissible set has no volume.
+        the vehicle's admissible set has no volume, or the vehicle has no inertia.
     """
 
     def __init__(
@@ -112,6 +112,7 @@ class Controller:
         reversal: str = REVERSAL,
     ) -> None:
         self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
+        self._inertia = inertia_of(vehicle)
         self.problem = VehicleProblem(vehicle)
         self.admissible = None if vehicle.powerless else AdmissibleSet(self.problem)
         if self.admissible is not None:
@@ -129,7 +130,7 @@ class Controller:
         ParameterError
             If a parameter is wrong; it is named.
         """
-        p: dict[str, Any] = complete(given, {**PRIORITIES, **CONTROLLER})
+        p: dict[str, Any] = complete(given, {**PRIORITIES, **CONTROL})
         gains = Gains.from_parameters(p)
         # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
         missing = set(SIDEWAYS) - set(given.get('allocation.axes', vehicle.axes))
@@ -225,7 +226,6 @@ class Controller:
                     min(max(off, -HEADING_ERROR_MAX), HEADING_ERROR_MAX),
                 ]
             )
-            inertia = self.vehicle.inertia
             turn_x, turn_y, spin = angular_velocity.tolist()
             acceleration = (
                 self.gains.attitude_stiffness * error
@@ -234,8 +234,8 @@ class Controller:
                 # direction of a tilt would rotate with the spin.
                 + np.array([spin * turn_y, -spin * turn_x, 0.0])
             )
-            torque = inertia @ acceleration
-            torque += cross(angular_velocity, inertia @ angular_velocity)
+            torque = self._inertia @ acceleration
+            torque += cross(angular_velocity, self._inertia @ angular_velocity)
             wrench = np.concatenate([force @ rotation, torque])[self._rows]
         return self.problem.check(wrench)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ca_ros.schema import Parameter
 
-CONTROLLER = {
+CONTROL = {
     'controller.position_stiffness': Parameter(
         'gain from position error to acceleration, x, y, z [1/s^2]',
         array=True,
@@ -46,7 +46,7 @@ CONTROLLER = {
     ),
 }
 
-SIMULATOR = {
+SIMULATION = {
     'simulator.time_step': Parameter(
         'step of the Euler integration [s]', default=0.01, minimum=1e-5, maximum=1.0
     ),

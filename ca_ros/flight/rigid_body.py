@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.schema import MissingParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -72,6 +73,15 @@ def cross(a: Array, b: Array) -> Array:
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
+def inertia_of(vehicle: Vehicle) -> Array:
+    """Return the inertia (3, 3) of a vehicle [kg m^2]; raise a `ParameterError` if it has none."""
+    if vehicle.inertia is None:
+        raise MissingParameterError(
+            'vehicle.inertia: missing; the controller and the simulation need it'
+        )
+    return vehicle.inertia
+
+
 class RigidBody:
     """The vehicle's equations of motion; the rotors have the commanded speeds at once.
 
@@ -81,13 +91,19 @@ class RigidBody:
         With the actual health of the rotors.
     rotational_drag : float
         Drag torque over the squared angular velocity [N m s^2/rad^2].
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle has no inertia.
     """
 
     def __init__(self, vehicle: Vehicle, rotational_drag: float = 0.0) -> None:
         self.vehicle = vehicle
         self.rotational_drag = rotational_drag
         self._wrenches = rotor_wrenches(vehicle)
-        self._inverse_inertia = np.linalg.inv(vehicle.inertia)
+        self._inertia = inertia_of(vehicle)
+        self._inverse_inertia = np.linalg.inv(self._inertia)
         # The buoyancy acts at the centre of mass.
         self._gravity = np.array([0.0, 0.0, vehicle.gravity - vehicle.buoyancy / vehicle.mass])
 
@@ -98,7 +114,7 @@ class RigidBody:
         omega = state[ANGULAR_VELOCITY]
         force = rotation_matrix(state[ATTITUDE]) @ wrench[:3]
         turning = np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ omega
-        torque = wrench[3:] - cross(omega, self.vehicle.inertia @ omega)
+        torque = wrench[3:] - cross(omega, self._inertia @ omega)
         if self.rotational_drag:
             torque -= self.rotational_drag * hypot(*omega.tolist()) * omega
         return np.concatenate(

@@ -16,7 +16,7 @@ from ca_ros.allocation import Allocation, Allocator, Status
 from ca_ros.allocation.options import allocator_from_parameters
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Latencies
+from ca_ros.nodes.diagnostics import OK, STALE, WARN, Latencies
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     WrenchCommand,
@@ -29,7 +29,7 @@ from ca_ros.nodes.messages import (
 from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.nodes.watchdog import TICK, Watchdog, fallback
+from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.problem import ABSURD
 from ca_ros.problem.vehicle_problem import vehicle_of
@@ -47,9 +47,6 @@ class AllocatorNode(VehicleNode):
     """Answers each command/wrench with command/motor_speed, and publishes the residual.
 
     When commands cease, the node publishes the timeout action until commands return.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
     """
 
     declared = ALLOCATOR
@@ -62,9 +59,11 @@ class AllocatorNode(VehicleNode):
         self._newest = 0
         self._rejected = -inf
         self._last: Array = np.zeros(1)
-        self._watchdog = Watchdog()
         self._latencies = Latencies()
-        self.configure()
+
+    def start(self) -> None:
+        """Create the method, and begin to answer."""
+        super().start()
         self._speeds = self.offer(topics.SPEED_COMMAND)
         self._allocated, self._residual, self._saturation = (
             self.create_publisher(topic.kind, topic.name, offered(self.mode))
@@ -102,13 +101,10 @@ class AllocatorNode(VehicleNode):
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
-        levels = super().levels()
-        if self._watchdog.expired:
-            return [*levels, (ERROR, f'{self._missing}: {self.parameters["timeout_action"]}')]
         if self._answer is None:
-            return [*levels, (STALE, 'no command yet')]
+            return [*super().levels(), (STALE, 'no command yet')]
         status = cast(Status, self._answer.status)
-        return [*levels, (OK if status is Status.EXACT else WARN, status.name)]
+        return [*super().levels(), (OK if status is Status.EXACT else WARN, status.name)]
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
@@ -122,26 +118,11 @@ class AllocatorNode(VehicleNode):
             **self._latencies.values(),
         }
 
-    def watch(self) -> None:
-        """Publish the timeout action while no commands come, except in lockstep."""
-        if self.mode == 'lockstep':
-            return
-        expired = self._watchdog.expired
-        if not self._watchdog.look():
-            if expired:
-                self.get_logger().info('commands have returned')
-            return
-        action = str(self.parameters['timeout_action'])
-        if self._watchdog.begun:
-            self.counts['timeouts'] += 1
-            self.get_logger().error(f'{self._missing} for {self._watchdog.timeout:g} s: {action}')
-        self._fall_back(action)
-
     @property
-    def _missing(self) -> str:
+    def missing(self) -> str:
         """What the logs and diagnostics say is missing."""
         rejected = monotonic() - self._rejected <= self._watchdog.timeout
-        return 'only rejected commands' if rejected else 'no command'
+        return 'only rejected commands' if rejected else super().missing
 
     def close(self) -> None:
         """Command idle, or stop if that is the timeout action."""
@@ -149,7 +130,7 @@ class AllocatorNode(VehicleNode):
             return
         action = 'stop' if self.parameters['timeout_action'] == 'stop' else 'idle'
         for _ in range(REPEATS):
-            self._fall_back(action)
+            self.fall_back(action)
             sleep(TICK)
         self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
 
@@ -200,7 +181,8 @@ class AllocatorNode(VehicleNode):
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
 
-    def _fall_back(self, action: str) -> None:
+    def fall_back(self, action: str) -> None:
+        """Publish the rotor speeds of a timeout action."""
         self._last = fallback(action, vehicle_of(self.method.problem), self._last)
         self._speeds.publish(fill_speeds(self._message, self._last, None))
 

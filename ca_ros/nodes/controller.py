@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import ERROR, OK, STALE
+from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     pose_arrays,
@@ -23,19 +23,15 @@ from ca_ros.nodes.messages import (
 from ca_ros.nodes.parameters import CONTROLLER
 from ca_ros.nodes.qos import COMMAND
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.nodes.watchdog import Watchdog
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.parameters import AXES
 
 
 class ControllerNode(VehicleNode):
-    """Answers each state, a pose and a velocity with the same stamp, with command/wrench.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
-    """
+    """Answers each state, a pose and a velocity with the same stamp, with command/wrench."""
 
     declared = CONTROLLER
+    awaited = 'state'
     controller: Controller
 
     def __init__(self, node_name: str = 'controller', **kwargs: Any) -> None:
@@ -44,8 +40,10 @@ class ControllerNode(VehicleNode):
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
         self._open = False
-        self._watchdog = Watchdog()
-        self.configure()
+
+    def start(self) -> None:
+        """Create the controller, and begin to answer."""
+        super().start()
         self._wrench = self.offer(topics.WRENCH)
         self.listen(topics.POSE, self._receive_pose)
         self.listen(topics.VELOCITY, self._receive_velocity)
@@ -68,16 +66,9 @@ class ControllerNode(VehicleNode):
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
-        levels = super().levels()
-        if self._watchdog.expired:
-            return [*levels, (ERROR, 'no state')]
         waiting = 'no waypoint yet' if self._waypoint is None else 'no state yet'
-        return [*levels, (OK, 'under way') if self._watchdog.awake else (STALE, waiting)]
-
-    def watch(self) -> None:
-        """Log when no states come, except in lockstep."""
-        if self.mode == 'realtime' and self._watchdog.look() and self._watchdog.begun:
-            self.get_logger().error(f'no state for {self._watchdog.timeout:g} s')
+        state = (OK, 'under way') if self._watchdog.awake else (STALE, waiting)
+        return [*super().levels(), state]
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
@@ -89,8 +80,10 @@ class ControllerNode(VehicleNode):
             self.counts['refused waypoints'] += 1
             self.complain('waypoint', f'refused a waypoint {fault}')
             return
-        self._waypoint = Waypoint(position, attitude)
-        self.get_logger().info(f'waypoint {position} m, heading {self._waypoint.heading:.4f} rad')
+        last, new = self._waypoint, Waypoint(position, attitude)
+        self._waypoint = new
+        if last is None or last.heading != new.heading or (last.position != position).any():
+            self.get_logger().info(f'waypoint {position} m, heading {new.heading:.4f} rad')
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self.counts['received'] += 1

@@ -26,6 +26,39 @@ SEVERITY = (OK, STALE, WARN, ERROR)
 """The levels from best to worst.  The worst is published: faults outrank missing data."""
 
 
+class DiagnosticsPublisher:
+    """Publishes statuses of a node on /diagnostics.
+
+    Parameters
+    ----------
+    node : Node
+    hardware_id : str
+        What the statuses are about, such as the name of the vehicle.
+    """
+
+    def __init__(self, node: Node, hardware_id: str) -> None:
+        self._node, self._hardware_id = node, hardware_id
+        self._publisher = node.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
+
+    def status(
+        self, subject: str, level: bytes, message: str, values: Mapping[str, object]
+    ) -> DiagnosticStatus:
+        """Return a status of the node: subject, such as ``allocation``, level, message, values."""
+        return DiagnosticStatus(
+            level=level,
+            name=f'{self._node.get_fully_qualified_name().lstrip("/")}: {subject}',
+            message=message,
+            hardware_id=self._hardware_id,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+
+    def publish(self, *statuses: DiagnosticStatus) -> None:
+        """Publish statuses with the present time."""
+        array = DiagnosticArray(status=statuses)
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+
 class Diagnostics:
     """A status that is published on demand or on change.
 
@@ -51,11 +84,9 @@ class Diagnostics:
         values: Callable[[], Mapping[str, object]],
         hardware_id: str,
     ) -> None:
-        self._node, self._levels, self._values = node, levels, values
-        self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {subject}'
-        self._hardware_id = hardware_id
+        self._subject, self._levels, self._values = subject, levels, values
         self._published: tuple[bytes, str] | None = None
-        self._publisher = node.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
+        self._publisher = DiagnosticsPublisher(node, hardware_id)
 
     def update(self) -> None:
         """Publish if level or message have changed."""
@@ -65,15 +96,9 @@ class Diagnostics:
     def publish(self) -> None:
         """Publish level, message and values."""
         self._published = level, message = self._status()
-        status = DiagnosticStatus(
-            level=level, name=self._name, message=message, hardware_id=self._hardware_id
+        self._publisher.publish(
+            self._publisher.status(self._subject, level, message, self._values())
         )
-        status.values = [
-            KeyValue(key=key, value=str(value)) for key, value in self._values().items()
-        ]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(array)
 
     def _status(self) -> tuple[bytes, str]:
         levels = self._levels()

@@ -8,14 +8,13 @@ import gc
 import json
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
 
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
@@ -23,9 +22,10 @@ from ca_ros import arguments
 from ca_ros.arguments import full_name, renamed
 from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.parameters import PARAMETERS, load
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
-from ca_ros.schema import REQUIRED, MissingParameterError, ParameterError, check
+from ca_ros.schema import REQUIRED, MissingParameterError, Parameter, ParameterError, check
 from ca_ros.signals import ending_signals
 from ca_ros.vehicle.files import NoSectionError, find, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle
@@ -34,6 +34,8 @@ DEFAULT_VEHICLE = 'hexarotor'
 
 ENDING_MAX = 60.0
 """Longest time that a node may take to end [s]."""
+
+Parse = Callable[[str, str, Sequence[str], Mapping[str, Parameter]], list[str]]
 
 WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
 
@@ -58,7 +60,7 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     return arguments.split(argv)
 
 
-def vehicle_arguments(vehicle: str, node: str) -> list[str]:
+def vehicle_arguments(vehicle: str, node: str, declared: Mapping[str, Parameter]) -> list[str]:
     """Return the ROS arguments that give a node the parameters of a vehicle.
 
     Parameters
@@ -68,6 +70,8 @@ def vehicle_arguments(vehicle: str, node: str) -> list[str]:
     node : str
         Full name of the node.  If the file has no section for it, such as the dump of another
         node, the node gets the parameters that `Vehicle.load` reads.
+    declared : mapping
+        The parameters that the node declares.
 
     Raises
     ------
@@ -75,16 +79,19 @@ def vehicle_arguments(vehicle: str, node: str) -> list[str]:
         If there is no such vehicle, or it is wrong.
     """
     try:
-        load(vehicle, node)
+        load(vehicle, node, declared)
         Vehicle.load(vehicle, node)
     except NoSectionError:
         Vehicle.load(vehicle)
-        values = [f'{name}:={json.dumps(value)}' for name, value in load(vehicle).items()]
+        own = load(vehicle, table=declared)
+        values = [f'{name}:={json.dumps(value)}' for name, value in own.items()]
         return ['--ros-args', *(word for value in values for word in ('-p', value)), '--']
     return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
 
 
-def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
+def parse(
+    prog: str, description: str, argv: Sequence[str], declared: Mapping[str, Parameter]
+) -> list[str]:
     """Parse a command line; return the ROS arguments, with those for the vehicle's parameters."""
     parser = argparse.ArgumentParser(
         prog=prog,
@@ -111,7 +118,7 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
         if name in PARAMETERS and (not owner or matches(f'/{owner.strip("/")}', node)):
             check(name, read_value(name, value), PARAMETERS)
     vehicle = parser.parse_args(own).vehicle
-    required = {name for name, each in PARAMETERS.items() if each.default is REQUIRED}
+    required = {name for name, each in declared.items() if each.default is REQUIRED}
     if vehicle is None and '--params-file' not in ros and not required <= given:
         vehicle = DEFAULT_VEHICLE
         with suppress(OSError):
@@ -122,7 +129,7 @@ def parse(prog: str, description: str, argv: Sequence[str]) -> list[str]:
     if vehicle is None:
         return ros
     # The user's files come later, so they can override single values.
-    return [*vehicle_arguments(vehicle, node), *ros]
+    return [*vehicle_arguments(vehicle, node, declared), *ros]
 
 
 def _parameter_files(ros: Sequence[str]) -> str:
@@ -139,12 +146,17 @@ def _parameter_files(ros: Sequence[str]) -> str:
     return ', '.join(words) or 'no file'
 
 
+def _ignore_signals() -> None:
+    for number in ending_signals():
+        signal.signal(number, signal.SIG_IGN)
+
+
 def run(
     name: str,
-    node_class: Callable[[str], Node],
+    node_class: type[ParameterNode],
     description: str,
     argv: Sequence[str] | None = None,
-    parse: Callable[[str, str, Sequence[str]], list[str]] = parse,
+    parse: Parse = parse,
 ) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 
@@ -155,14 +167,14 @@ def run(
     ----------
     name : str
         Name of the executable and the node.
-    node_class : callable
-        Makes the node from its name.
+    node_class : type
+        The class of the node.
     description : str
         For ``--help``.
     argv : sequence of str, optional
         The command line; default `sys.argv`.
     parse : callable, optional
-        Returns the arguments for ROS from name, description and command line.
+        Returns the arguments for ROS from name, description, command line and declared parameters.
     """
     replace_closed()
     stop: list[int] = []
@@ -180,10 +192,13 @@ def run(
         faulthandler.register(signal.SIGUSR1, file=sys.__stderr__)
     never_wait()
     with ExitStack() as ending:
+        # Python resets the handlers at its end; a signal that comes then must not change the code.
+        ending.callback(_ignore_signals)
         ending.callback(try_shutdown)
         ros: list[str] = []
         try:
-            ros = parse(name, description, sys.argv[1:] if argv is None else argv)
+            given = sys.argv[1:] if argv is None else argv
+            ros = parse(name, description, given, node_class.declared)
             rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
             node = node_class(name)
         except MissingParameterError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -131,7 +132,12 @@ class Executor(executors.Executor):
                 response = kind.Response()
                 if self._convertible(node, kind, request):
                     response = service.callback(request, response)
-                service.send_response(response, header)
+                with warnings.catch_warnings(record=True) as late:
+                    warnings.simplefilter('always')
+                    service.send_response(response, header)
+                for each in late:
+                    # The client has not been discovered or has ended; a client may ask again.
+                    self._warn(node, f'{service.srv_name}: {each.message}')
 
     def _convertible(self, node: Node, kind: Any, message: Any) -> bool:
         """Return whether rclpy can convert a message or request; log it if not."""
@@ -139,13 +145,15 @@ class Executor(executors.Executor):
             if kind in CONVERSIONS:
                 CONVERSIONS[kind](message)
         except ValueError as error:
-            node.get_logger().warning(
-                f'dropped: {kind.__name__}: {error}',
-                throttle_duration_sec=1.0,
-                throttle_time_source_type=self._steady,
-            )
+            self._warn(node, f'dropped: {kind.__name__}: {error}')
             return False
         return True
+
+    def _warn(self, node: Node, what: str) -> None:
+        """Log a warning, at most once a second."""
+        node.get_logger().warning(
+            what, throttle_duration_sec=1.0, throttle_time_source_type=self._steady
+        )
 
     def _gather(self) -> None:
         self._changed = False

@@ -17,11 +17,22 @@ from ca_ros.schema import REQUIRED, MissingParameterError, check_given, complete
 from ca_ros.schema import Parameter as Declared
 
 
-class ParameterNode(Node):
+class _Starting(type):
+    """Calls `start` on each new node, after the constructors of all its classes."""
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        node = super().__call__(*args, **kwargs)
+        node.start()
+        return node
+
+
+class ParameterNode(Node, metaclass=_Starting):
     """A node with a table of parameters.
 
-    A subclass defines `build` and `adopt`.  Its constructor calls `configure` as soon as these two
-    can run.
+    A subclass defines `build` and `adopt`.  The constructors only set attributes and declare the
+    parameters.  After all of them `start` runs, which calls `build` and `adopt`, so these methods
+    can use every attribute.  A subclass extends `start` for what needs the built object, such as
+    publishers and subscriptions.
 
     Parameters
     ----------
@@ -81,7 +92,7 @@ class ParameterNode(Node):
             name = self.get_fully_qualified_name()
             raise MissingParameterError(f'{error}; looked for by the node {name}') from None
 
-    def configure(self) -> None:
+    def start(self) -> None:
         """Build and adopt from the parameters, now and on each change of them."""
         self._built = self.build(self.parameters)
         self.adopt(self._built)

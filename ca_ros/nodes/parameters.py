@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from ca_ros.allocation.parameters import ALLOCATION, PRIORITIES, own_parameters
 from ca_ros.flight import parameters as flight
 from ca_ros.schema import Parameter, ParameterError, Value, check_given, complete
 from ca_ros.vehicle.files import find, read
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.parameters import ALLOCATED, SIMULATED, VEHICLE
 
 NODE = {
     'mode': Parameter(
@@ -76,7 +77,7 @@ NODE = {
 }
 """The parameters of the nodes alone; a change of these does not rebuild an allocator."""
 
-PARAMETERS = {**VEHICLE, **ALLOCATION, **flight.CONTROLLER, **flight.SIMULATOR, **NODE}
+PARAMETERS = {**VEHICLE, **ALLOCATION, **flight.CONTROL, **flight.SIMULATION, **NODE}
 """All parameters that the file of a vehicle may have."""
 
 
@@ -85,16 +86,16 @@ def _node(*names: str) -> dict[str, Parameter]:
 
 
 ALLOCATOR = {
-    **VEHICLE,
+    **ALLOCATED,
     **ALLOCATION,
     **_node('timeout_action', 'command_age_max', 'command_order'),
 }
 
-CONTROLLER = {**VEHICLE, **PRIORITIES, **flight.CONTROLLER, **_node('world_frame')}
+CONTROLLER = {**VEHICLE, **PRIORITIES, **flight.CONTROL, **_node('world_frame')}
 
 SIMULATOR = {
-    **VEHICLE,
-    **flight.SIMULATOR,
+    **SIMULATED,
+    **flight.SIMULATION,
     **_node('timeout_action', 'world_frame', 'simulator.real_time_factor', 'simulator.hold_at'),
 }
 
@@ -102,18 +103,23 @@ DECLARED = {'allocator': ALLOCATOR, 'controller': CONTROLLER, 'simulator': SIMUL
 """The parameters that each node declares, by the name of the node."""
 
 
-def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
+def load(
+    vehicle: str | Path, node: str | None = None, table: Mapping[str, Parameter] = PARAMETERS
+) -> dict[str, Value]:
     """Read and check the parameter file of a vehicle.
 
     Parameters
     ----------
     vehicle, node
         As in `ca_ros.vehicle.files.read`.
+    table : mapping, optional
+        The parameters to return; the others in the file are checked, too.
 
     Returns
     -------
     dict
-        A value for each name in `PARAMETERS`, and for the parameters of one's own method.
+        A value for each name in `table`; with ``allocation.method``, also for the parameters of
+        one's own method.
 
     Raises
     ------
@@ -123,8 +129,10 @@ def load(vehicle: str | Path, node: str | None = None) -> dict[str, Value]:
     """
     given = read(vehicle, node)
     try:
-        table = {**PARAMETERS, **own_parameters(given.get('allocation.method'))}
-        check_given(given, table)
+        own = own_parameters(given.get('allocation.method'))
+        check_given(given, {**PARAMETERS, **own})
+        if 'allocation.method' in table:
+            table = {**table, **own}
         return complete(given, table)
     except ParameterError as error:
         raise ParameterError(f'{find(vehicle)}: {error}') from None

@@ -18,7 +18,7 @@ from ca_ros.flight.rigid_body import (
     velocity_in_body,
 )
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import ERROR, OK, STALE
+from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     answers_nothing,
@@ -30,10 +30,10 @@ from ca_ros.nodes.messages import (
 from ca_ros.nodes.parameters import SIMULATOR
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.nodes.watchdog import Watchdog, fallback
+from ca_ros.nodes.watchdog import fallback
 from ca_ros.vehicle.vehicle import Vehicle
 
-REPEAT = 0.2
+STATE_REPEAT = 0.2
 """Time after which the node publishes an unanswered state again in lockstep [s]."""
 
 BACKLOG = LOCKSTEP_DEPTH // 4
@@ -54,9 +54,6 @@ class SimulatorNode(VehicleNode):
     ahead and the motion does not.  In lockstep the node takes one step for each command that
     answers its present state.  At the time `simulator.hold_at` of a lockstep it stops publishing
     states until that parameter changes, so other parameters can be set at a defined time.
-
-    The constructor calls `build` and `adopt`.  A subclass that overrides one of them sets the
-    attributes that its version uses before ``super().__init__()``.
     """
 
     declared = SIMULATOR
@@ -64,11 +61,13 @@ class SimulatorNode(VehicleNode):
 
     def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        lockstep = self.mode == 'lockstep'
         self._state = NULL_STATE
-        self._watchdog = Watchdog()
         self._held, self._resting = False, True
-        self.configure()
+
+    def start(self) -> None:
+        """Create the rigid body, and begin to simulate."""
+        super().start()
+        lockstep = self.mode == 'lockstep'
         self._command = np.zeros(self.body.vehicle.n)
         self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
         self._period_ns = round(self._step_ns / self.parameters['simulator.real_time_factor'])
@@ -79,7 +78,7 @@ class SimulatorNode(VehicleNode):
         self._speeds = self.offer(topics.SPEEDS)
         self.listen(topics.SPEED_COMMAND, self._receive)
         self._timer = self.create_timer(
-            REPEAT if lockstep else self._period_ns / 1e9,
+            STATE_REPEAT if lockstep else self._period_ns / 1e9,
             self._repeat if lockstep else self._catch_up,
             clock=self.steady,
         )
@@ -104,23 +103,18 @@ class SimulatorNode(VehicleNode):
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
-        levels = super().levels()
-        if self._watchdog.expired:
-            return [*levels, (ERROR, f'no command: {self.parameters["timeout_action"]}')]
-        return [*levels, (STALE, 'no command yet') if self._resting else (OK, 'in flight')]
+        state = (STALE, 'no command yet') if self._resting else (OK, 'in flight')
+        return [*super().levels(), state]
 
     def watch(self) -> None:
-        """Apply the timeout action while no commands come, except in lockstep."""
-        if self.mode == 'lockstep':
-            return
-        if self._watchdog.look():
-            action = str(self.parameters['timeout_action'])
-            self._command = fallback(action, self.body.vehicle, self._command)
-            if self._watchdog.begun:
-                self.counts['timeouts'] += 1
-                self.get_logger().error(f'no command for {self._watchdog.timeout:g} s: {action}')
-        if not self._resting:
+        """Check the timeout and take the steps that are due, except in lockstep."""
+        super().watch()
+        if self.mode == 'realtime' and not self._resting:
             self._catch_up()
+
+    def fall_back(self, action: str) -> None:
+        """Turn the rotors at the speeds of a timeout action."""
+        self._command = fallback(action, self.body.vehicle, self._command)
 
     def _receive(self, command: Float64MultiArray) -> None:
         self.counts['received'] += 1

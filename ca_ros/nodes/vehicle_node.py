@@ -6,13 +6,12 @@ from collections import Counter
 from collections.abc import Callable
 from math import inf
 from time import monotonic
-from typing import Any, cast
+from typing import Any, ClassVar
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from ca_ros.allocation.parameters import own_parameters
@@ -20,10 +19,11 @@ from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.parameters import PARAMETERS
-from ca_ros.nodes.qos import offered, requested
-from ca_ros.nodes.rclpy_internals import RMWError, given_parameters
+from ca_ros.nodes.qos import offered
+from ca_ros.nodes.rclpy_internals import given_parameters
+from ca_ros.nodes.stream import subscribe
 from ca_ros.nodes.topics import Topic
-from ca_ros.nodes.watchdog import TICK
+from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.vehicle.values import per_rotor
 from ca_ros.vehicle.vehicle import Vehicle
@@ -31,15 +31,12 @@ from ca_ros.vehicle.vehicle import Vehicle
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 """Each event handler costs a microsecond per command; `endpoints.faults` replaces rclpy's."""
 
-SIZE_MAX = 16384
-"""Largest message of a stream [bytes]: 2000 rotor speeds."""
-
 
 class VehicleNode(ParameterNode):
     """A node with the parameters of a vehicle.
 
-    The constructor of a subclass calls `configure` once `build` and `adopt` can run, then `offer`
-    and `listen` for its topics, and `observe` at its end.
+    The `start` of a subclass calls that of this class, then `offer` and `listen` for its topics,
+    and `observe` at its end.
 
     Parameters
     ----------
@@ -54,6 +51,8 @@ class VehicleNode(ParameterNode):
     """
 
     known = PARAMETERS
+    awaited: ClassVar[str] = 'command'
+    """What the node cannot work without; its absence is a timeout."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -64,6 +63,7 @@ class VehicleNode(ParameterNode):
         self.counts: Counter[str] = Counter()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.mode = str(self.parameters['mode'])
+        self._watchdog = Watchdog()
         self._streams: list[Subscription] = []
         self._offers: list[Publisher] = []
         self._logged: dict[str, float] = {}
@@ -131,49 +131,9 @@ class VehicleNode(ParameterNode):
 
         `receive` gets what `read` returns for the bytes of a message; default: the message.
 
-        Messages of more than `SIZE_MAX` bytes are dropped before conversion.  While there is one
-        publisher, the node counts the messages that were lost in transport or replaced by a newer
-        message before it took them.
+        See `ca_ros.nodes.stream.subscribe` for what is dropped and counted.
         """
-        kind, name = topic.kind, topic.name
-        newest = 0
-
-        def take(data: bytes, info: dict[str, Any]) -> None:
-            nonlocal newest
-            number = info.get('publication_sequence_number') or 0
-            lost = number - newest - 1
-            if newest and lost > 0 and stream.get_publisher_count() == 1:
-                self.counts[f'lost: {name}'] += lost
-            newest = number
-            try:
-                if len(data) > SIZE_MAX:
-                    fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
-                else:
-                    fault = None
-                    message = read(data) if read else deserialize_message(data, kind)
-            except RMWError:
-                fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
-            if fault:
-                self.counts['received'] += 1
-                self.drop(*fault)
-            else:
-                receive(message)
-
-        def forget(_: object) -> None:
-            nonlocal newest
-            newest = 0
-
-        stream = self.create_subscription(
-            kind,
-            name,
-            # rclpy's annotation does not have callbacks that take the information, too.
-            cast('Callable[[bytes], None]', take),
-            requested(self.mode),
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(
-                matched=forget, use_default_callbacks=False
-            ),
-        )
+        stream = subscribe(self, topic, self.mode, receive, read, self.drop, self.counts)
         self._streams.append(stream)
 
     def offer(self, topic: Topic) -> Publisher:
@@ -203,18 +163,47 @@ class VehicleNode(ParameterNode):
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
-        lost = self.audit is not None and not self.audit.sound
-        return self._notes + ([(ERROR, str(self.audit))] if lost else [])
+        levels = [*self._notes]
+        if self.audit is not None and not self.audit.sound:
+            levels.append((ERROR, str(self.audit)))
+        if self._watchdog.expired:
+            levels.append((ERROR, f'{self.missing}{self._action(": ")}'))
+        return levels
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
         return dict(self.counts)
 
+    @property
+    def missing(self) -> str:
+        """What the logs and diagnostics say is missing."""
+        return f'no {self.awaited}'
+
     def watch(self) -> None:
-        """Check the timeouts; called every `TICK` seconds."""
+        """Check the timeout, except in lockstep; called every `TICK` seconds."""
+        if self.mode == 'lockstep':
+            return
+        expired = self._watchdog.expired
+        if self._watchdog.look():
+            if self._watchdog.begun:
+                self.counts['timeouts'] += 1
+                self.get_logger().error(
+                    f'{self.missing} for {self._watchdog.timeout:g} s{self._action(": ")}'
+                )
+            self.fall_back(self._action())
+        elif expired:
+            self.get_logger().info(f'{self.awaited}s have returned')
+
+    def fall_back(self, action: str) -> None:
+        """Do the timeout action, if the node has one; called at each check after the timeout."""
 
     def close(self) -> None:
         """Send the last messages; called before the node is destroyed."""
+
+    def _action(self, before: str = '') -> str:
+        """Return the timeout action after some text; nothing if the node has none."""
+        action = self.parameters.get('timeout_action', '')
+        return f'{before}{action}' if action else ''
 
     def _tick(self) -> None:
         now = monotonic()

@@ -22,12 +22,12 @@ from ca_ros.problem.commandable import (
 )
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.parameters import COMMANDED_AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
-LOST_AXES = VEHICLE['allocation.lost_axes'].choices
+LOST_AXES = COMMANDED_AXES['allocation.lost_axes'].choices
 
-CHOICES_MAX = 2000
+STATED_CHOICES_MAX = 2000
 """Facet candidates up to which the audit states the hover margin: they take a millisecond."""
 
 
@@ -130,7 +130,7 @@ class Audit:
         if self.spin_torque:
             parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
         if self.keeps_hovering:
-            if self.kept.facet_choices <= CHOICES_MAX:
+            if self.kept.facet_choices <= STATED_CHOICES_MAX:
                 parts.append(f'hover margin {self.kept_hover_margin:.3g} [N, N m]')
             ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
             parts.append(f'around hover: {", ".join(ranges)}')

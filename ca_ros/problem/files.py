@@ -35,7 +35,7 @@ ARGUMENTS = {
 }
 """The argument of `AllocationProblem` for each entry of a file."""
 
-REQUIRED = ('matrix', 'lower', 'upper')
+REQUIRED_KEYS = ('matrix', 'lower', 'upper')
 
 
 def read_problem(name: str | Path) -> tuple[AllocationProblem, dict[str, Any]] | None:
@@ -98,7 +98,7 @@ def _problem(given: Any) -> AllocationProblem:
         raise ParameterError(
             f'problem.{unknown[0]}: no such entry; there are {", ".join(ARGUMENTS)}'
         )
-    if missing := [name for name in REQUIRED if given.get(name) is None]:
+    if missing := [name for name in REQUIRED_KEYS if given.get(name) is None]:
         raise ParameterError(f'problem.{missing[0]}: missing')
     try:
         return AllocationProblem(**{ARGUMENTS[name]: value for name, value in given.items()})

@@ -12,7 +12,7 @@ from ca_ros.arrays import Array, BoolArray
 STEPS = 50
 """Limit of Newton's iteration; the tests have not seen more than 20 steps."""
 
-FLAT = 1e-8
+SINGULAR_MIN = 1e-8
 """Singular value of the free rows of `basis` below which the free rotors do not span an axis."""
 
 STEEP = 2e4
@@ -24,7 +24,7 @@ SOFT = 0.05
 SAME = 1e-7
 """Change of a thrust, in units of the greatest thrust, for which no slack is used."""
 
-ROUNDING = 16 * float(np.finfo(float).eps)
+IMAGE_ROUNDING = 16 * float(np.finfo(float).eps)
 """Rounding error of thrusts that are computed from y, as a share of |y|."""
 
 
@@ -175,7 +175,7 @@ class DualNewton:
         sizes = np.zeros(len(y))
         sizes[: len(singular)] = singular
         slopes = axes @ (self.coordinates @ left)
-        flat = sizes < FLAT
+        flat = sizes < SINGULAR_MIN
         shares = slopes[~flat] / sizes[~flat]
         step = (shares / sizes[~flat]) @ axes[~flat]
         # Along an axis that the free rotors do not span, the residual is either a rounding error,
@@ -189,7 +189,7 @@ class DualNewton:
         # the thrusts loses fewer digits than adding it to y, which may be large.
         stepped = self.clip(thrusts + change)
         aimed = self.clip(unbounded + basis @ step)
-        lost = 1e-10 * (1.0 + np.abs(stepped).max()) + ROUNDING * np.linalg.norm(y + step)
+        lost = 1e-10 * (1.0 + np.abs(stepped).max()) + IMAGE_ROUNDING * np.linalg.norm(y + step)
         if np.abs(aimed - stepped).max() <= lost:
             return stepped, y + step, u - self.matrix @ stepped, [step]
         return thrusts, y, left, [step]
@@ -226,7 +226,7 @@ class DualNewton:
                 break
             change = np.zeros(len(thrusts))
             goal = self.coordinates @ left
-            change[free] = np.linalg.lstsq(self.basis[free].T, goal, rcond=FLAT)[0]
+            change[free] = np.linalg.lstsq(self.basis[free].T, goal, rcond=SINGULAR_MIN)[0]
             thrusts = self.clip(thrusts + change)
         return best
 

@@ -12,7 +12,7 @@ ZERO = 1e-8
 SLACK = 1e-12
 """Distance by which rounding may move a variable out of its bounds."""
 
-ROUNDING = 1e-9
+RATE_MIN = 1e-9
 """Rate below which a variable does not block a move."""
 
 PIVOTS_PER_VARIABLE = 8
@@ -200,7 +200,7 @@ class Simplex:
         coming, furthest = [], length
         for r, v in enumerate(self._basic):
             rate = sign * self._rates[r][k]
-            if v == target or -ROUNDING < rate < ROUNDING:
+            if v == target or -RATE_MIN < rate < RATE_MIN:
                 continue
             room = upper[v] - value[v] if rate > 0.0 else value[v] - lower[v]
             speed = abs(rate)

@@ -16,10 +16,10 @@ IndexArray = NDArray[np.intp]
 PARALLEL = 1e-10
 """Share of a segment's length below which its component along a normal is rounding."""
 
-FLAT = 1e-9
+SPANNING_MIN = 1e-9
 """Least singular value of unit vectors that span."""
 
-ROUNDING = 1e-12
+SPAN_ROUNDING = 1e-12
 """Relative size below which a component that should be zero is rounding."""
 
 TILES_MAX = 1_000_000
@@ -85,7 +85,7 @@ class Zonotope:
     def slanted(self, rates: Array, directions: Array) -> BoolArray:
         """Tell which rates ``directions @ normals.T`` (..., k) are more than rounding errors."""
         size = np.abs(directions / self._extent).max(axis=-1)
-        return np.abs(rates) > (ROUNDING * size)[..., None] * self._spans
+        return np.abs(rates) > (SPAN_ROUNDING * size)[..., None] * self._spans
 
     @cached_property
     def tiles(self) -> tuple[Array, Array, Array]:
@@ -133,7 +133,7 @@ def decomposition(generators: Array) -> tuple[Array, Array, Array] | None:
     if not (extent > 0.0).all():
         return None
     left, singular, right = np.linalg.svd(generators / extent[:, None], full_matrices=False)
-    return (left, singular, right) if (singular > FLAT).sum() == len(generators) else None
+    return (left, singular, right) if (singular > SPANNING_MIN).sum() == len(generators) else None
 
 
 def facet_normals(generators: Array) -> Array:
@@ -161,12 +161,12 @@ def facet_normals(generators: Array) -> Array:
         last = last[parents] + 1 + np.arange(len(parents)) - first[parents]
         spans = _exterior_products(spans, parents, vectors, last, size)
         sines = np.linalg.norm(spans, axis=1)
-        kept = sines > FLAT
+        kept = sines > SPANNING_MIN
         last, spans = last[kept], spans[kept] / sines[kept, None]
     # The components of a product belong to choices of m - 1 axes: to the axis that is left out.
     signs = (-1.0) ** np.arange(m)
     normals = spans[:, ::-1] * signs
-    leading = np.argmax(np.abs(normals) > FLAT, axis=1)
+    leading = np.argmax(np.abs(normals) > SPANNING_MIN, axis=1)
     normals *= np.sign(normals[np.arange(len(normals)), leading])[:, None]
     _, first = np.unique(np.round(normals, 11), axis=0, return_index=True)
     return normals[np.sort(first)]

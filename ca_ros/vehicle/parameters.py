@@ -6,7 +6,7 @@ from ca_ros.schema import Parameter
 
 AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
 
-VEHICLE = {
+BODY = {
     'vehicle.name': Parameter(
         'name of the vehicle, its hardware_id on /diagnostics', str, default='multirotor'
     ),
@@ -15,13 +15,19 @@ VEHICLE = {
     'vehicle.buoyancy': Parameter(
         'buoyancy of a vehicle in water, at the centre of mass [N]', default=0.0, minimum=0.0
     ),
+    'vehicle.center_of_mass': Parameter(
+        'centre of mass in the body frame [m]', array=True, default=[0.0, 0.0, 0.0]
+    ),
+}
+
+INERTIA = {
     'vehicle.inertia': Parameter(
         'inertia about the centre of mass [kg m^2]: Jx, Jy, Jz, or the matrix row by row',
         array=True,
     ),
-    'vehicle.center_of_mass': Parameter(
-        'centre of mass in the body frame [m]', array=True, default=[0.0, 0.0, 0.0]
-    ),
+}
+
+PROPULSION = {
     'rotors.positions': Parameter(
         'x, y, z of each rotor in the body frame, forward-left-up [m]', array=True
     ),
@@ -62,6 +68,9 @@ VEHICLE = {
         maximum=1.0,
         mutable=True,
     ),
+}
+
+COMMANDED_AXES = {
     'allocation.axes': Parameter(
         'the components of the wrench that are commanded',
         str,
@@ -77,3 +86,12 @@ VEHICLE = {
         choices=('refuse', 'drop'),
     ),
 }
+
+ALLOCATED = {**BODY, **PROPULSION, **COMMANDED_AXES}
+"""What an allocator needs of a vehicle."""
+
+SIMULATED = {**BODY, **INERTIA, **PROPULSION}
+"""What a simulation needs of a vehicle."""
+
+VEHICLE = {**BODY, **INERTIA, **PROPULSION, **COMMANDED_AXES}
+"""All parameters of a vehicle; a controller needs them all."""

@@ -17,12 +17,12 @@ from ca_ros.arrays import Array, constant, is_constant
 from ca_ros.schema import ParameterError, check_given, complete
 from ca_ros.vehicle import values
 from ca_ros.vehicle.files import read
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.parameters import ALLOCATED, VEHICLE
 
 HEALTH_MIN = 1e-9
 """A rotor whose health is below this counts as lost."""
 
-ROUNDING = 1e-9
+BOUND_ROUNDING = 1e-9
 """How far a thrust may be out of bounds, over the upper bound or 1 N, the greater of both."""
 
 
@@ -40,8 +40,8 @@ class Vehicle:
         [m/s^2]
     buoyancy : float
         [N]
-    inertia : (3, 3) array
-        About the centre of mass [kg m^2].
+    inertia : (3, 3) array or None
+        About the centre of mass [kg m^2].  Only a controller and a simulation need it.
     arms : (n, 3) array
         Position of each rotor relative to the centre of mass [m].
     rotor_axes : (n, 3) array
@@ -69,7 +69,7 @@ class Vehicle:
     mass: float
     gravity: float
     buoyancy: float
-    inertia: Array
+    inertia: Array | None
     arms: Array
     rotor_axes: Array
     spins: Array
@@ -116,7 +116,8 @@ class Vehicle:
     def from_parameters(cls, given: Mapping[str, Any]) -> Vehicle:
         """Build a vehicle from parameters by name, as in a parameter file.
 
-        Unknown names are ignored, except in the groups ``vehicle`` and ``rotors``.
+        Unknown names are ignored, except in the groups ``vehicle`` and ``rotors``.  The inertia
+        may be missing.
 
         Raises
         ------
@@ -125,7 +126,8 @@ class Vehicle:
         """
         concerned = {name: given[name] for name in given if _concerns_vehicle(name.split('.')[0])}
         check_given(concerned, VEHICLE)
-        p: dict[str, Any] = complete(given, VEHICLE)
+        table = VEHICLE if 'vehicle.inertia' in given else ALLOCATED
+        p: dict[str, Any] = complete(given, table)
         arms = values.arms(p)
         n = len(arms)
         speed_min, speed_max = values.speed_bounds(p, n)
@@ -133,7 +135,7 @@ class Vehicle:
             mass=p['vehicle.mass'],
             gravity=p['vehicle.gravity'],
             buoyancy=p['vehicle.buoyancy'],
-            inertia=values.inertia(p),
+            inertia=values.inertia(p) if 'vehicle.inertia' in p else None,
             arms=arms,
             rotor_axes=values.rotor_axes(p, n),
             spins=values.spins(p, n),
@@ -212,7 +214,8 @@ class Vehicle:
         Raises
         ------
         ValueError
-            If there is not one thrust per rotor, or one is out of bounds by more than `ROUNDING`.
+            If there is not one thrust per rotor, or one is out of bounds by more than
+            `BOUND_ROUNDING`.
         """
         thrusts = np.asarray(thrusts, float)
         if thrusts.ndim == 1 and len(thrusts) == self.n:
@@ -255,9 +258,9 @@ class Vehicle:
 
     @cached_property
     def _rotors(self) -> list[tuple[float, ...]]:
-        """For each rotor: both k_f, least and greatest thrust (with `ROUNDING`) and speed."""
+        """For each rotor: both k_f, and the bounds of thrust (with `BOUND_ROUNDING`) and speed."""
         factors = self.thrust_per_squared_speed, self.reverse_thrust_per_squared_speed
-        rounding = ROUNDING * np.maximum(1.0, self.thrust_max)
+        rounding = BOUND_ROUNDING * np.maximum(1.0, self.thrust_max)
         columns = (
             *(np.where(k_f > 0.0, k_f, 1.0) for k_f in factors),
             self.thrust_min - rounding,

@@ -25,9 +25,9 @@ class EchoNode(VehicleNode):
 
     declared = ALLOCATOR
 
-    def __init__(self, node_name: str = 'echo', **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        self.configure()
+    def start(self) -> None:
+        """Begin to answer."""
+        super().start()
         self._speeds = self.offer(topics.SPEED_COMMAND)
         self.listen(topics.WRENCH, self._serve)
 

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from ca_ros.arguments import HelpFormatter
 from ca_ros.evaluation.report.chapters import KINDS, ChapterError, chapter
 from ca_ros.evaluation.tables import render
 
@@ -35,7 +36,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         'contains all plots: it can be read without a network, and sent as a file.',
         epilog='SVG plots are preferred: make them with --figures svg.',
     )
-    parser.formatter_class = argparse.ArgumentDefaultsHelpFormatter
+    parser.formatter_class = HelpFormatter
     add = parser.add_argument
     for name, kind in KINDS.items():
         add(f'--{name}', type=Path, metavar='DIR', help=f'folder of the results of {kind.program}')

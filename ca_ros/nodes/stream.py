@@ -1,0 +1,87 @@
+"""The subscription to a stream, a topic that should have one publisher."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, cast
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+
+from ca_ros.nodes.qos import requested
+from ca_ros.nodes.rclpy_internals import RMWError
+from ca_ros.nodes.topics import Topic
+
+SIZE_MAX = 16384
+"""Largest message of a stream [bytes]: 2000 rotor speeds."""
+
+
+def subscribe(
+    node: Node,
+    topic: Topic,
+    mode: str,
+    receive: Callable[[Any], None],
+    read: Callable[[bytes], Any] | None,
+    drop: Callable[[str, str], None],
+    counts: Counter[str],
+) -> Subscription:
+    """Subscribe to a stream.
+
+    Messages of more than `SIZE_MAX` bytes are dropped before conversion.  While there is one
+    publisher, `counts` gets the messages that were lost in transport or replaced by a newer
+    message before the node took them.
+
+    Parameters
+    ----------
+    node : Node
+    topic : Topic
+    mode : 'realtime' or 'lockstep'
+    receive : callable
+        Called with what `read` returns for the bytes of a message; default: the message.
+    read : callable or None
+    drop : callable
+        Called with a reason and a text for each message that is dropped.
+    counts : Counter
+        Counts what is received and dropped here, and what is lost.
+    """
+    kind, name = topic.kind, topic.name
+    newest = 0
+
+    def take(data: bytes, info: dict[str, Any]) -> None:
+        nonlocal newest
+        number = info.get('publication_sequence_number') or 0
+        lost = number - newest - 1
+        if newest and lost > 0 and stream.get_publisher_count() == 1:
+            counts[f'lost: {name}'] += lost
+        newest = number
+        try:
+            if len(data) > SIZE_MAX:
+                fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
+            else:
+                fault = None
+                message = read(data) if read else deserialize_message(data, kind)
+        except RMWError:
+            fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
+        if fault:
+            counts['received'] += 1
+            drop(*fault)
+        else:
+            receive(message)
+
+    def forget(_: object) -> None:
+        nonlocal newest
+        newest = 0
+
+    stream = node.create_subscription(
+        kind,
+        name,
+        # rclpy's annotation does not have callbacks that take the information, too.
+        cast('Callable[[bytes], None]', take),
+        requested(mode),
+        raw=True,
+        event_callbacks=SubscriptionEventCallbacks(matched=forget, use_default_callbacks=False),
+    )
+    return stream
