@@ -17,6 +17,7 @@ from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.plots import COLORS, FORMATS, draw_flight, formats, save
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from strategies import FLEET
 
@@ -41,7 +42,8 @@ def pixels_of(picture, color):
 @pytest.mark.parametrize('name', ['quadrotor', 'x8'])
 def test_a_flight_becomes_a_png_with_a_line_for_each_rotor(tmp_path, name):
     vehicle = FLEET[name]
-    save(draw_flight(some_flight(vehicle), vehicle, WAYPOINT), tmp_path / 'flight', ['png'])
+    figure = draw_flight(some_flight(vehicle), vehicle, Trajectory.to(WAYPOINT))
+    save(figure, tmp_path / 'flight', ['png'])
     assert (tmp_path / 'flight.png').read_bytes().startswith(b'\x89PNG\r\n\x1a\n')
     picture = image.imread(tmp_path / 'flight.png')
     height, width = picture.shape[:2]
@@ -58,7 +60,7 @@ def test_a_plot_is_the_same_file_each_time(tmp_path, monkeypatch):
         folder.mkdir()
         # What matplotlib would take for the date of the file.
         monkeypatch.setenv('SOURCE_DATE_EPOCH', str(day * 86_400 + int(time.time())))
-        figure = draw_flight(some_flight(FLEET['x8']), FLEET['x8'], WAYPOINT)
+        figure = draw_flight(some_flight(FLEET['x8']), FLEET['x8'], Trajectory.to(WAYPOINT))
         files = save(figure, folder / 'flight', list(FORMATS))
         assert [file.name for file in files] == ['flight.png', 'flight.svg', 'flight.pdf']
         written.append([file.read_bytes() for file in files])

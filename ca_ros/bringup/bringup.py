@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -25,7 +24,7 @@ from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError
 from ca_ros.flight.plots import draw_flight, save
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.flight.trajectory import trajectory_of
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
 from ca_ros.vehicle.vehicle import Vehicle
@@ -77,13 +76,11 @@ def _bringup(options: argparse.Namespace) -> int:
     except (CaRosError, OSError, ValueError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
-    x, y, z = options.waypoint
-    waypoint = Waypoint.of(x, y, z, math.radians(options.heading))
     try:
-        flown = Session(options, nodes, interrupts, bag).fly(waypoint)
-        summary, reached = summarize(flown, waypoint, options.failures)
+        flown = Session(options, nodes, interrupts, bag).fly(options.goals)
+        summary, reached = summarize(flown, options.goals.last, options.failures)
         print(summary)
-        _write(options, flown, waypoint)
+        _write(options, flown)
     except (CaRosError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
@@ -96,6 +93,7 @@ def _bringup(options: argparse.Namespace) -> int:
 
 def _prepare(options: argparse.Namespace) -> tuple[dict[str, list[str]], Bag | None]:
     """Return the commands of the nodes, and the bag; find faults before the flight."""
+    options.goals = trajectory_of(options)
     nodes = commands(options)
     options.out.mkdir(parents=True, exist_ok=True)
     if not os.access(options.out, os.W_OK | os.X_OK):
@@ -108,13 +106,13 @@ def _prepare(options: argparse.Namespace) -> tuple[dict[str, list[str]], Bag | N
     return nodes, Bag(options.bag) if options.bag else None
 
 
-def _write(options: argparse.Namespace, flown: Flown, waypoint: Waypoint) -> None:
+def _write(options: argparse.Namespace, flown: Flown) -> None:
     """Write flight.csv and, if matplotlib is installed, the plot."""
     files = [options.out / 'flight.csv']
     flown.flight.write_csv(files[0])
     try:
         vehicle = Vehicle.from_parameters(flown.parameters)
-        figure = draw_flight(flown.flight, vehicle, waypoint)
+        figure = draw_flight(flown.flight, vehicle, options.goals)
         files += save(figure, options.out / 'flight', options.figures)
     except ModuleNotFoundError as missing:
         print(f"  no plot       needs {missing.name}: pip install 'ca_ros[studies]'")

@@ -17,6 +17,7 @@ from ca_ros.commands import COMMANDS, NODES
 from ca_ros.flight.plots import add_option
 from ca_ros.flight.rotor_failures import add_options as add_failure_options
 from ca_ros.flight.rotor_failures import failures_of
+from ca_ros.flight.trajectory import add_options as add_trajectory_options
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
 from ca_ros.nodes.parameters import DECLARED, NODE
 
@@ -42,17 +43,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         help="follow the clock, or step as fast as possible (default: the parameter file's)",
     )
     parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
-    parser.add_argument(
-        '--waypoint',
-        type=_finite,
-        nargs=3,
-        default=(1.0, 1.0, 1.0),
-        metavar=('X', 'Y', 'Z'),
-        help='position to fly to [m]',
-    )
-    parser.add_argument(
-        '--heading', type=_finite, default=45.0, help='heading to turn to [degrees]'
-    )
+    add_trajectory_options(parser)
     parser.add_argument(
         '--out',
         type=Path,
@@ -97,6 +88,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     options.failures = failures_of(options)
     if options.fail and options.respawn:
         parser.error('--fail: not with --respawn, which restarts the flight with sound rotors')
+    if options.trajectory and options.respawn:
+        parser.error('--trajectory: not with --respawn, which restarts the flight')
     options.ros = ros
     if options.params_file is not None:
         options.vehicle = options.params_file

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from rcl_interfaces.srv import GetParameters
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -131,6 +132,10 @@ class Recorder(Node):
         p.x, p.y, p.z = waypoint.position.tolist()
         q.x, q.y, q.z, q.w = waypoint.attitude.tolist()
         self._waypoint.publish(message)
+
+    def delivered(self) -> bool:
+        """Return whether every controller has received the last waypoint."""
+        return bool(self._waypoint.wait_for_all_acked(Duration(seconds=0.1)))
 
     @property
     def waiting(self) -> bool:

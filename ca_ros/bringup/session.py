@@ -23,10 +23,10 @@ from ca_ros.bringup.options import options_as_parameters
 from ca_ros.bringup.processes import Processes
 from ca_ros.bringup.recorder import LINK_NAMES, Recorder
 from ca_ros.bringup.reports import Reports
-from ca_ros.bringup.rotor_health import RotorHealth
+from ca_ros.bringup.timeline import Timeline
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.flight.trajectory import Trajectory
 
 PROGRESS_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""
@@ -98,8 +98,8 @@ class Session:
         self._processes = Processes(commands)
         self._looked = time.monotonic()
 
-    def fly(self, waypoint: Waypoint) -> Flown:
-        """Start the nodes, fly to a waypoint, and end the nodes.
+    def fly(self, trajectory: Trajectory) -> Flown:
+        """Start the nodes, fly a trajectory, and end the nodes.
 
         Raises
         ------
@@ -114,12 +114,12 @@ class Session:
                     self._executor.spin_once(timeout_sec=0.05)
                 self._check_alone(own=0)
                 with self._processes:
-                    return self._fly(waypoint)
+                    return self._fly(trajectory)
         finally:
             self._executor.shutdown()
             self._recorder.destroy_node()
 
-    def _fly(self, waypoint: Waypoint) -> Flown:
+    def _fly(self, trajectory: Trajectory) -> Flown:
         recorder, bag, duration = self._recorder, self._bag, self._options.duration
         if bag:
             bag.listen(self._options.namespace)
@@ -127,17 +127,17 @@ class Session:
         check(recorder.parameters, options_as_parameters(self._options))
         parameters = recorder.parameters
         lockstep = parameters['allocator']['mode'] == 'lockstep'
-        rotors = RotorHealth(recorder, self._options.failures, parameters)
-        self._wait(rotors.missing)
-        rotors.update(None, self._spin)
-        recorder.send(waypoint)
+        timeline = Timeline(recorder, trajectory, self._options.failures, parameters)
+        self._wait(timeline.missing)
+        timeline.update(None, self._spin)
+        recorder.send(trajectory.first)
         began = time.monotonic()
         progress, deadline = 0.0, Deadline(PROGRESS_TIMEOUT)
         while progress < duration:
             self._spin()
-            rotors.update(recorder.elapsed_ns, self._spin)
+            timeline.update(recorder.elapsed_ns, self._spin)
             if recorder.waiting and not recorder.missing():
-                recorder.send(waypoint)
+                recorder.send(trajectory.first)
             if recorder.elapsed != progress:
                 progress, deadline = recorder.elapsed, Deadline(PROGRESS_TIMEOUT)
                 _show(progress, duration)

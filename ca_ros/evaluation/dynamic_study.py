@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -23,15 +22,12 @@ from ca_ros.evaluation.observations import observe
 from ca_ros.evaluation.options import command, concluded, parser, positive, write
 from ca_ros.evaluation.paper import of_the_paper
 from ca_ros.evaluation.ros_flight import check, fly_over_ros
+from ca_ros.flight import trajectory
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import add_options, arguments, failures_of
-from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
-
-WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
-"""The paper's."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -45,7 +41,8 @@ def _study(options: argparse.Namespace) -> None:
     case, allocators = Case.of(options)
     failures = failures_of(options)
     failures.check(case.vehicle.n)
-    changes = {name: case.failing(name, failures) for name in allocators}
+    options.goals = goals = trajectory.trajectory_of(options)
+    changes = {name: [*case.failing(name, failures), *goals.changes()] for name in allocators}
     if options.ros:
         check(list(allocators))
     flights = _fly(case, allocators, changes, options)
@@ -59,7 +56,7 @@ def _study(options: argparse.Namespace) -> None:
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
     made = parser(
         'dynamic_study',
-        'Fly to (1, 1, 1) m and 45 degrees with each method: dynamic.csv, dynamic.json, '
+        'Fly to a waypoint or along a trajectory with each method: dynamic.csv, dynamic.json, '
         'dynamic.md and plots.',
     )
     add = made.add_argument
@@ -68,6 +65,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add('--ros', action='store_true', help=over_ros)
     add('--animate', action='store_true', help='also write animation.gif, which shows the flights')
     add_options(made)
+    trajectory.add_options(made)
     own, ros = split(argv)
     options = made.parse_args(own)
     if given := [word for word in ros if word in ('-p', '--param', '--params-file')]:
@@ -89,11 +87,12 @@ def _fly(
     try:
         for name, allocator in bar:
             if options.ros:
-                words = [*arguments(failures_of(options)), *options.ros_arguments]
-                flights[name] = fly_over_ros(case, name, WAYPOINT, options.duration, words)
+                words = [*trajectory.arguments(options), *arguments(failures_of(options))]
+                words += options.ros_arguments
+                flights[name] = fly_over_ros(case, name, options.duration, words)
             else:
                 time_step = case.parameters['simulator.time_step']
-                goal = WAYPOINT, options.duration, time_step
+                goal = options.goals.first, options.duration, time_step
                 loop = case.controller(), allocator, case.body()
                 flights[name] = fly(*loop, *goal, changes=changes[name])
     except KeyboardInterrupt:
@@ -108,22 +107,30 @@ def _write(
     options: argparse.Namespace,
 ) -> str:
     """Write all files; return dynamic.md."""
+    goal = options.goals.last
     out, failures, paper = options.out, failures_of(options), of_the_paper(case.parameters)
     last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
     samples = {
-        name: judge_samples(flight, case.controller(), WAYPOINT, changes[name])
+        name: judge_samples(flight, case.controller(), options.goals.first, changes[name])
         for name, flight in flights.items()
     }
-    # The observations are about the paper's vehicle without failures.
-    problem, checked = VehicleProblem(case.vehicle), paper and not options.fail
-    observations = list(observe(flights, problem, WAYPOINT)) if checked else []
+    # The observations are about the paper's flight without failures.
+    own_goal = bool(trajectory.arguments(options))
+    problem = VehicleProblem(case.vehicle)
+    checked = paper and not options.fail and not own_goal
+    observations = list(observe(flights, problem, goal)) if checked else []
     found = {
         'vehicle': case.name,
         'duration': options.duration,
+        'goal': str(options.goals),
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
-        'command': [*command('dynamic_study', options), *arguments(failures)],
+        'command': [
+            *command('dynamic_study', options),
+            *trajectory.arguments(options),
+            *arguments(failures),
+        ],
         'methods': {
-            name: metrics(flight, samples[name], WAYPOINT) for name, flight in flights.items()
+            name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },
         'failures': arguments(failures),
         'lost_axes': audit(case.vehicle.with_health(last)).lost,
@@ -140,8 +147,8 @@ def _write(
     text = document(found)
     write(out / 'dynamic', rows, found, text)
     if options.animate:
-        animate(out / 'animation.gif', flights, samples, case.vehicle, WAYPOINT, failures)
-    draw(out, flights, samples, case.vehicle, WAYPOINT, failures, options.figures)
+        animate(out / 'animation.gif', flights, samples, case.vehicle, goal, failures)
+    draw(out, flights, samples, case.vehicle, goal, failures, options.figures)
     return text
 
 

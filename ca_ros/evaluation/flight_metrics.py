@@ -48,8 +48,8 @@ def judge_samples(
 ) -> pd.DataFrame:
     """Compare the commanded wrenches of a flight with the delivered ones.
 
-    The controller recomputes the commands from the samples; the changes are rotor failures and
-    their announcements.
+    The controller recomputes the commands from the samples.  The flight begins with the waypoint;
+    the changes are later waypoints, rotor failures and their announcements.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def judge_samples(
         and are at a bound.
     """
     parts = []
-    for part, pilot, vehicle in _legs(flight, controller, changes):
+    for part, pilot, vehicle, goal in _legs(flight, controller, waypoint, changes):
         states = zip(
             flight.position[part],
             flight.attitude[part],
@@ -69,7 +69,7 @@ def judge_samples(
             flight.angular_velocity[part],
             strict=True,
         )
-        commanded = np.array([pilot.wrench(*state, waypoint) for state in states])
+        commanded = np.array([pilot.wrench(*state, goal) for state in states])
         thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
         residual = commanded - thrusts @ control_allocation_matrix(pilot.vehicle).T
         forces = np.array([axis in FORCES for axis in axes])
@@ -120,19 +120,20 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
 
 
 def _legs(
-    flight: Flight, controller: Controller, changes: Sequence[Change]
-) -> Iterator[tuple[slice, Controller, Vehicle]]:
-    """Yield the samples between changes, the controller, and the vehicle as it physically is."""
+    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change]
+) -> Iterator[tuple[slice, Controller, Vehicle, Waypoint]]:
+    """Yield the samples between changes, controller, vehicle as it physically is, and waypoint."""
     vehicle, start = controller.vehicle, 0
     times = np.round(flight.time * 1e9)
     for change in [*sorted(changes, key=lambda change: change.time), None]:
         end = len(times) if change is None else int(np.searchsorted(times, change.time))
         if end > start:
-            yield slice(start, end), controller, vehicle
+            yield slice(start, end), controller, vehicle, waypoint
         start = end
         if change is not None:
             controller = change.controller or controller
             vehicle = change.body.vehicle if change.body else vehicle
+            waypoint = change.waypoint or waypoint
 
 
 def _margin(vehicle: Vehicle, axes: Sequence[str], wrenches: Array) -> Any:

@@ -18,7 +18,10 @@ from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.plots import add_option
 
-NOT_REPEATED = ('out', 'figures', 'fail', 'announce', 'ros_arguments')
+NOT_REPEATED = (
+    'out', 'figures', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint', 'heading',
+    'trajectory',
+)  # fmt: skip
 """Options that `command` leaves out: places of files, and what the dynamic study adds itself."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import signal
 import sys
 import tempfile
@@ -20,7 +19,6 @@ from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.record import Flight
-from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import PARAMETERS
 
 ENDING = 30.0
@@ -41,10 +39,8 @@ def check(methods: Sequence[str]) -> None:
             raise RosFlightError(f'--ros: the nodes have {known}, but not {method}')
 
 
-def fly_over_ros(
-    case: Case, method: str, waypoint: Waypoint, duration: float, ros: Sequence[str]
-) -> Flight:
-    """Fly with `bringup`, which gets further arguments, in the ROS domain of the environment.
+def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str]) -> Flight:
+    """Fly with `bringup`, which gets further words, in the ROS domain of the environment.
 
     Raises a RosFlightError with the last line that `bringup` wrote if there is no flight.
     """
@@ -57,9 +53,7 @@ def fly_over_ros(
         (out / 'vehicle.yaml').write_text(yaml.safe_dump(parameters), encoding='utf-8')
         command = [sys.executable, '-m', 'ca_ros.bringup.bringup', '--mode', 'lockstep']
         command += ['--duration', repr(duration), '--out', folder]
-        command += ['--vehicle', str(out / 'vehicle.yaml'), '--waypoint']
-        command += [repr(coordinate) for coordinate in waypoint.position.tolist()]
-        command += ['--heading', repr(math.degrees(waypoint.heading)), *ros]
+        command += ['--vehicle', str(out / 'vehicle.yaml'), *words]
         with (out / 'log').open('w+', encoding='utf-8') as log:
             # In a session of its own: Ctrl-C reaches only this process, which passes it on once.
             process = start(command, stdout=log, stderr=log)

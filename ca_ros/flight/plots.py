@@ -11,7 +11,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.record import Flight
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -84,8 +84,8 @@ def line(i: int) -> dict[str, Any]:
     return {'color': COLORS[i % len(COLORS)], 'linestyle': DASHES[i // len(COLORS) % len(DASHES)]}
 
 
-def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
-    """Plot position, attitude and rotor speeds over time; waypoint and bounds are dashed."""
+def draw_flight(flight: Flight, vehicle: Vehicle, trajectory: Trajectory) -> Figure:
+    """Plot position, attitude and rotor speeds over time; waypoints and bounds are dashed."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -93,8 +93,8 @@ def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
         figure = Figure(figsize=(7.0, 7.5), layout='constrained')
         position, attitude, speeds = figure.subplots(3, 1, sharex=True)
         _lines(position, flight.time, flight.position, ('x', 'y', 'z'), 'position [m]')
-        for level in np.unique(waypoint.position):
-            position.axhline(level, **DASHED)
+        goals, headings = trajectory.goals(flight.time)
+        position.plot(flight.time, goals, **DASHED)
         _lines(
             attitude,
             flight.time,
@@ -102,7 +102,7 @@ def draw_flight(flight: Flight, vehicle: Vehicle, waypoint: Waypoint) -> Figure:
             ('roll', 'pitch', 'heading'),
             'angle [deg]',
         )
-        attitude.axhline(np.degrees(waypoint.heading), **DASHED)
+        attitude.plot(flight.time, np.degrees(headings), **DASHED)
         names = [f'rotor {i + 1}' for i in range(vehicle.n)]
         _lines(speeds, flight.time, flight.speeds, names, 'rotor speed [rad/s]')
         for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):

@@ -45,11 +45,12 @@ class ControllerNode(VehicleNode):
         """Create the controller, and begin to answer."""
         super().start()
         self._wrench = self.offer(topics.WRENCH)
-        self.listen(topics.POSE, self._receive_pose)
-        self.listen(topics.VELOCITY, self._receive_velocity)
+        # Subscriptions are served in this order, so a waypoint counts from the next state on.
         self.create_subscription(
             topics.WAYPOINT.kind, topics.WAYPOINT.name, self._receive_waypoint, COMMAND
         )
+        self.listen(topics.POSE, self._receive_pose)
+        self.listen(topics.VELOCITY, self._receive_velocity)
         self.observe('control')
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Controller]:

@@ -1,4 +1,4 @@
-"""Rotor failures in flight: sets the parameter rotors.health of the nodes at given times."""
+"""What happens at given times of a flight: waypoints, rotor failures and their announcements."""
 
 from __future__ import annotations
 
@@ -7,49 +7,56 @@ from time import monotonic
 from typing import Any
 
 from rcl_interfaces.srv import SetParameters
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from ca_ros.bringup.deadline import Deadline
-from ca_ros.bringup.recorder import REQUEST_REPEAT
+from ca_ros.bringup.recorder import REQUEST_REPEAT, Recorder
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.flight.trajectory import Trajectory
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
 TIMEOUT = 60.0
 """Time limit for a node to accept a parameter [s]."""
 
 
-class RotorHealthError(CaRosError):
+class TimelineError(CaRosError):
     """The vehicle has no such rotor, or a node refuses the parameter."""
 
 
-class RotorHealth:
-    """Fails rotors in the simulator, and announces the failures to controller and allocator.
+class Timeline:
+    """Sends the waypoints of a flight, fails rotors, and announces the failures.
 
-    In lockstep the simulator waits at each of these times (`simulator.hold_at`) until the nodes
-    have answered, so all flights are the same.  In real time it does not wait.
+    A rotor fails in the simulator; controller and allocator are told.  In lockstep the simulator
+    waits at each time (`simulator.hold_at`) until the nodes have answered, so all flights are the
+    same.  In real time it does not wait.
 
     Parameters
     ----------
-    node : Node
-        The node of the clients, in the namespace of the three nodes.
+    recorder : Recorder
+        Sends the waypoints, and is the node of the clients.
+    trajectory : Trajectory
     failures : RotorFailures
     parameters : mapping
         The parameters by node and name.
 
     Raises
     ------
-    RotorHealthError
+    TimelineError
         If the vehicle does not have these rotors.
     """
 
     def __init__(
-        self, node: Node, failures: RotorFailures, parameters: Mapping[str, Mapping[str, Any]]
+        self,
+        recorder: Recorder,
+        trajectory: Trajectory,
+        failures: RotorFailures,
+        parameters: Mapping[str, Mapping[str, Any]],
     ) -> None:
-        self.failures = failures
+        self._recorder, self._trajectory, self._failures = recorder, trajectory, failures
         self._health = {
             name: Vehicle.from_parameters(parameters[name]).health
             for name in NODES
@@ -58,15 +65,15 @@ class RotorHealth:
         try:
             failures.check(len(self._health['simulator']))
         except ValueError as error:
-            raise RotorHealthError(str(error)) from None
+            raise TimelineError(str(error)) from None
         self._set_to = {name: health.tolist() for name, health in self._health.items()}
         simulator = parameters['simulator']
         self._lockstep = simulator['mode'] == 'lockstep'
         self._ahead = round(simulator['simulator.time_step'] * 1e9) if self._lockstep else 0
-        self._times = failures.times()
+        self._times = sorted({*failures.times(), *trajectory.times[1:]})
         self._clients = (
             {
-                name: node.create_client(SetParameters, f'{name}/set_parameters')
+                name: recorder.create_client(SetParameters, f'{name}/set_parameters')
                 for name in self._health
             }
             if self._times
@@ -80,7 +87,7 @@ class RotorHealth:
         ]
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
-        """Set the parameters that are due.
+        """Do what is due.
 
         Parameters
         ----------
@@ -91,7 +98,7 @@ class RotorHealth:
 
         Raises
         ------
-        RotorHealthError
+        TimelineError
             If a node refuses, or does not answer.
         """
         # The simulator waits with the state that follows the last complete sample.
@@ -100,8 +107,11 @@ class RotorHealth:
         while self._times and self._times[0] <= now:
             due = True
             time = self._times.pop(0)
+            if time in self._trajectory.times[1:]:
+                self._send(self._trajectory.at(time), spin)
             for name in self._health:
-                happens = self.failures.physical if name == 'simulator' else self.failures.believed
+                own = name == 'simulator'
+                happens = self._failures.physical if own else self._failures.believed
                 health = happens(self._health[name], time).tolist()
                 if health != self._set_to[name]:
                     self._set(name, 'rotors.health', health, spin)
@@ -110,6 +120,14 @@ class RotorHealth:
             hold = self._times[0] / 1e9 if self._times else 0.0
             self._set('simulator', 'simulator.hold_at', hold, spin)
 
+    def _send(self, waypoint: Waypoint, spin: Callable[[], None]) -> None:
+        self._recorder.send(waypoint)
+        deadline = Deadline(TIMEOUT)
+        while self._lockstep and not self._recorder.delivered():
+            if deadline.passed():
+                raise TimelineError('the controller does not receive the waypoint')
+            spin()
+
     def _set(
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
     ) -> None:
@@ -117,7 +135,7 @@ class RotorHealth:
         deadline, again = Deadline(TIMEOUT), monotonic()
         while not (done := [future for future in futures if future.done()]):
             if deadline.passed():
-                raise RotorHealthError(f'the {name} does not answer: {parameter} cannot be set')
+                raise TimelineError(f'the {name} does not answer: {parameter} cannot be set')
             # The answer is lost if the node has not discovered the client yet.
             if monotonic() >= again:
                 message = Parameter(parameter, value=value).to_parameter_msg()
@@ -127,4 +145,4 @@ class RotorHealth:
             spin()
         (result,) = done[0].result().results
         if not result.successful:
-            raise RotorHealthError(f'the {name} refuses {parameter}: {result.reason}')
+            raise TimelineError(f'the {name} refuses {parameter}: {result.reason}')

@@ -1,0 +1,159 @@
+"""A trajectory: waypoints, each with the time of flight from which it counts."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.flight.closed_loop import Change
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.schema import ParameterError
+
+COLUMNS = ('t', 'x', 'y', 'z', 'heading')
+
+POSITION, HEADING = (1.0, 1.0, 1.0), 45.0
+"""The paper's waypoint [m, degrees]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Waypoints in the order of their times.
+
+    Attributes
+    ----------
+    times : tuple of int
+        Time of flight from which each waypoint counts, ascending from 0 [ns].
+    waypoints : tuple of Waypoint
+    """
+
+    times: tuple[int, ...]
+    waypoints: tuple[Waypoint, ...]
+
+    @classmethod
+    def to(cls, waypoint: Waypoint) -> Trajectory:
+        """Return the trajectory that has a single waypoint."""
+        return cls((0,), (waypoint,))
+
+    @classmethod
+    def read(cls, path: Path) -> Trajectory:
+        """Read a CSV file with the columns t [s], x, y, z [m] and heading [rad].
+
+        Raises
+        ------
+        ParameterError
+            In one line that names the file and the fault.
+        """
+        try:
+            with path.open(newline='', encoding='utf-8') as file:
+                rows = list(csv.DictReader(file, strict=True))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise ParameterError(f'{path}: {error}') from None
+        try:
+            table = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
+        except (KeyError, TypeError, ValueError):
+            raise ParameterError(
+                f'{path}: expected a header and rows of numbers, {", ".join(COLUMNS)}'
+            ) from None
+        if len(table) == 0 or not (np.isfinite(table).all() and np.abs(table).max() <= 1e6):
+            raise ParameterError(f'{path}: expected at least one row, of numbers up to 1e6')
+        times = np.round(table[:, 0] * 1e9).astype(int).tolist()
+        if times[0] != 0 or sorted(set(times)) != times:
+            raise ParameterError(f'{path}: expected times that begin at 0 and ascend')
+        return cls(tuple(times), tuple(Waypoint.of(*row) for row in table[:, 1:].tolist()))
+
+    def __str__(self) -> str:
+        """Return where the trajectory ends, in words."""
+        x, y, z = self.last.position.tolist()
+        end = f'({x:g}, {y:g}, {z:g}) m and a heading of {math.degrees(self.last.heading):.4g}°'
+        return end if len(self.times) == 1 else f'{end}, by {len(self.times)} waypoints'
+
+    @property
+    def first(self) -> Waypoint:
+        """The waypoint at the start."""
+        return self.waypoints[0]
+
+    @property
+    def last(self) -> Waypoint:
+        """The waypoint at the end."""
+        return self.waypoints[-1]
+
+    def at(self, time: int) -> Waypoint:
+        """Return the waypoint that counts at a time of flight [ns]."""
+        return self.waypoints[int(np.searchsorted(self.times, time, side='right')) - 1]
+
+    def changes(self) -> list[Change]:
+        """Return the changes of a closed loop that begins with the first waypoint."""
+        pairs = zip(self.times[1:], self.waypoints[1:], strict=True)
+        return [Change(time, waypoint=waypoint) for time, waypoint in pairs]
+
+    def goals(self, time: Array) -> tuple[Array, Array]:
+        """Return the wanted positions (K, 3) [m] and headings (K,) [rad] at times (K,) [s]."""
+        due = [self.at(ns) for ns in np.round(time * 1e9).astype(int).tolist()]
+        return np.array([each.position for each in due]), np.array([each.heading for each in due])
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the waypoint or the trajectory."""
+    parser.add_argument(
+        '--waypoint',
+        type=_finite,
+        nargs=3,
+        metavar=('X', 'Y', 'Z'),
+        help=f'position to fly to [m] (default: {" ".join(f"{x:g}" for x in POSITION)})',
+    )
+    parser.add_argument(
+        '--heading',
+        type=_finite,
+        help=f'heading to turn to [degrees] (default: {HEADING:g})',
+    )
+    parser.add_argument(
+        '--trajectory',
+        type=Path,
+        metavar='FILE',
+        help=f'fly to one waypoint after the other: a CSV file with {", ".join(COLUMNS)}, in s, m '
+        'and rad; each counts from its time on',
+    )
+
+
+def trajectory_of(options: argparse.Namespace) -> Trajectory:
+    """Return the trajectory that the options name.
+
+    Raises
+    ------
+    ParameterError
+        If there are a waypoint and a trajectory, or the file of the trajectory is wrong.
+    """
+    position, heading = options.waypoint, options.heading
+    if options.trajectory is not None:
+        if position is not None or heading is not None:
+            raise ParameterError('--trajectory: not with --waypoint or --heading')
+        return Trajectory.read(options.trajectory)
+    x, y, z = POSITION if position is None else position
+    angle = HEADING if heading is None else heading
+    return Trajectory.to(Waypoint.of(x, y, z, math.radians(angle)))
+
+
+def arguments(options: argparse.Namespace) -> Sequence[str]:
+    """Return the options of `add_options` that were given, as words of a command line."""
+    words = []
+    if options.waypoint is not None:
+        words += ['--waypoint', *map(repr, options.waypoint)]
+    if options.heading is not None:
+        words += ['--heading', repr(options.heading)]
+    if options.trajectory is not None:
+        words += ['--trajectory', str(options.trajectory.resolve())]
+    return words
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f'{text} is not a finite number')
+    return number
