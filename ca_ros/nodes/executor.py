@@ -135,9 +135,14 @@ class Executor(executors.Executor):
                 with warnings.catch_warnings(record=True) as late:
                     warnings.simplefilter('always')
                     service.send_response(response, header)
-                for each in late:
+                if late:
                     # The client has not been discovered or has ended; a client may ask again.
-                    self._warn(node, f'{service.srv_name}: {each.message}')
+                    # rclpy throttles each line of code for itself.
+                    node.get_logger().warning(
+                        f'{service.srv_name}: {late[0].message}',
+                        throttle_duration_sec=1.0,
+                        throttle_time_source_type=self._steady,
+                    )
 
     def _convertible(self, node: Node, kind: Any, message: Any) -> bool:
         """Return whether rclpy can convert a message or request; log it if not."""
