@@ -39,7 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         names = next(iter(sets.values())).problem.axes
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
         found = {name: _polytope(image, axes, options) for name, image in sets.items()}
-        figure = draw(found, options.size)
+        problem = next(iter(sets.values())).problem
+        reference = problem.reference[[names.index(axis) for axis in axes]]
+        figure = draw(found, reference, options.size)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
@@ -172,13 +174,15 @@ def _ranges(polytope: Polytope) -> Array:
     return np.column_stack([points.min(axis=0), points.max(axis=0)])
 
 
-def draw(polytopes: Mapping[str, Polytope], size: str = 'page') -> Figure:
+def draw(polytopes: Mapping[str, Polytope], reference: Array, size: str = 'page') -> Figure:
     """Plot polytopes of two axes as filled polygons, or of three axes as bodies.
 
     Parameters
     ----------
     polytopes : mapping of str to Polytope
         By their names in the legend; all of the same axes.
+    reference : (k,) array
+        The reference, hover for a vehicle, which a + marks.
     size : 'column' or 'page'
         Width of the figure: one column or two.
     """
@@ -191,6 +195,7 @@ def draw(polytopes: Mapping[str, Polytope], size: str = 'page') -> Figure:
         for i, (name, polytope) in enumerate(polytopes.items()):
             if not polytope.empty:
                 (_body if solid else _polygon)(plot, polytope, name, i)
+        plot.plot(*reference[:, None], '+', color='black', markersize=9, markeredgewidth=1.6)
         plot.set_xlabel(_label(axes[0]))
         plot.set_ylabel(_label(axes[1]))
         if solid:
