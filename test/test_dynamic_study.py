@@ -318,4 +318,4 @@ def test_the_reason_for_no_flight_over_ros_is_told(graph, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     case = Case.load('hexarotor')
     with pytest.raises(RosFlightError, match=r'exact: no flight over ROS: .*nonsense'):
-        fly_over_ros(case, 'exact', WAYPOINT, 1.0, ['--nonsense'])
+        fly_over_ros(case, 'exact', 1.0, ['--nonsense'])

@@ -18,7 +18,7 @@ pytestmark = [
                        reason=f'needs {", ".join(firmware.missing())}'),
 ]
 
-PRODUCT_WORST, OSQP_MEDIAN = 110.0, 0.1
+PRODUCT_WORST, OSQP_MEDIAN = 100.0, 0.1
 """What a call may take: clipped pseudo-inverses, and a share of OSQP's calls."""
 
 

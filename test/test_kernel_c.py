@@ -13,7 +13,7 @@ import pytest
 
 import ca_ros
 
-INPUTS = os.environ.get('CA_ROS_HOSTILE', '100000')
+INPUTS = os.environ.get('CA_ROS_HOSTILE', '20000')
 
 KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 SOURCES = sorted(str(path) for path in KERNEL.glob('*.c') if path.name != 'module.c')
