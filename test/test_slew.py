@@ -65,6 +65,26 @@ def test_rotors_reverse_through_zero():
     assert last.min() < -200.0
 
 
+@pytest.mark.parametrize('method', ALLOCATORS)
+def test_speeds_give_the_thrusts_on_both_sides_of_zero(method):
+    rov = Vehicle.load('rov')
+    slow, last = SlewLimited(method, rov, rates=2000.0), np.full(8, -300.0)
+    for step in range(120):
+        swing = np.sin(0.1 * step) * np.array([80.0, 60.0, 120.0, 8.0, 8.0, 15.0])
+        answer = slow.allocate(swing, last, 0.01)
+        assert np.all(np.abs(answer.speeds - np.clip(last, -377.0, 377.0)) <= 20.0 * (1.0 + 1e-12))
+        np.testing.assert_allclose(rov.thrusts(answer.speeds), answer.thrusts, atol=1e-9)
+        last = answer.speeds
+
+
+def test_rotors_that_can_only_reverse_for_now_are_not_lost():
+    slow = SlewLimited('exact', Vehicle.load('rov'), rates=2000.0)
+    answer = slow.allocate([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], np.full(8, -1.0), 0.0005)
+    # The speeds are between -2 and 0; the vertical rotors stop, which is nearest to the demand.
+    np.testing.assert_allclose(answer.speeds[4:], 0.0, atol=1e-5)
+    assert answer.status is Status.PRIORITIZED
+
+
 def test_an_answer_without_slew_limits_has_no_last_command():
     assert make_allocator('exact', HEXAROTOR).allocate(ROLL).last is None
 

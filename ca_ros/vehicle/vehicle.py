@@ -185,7 +185,7 @@ class Vehicle:
     @property
     def powerless(self) -> bool:
         """Whether all rotors are lost."""
-        return not self.thrust_max.any()
+        return not (self.thrust_min.any() or self.thrust_max.any())
 
     @cached_property
     def thrust_min(self) -> Array:
@@ -195,7 +195,7 @@ class Vehicle:
     @cached_property
     def thrust_max(self) -> Array:
         """f_max of Eq. (10), (n,) [N]; zero for a lost rotor."""
-        return constant(self.thrust_per_squared_speed * self.speed_max**2)
+        return constant(self.thrusts(self.speed_max))
 
     def thrusts(self, speeds: ArrayLike) -> Array:
         """Return the thrusts (..., n) [N] at the given speeds (..., n) [rad/s], Eq. (1)."""
