@@ -189,6 +189,8 @@ def test_without_preference_nothing_changes():
 
 @pytest.mark.parametrize(('options', 'fault'), [
     ({'weights': 0.0}, 'weights'), ({'weights': [1.0, 2.0]}, 'weights.*6'),
+    ({'weights': [1e5, 1.0, 1.0, 1.0, 1.0, 1.0]}, 'weights: 100000 is more than 10000 times 1'),
+    ({'preferred': 500.0}, 'preferred: expected thrusts up to 400'),
     ({'preferred': np.nan}, 'preferred'), ({'preferred': 'hover'}, 'preferred')])
 def test_a_wrong_option_is_named(options, fault):
     with pytest.raises(ValueError, match=fault):

@@ -179,6 +179,8 @@ def test_a_problem_has_no_rotor_speeds():
     (([[1.0, 1.0]], 0.0, 1.0, None, ['a', 'a']), 'names: expected 2 different names'),
     (([[1.0, 1.0]], 0.0, 1.0, None, None, [0.0, 0.0]), 'reference: expected 1 numbers'),
     (([[1.0, 1.0]], 0.0, 1.0, None, None, 0.0), 'reference: expected 1 numbers'),
+    (([[1.0, 1.0], [1e-7, 0.0]], 0.0, 1.0), 'half of the range of axis_2 is 5e-08, too small'),
+    (([[1e9, 1e9], [1.0, 0.0]], 0.0, 1.0), 'choose units in which it is at least 1e+03'),
 ])
 def test_wrong_data_are_named(arguments, fault):
     with pytest.raises(ValueError, match=re.escape(fault)):

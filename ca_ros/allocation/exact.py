@@ -34,6 +34,12 @@ EXACT = Status.EXACT
 STATUSES = tuple(Status)
 """By number; to look one up in the enumeration takes ten times as long."""
 
+WEIGHTS_MAX = 1e4
+"""Greatest ratio of two weights."""
+
+PREFERRED_MAX = 100.0
+"""Greatest preferred thrust, in units of the greatest bound."""
+
 THREAD_MIN = 8192
 """Wrenches of a batch for each thread, at least."""
 
@@ -75,8 +81,8 @@ class Exact(Allocator):
         facets of the admissible set are almost parallel, because the vehicle is symmetric except
         for the rounding of its file.  There it keeps the thrusts from jumping.
     weights : float or (n,) array
-        The diagonal of W, positive.  A rotor with a greater weight deviates less from its
-        preferred thrust.
+        The diagonal of W, positive, at most 1e4 times each other.  A rotor with a greater weight
+        deviates less from its preferred thrust.
     preferred : float or (n,) array
         f_p, the preferred thrusts [N].
 
@@ -179,6 +185,17 @@ class Exact(Allocator):
         self.weights = per_rotor('weights', weights, problem.n, self.parameters)
         self.preferred = per_rotor('preferred', preferred, problem.n, self.parameters)
         preference = None
+        least, greatest = float(self.weights.min()), float(self.weights.max())
+        if greatest > WEIGHTS_MAX * least:
+            raise ValueError(
+                f'weights: {greatest:g} is more than {WEIGHTS_MAX:g} times {least:g}, too much '
+                'for the digits of the thrusts'
+            )
+        limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())
+        if np.abs(self.preferred).max() > limit:
+            raise ValueError(
+                f'preferred: expected thrusts up to {limit:g}, got {self.preferred.tolist()}'
+            )
         if np.any(self.weights != 1.0) or np.any(self.preferred != 0.0):
             preference = self.weights, self.preferred
         self._preference = preference

@@ -99,9 +99,7 @@ class SlewLimited:
             lower, upper = _narrowed(vehicle.speed_min, vehicle.speed_max, last, change)
             return VehicleProblem(replace(vehicle, speed_min=lower, speed_max=upper))
         lower, upper = _narrowed(problem.lower, problem.upper, last, change)
-        return AllocationProblem(
-            problem.gamma, lower, upper, problem.axes, problem.names, problem.reference
-        )
+        return problem.bounded(lower, upper)
 
 
 def _narrowed(lower: Array, upper: Array, last: Array, change: Array) -> tuple[Array, Array]:

@@ -17,6 +17,9 @@ from ca_ros.solver.zonotope import Zonotope, decomposition
 EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
 
+UNITS_MIN = 1e-6
+"""Least range of an axis, and least share of the greatest range, where errors are judged."""
+
 ABSURD = 1e100
 """Greatest number that a wrench may have; larger ones are errors of the caller [N, N m]."""
 
@@ -104,11 +107,14 @@ class AllocationProblem:
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, a lower bound is above its upper bound, or
-        names are missing or repeated.
+        If a shape is wrong, a number is not finite, a lower bound is above its upper bound, names
+        are missing or repeated, or the units of the axes differ too much.
 
     Notes
     -----
+    EXACT means that |u - B f| is at most 1e-12 max(1, |u|), with all axes together.  Therefore
+    units are refused in which the range of an axis is below 1e-6, or 1e-6 of the greatest.
+
     A problem is not audited: axes that the effectors cannot command independently are an error
     only where the admissible set must have a volume.
     """
@@ -136,24 +142,45 @@ class AllocationProblem:
         numbered = [f'axis_{k + 1}' for k in range(m)], [str(i + 1) for i in range(n)]
         self.axes = _names('axes', numbered[0] if axes is None else axes, m)
         self.names = _names('names', numbered[1] if names is None else names, n)
-        self.gamma = constant(gamma)
-        self.lower = constant(numbers('lower', lower, n))
-        self.upper = constant(numbers('upper', upper, n))
-        if (self.lower > self.upper).any():
-            i = int(np.argmax(self.lower > self.upper))
+        low, high = numbers('lower', lower, n), numbers('upper', upper, n)
+        if (low > high).any():
+            i = int(np.argmax(low > high))
             raise ValueError(
-                f'lower: {self.lower[i]:g} of {self.names[i]!r} is above its upper bound, '
-                f'{self.upper[i]:g}'
+                f'lower: {low[i]:g} of {self.names[i]!r} is above its upper bound, {high[i]:g}'
             )
-        self.reference = constant(
-            np.zeros(m) if reference is None else numbers('reference', reference, m)
-        )
-        self._shape = (m,)
+        start = np.zeros(m) if reference is None else numbers('reference', reference, m)
+        self._fill(gamma, low, high, start)
+        least = UNITS_MIN * max(1.0, float(self.extent.max()))
+        if small := [k for k in range(m) if 0.0 < self.extent[k] < least]:
+            raise ValueError(
+                f'matrix: half of the range of {self.axes[small[0]]} is '
+                f'{self.extent[small[0]]:.3g}, too small beside the greatest, '
+                f'{self.extent.max():.3g}: choose units in which it is at least {least:.3g}'
+            )
+
+    def _fill(self, gamma: Array, lower: Array, upper: Array, reference: Array) -> None:
+        """Set the numbers, which are sound, and what follows from them."""
+        self.gamma, self.reference = constant(gamma), constant(reference)
+        self.lower, self.upper = constant(lower), constant(upper)
+        self._shape, n = (len(gamma),), len(lower)
         self.rest = constant(self.clip(np.zeros(n)))
         self.middle = constant((self.lower + self.upper) / 2.0)
         self.half_range = constant((self.upper - self.lower) / 2.0)
         self.center = constant(self.gamma @ self.middle)
         self.extent = constant(np.abs(self.gamma * self.half_range).sum(axis=1))
+
+    def _like(
+        self, gamma: Array, lower: Array, upper: Array, reference: Array
+    ) -> AllocationProblem:
+        """Return a problem with the same names and other numbers."""
+        other = AllocationProblem.__new__(AllocationProblem)
+        other.axes, other.names = self.axes, self.names
+        other._fill(gamma, lower, upper, reference)
+        return other
+
+    def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
+        """Return the problem with other bounds (n,) [N]."""
+        return self._like(self.gamma, lower, upper, self.reference)
 
     @cached_property
     def simplex(self) -> Simplex:
@@ -271,12 +298,10 @@ class AllocationProblem:
         preferred : (n,) array
             f_p [N].
         """
-        return AllocationProblem(
+        return self._like(
             self.gamma / weights,
             weights * (self.lower - preferred),
             weights * (self.upper - preferred),
-            self.axes,
-            self.names,
             self.reference - self.gamma @ preferred,
         )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
@@ -28,13 +30,14 @@ class VehicleProblem(AllocationProblem):
     advice = ' (see ca_ros.audit)'
 
     def __init__(self, vehicle: Vehicle) -> None:
-        self.vehicle = vehicle
-        super().__init__(
+        # A vehicle has sound numbers, in SI units.
+        self.vehicle, self.axes = vehicle, vehicle.axes
+        self.names = tuple(str(i + 1) for i in range(vehicle.n))
+        self._fill(
             control_allocation_matrix(vehicle),
             vehicle.thrust_min,
             vehicle.thrust_max,
-            axes=vehicle.axes,
-            reference=[vehicle.weight * (axis == 'thrust') for axis in vehicle.axes],
+            np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]),
         )
 
     @property
