@@ -171,11 +171,17 @@ def test_a_problem_has_no_rotor_speeds():
     (([1.0, 2.0], 0.0, 1.0), 'matrix: expected m rows'),
     ((np.ones((0, 3)), 0.0, 1.0), 'matrix: expected m rows'),
     (([['a']], 0.0, 1.0), 'matrix: expected numbers'),
+    (([['1']], 0.0, 1.0), 'matrix: expected numbers'),
+    (([[True]], 0.0, 1.0), 'matrix: expected numbers'),
+    (([[1.0j]], 0.0, 1.0), 'matrix: expected numbers'),
+    (([[1.0, 1.0]], 0.0, 1.0, {'a'}), 'axes: expected 1 different names'),
     (([[np.nan]], 0.0, 1.0), 'matrix: expected finite numbers'),
     (([[1.0, 1.0]], [0.0, 0.0, 0.0], 1.0), 'lower: expected 2 numbers'),
     (([[1.0, 1.0]], 0.0, np.inf), 'upper: expected finite numbers'),
     (([[1.0, 1.0]], [0.0, 2.0], 1.0), "lower: 2 of '2' is above its upper bound, 1"),
     (([[1.0, 1.0]], 0.0, 1.0, ['a', 'b']), 'axes: expected 1 different names'),
+    (([[1.0, 1.0]], 0.0, 1.0, 5), 'axes: expected 1 different names'),
+    (([[1.0, 1.0]], 0.0, 1.0, [['a']]), 'axes: expected 1 different names'),
     (([[1.0, 1.0]], 0.0, 1.0, None, ['a', 'a']), 'names: expected 2 different names'),
     (([[1.0, 1.0]], 0.0, 1.0, None, None, [0.0, 0.0]), 'reference: expected 1 numbers'),
     (([[1.0, 1.0]], 0.0, 1.0, None, None, 0.0), 'reference: expected 1 numbers'),
@@ -187,10 +193,26 @@ def test_wrong_data_are_named(arguments, fault):
         AllocationProblem(*arguments)
 
 
-def test_dependent_axes_are_named():
-    problem = AllocationProblem(np.ones((2, 3)), 0.0, 1.0)
+@pytest.mark.parametrize('engine', ['c', 'numpy'])
+@pytest.mark.parametrize(('matrix', 'upper'), [
+    (np.ones((2, 3)), 1.0), ([[1.0, 1.0], [0.0, 0.0]], 1.0), (np.eye(2), 0.0),
+    (np.ones((3, 2)), 1.0)])
+@pytest.mark.filterwarnings('error')
+def test_dependent_axes_are_named(matrix, upper, engine, monkeypatch):
+    monkeypatch.setenv('CA_ROS_KERNEL', engine)
+    problem = AllocationProblem(matrix, 0.0, upper)
     with pytest.raises(ValueError, match='the effectors cannot command axis_1, axis_2'):
         make_allocator('exact', problem)
+    # The methods that approximate need no volume.
+    for method in ('pseudo_inverse', 'conventional'):
+        answer = make_allocator(method, problem).allocate(np.ones(len(problem.axes)))
+        assert np.all((problem.lower <= answer.thrusts) & (answer.thrusts <= problem.upper))
+
+
+def test_the_certificate_of_a_batch_is_a_summary():
+    answers = make_allocator('exact', ELEVONS).allocate_batch([[0.1, 0.1], [9.0, 0.0]])
+    text = str(answers.certificate)
+    assert text.startswith('2 allocations: residual up to 7.0e+00')
 
 
 def test_neither_vehicle_nor_problem():
@@ -210,6 +232,8 @@ def test_the_admissible_set_of_a_box():
     ('problem: {matrix: [[1, 2], [3]], lower: 0, upper: 1}', 'problem.matrix: expected numbers'),
     ('problem: 3', 'problem: expected matrix'),
     ('{problem: {matrix: [[1]], lower: 0, upper: 1}, rotors: 3}', 'rotors: expected only'),
+    ('{problem: {matrix: [[1]], lower: 0, upper: 1}, allocation: [1]}', 'allocation: expected'),
+    ('{problem: {matrix: [[1]], lower: 0, upper: 1, effectors: 3}}', 'problem.effectors: '),
     ('/**: {ros__parameters: {}}', "no entry 'problem'"),
     ('{', 'not readable YAML'),
 ])

@@ -55,6 +55,15 @@ def test_effectors_by_hand():
     np.testing.assert_allclose(answer.thrusts, [0.9, 0.8], atol=1e-15)
 
 
+@pytest.mark.parametrize('period', [0.0, 1e-300, 1e-17])
+def test_without_time_the_last_command_is_held(period):
+    slow = SlewLimited('exact', HEXAROTOR, rates=100.0)
+    answer = slow.allocate(ROLL, HOVER, period)
+    np.testing.assert_allclose(answer.speeds, HOVER, rtol=1e-12)
+    assert answer.status is Status.INEXACT
+    assert slow.allocate(answer.wrench, HOVER, period).status is Status.EXACT
+
+
 def test_rotors_reverse_through_zero():
     rov = Vehicle.load('rov')
     slow, last = SlewLimited('exact', rov, rates=1000.0), np.zeros(8)
@@ -94,8 +103,9 @@ def test_an_answer_without_slew_limits_has_no_last_command():
     ([1.0, 2.0], HOVER, 0.01, 'rates: expected 6 numbers'),
     (1.0, HOVER[:5], 0.01, 'last: expected 6 numbers'),
     (1.0, HOVER * np.nan, 0.01, 'last: expected finite numbers'),
-    (1.0, HOVER, 0.0, 'period: expected a positive time'),
-    (1.0, HOVER, np.nan, 'period: expected a positive time'),
+    (1.0, HOVER, -0.1, 'period: expected a time from 0 on'),
+    (1.0, HOVER, np.nan, 'period: expected finite numbers'),
+    (1.0, HOVER, 'soon', 'period: expected numbers'),
 ])
 def test_wrong_arguments_are_named(rates, last, period, fault):
     with pytest.raises(ValueError, match=fault):

@@ -109,7 +109,14 @@ def test_a_wrong_file_is_named_in_one_line(text, fault, tmp_path):
     assert '\n' not in str(caught.value)
 
 
+def test_a_spreadsheet_may_add_a_mark_and_blanks(tmp_path):
+    path = tmp_path / 'own.csv'
+    path.write_text('\ufefft, x, y, z, heading\n0, 1, 2, 3, 0\n', encoding='utf-8')
+    np.testing.assert_array_equal(Trajectory.read(path).last.position, [1.0, 2.0, 3.0])
+
+
 @pytest.mark.parametrize(('arguments', 'fault'), [
+    (['--duration', '5'], 'the last waypoint counts from 5 s on, but --duration is 5 s'),
     (['--waypoint', '1', '1', '1'], '--trajectory: not with --waypoint'),
     (['--heading', '3'], '--trajectory: not with --waypoint'),
 ])

@@ -54,7 +54,7 @@ class BetaflightMixer(Allocator):
     solves = (
         'f = Gamma^+ u with the torques scaled to fit and the thrust shifted (as in Betaflight)'
     )
-    guarantees = 'the bounds, and the direction of the torques for vehicles with equal rotors'
+    guarantees = 'the bounds, and the direction of the torques with equal, parallel rotors'
     parameters: ClassVar = {
         'airmode': Parameter(
             'disabled: below half throttle the torques are scaled down',

@@ -43,7 +43,14 @@ class Certificate:
     problem: AllocationProblem
 
     def __str__(self) -> str:
-        """Summarise the certificate of one wrench; not for a batch."""
+        """Summarise the certificate; for a batch, its largest residuals and its least margin."""
+        unit = self.problem.unit
+        if np.ndim(self.margin):
+            return (
+                f'{np.size(self.margin)} allocations: residual up to '
+                f'{np.max(self.primal_residual):.1e}, KKT residual up to '
+                f'{np.max(self.kkt_residual):.1e}{unit}; least margin {np.min(self.margin):.3g}'
+            )
         groups = {
             name: ', '.join(self.problem.names[i] for i in np.flatnonzero(self.limit == value))
             for name, value in (('maximum', 1), ('minimum', -1))
@@ -51,7 +58,7 @@ class Certificate:
         ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
         return (
             f'residual {_size(self.primal_residual)}, '
-            f'KKT residual {_size(self.kkt_residual)} N; '
+            f'KKT residual {_size(self.kkt_residual)}{unit}; '
             f'margin {self.margin:.3g} to the facet with {self.problem.effectors} {ends}'
         )
 

@@ -146,7 +146,7 @@ def _reference(reference: str | ArrayLike, problem: AllocationProblem) -> Array:
             return np.zeros(problem.n)
         if isinstance(problem, VehicleProblem):
             return np.full(problem.n, problem.vehicle.weight / problem.n)
-        return problem.least_norm.unbounded(problem.reference)
+        return np.array(np.linalg.pinv(problem.gamma) @ problem.reference)
     thrusts = _numbers('reference', reference)
     if thrusts.shape != (problem.n,):
         raise ValueError(

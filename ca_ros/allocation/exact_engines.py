@@ -124,6 +124,8 @@ class NumpyEngine:
     """
 
     def __init__(self, problem: AllocationProblem, setting: Setting, osqp: bool = False) -> None:
+        if not problem.spans:
+            raise problem.no_volume()
         rows = [[problem.axes.index(axis) for axis in group] for group in setting.groups]
         reference = setting.reference
         self._given, self._preference = problem, setting.preference(problem.n)

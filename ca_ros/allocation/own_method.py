@@ -30,7 +30,7 @@ def own_class(method: str) -> type[Allocator]:
         sys.path.append(os.getcwd())
     try:
         found = getattr(import_module(module), name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         # The module may raise anything while it is imported.
         raise ValueError(f'{method}: {error or type(error).__name__}') from error
     if not isinstance(found, type):

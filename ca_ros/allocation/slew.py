@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation import make_allocator
-from ca_ros.allocation.result import Allocation
+from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.audit import accept
-from ca_ros.problem.problem import AllocationProblem, numbers
+from ca_ros.problem.problem import AllocationProblem, lengths, numbers
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -71,7 +71,8 @@ class SlewLimited:
             The last command: rotor speeds of a vehicle [rad/s], or effectors.  Beyond a bound it
             counts as the bound.
         period : float
-            Time since the last command, positive [s].
+            Time since the last command, not negative [s].  If it is too short for any change, the
+            last command is held.
 
         Returns
         -------
@@ -81,13 +82,17 @@ class SlewLimited:
         Raises
         ------
         ValueError
-            If an argument is not finite, or has a wrong shape, or `period` is not positive.
+            If an argument is not finite, or has a wrong shape, or `period` is negative.
         """
         command = constant(numbers('last', last, self.problem.n))
-        if not 0.0 < period < np.inf:
-            raise ValueError(f'period: expected a positive time [s], got {period!r}')
-        moved = self._reachable(command, self.rates * period)
-        result = make_allocator(self.method, moved, **self.options).allocate(u)
+        seconds = float(numbers('period', period))
+        if seconds < 0.0:
+            raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
+        moved = self._reachable(command, self.rates * seconds)
+        if moved.spans:
+            result = make_allocator(self.method, moved, **self.options).allocate(u)
+        else:
+            result = _held(moved, u)
         result.__dict__['last'] = command
         return result
 
@@ -100,6 +105,13 @@ class SlewLimited:
             return VehicleProblem(replace(vehicle, speed_min=lower, speed_max=upper))
         lower, upper = _narrowed(problem.lower, problem.upper, last, change)
         return problem.bounded(lower, upper)
+
+
+def _held(problem: AllocationProblem, u: ArrayLike) -> Allocation:
+    """Return the allocation of effectors that cannot move."""
+    demand, thrusts = problem.check(u), problem.clip(problem.middle)
+    exact = lengths(problem.residual(demand, thrusts)) <= problem.tolerance(demand)
+    return Allocation(problem, demand, thrusts, Status.EXACT if exact else Status.INEXACT)
 
 
 def _narrowed(lower: Array, upper: Array, last: Array, change: Array) -> tuple[Array, Array]:

@@ -37,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         sets = _sets(options)
         names = next(iter(sets.values())).problem.axes
+        if len(names) < 2:
+            raise ValueError(f'expected at least two axes, the problem has {names[0]}')
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
         found = {name: _polytope(image, axes, options) for name, image in sets.items()}
         problem = next(iter(sets.values())).problem
@@ -63,7 +65,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     made = argparse.ArgumentParser(
         prog='attainable',
         description='Plot the wrenches that the rotors can produce: a section of the admissible '
-        'set through hover, or a projection. One axis or two make a plane figure, three a body.',
+        'set through hover, or a projection. Two axes make a plane figure, three a body.',
         formatter_class=HelpFormatter,
     )
     add = made.add_argument

@@ -51,8 +51,9 @@ class Trajectory:
             In one line that names the file and the fault.
         """
         try:
-            with path.open(newline='', encoding='utf-8') as file:
-                rows = list(csv.DictReader(file, strict=True))
+            # Spreadsheets may begin a file with a byte order mark.
+            with path.open(newline='', encoding='utf-8-sig') as file:
+                rows = list(csv.DictReader(file, strict=True, skipinitialspace=True))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ParameterError(f'{path}: {error}') from None
         try:
@@ -128,13 +129,20 @@ def trajectory_of(options: argparse.Namespace) -> Trajectory:
     Raises
     ------
     ParameterError
-        If there are a waypoint and a trajectory, or the file of the trajectory is wrong.
+        If there are a waypoint and a trajectory, the file is wrong, or the flight ends before its
+        last waypoint.
     """
     position, heading = options.waypoint, options.heading
     if options.trajectory is not None:
         if position is not None or heading is not None:
             raise ParameterError('--trajectory: not with --waypoint or --heading')
-        return Trajectory.read(options.trajectory)
+        found = Trajectory.read(options.trajectory)
+        if found.times[-1] >= options.duration * 1e9:
+            raise ParameterError(
+                f'{options.trajectory}: the last waypoint counts from {found.times[-1] / 1e9:g} s '
+                f'on, but --duration is {options.duration:g} s'
+            )
+        return found
     x, y, z = POSITION if position is None else position
     angle = HEADING if heading is None else heading
     return Trajectory.to(Waypoint.of(x, y, z, math.radians(angle)))

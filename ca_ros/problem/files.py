@@ -70,7 +70,7 @@ def read_problem(name: str | Path) -> tuple[AllocationProblem, dict[str, Any]] |
 
 
 def load_problem(name: str | Path) -> AllocationProblem:
-    """Read the allocation problem in a file.
+    """Read the allocation problem in a file, without the options of the methods.
 
     Parameters
     ----------
@@ -103,10 +103,14 @@ def _problem(given: Any) -> AllocationProblem:
     try:
         return AllocationProblem(**{ARGUMENTS[name]: value for name, value in given.items()})
     except ValueError as error:
-        raise ParameterError(f'problem.{error}') from None
+        fault = str(error)
+        raise ParameterError(f'problem.{fault.replace("names:", "effectors:", 1)}') from None
 
 
 def _options(content: Mapping[str, Any]) -> dict[str, Any]:
     if unknown := [str(name) for name in content if name not in ('problem', 'allocation')]:
         raise ParameterError(f"{unknown[0]}: expected only 'problem' and 'allocation'")
-    return flatten({'allocation': content.get('allocation') or {}})
+    given = content.get('allocation') or {}
+    if not isinstance(given, Mapping):
+        raise ParameterError(f'allocation: expected options of methods, got {given!r}')
+    return flatten({'allocation': given})

@@ -38,9 +38,12 @@ def lengths(vectors: Array) -> Array:
 def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
     """Return finite numbers as an array, (size,) if a size is given; else raise a ValueError."""
     try:
-        numbers = np.array(given, float)
+        array = np.array(given)
     except (TypeError, ValueError):
-        raise ValueError(f'{name}: expected numbers, got {given!r}') from None
+        array = np.array('')
+    if array.dtype.kind not in 'iuf':
+        raise ValueError(f'{name}: expected numbers, got {given!r}')
+    numbers: Array = array.astype(float)
     if size is not None:
         if numbers.shape not in ((), (size,)) or (name == 'reference' and numbers.ndim == 0):
             raise ValueError(f'{name}: expected {size} numbers, got shape {numbers.shape}')
@@ -53,8 +56,9 @@ def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
 
 def _names(name: str, given: Sequence[str], size: int) -> tuple[str, ...]:
     """Return names, as many as `size` and all different; else raise a ValueError."""
-    names = (given,) if isinstance(given, str) else tuple(given)
-    if len(names) != size or len(set(names)) < size or not all(isinstance(n, str) for n in names):
+    listed = isinstance(given, (list, tuple)) and all(isinstance(each, str) for each in given)
+    names = tuple(given) if listed else ()
+    if len(names) != size or len(set(names)) < size:
         raise ValueError(f'{name}: expected {size} different names, got {given!r}')
     return names
 
@@ -120,6 +124,8 @@ class AllocationProblem:
     """
 
     effectors = 'effectors'
+    unit = ''
+    """The unit of the effectors in messages, after a space."""
     advice = ''
     """What the error of a set without volume recommends."""
 

@@ -27,6 +27,7 @@ class VehicleProblem(AllocationProblem):
     """
 
     effectors = 'rotors'
+    unit = ' N'
     advice = ' (see ca_ros.audit)'
 
     def __init__(self, vehicle: Vehicle) -> None:

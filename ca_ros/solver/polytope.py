@@ -14,6 +14,9 @@ from ca_ros.solver.zonotope import PARALLEL, Zonotope, facet_normals
 MERGED = 1e-11
 """Distance of two vertices, relative to the size of the polytope, below which they are one."""
 
+ON_BOUNDARY = 1e-12
+"""Distance from a half-space, relative to the size of the polytope, that is rounding."""
+
 ON_FACET = 1e-9
 """Distance of a vertex from a facet, relative to the size of the polytope, that is rounding."""
 
@@ -163,6 +166,12 @@ def section(planes: Array, slacks: Array) -> Array:
         Parts of unit vectors.
     slacks : (F,) array
     """
+    points = _section(planes, slacks)
+    # A point on the boundary belongs to the polytope, in spite of rounding.
+    return points if len(points) else _section(planes, slacks + ON_BOUNDARY)
+
+
+def _section(planes: Array, slacks: Array) -> Array:
     k = planes.shape[1]
     sizes = np.linalg.norm(planes, axis=1)
     cutting = sizes > PARALLEL
