@@ -34,6 +34,10 @@ COLUMNS: dict[str, Callable[[Metrics, Collection[str]], str]] = {
     'settling time x, y, z, heading [s]': _settled,
     'overshoot x, y, z, heading [%]': _overshoot,
     'effort [N² s]': lambda own, lost: f'{own["effort"]:.1f}',
+    'energy [N¹·⁵ s]': lambda own, lost: f'{own["energy"]:.1f}',
+    'smoothness [N/s]': lambda own, lost: f'{own["smoothness"]:.2f}',
+    'recovered': lambda own, lost: 'yes' if own['recovered'] else 'lost',
+    'height lost [m]': lambda own, lost: f'{own["height_lost"]:.2f}',
     'time at a bound [%]': lambda own, lost: f'{100.0 * own["time_at_bound"]:.1f}',
     'worst residual [N], [N m]': lambda own, lost: ', '.join(
         f'{own[f"worst_{part}_residual"]:.1e}' for part in ('force', 'torque')

@@ -1,4 +1,4 @@
-"""The paper's observations on its dynamic simulation, checked by numbers."""
+"""Observations on flights, checked by numbers: the paper's, and neutral ones for any vehicle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.evaluation.cases import PAPER
-from ca_ros.evaluation.flight_metrics import at_bounds, steady
+from ca_ros.evaluation.flight_metrics import RECOVERED, at_bounds, steady
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -25,11 +25,22 @@ SPEED_ERROR = 0.05
 
 
 class Observation(NamedTuple):
-    """A sentence of the paper, whether it holds, and the numbers."""
+    """A sentence, whether it holds, and the numbers."""
 
     sentence: str
     holds: bool
     numbers: str
+
+
+def neutral(flights: Mapping[str, Flight], waypoint: Waypoint) -> Iterator[Observation]:
+    """Yield one observation per flight, for vehicles that are not the paper's."""
+    for name, flight in flights.items():
+        error = flight.position_error(waypoint)
+        yield Observation(
+            f'With {name} the flight ends within {RECOVERED:g} m of the waypoint.',
+            error <= RECOVERED,
+            f'{error:.3f} m away',
+        )
 
 
 def observe(
