@@ -117,7 +117,9 @@ class Case:
         """Return case and allocators of a command line; make the folder of the results.
 
         Methods of a set such as ``all`` that do not apply to a problem without a vehicle are left
-        out; see `left_out`.  From then on SIGINT raises a KeyboardInterrupt, also in a background process, which shells
+        out; see `left_out`.  With `flying`, a problem without a vehicle is refused.
+
+        From then on SIGINT raises a KeyboardInterrupt, also in a background process, which shells
         start with SIGINT ignored. Raises a CaseError if the command line is wrong.
         """
         signal.signal(signal.SIGINT, signal.default_int_handler)

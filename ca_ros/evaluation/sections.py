@@ -73,7 +73,7 @@ def sections(admissible: AdmissibleSet, *pairs: tuple[str, str]) -> list[Section
     Of a problem without a vehicle that has none of them: the section along its first two axes.
     """
     axes = admissible.problem.axes
-    present = set(axes)
-    if not isinstance(admissible.problem, VehicleProblem) and len(axes) > 1:
-        pairs = tuple(pair for pair in pairs if set(pair) <= present) or (axes[:2],)
-    return [Section.of(admissible, pair) for pair in pairs if set(pair) <= present]
+    found = [pair for pair in pairs if set(pair) <= set(axes)]
+    if not (found or isinstance(admissible.problem, VehicleProblem)) and len(axes) > 1:
+        found = [(axes[0], axes[1])]
+    return [Section.of(admissible, pair) for pair in found]
