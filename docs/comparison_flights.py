@@ -88,9 +88,11 @@ def flown(
     except FloatingPointError:
         return Outcome(False, np.inf, np.inf, np.inf)
     thrusts = case.vehicle.thrusts(flight.speeds)
+    goals = [to, *(each.waypoint for each in changes if each.waypoint)]
+    lowest = [float(each.position[2]) for each in goals]
     return Outcome(
         flight.position_error(to) <= RECOVERED,
-        height_lost(flight, to),
+        height_lost(flight, min(lowest)),
         float(energy(thrusts)[:-1].sum() * flight.time[1]),
         float(changes_of(thrusts).sum() / flight.time[-1]),
     )

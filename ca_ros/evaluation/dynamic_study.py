@@ -18,7 +18,7 @@ from ca_ros.evaluation.dynamic_plots import draw
 from ca_ros.evaluation.dynamic_tables import document
 from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.flight_metrics import judge_samples, metrics
-from ca_ros.evaluation.observations import neutral, observe
+from ca_ros.evaluation.observations import findings, observe
 from ca_ros.evaluation.options import command, concluded, parser, positive, write
 from ca_ros.evaluation.paper import of_the_paper
 from ca_ros.evaluation.ros_flight import check, fly_over_ros
@@ -134,8 +134,8 @@ def _write(
         },
         'failures': arguments(failures),
         'lost_axes': audit(case.vehicle.with_health(last)).lost,
-        'paper': paper,
         'observations': {each.sentence: each.holds for each in observations},
+        'findings': [] if checked else list(findings(flights, goal)),
         'numbers': {each.sentence: each.numbers for each in observations},
         'changes': case.changes,
         'parameters': case.parameters,

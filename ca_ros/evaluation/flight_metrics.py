@@ -62,8 +62,9 @@ def judge_samples(
         commanded minus delivered; ``margin`` [N, N m] of the commanded wrench in the admissible
         set of the rotors as they physically are, NaN where that set has no volume;
         ``thrusts_squared``, |f|^2 [N^2]; ``energy``, the sum of |f|^1.5 [N^1.5]; ``change``, the
-        sum of |change of thrust| over the rotors since the previous sample [N]; ``movable`` and
-        ``at_bound``: how many rotors can move, and are at a bound.
+        sum of |change of thrust| over the rotors since the previous sample [N]; ``goal_height``
+        of the waypoint [m]; ``movable`` and ``at_bound``: how many rotors can move, and are at a
+        bound.
     """
     parts, given = [], []
     for part, pilot, vehicle, goal in _legs(flight, controller, waypoint, changes):
@@ -86,6 +87,7 @@ def judge_samples(
             'margin': _margin(vehicle, axes, commanded),
             'thrusts_squared': np.square(thrusts).sum(axis=1),
             'energy': energy(thrusts),
+            'goal_height': float(goal.position[2]),
             'movable': movable.sum(),
             'at_bound': (low | high)[:, movable].sum(axis=1),
         }
@@ -99,9 +101,9 @@ def changes_of(thrusts: Array) -> Array:
     return np.abs(np.diff(thrusts, axis=0, prepend=thrusts[:1])).sum(axis=1)
 
 
-def height_lost(flight: Flight, waypoint: Waypoint) -> float:
-    """Return how far a flight sinks below its start and its waypoint, whichever is lower [m]."""
-    lower = min(float(flight.position[0, 2]), float(waypoint.position[2]))
+def height_lost(flight: Flight, waypoints: float) -> float:
+    """Return how far a flight sinks below its start and the height of its lowest waypoint [m]."""
+    lower = min(float(flight.position[0, 2]), waypoints)
     return max(0.0, lower - float(flight.position[:, 2].min()))
 
 
@@ -136,7 +138,7 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
         'energy': float((samples['energy'].to_numpy() * intervals).sum()),
         'smoothness': float(samples['change'].sum() / max(flight.time[-1], intervals[0])),
         'recovered': flight.position_error(waypoint) <= RECOVERED,
-        'height_lost': height_lost(flight, waypoint),
+        'height_lost': height_lost(flight, float(samples['goal_height'].min())),
         'time_at_bound': float(samples['at_bound'].sum() / max(1, samples['movable'].sum())),
         'worst_force_residual': float(samples['force_error'].max()),
         'worst_torque_residual': float(samples['torque_error'].max()),

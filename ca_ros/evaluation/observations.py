@@ -1,15 +1,17 @@
-"""Observations on flights, checked by numbers: the paper's, and neutral ones for any vehicle."""
+"""Observations on flights: the paper's, checked by numbers, and findings for any vehicle."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import degrees
 from typing import NamedTuple
 
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.evaluation.cases import PAPER
-from ca_ros.evaluation.flight_metrics import RECOVERED, at_bounds, steady
+from ca_ros.evaluation.flight_metrics import at_bounds, steady
+from ca_ros.evaluation.tables import number
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -25,21 +27,20 @@ SPEED_ERROR = 0.05
 
 
 class Observation(NamedTuple):
-    """A sentence, whether it holds, and the numbers."""
+    """A sentence of the paper, whether it holds, and the numbers."""
 
     sentence: str
     holds: bool
     numbers: str
 
 
-def neutral(flights: Mapping[str, Flight], waypoint: Waypoint) -> Iterator[Observation]:
-    """Yield one observation per flight, for vehicles that are not the paper's."""
+def findings(flights: Mapping[str, Flight], waypoint: Waypoint) -> Iterator[str]:
+    """Yield a sentence per flight, for flights that are not the paper's."""
     for name, flight in flights.items():
-        error = flight.position_error(waypoint)
-        yield Observation(
-            f'With {name} the flight ends within {RECOVERED:g} m of the waypoint.',
-            error <= RECOVERED,
-            f'{error:.3f} m away',
+        error, angle = flight.position_error(waypoint), flight.heading_error(waypoint)
+        yield (
+            f'With `{name}` the flight ends {number(error)} m from the waypoint, '
+            f'with a heading error of {number(degrees(angle))}°.'
         )
 
 

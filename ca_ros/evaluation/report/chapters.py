@@ -44,8 +44,7 @@ def _static_tiles(found: Metrics) -> Tiles:
 
 def _dynamic_tiles(found: Metrics) -> Tiles:
     name, own = _first(found)
-    what = "of the paper's observations hold" if found['paper'] else 'of the observations hold'
-    yield from _share(found['observations'].values(), what)
+    yield from _share(found['observations'].values(), "of the paper's observations hold")
     error, settled = own['steady_state_error']['z'], own['settling_time']['z']
     yield f'{1e3 * error:.2f} mm', f'height error of {name} at the end'
     time = 'never' if settled is None else f'{settled:.2f} s'
