@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from manoeuvres import MANOEUVRES, SLALOM, Unlimited, goal
+from manoeuvres import MANOEUVRES, SLALOM, Unlimited, goal, heavy
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
@@ -18,9 +18,6 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
-
-HEAVY = 1.35
-"""Ratio of greatest thrust to weight of the heavy vehicles."""
 
 FAIL, ANNOUNCE, DURATION, SLALOM_DURATION = 0.5, 0.1, 8.0, 12.0
 """Time of the loss, delay of its announcement, and durations of the flights [s]."""
@@ -44,9 +41,8 @@ Outcomes = dict[tuple[str, str], Outcome]
 def vehicles() -> Iterator[tuple[str, str, tuple[str, ...]]]:
     """Yield a title, the shipped vehicle and its changes, as shipped and heavy."""
     for name in ('quadrotor', 'hexarotor', 'octorotor', 'x8', 'y6'):
-        vehicle = Case.load(name).vehicle
-        mass = float(vehicle.thrust_max.sum()) / vehicle.gravity / HEAVY
         yield f'`{name}`', name, ()
+        mass = heavy(Case.load(name).vehicle)
         yield f'`{name}`, heavy', name, (f'vehicle.mass:={mass}',)
 
 

@@ -11,6 +11,16 @@ from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.vehicle.vehicle import Vehicle
+
+
+HEAVY = 1.35
+"""Ratio of greatest thrust to weight of the heavy vehicles."""
+
+
+def heavy(vehicle: Vehicle) -> float:
+    """Return the mass of the heavy version of a vehicle [kg]."""
+    return float(vehicle.thrust_max.sum()) / vehicle.gravity / HEAVY
 
 
 def upset(

@@ -10,12 +10,13 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
-from manoeuvres import MANOEUVRES, Unlimited
+from manoeuvres import MANOEUVRES, Unlimited, heavy
 from marks import filled
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import Allocation
 from ca_ros.arrays import Array
+from ca_ros.evaluation.flight_metrics import RECOVERED
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Gains
@@ -31,13 +32,7 @@ PAGE, ROWS = DOCS / 'priorities.md', DOCS.parent / 'test' / 'px4_desaturation.cs
 DURATION = 8.0
 """Of each flight [s]."""
 
-THERE = 0.3
-"""Greatest distance from the waypoint at the end for a flight to count as recovered [m]."""
-
 ROUNDING = 1e-9
-
-HEAVY = 1.35
-"""Ratio of greatest thrust to weight of the heavy vehicles."""
 
 
 class Recorder:
@@ -85,7 +80,7 @@ class Outcome:
         step = flight.time[1]
         lowest = min(state[2], to.position[2])
         off = (flight.heading - to.heading + pi) % (2.0 * pi) - pi
-        self.recovered += flight.position_error(to) <= THERE
+        self.recovered += flight.position_error(to) <= RECOVERED
         self.drop += max(lowest - float(flight.position[:, 2].min()), 0.0)
         self.tilt += float(flight.tilt.sum()) * step
         self.heading += float(np.abs(off).sum()) * step
@@ -98,8 +93,8 @@ def flights_table() -> str:
     rows = []
     for file in sorted(config_directory().glob('*.yaml')):
         sound, gains = Vehicle.load(file.stem), Gains.from_parameters(load(file.stem))
-        mass = float(sound.thrust_max.sum()) / sound.gravity / HEAVY
-        for vehicle, name in ((sound, file.stem), (replace(sound, mass=mass), 'the same, heavy')):
+        weighty = replace(sound, mass=heavy(sound))
+        for vehicle, name in ((sound, file.stem), (weighty, 'the same, heavy')):
             for reversal in REVERSALS:
                 found = Outcome()
                 for state, to in MANOEUVRES.values():

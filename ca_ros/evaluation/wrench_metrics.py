@@ -62,7 +62,7 @@ def energy(thrusts: Array) -> Array:
     """Return the sum (N,) of |f|^1.5 over thrusts (N, n) [N^1.5].
 
     The ideal power of a rotor in hover is proportional to it (momentum theory: G. J. Leishman,
-    Principles of Helicopter Aerodynamics, 2nd ed., 2006, Section 2.4).
+    Principles of Helicopter Aerodynamics, 2nd ed., 2006, Chapter 2).
     """
     return (np.abs(thrusts) ** 1.5).sum(axis=1)
 
