@@ -6,20 +6,21 @@ Flies manoeuvres that saturate the rotors with every shipped vehicle.  Takes abo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import cos, pi, radians, sin
+from math import pi
 from pathlib import Path
 
 import numpy as np
+from manoeuvres import MANOEUVRES, Unlimited, heavy
 from marks import filled
-from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import Allocation
 from ca_ros.arrays import Array
+from ca_ros.evaluation.flight_metrics import RECOVERED
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains
-from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, RigidBody
+from ca_ros.flight.controller import Gains
+from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.prioritization import REVERSALS
@@ -31,60 +32,7 @@ PAGE, ROWS = DOCS / 'priorities.md', DOCS.parent / 'test' / 'px4_desaturation.cs
 DURATION = 8.0
 """Of each flight [s]."""
 
-THERE = 0.3
-"""Greatest distance from the waypoint at the end for a flight to count as recovered [m]."""
-
 ROUNDING = 1e-9
-
-HEAVY = 1.35
-"""Ratio of greatest thrust to weight of the heavy vehicles."""
-
-
-def upset(
-    tilt: float = 0.0,
-    towards: float = 0.0,
-    turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Array:
-    """Return a state: tilted [degrees] towards an azimuth [degrees], rotating and moving."""
-    state = NULL_STATE.copy()
-    axis = np.array([-sin(radians(towards)), cos(radians(towards)), 0.0])
-    state[ATTITUDE] = Rotation.from_rotvec(radians(tilt) * axis).as_quat()
-    state[ANGULAR_VELOCITY], state[VELOCITY] = turn, velocity
-    return state
-
-
-def goal(x: float, y: float, z: float, heading: float) -> Waypoint:
-    """Return a waypoint at a position [m] with a heading [degrees]."""
-    return Waypoint.of(x, y, z, radians(heading))
-
-
-MANOEUVRES = {
-    'upset, 150° forward': (upset(150.0, 0.0), goal(0.0, 0.0, 0.0, 60.0)),
-    'upset, 150° to 45°': (upset(150.0, 45.0), goal(0.0, 0.0, 0.0, 60.0)),
-    'upset, 150° to the left': (upset(150.0, 90.0), goal(0.0, 0.0, 0.0, 60.0)),
-    'upset, 120°, and a turn': (upset(120.0, -45.0), goal(0.0, 0.0, 0.0, -120.0)),
-    'spin about x': (upset(turn=(12.0, 0.0, 0.0)), goal(0.0, 0.0, 0.0, 0.0)),
-    'spin about y and z': (upset(turn=(0.0, 10.0, -8.0)), goal(0.0, 0.0, 0.0, 0.0)),
-    'spin about all axes': (upset(60.0, 45.0, (-9.0, 7.0, 10.0)), goal(0.0, 0.0, 0.0, 0.0)),
-    'gust from the side': (upset(30.0, 0.0, (4.0, 4.0, 0.0), (12.0, -6.0, 0.0)), goal(0, 0, 0, 0)),
-    'gust from above': (upset(40.0, 90.0, (6.0, -3.0, 4.0), (4.0, 4.0, -10.0)), goal(0, 0, 0, 0)),
-    'dive with a turn': (NULL_STATE, goal(20.0, 0.0, -6.0, 143.0)),
-    'climb with a turn': (NULL_STATE, goal(8.0, -6.0, 4.0, 170.0)),
-    'turning back in a climb': (
-        upset(turn=(0.0, 0.0, 8.0), velocity=(0.0, 0.0, 6.0)),
-        goal(5.0, 5.0, -3.0, -170.0),
-    ),
-    'fast attitude commands': (upset(turn=(8.0, -8.0, 0.0)), goal(3.0, 0.0, 3.0, 90.0)),
-}
-
-
-class Direct(Controller):
-    """The controller without the limit of its wrench."""
-
-    def wrench(self, *state: Array, waypoint: Waypoint | None = None) -> Array:
-        """Return the demand of the controller, admissible or not."""
-        return self.demand(*state)  # type: ignore[arg-type]
 
 
 class Recorder:
@@ -127,12 +75,12 @@ class Outcome:
         """Fly one manoeuvre."""
         recorder = Recorder(vehicle, reversal)
         flight = fly(
-            Direct(vehicle, gains), recorder, RigidBody(vehicle), to, DURATION, state=state
+            Unlimited(vehicle, gains), recorder, RigidBody(vehicle), to, DURATION, state=state
         )
         step = flight.time[1]
         lowest = min(state[2], to.position[2])
         off = (flight.heading - to.heading + pi) % (2.0 * pi) - pi
-        self.recovered += flight.position_error(to) <= THERE
+        self.recovered += flight.position_error(to) <= RECOVERED
         self.drop += max(lowest - float(flight.position[:, 2].min()), 0.0)
         self.tilt += float(flight.tilt.sum()) * step
         self.heading += float(np.abs(off).sum()) * step
@@ -145,8 +93,8 @@ def flights_table() -> str:
     rows = []
     for file in sorted(config_directory().glob('*.yaml')):
         sound, gains = Vehicle.load(file.stem), Gains.from_parameters(load(file.stem))
-        mass = float(sound.thrust_max.sum()) / sound.gravity / HEAVY
-        for vehicle, name in ((sound, file.stem), (replace(sound, mass=mass), 'the same, heavy')):
+        weighty = replace(sound, mass=heavy(sound))
+        for vehicle, name in ((sound, file.stem), (weighty, 'the same, heavy')):
             for reversal in REVERSALS:
                 found = Outcome()
                 for state, to in MANOEUVRES.values():

@@ -498,6 +498,26 @@ def test_the_metrics_of_the_nodes_are_in_the_report(found):
     assert '**Not measured: the echo ended.**' in benchmark.document(found)
 
 
+# A problem without a vehicle
+
+def test_of_a_problem_calls_and_batches_are_measured(tmp_path, monkeypatch):
+    monkeypatch.setattr(benchmark, 'QUICK', TINY)
+    command = ['--vehicle', 'admire', '--methods', 'all', '--quick']
+    assert main([*command, '--out', str(tmp_path)]) == 0
+    found = json.loads((tmp_path / 'benchmark.json').read_text())
+    results = pd.DataFrame(found['results'])
+    assert set(results['part']) <= {'calls', 'C', 'batches'}
+    assert {'calls', 'batches'} <= set(results['part'])
+    assert set(found['loads']) == {'uniform', 'boundary'}
+    exact = results[results['contender'].isin(['exact', 'quadprog'])]
+    assert (exact['faults'] == '').all()
+    assert (found['flight'], found['promises']) == (None, [])
+    assert found['node'] == {'absent': 'a problem without a vehicle has no rotor speeds'}
+    text = (tmp_path / 'benchmark.md').read_text()
+    assert '## Closed loop' not in text
+    assert '`betaflight_mixer`: betaflight_mixer is for multirotors' in text
+
+
 # The command line
 
 def test_a_method_that_does_not_answer_with_thrusts_is_named(own, monkeypatch, capsys):

@@ -125,6 +125,43 @@ def test_metrics_of_a_flight_made_by_hand():
     assert found['effort'] == pytest.approx(
         3.0 * (16.0 + 4.0) + 1.0 + 2.0 * (2.5e-5 * 40.1**2) ** 2)
     assert found['time_at_bound'] == pytest.approx((31 + 21) / (6 * 31))
+    # The same with f^1.5; 1 N and 4 N are 1 and 8 N^1.5.
+    last = 2.5e-5 * 40.1**2
+    assert found['energy'] == pytest.approx(3.0 * (8.0 + 4.0) + 1.0 + 2.0 * last**1.5)
+    # One change, of rotor 2 from 1 N, in 3 s.
+    assert found['smoothness'] == pytest.approx((1.0 - last) / 3.0)
+    assert (found['recovered'], found['height_lost']) == (True, 0.0)
+
+
+def test_height_is_lost_below_the_lower_of_start_and_waypoint():
+    controller = Controller(HEXAROTOR, Gains.from_parameters(load('hexarotor')))
+    flight = flight_of([2.0, -1.5, 0.4, 0.4, 0.4], np.full((5, 6), HOVER))
+    for height, drop, recovered in ((0.0, 1.5, False), (0.2, 1.7, True), (3.0, 3.5, False)):
+        waypoint = Waypoint.of(0.0, 0.0, height, 0.0)
+        found = metrics(flight, judge_samples(flight, controller, waypoint), waypoint)
+        assert found['height_lost'] == pytest.approx(drop)
+        assert found['recovered'] is recovered
+
+
+def test_what_the_paper_does_not_have_gets_findings_without_a_verdict(tmp_path, plain):
+    command = ['--vehicle', 'x8', '--methods', 'exact,direct', '--duration', '1']
+    assert main([*command, '--out', str(tmp_path)]) == 0
+    found = metrics_of(tmp_path)
+    assert found['observations'] == {}
+    assert [line.split('`')[1] for line in found['findings']] == ['exact', 'direct']
+    text = (tmp_path / 'dynamic.md').read_text()
+    assert '- With `exact` the flight ends ' in text
+    assert 'paper' not in text
+
+
+@pytest.mark.parametrize('problem', ['admire', 'omnidirectional_hexarotor'])
+def test_a_problem_without_a_vehicle_does_not_fly(problem, tmp_path, capsys):
+    assert main(['--vehicle', problem, '--out', str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert err.startswith('dynamic_study: ')
+    assert 'a problem without a vehicle' in err
+    assert err.count('\n') == 1
 
 
 def test_what_never_settles_says_so():

@@ -99,6 +99,12 @@ def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
     ], ['nope', 'hexarotor'])
 
 
+def test_a_problem_without_a_vehicle_is_refused_in_one_line_by_all_that_fly(graph):
+    refused(
+        graph, [(name, '--vehicle', 'admire') for name in ('bringup', 'allocator', 'controller')],
+        ['admire.yaml: a problem without a vehicle', 'no rotors to fly with'])
+
+
 WRONG_OPTIONS = [
     ('bringup', '--vehicle', 'x8', '--params-file', 'my.yaml'),
     ('bringup', '--namespace', '1 bad'), ('bringup', '--namespace', '/uav1/'),

@@ -247,5 +247,5 @@ def test_wrong_files_are_named(tmp_path, text, fault):
 
 
 def test_a_vehicle_is_not_read_from_the_file_of_a_problem():
-    with pytest.raises(ParameterError, match='admire'):
+    with pytest.raises(ParameterError, match=r'admire\.yaml: a problem without a vehicle'):
         Vehicle.load('admire')

@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from ca_ros import AdmissibleSet, Status, Vehicle
+from ca_ros import AdmissibleSet, Status, Vehicle, load_problem
+from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import split
 from ca_ros.evaluation import static_study
 from ca_ros.evaluation.cases import PAPER, Case
@@ -160,12 +161,18 @@ def test_a_sample_depends_on_seed_and_number_alone(sampling):
     distance = gauge(admissible, whole)
     if sampling == 'boundary':
         np.testing.assert_allclose(distance, 1.0, atol=1e-12)
+    elif sampling == 'outside':
+        # Uniform from once to twice the distance of the boundary.
+        assert 1.0 < distance.min() < 1.01
+        assert 1.99 < distance.max() <= 2.0
+        assert distance.mean() == pytest.approx(1.5, abs=0.02)
+        assert not admissible.contains(whole).any()
     else:
         assert distance.max() < 1.0
     # Uniform by volume: the share within a copy of the set at half its size is 1 / 2^4.
     inner = (distance < 0.5).mean()
     assert inner == pytest.approx(
-        {'volume': 0.0625, 'thrusts': 0.27, 'boundary': 0.0}[sampling], abs=0.03)
+        {'volume': 0.0625, 'thrusts': 0.27, 'boundary': 0.0, 'outside': 0.0}[sampling], abs=0.03)
 
 
 def test_batches_give_what_single_calls_give(study, tmp_path, monkeypatch, plain):
@@ -269,6 +276,51 @@ def test_plain_osqp_does_not_depend_on_what_was_asked_before():
         np.testing.assert_array_equal(used.allocate(u).thrusts, fresh.thrusts)
 
 
+# Problems without a vehicle
+
+def test_a_problem_has_the_names_of_its_axes_and_one_error(tmp_path):
+    command = ['--vehicle', 'admire', '--methods', 'all', '--samples', '60']
+    assert main([*command, '--out', str(tmp_path)]) == 0
+    rows, problem = rows_of(tmp_path), load_problem('admire')
+    assert list(rows[0]) == [
+        'sample', 'method', 'roll', 'pitch', 'yaw', 'f_1', 'f_2', 'f_3', 'f_4', 'violated',
+        'error', 'time', 'status']
+    u = numbers(rows, 'roll', 'pitch', 'yaw')
+    residual = u - numbers(rows, 'f_1', 'f_2', 'f_3', 'f_4') @ problem.gamma.T
+    np.testing.assert_allclose(
+        numbers(rows, 'error')[:, 0], np.linalg.norm(residual, axis=1), atol=1e-13)
+    found = metrics_of(tmp_path)
+    assert set(found['left_out']) == {'sequential_desaturation', 'betaflight_mixer'}
+    assert set(found['methods']) == set(ALLOCATORS) - set(found['left_out'])
+    assert found['methods']['exact']['error']['max'] < 1e-13
+    # Energy is a law of rotors.
+    assert 'energy' not in found['methods']['exact']
+    text = (tmp_path / 'static.md').read_text()
+    assert '`betaflight_mixer`: betaflight_mixer is for multirotors' in text
+    assert '`exact` produces 60 of 60 wrenches' in text
+    assert ' [N]' not in text.partition('## Further')[0]
+    assert 'paper' not in text
+    assert (tmp_path / 'slices.png').stat().st_size > 20_000
+
+
+def test_a_problem_of_any_names_is_drawn_and_takes_options_of_its_file(tmp_path):
+    file = tmp_path / 'plane.yaml'
+    file.write_text("""
+problem:
+  matrix: [[1, 1, 0], [0, 1, 1]]
+  lower: -1
+  upper: [1, 2, 3]
+allocation: {exact: {policy: scale}}
+""")
+    command = ['--vehicle', str(file), '--samples', '30', '--sampling', 'outside']
+    assert main([*command, '--out', str(tmp_path)]) == 0
+    assert list(rows_of(tmp_path)[0])[2:4] == ['axis_1', 'axis_2']
+    found = metrics_of(tmp_path)
+    assert found['methods']['exact']['status'] == {'SCALED': 30}
+    assert found['methods']['exact']['reversed'] == 0.0
+    assert (tmp_path / 'slices.png').stat().st_size > 20_000
+
+
 class Bare:
     """No subclass of ours, and it does not say that its thrusts are out of bounds."""
 
@@ -337,6 +389,9 @@ class NoVehicle(Allocator):
 @pytest.mark.parametrize(('arguments', 'code', 'words'), [
     (['--vehicle', 'nowhere'], 1, 'nowhere: neither a file nor a shipped vehicle'),
     (['--methods', 'exakt'], 1, "no method 'exakt'; there are exact"),
+    (['--vehicle', 'admire', '--methods', 'betaflight_mixer'], 1, 'is for multirotors'),
+    (['--vehicle', 'admire', '-p', 'vehicle.mass:=1'], 1, 'vehicle.mass: no such parameter'),
+    (['--vehicle', 'admire', '-p', 'allocation.exact.policy:=none'], 1, 'policy: .*none'),
     (['--methods', 'nowhere:Mine'], 1, 'nowhere:Mine: No module named'),
     (['--methods', '../../../etc/passwd:X'], 1, "no method '../../../etc/passwd:X'; there are"),
     (['--methods', 'unfinished:NoAllocate'], 1, 'NoAllocate: the class does not define _allocate'),

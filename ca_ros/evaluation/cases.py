@@ -1,18 +1,18 @@
-"""The case of a study: a vehicle with its parameters, and the methods compared on it."""
+"""The case of a study: a vehicle or problem with its parameters, and the methods on it."""
 
 from __future__ import annotations
 
 import signal
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation import ALLOCATORS, Allocator, make_allocator
+from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator, make_allocator
 from ca_ros.allocation.options import options_from_parameters
-from ca_ros.allocation.parameters import own_parameters
+from ca_ros.allocation.parameters import ALLOCATION, own_parameters
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
@@ -22,7 +22,10 @@ from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.nodes.parameters import PARAMETERS, load
 from ca_ros.problem.audit import accept, audit
-from ca_ros.schema import Parameter, ParameterError, complete, names_class
+from ca_ros.problem.files import read_problem
+from ca_ros.problem.prioritization import default_order
+from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of
+from ca_ros.schema import Parameter, ParameterError, check_given, complete, names_class
 from ca_ros.vehicle.files import read_value
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -32,6 +35,8 @@ PAPER = ('exact', 'pseudo_inverse', 'conventional', 'direct')
 SETS = {'paper': PAPER, 'all': tuple(ALLOCATORS)}
 """Words that stand for several methods."""
 
+ORDER = 'allocation.exact.order'
+
 
 class CaseError(CaRosError):
     """The vehicle, a parameter or a method of a command line is wrong."""
@@ -39,45 +44,80 @@ class CaseError(CaRosError):
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A vehicle under study.
+    """A vehicle, or a problem without a vehicle, under study.
 
     Attributes
     ----------
     name : str
-        A shipped vehicle or the path of a parameter file.
+        A shipped vehicle or problem, or the path of a file.
     parameters : dict
-        All parameters by name, checked.
-    vehicle : Vehicle
-        With the axes that its rotors can command.
+        All parameters by name, checked; those of the methods alone if there is no vehicle.
+    problem : AllocationProblem
+        Of a vehicle: with the axes that its rotors can command.
     changes : tuple of str
-        Parameters other than in the vehicle's file, ``NAME:=VALUE``.
+        Parameters other than in the file, ``NAME:=VALUE``.
+    left_out : dict
+        Methods that do not apply to the problem and were not asked for by name, with the reason.
     """
 
     name: str
     parameters: dict[str, Any]
-    vehicle: Vehicle
+    problem: AllocationProblem
     changes: tuple[str, ...] = ()
+    left_out: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def flies(self) -> bool:
+        """Whether this is a vehicle."""
+        return isinstance(self.problem, VehicleProblem)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle, with the axes that its rotors can command; a TypeError without one."""
+        return vehicle_of(self.problem)
 
     @classmethod
-    def load(cls, name: str, changes: Sequence[str] = (), methods: Sequence[str] = ()) -> Case:
-        """Read a vehicle's parameter file and apply changes; raise a ParameterError if wrong.
+    def load(
+        cls,
+        name: str,
+        changes: Sequence[str] = (),
+        methods: Sequence[str] = (),
+        flying: bool = False,
+    ) -> Case:
+        """Read the file of a vehicle or problem and apply changes; a ParameterError if wrong.
 
-        The parameters are those of a file, and those that one's own `methods` declare.
+        The parameters are those of a file, and those that one's own `methods` declare.  If
+        `flying`, only a vehicle is right.
         """
-        table = {**PARAMETERS}
+        read = None if flying else read_problem(name)
+        table: dict[str, Parameter] = {**(PARAMETERS if read is None else ALLOCATION)}
         for method in methods:
             table |= own_parameters(method)
         changed = dict(_change(change, table) for change in changes)
+        if read is not None:
+            problem, options = read
+            given = options | changed
+            try:
+                check_given(given, table)
+                parameters: dict[str, Any] = complete(given, table)
+            except ParameterError as error:
+                raise ParameterError(f'{name}: {error}') from None
+            if ORDER not in given:
+                parameters[ORDER] = default_order(problem.axes)
+            return cls(name, parameters, problem, tuple(changes))
         parameters = complete(dict(load(name)) | changed, table)
         try:
             vehicle = accept(Vehicle.from_parameters(parameters)).vehicle
         except ParameterError as error:
             raise ParameterError(f'{name}: {error}') from None
-        return cls(name, parameters, vehicle, tuple(changes))
+        return cls(name, parameters, VehicleProblem(vehicle), tuple(changes))
 
     @classmethod
-    def of(cls, options: Namespace) -> tuple[Case, dict[str, Allocator]]:
+    def of(cls, options: Namespace, flying: bool = False) -> tuple[Case, dict[str, Allocator]]:
         """Return case and allocators of a command line; make the folder of the results.
+
+        Methods of a set such as ``all`` that do not apply to a problem without a vehicle are left
+        out; see `left_out`.  With `flying`, a problem without a vehicle is refused.
 
         From then on SIGINT raises a KeyboardInterrupt, also in a background process, which shells
         start with SIGINT ignored. Raises a CaseError if the command line is wrong.
@@ -85,8 +125,16 @@ class Case:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             methods = methods_of(options.methods)
-            case = cls.load(options.vehicle, options.param, methods)
-            allocators = {method: case.allocator(method) for method in methods}
+            case = cls.load(options.vehicle, options.param, methods, flying)
+            asked = [word.strip() for word in options.methods.split(',')]
+            allocators = {}
+            for method in methods:
+                try:
+                    allocators[method] = case.allocator(method)
+                except ValueError as error:
+                    if case.flies or method in asked:
+                        raise
+                    case.left_out[method] = str(error)
         except ValueError as error:
             raise CaseError(str(error)) from None
         options.out.mkdir(parents=True, exist_ok=True)
@@ -126,17 +174,17 @@ class Case:
         return changes
 
     def allocator(self, method: str, vehicle: Vehicle | None = None) -> Allocator:
-        """Return the allocator of a method for a vehicle, by default `self.vehicle`.
+        """Return the allocator of a method for a vehicle, by default that of the case.
 
         A method is one of `make_allocator`, whose options are in the parameters, or one of
         `FOR_COMPARISON`.  Raises a ValueError if there is no such method.
         """
-        vehicle = vehicle or self.vehicle
+        subject = vehicle or (self.vehicle if self.flies else self.problem)
         if method in FOR_COMPARISON:
-            return FOR_COMPARISON[method](vehicle)
+            return FOR_COMPARISON[method](subject)
         chosen = {**self.parameters, 'allocation.method': method}
-        options = options_from_parameters(chosen, vehicle.axes)
-        return make_allocator(method, vehicle, **options)
+        options = options_from_parameters(chosen, subject.axes)
+        return make_allocator(method, subject, **options)
 
 
 def methods_of(text: str) -> list[str]:

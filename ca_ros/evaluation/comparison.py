@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ca_ros.allocation import Allocation, Allocator, Status
+from ca_ros.allocation import Allocation, AllocationProblem, Allocator, Status
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
@@ -19,7 +19,7 @@ class FixedPseudoInverse(PseudoInverse):
     The share of a lost rotor is lost and not given to the others.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         self.inverse = np.linalg.pinv(self.problem.gamma)
 
@@ -35,7 +35,7 @@ class PlainOsqp(Allocator):
 
     SETTINGS: ClassVar[dict[str, Any]] = {}
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         try:
             settings = {'warm_starting': False, **self.SETTINGS}

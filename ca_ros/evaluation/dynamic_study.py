@@ -18,7 +18,7 @@ from ca_ros.evaluation.dynamic_plots import draw
 from ca_ros.evaluation.dynamic_tables import document
 from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.flight_metrics import judge_samples, metrics
-from ca_ros.evaluation.observations import observe
+from ca_ros.evaluation.observations import findings, observe
 from ca_ros.evaluation.options import command, concluded, parser, positive, write
 from ca_ros.evaluation.paper import of_the_paper
 from ca_ros.evaluation.ros_flight import check, fly_over_ros
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _study(options: argparse.Namespace) -> None:
     """Fly, write all files and print dynamic.md; after Ctrl-C with the complete flights."""
-    case, allocators = Case.of(options)
+    case, allocators = Case.of(options, flying=True)
     failures = failures_of(options)
     failures.check(case.vehicle.n)
     options.goals = goals = trajectory.trajectory_of(options)
@@ -135,6 +135,7 @@ def _write(
         'failures': arguments(failures),
         'lost_axes': audit(case.vehicle.with_health(last)).lost,
         'observations': {each.sentence: each.holds for each in observations},
+        'findings': [] if checked else list(findings(flights, goal)),
         'numbers': {each.sentence: each.numbers for each in observations},
         'changes': case.changes,
         'parameters': case.parameters,

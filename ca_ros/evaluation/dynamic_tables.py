@@ -1,4 +1,4 @@
-"""The table of dynamic.md: one row per method, one column per metric."""
+"""The tables of dynamic.md: one row per method, one column per metric."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from math import degrees
 from typing import Any
 
+from ca_ros.evaluation.flight_metrics import RECOVERED
 from ca_ros.evaluation.observations import HEIGHT_ERROR
 from ca_ros.evaluation.tables import render, table
 
@@ -42,6 +43,14 @@ COLUMNS: dict[str, Callable[[Metrics, Collection[str]], str]] = {
 }
 """A cell of each column, from the metrics of a flight and the lost axes."""
 
+BEYOND: dict[str, Callable[[Metrics], str]] = {
+    'energy [N¹·⁵ s]': lambda own: f'{own["energy"]:.1f}',
+    'change of thrust [N/s]': lambda own: f'{own["smoothness"]:.2f}',
+    'recovered': lambda own: 'yes' if own['recovered'] else 'lost',
+    'height lost [m]': lambda own: f'{own["height_lost"]:.2f}',
+}
+"""The same for the second table, of metrics that the paper leaves out."""
+
 
 def document(found: Metrics) -> str:
     """Return dynamic.md for a study as in dynamic.json."""
@@ -50,4 +59,15 @@ def document(found: Metrics) -> str:
         for name, own in found['methods'].items()
     ]
     made = table(['method', *COLUMNS], rows)
-    return render('dynamic.md', **found, table=made, height_error=HEIGHT_ERROR)
+    beyond = [
+        [f'`{name}`', *(cell(own) for cell in BEYOND.values())]
+        for name, own in found['methods'].items()
+    ]
+    return render(
+        'dynamic.md',
+        **found,
+        table=made,
+        beyond=table(['method', *BEYOND], beyond),
+        height_error=HEIGHT_ERROR,
+        recovered=RECOVERED,
+    )

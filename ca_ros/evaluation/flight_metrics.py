@@ -11,6 +11,7 @@ import pandas as pd
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.evaluation.judge import FORCES
+from ca_ros.evaluation.wrench_metrics import energy
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
@@ -26,6 +27,9 @@ STEADY = 1.0
 
 SETTLED = 0.02
 """Share of the step within which a quantity has settled."""
+
+RECOVERED = 0.3
+"""Greatest distance from the waypoint at the end for a flight to count as recovered [m]."""
 
 AT_BOUND = 1e-3
 """Share of a rotor's range of speeds within which it is at a bound."""
@@ -57,10 +61,12 @@ def judge_samples(
         One row per sample: ``force_error`` [N] and ``torque_error`` [N m], the lengths of
         commanded minus delivered; ``margin`` [N, N m] of the commanded wrench in the admissible
         set of the rotors as they physically are, NaN where that set has no volume;
-        ``thrusts_squared``, |f|^2 [N^2]; ``movable`` and ``at_bound``: how many rotors can move,
-        and are at a bound.
+        ``thrusts_squared``, |f|^2 [N^2]; ``energy``, the sum of |f|^1.5 [N^1.5]; ``change``, the
+        sum of |change of thrust| over the rotors since the previous sample [N]; ``goal_height``
+        of the waypoint [m]; ``movable`` and ``at_bound``: how many rotors can move, and are at a
+        bound.
     """
-    parts = []
+    parts, given = [], []
     for part, pilot, vehicle, goal in _legs(flight, controller, waypoint, changes):
         states = zip(
             flight.position[part],
@@ -80,11 +86,25 @@ def judge_samples(
             'torque_error': np.linalg.norm(residual[:, ~forces], axis=1),
             'margin': _margin(vehicle, axes, commanded),
             'thrusts_squared': np.square(thrusts).sum(axis=1),
+            'energy': energy(thrusts),
+            'goal_height': float(goal.position[2]),
             'movable': movable.sum(),
             'at_bound': (low | high)[:, movable].sum(axis=1),
         }
         parts.append(pd.DataFrame(columns))
-    return pd.concat(parts, ignore_index=True)
+        given.append(thrusts)
+    return pd.concat(parts, ignore_index=True).assign(change=changes_of(np.concatenate(given)))
+
+
+def changes_of(thrusts: Array) -> Array:
+    """Return the sum (K,) of |change of thrust| since the previous sample, of thrusts (K, n)."""
+    return np.abs(np.diff(thrusts, axis=0, prepend=thrusts[:1])).sum(axis=1)
+
+
+def height_lost(flight: Flight, waypoints: float) -> float:
+    """Return how far a flight sinks below its start and the height of its lowest waypoint [m]."""
+    lower = min(float(flight.position[0, 2]), waypoints)
+    return max(0.0, lower - float(flight.position[:, 2].min()))
 
 
 def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[str, Any]:
@@ -95,8 +115,11 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
     dict
         ``steady_state_error`` (mean of waypoint minus value), ``settling_time`` (None if it never
         settles) and ``overshoot`` (share of the step) by axis; ``effort``, the integral of |f|^2
-        [N^2 s]; ``time_at_bound``, the share of the rotors' time; ``worst_force_residual`` [N] and
-        ``worst_torque_residual`` [N m]; and ``greatest_tilt`` [rad].
+        [N^2 s]; ``energy``, the integral of the sum of |f|^1.5 [N^1.5 s]; ``smoothness``, the sum
+        of |change of thrust| over rotors and samples per second [N/s]; ``recovered``: whether the
+        flight ends within `RECOVERED` of the waypoint; ``height_lost`` [m]; ``time_at_bound``, the
+        share of the rotors' time; ``worst_force_residual`` [N] and ``worst_torque_residual``
+        [N m]; and ``greatest_tilt`` [rad].
     """
     ways = dict(zip('xyz', (waypoint.position - flight.position).T, strict=True))
     ways['yaw'] = difference(waypoint.heading, flight.heading)
@@ -112,6 +135,10 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
             for name, left in ways.items()
         },
         'effort': float((samples['thrusts_squared'].to_numpy() * intervals).sum()),
+        'energy': float((samples['energy'].to_numpy() * intervals).sum()),
+        'smoothness': float(samples['change'].sum() / max(flight.time[-1], intervals[0])),
+        'recovered': flight.position_error(waypoint) <= RECOVERED,
+        'height_lost': height_lost(flight, float(samples['goal_height'].min())),
         'time_at_bound': float(samples['at_bound'].sum() / max(1, samples['movable'].sum())),
         'worst_force_residual': float(samples['force_error'].max()),
         'worst_torque_residual': float(samples['torque_error'].max()),

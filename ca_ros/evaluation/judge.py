@@ -13,6 +13,7 @@ import pandas as pd
 from ca_ros.allocation import AllocationProblem, Allocator, Status
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
+from ca_ros.problem.vehicle_problem import VehicleProblem
 
 VIOLATION = 1e-9
 """Thrusts that are further outside their bounds than this violate them [N]."""
@@ -24,11 +25,25 @@ FORCES = ('force_x', 'force_y', 'thrust')
 """The axes in N; the others are in N m."""
 
 COLUMNS = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}
-"""Columns of the axes whose column has another name."""
+"""Columns of a vehicle's axes whose column has another name."""
+
+ERRORS = {
+    'force_error': 'force error [N]',
+    'torque_error': 'torque error [N m]',
+    'error': 'error of all axes',
+}
+"""Titles of the errors: force and torque of a vehicle, one of a problem without a vehicle."""
 
 
 class AnswerError(CaRosError, ValueError):
     """A method did not answer with thrusts of the vehicle's rotors."""
+
+
+def columns(problem: AllocationProblem) -> list[str]:
+    """Return the names of the columns of u."""
+    if isinstance(problem, VehicleProblem):
+        return [COLUMNS.get(axis, axis) for axis in problem.axes]
+    return list(problem.axes)
 
 
 class Judge:
@@ -36,7 +51,11 @@ class Judge:
 
     def __init__(self, problem: AllocationProblem, demands: Array) -> None:
         self.problem, self.demands = problem, demands
-        self._force = np.array([axis in FORCES for axis in problem.axes])
+        force = np.array([axis in FORCES for axis in problem.axes])
+        if isinstance(problem, VehicleProblem):
+            self._parts = {'force_error': force, 'torque_error': ~force}
+        else:
+            self._parts = {'error': np.full(len(force), True)}
 
     @cached_property
     def attainable(self) -> Any:
@@ -53,14 +72,12 @@ class Judge:
             norms[i] = np.linalg.norm(least)
         return norms
 
-    def errors(self, thrusts: Array) -> tuple[Array, Array, Array]:
-        """Return violation [N], force error [N] and torque error [N m] of thrusts, (N,) each."""
+    def errors(self, thrusts: Array) -> dict[str, Array]:
+        """Return the errors of thrusts that `ERRORS` lists for this problem, (N,) each."""
         residual = self.problem.residual(self.demands, thrusts)
-        return (
-            self.problem.violation(thrusts),
-            np.linalg.norm(residual[:, self._force], axis=1),
-            np.linalg.norm(residual[:, ~self._force], axis=1),
-        )
+        return {
+            name: np.linalg.norm(residual[:, part], axis=1) for name, part in self._parts.items()
+        }
 
     def worst(self, answers: Sequence[Any]) -> dict[str, float]:
         """Return the largest errors of answers: thrusts (n,) or None for each wrench.
@@ -87,8 +104,10 @@ class Judge:
                 )
         thrusts = np.array([nothing if answer is None else answer for answer in answers])
         answered = np.isfinite(thrusts).all(axis=1)
-        violation, force, torque = self.errors(np.where(answered[:, None], thrusts, 0.0))
-        error, judged = np.hypot(force, torque), answered & self.attainable
+        given = np.where(answered[:, None], thrusts, 0.0)
+        violation = self.problem.violation(given)
+        error = np.linalg.norm(list(self.errors(given).values()), axis=0)
+        judged = answered & self.attainable
         right = judged & (error <= WRONG) & (violation <= WRONG)
         excess = (np.linalg.norm(thrusts, axis=1) - self.least_norms)[right]
         return {
@@ -149,18 +168,16 @@ def evaluate(
             f'{name}: expected finite thrusts of {problem.n} rotors for each wrench, got an array '
             f'of shape {thrusts.shape}'
         )
-    outside, force, torque = Judge(problem, demands).errors(thrusts)
+    outside = problem.violation(thrusts)
     violation = np.maximum(parts[1].astype(float).ravel(), outside)
     status = np.broadcast_to(parts[2].astype(np.int8).ravel(), outside.shape)
-    names = [COLUMNS.get(axis, axis) for axis in problem.axes]
     return pd.DataFrame(
         {
             'method': name,
-            **dict(zip(names, demands.T, strict=True)),
+            **dict(zip(columns(problem), demands.T, strict=True)),
             **{f'f_{i + 1}': column for i, column in enumerate(thrusts.T)},
             'violated': (violation > VIOLATION).astype(np.int8),
-            'force_error': force,
-            'torque_error': torque,
+            **Judge(problem, demands).errors(thrusts),
             'time': np.broadcast_to(times, outside.shape),
             'status': pd.Categorical.from_codes(status, [each.name for each in Status]),
             'violation': violation,

@@ -1,8 +1,9 @@
-"""The paper's observations on its dynamic simulation, checked by numbers."""
+"""Observations on flights: the paper's, checked by numbers, and findings for any vehicle."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import degrees
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from ca_ros.allocation.exact import Exact
 from ca_ros.evaluation.cases import PAPER
 from ca_ros.evaluation.flight_metrics import at_bounds, steady
+from ca_ros.evaluation.tables import number
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -30,6 +32,16 @@ class Observation(NamedTuple):
     sentence: str
     holds: bool
     numbers: str
+
+
+def findings(flights: Mapping[str, Flight], waypoint: Waypoint) -> Iterator[str]:
+    """Yield a sentence per flight, for flights that are not the paper's."""
+    for name, flight in flights.items():
+        error, angle = flight.position_error(waypoint), flight.heading_error(waypoint)
+        yield (
+            f'With `{name}` the flight ends {number(error)} m from the waypoint, '
+            f'with a heading error of {number(degrees(angle))}°.'
+        )
 
 
 def observe(

@@ -68,7 +68,7 @@ def why(found: Mapping[str, Any], method: str) -> str:
 
 def _as_shipped(parameters: Mapping[str, Any], *groups: str) -> bool:
     return all(
-        parameters[name] == value
+        parameters.get(name) == value
         for name, value in load('hexarotor').items()
         if name.startswith(groups) or name == 'allocation.axes'
     )

@@ -14,6 +14,8 @@ SAMPLINGS = {
     'volume': 'drawn uniformly by volume in the admissible set',
     'thrusts': 'given by thrusts that are drawn uniformly in their bounds',
     'boundary': 'drawn by volume and projected from the centre onto the boundary of the set',
+    'outside': 'drawn by volume and moved away from the centre of the set, to between one and two '
+    'times the distance of its boundary; none is attainable',
 }
 
 
@@ -37,7 +39,9 @@ def _block(admissible: AdmissibleSet, sampling: str, rng: np.random.Generator) -
     if sampling == 'thrusts':
         return rng.uniform(problem.lower, problem.upper, (BLOCK, problem.n)) @ problem.gamma.T
     wrenches = admissible.sample(rng, BLOCK)
-    if sampling == 'boundary':
+    if sampling in ('boundary', 'outside'):
         offsets = wrenches - center
         wrenches = center + offsets / gauge(admissible, center + offsets)[:, None]
+        if sampling == 'outside':
+            wrenches = center + (wrenches - center) * (2.0 - rng.random((BLOCK, 1)))
     return wrenches

@@ -8,6 +8,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.vehicle_problem import VehicleProblem
 
 AXES = {
     'force_x': ('force x', 'N'),
@@ -38,8 +39,10 @@ class Section:
     def of(cls, admissible: AdmissibleSet, pair: tuple[str, str]) -> Section:
         """Return the section along two axes."""
         names, reference = admissible.problem.axes, admissible.reference
+        known = AXES if isinstance(admissible.problem, VehicleProblem) else {}
+        titles = {axis: known.get(axis, (axis, '')) for axis in names}
         others = [
-            f'{AXES[axis][0]} = {value:.3g} {AXES[axis][1]}'
+            f'{titles[axis][0]} = {value:.3g} {titles[axis][1]}'.rstrip()
             for axis, value in zip(names, reference, strict=True)
             if axis not in pair and (axis == 'thrust' or abs(value) > 1e-9)
         ]
@@ -47,7 +50,7 @@ class Section:
             [names.index(axis) for axis in pair],
             reference,
             admissible.section(pair).vertices,
-            ['{} [{}]'.format(*AXES[axis]) for axis in pair],
+            ['{} [{}]'.format(*titles[axis]).removesuffix(' []') for axis in pair],
             ', '.join(others) or 'other axes at zero',
         )
 
@@ -65,6 +68,12 @@ class Section:
 
 
 def sections(admissible: AdmissibleSet, *pairs: tuple[str, str]) -> list[Section]:
-    """Return the sections along each pair of axes that the vehicle commands."""
-    present = set(admissible.problem.axes)
-    return [Section.of(admissible, pair) for pair in pairs if set(pair) <= present]
+    """Return the sections along each pair of axes that are commanded.
+
+    Of a problem without a vehicle that has none of them: the section along its first two axes.
+    """
+    axes = admissible.problem.axes
+    found = [pair for pair in pairs if set(pair) <= set(axes)]
+    if not (found or isinstance(admissible.problem, VehicleProblem)) and len(axes) > 1:
+        found = [(axes[0], axes[1])]
+    return [Section.of(admissible, pair) for pair in found]

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ca_ros.allocation import Allocator
-from ca_ros.evaluation.judge import COLUMNS, VIOLATION, evaluate
+from ca_ros.evaluation.judge import ERRORS, VIOLATION, columns, evaluate
 from ca_ros.evaluation.plot_style import legend, sheet, styles, title
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.evaluation.sections import Section, sections
@@ -47,7 +47,7 @@ def draw(
     """Draw all plots of a static study into a folder."""
     shown = rows[rows['sample'] < SHOWN]
     time = f'time of a {"call" if timing == "single calls" else "wrench in a batch"} [s]'
-    errors = {'force_error': 'force error [N]', 'torque_error': 'torque error [N m]'}
+    errors = {name: words for name, words in ERRORS.items() if name in rows}
     with matplotlib.rc_context(STYLE):
         plots = {
             'errors': _draw_distributions(shown, errors),
@@ -163,15 +163,15 @@ def _draw_violations(admissible: AdmissibleSet, rows: pd.DataFrame) -> Figure:
 
 def _draw_share(axes: Axes, admissible: AdmissibleSet, rows: pd.DataFrame) -> None:
     """Draw the share of samples with a violation over the distance from the centre."""
-    names = [COLUMNS.get(axis, axis) for axis in admissible.problem.axes]
-    rows = rows.assign(distance=gauge(admissible, rows[names].to_numpy())).sort_values('distance')
+    distance = gauge(admissible, rows[columns(admissible.problem)].to_numpy())
+    rows = rows.assign(distance=distance).sort_values('distance')
     order = np.arange(len(rows)) * min(BINS, len(rows)) // len(rows)
     bins = rows.groupby(order)
     share, size = bins['violated'].mean(), bins.size()
     error = 100.0 * np.sqrt(share * (1.0 - share) / size)
     look: dict[str, Any] = {'color': COLORS[0], 'marker': 'o', 'markersize': 3, 'linewidth': 1.0}
     axes.errorbar(bins['distance'].mean(), 100.0 * share, error, **look)
-    axes.set(xlim=(0.0, 1.0), ylim=(-2.0, 102.0))
+    axes.set(xlim=(0.0, max(1.0, float(distance.max()))), ylim=(-2.0, 102.0))
     axes.set_xlabel('from centre (0) to boundary (1) of the set')
     axes.set_ylabel('samples with a violation [%]')
     axes.set_title(f'{len(rows)} samples, ± one standard error', fontsize='medium')

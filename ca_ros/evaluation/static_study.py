@@ -13,15 +13,16 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import AllocationProblem, Allocator
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.environment import machine, versions
-from ca_ros.evaluation.judge import evaluate
+from ca_ros.evaluation.judge import ERRORS, columns, evaluate
 from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
 from ca_ros.evaluation.sampling import SAMPLINGS, samples
 from ca_ros.evaluation.static_plots import draw
 from ca_ros.evaluation.static_tables import document, standard_error
+from ca_ros.evaluation.wrench_metrics import metrics
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 SINGLE_MAX = 10_000
@@ -29,6 +30,9 @@ SINGLE_MAX = 10_000
 
 CHUNK, BATCH = 100, 10_000
 """Number of samples that each method allocates in turn, one by one or in a batch."""
+
+JUDGED = 10_000
+"""Number of samples, the first ones, from which the metrics of `wrench_metrics` are computed."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -65,7 +69,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         choices=SAMPLINGS,
         default='volume',
         help='volume: uniform in the admissible set; thrusts: uniform in the bounds of the '
-        'thrusts; boundary: projected onto the boundary of the set',
+        'thrusts; boundary: projected onto the boundary of the set; outside: beyond it, by up to '
+        'as much again',
     )
     return made.parse_args(split(argv)[0])
 
@@ -80,7 +85,7 @@ def run(
     DataFrame
         One row per sample and method, with the columns of `evaluate`; sorted by sample.
     """
-    admissible, total = AdmissibleSet(case.vehicle), options.samples
+    admissible, total = AdmissibleSet(case.problem), options.samples
     batch, drawn = total > SINGLE_MAX, (options.sampling, options.seed)
     size = BATCH if batch else CHUNK
     parts = []
@@ -122,18 +127,21 @@ def _write(
         'vehicle': case.name,
         'changes': case.changes,
         'parameters': case.parameters,
-        'methods': {name: _metrics(own) for name, own in methods},
+        'methods': {name: _metrics(own, case.problem) for name, own in methods},
+        'left_out': case.left_out,
         'versions': versions(),
         'machine': machine(),
     }
     text = document(found)
     write(out / 'static', rows.drop(columns='violation'), found, text)
-    draw(out, AdmissibleSet(case.vehicle), allocators, rows, found['timing'], options.figures)
+    draw(out, AdmissibleSet(case.problem), allocators, rows, found['timing'], options.figures)
     return text
 
 
-def _metrics(own: pd.DataFrame) -> dict[str, Any]:
+def _metrics(own: pd.DataFrame, problem: AllocationProblem) -> dict[str, Any]:
     """Return the metrics of one method's rows."""
+    demands = own[columns(problem)].to_numpy()
+    thrusts = own.filter(regex=r'^f_\d+$').to_numpy()
     violations, worst = int(own['violated'].sum()), float(own['violation'].max())
     time, status = own['time'], own['status'].value_counts()
     return {
@@ -141,14 +149,14 @@ def _metrics(own: pd.DataFrame) -> dict[str, Any]:
         'violations_standard_error': standard_error(violations, len(own)),
         # None for a method that had no thrusts to saturate.
         'violation_max': worst if isfinite(worst) else None,
-        'force_error': _mean_max(own['force_error'].to_numpy()),
-        'torque_error': _mean_max(own['torque_error'].to_numpy()),
+        **{name: _mean_max(own[name].to_numpy()) for name in ERRORS if name in own},
         'time': {
             **_mean_max(time.to_numpy()),
             'median': float(time.median()),
             'p99': float(np.percentile(time, 99)),
         },
         'status': {name: int(count) for name, count in sorted(status.items()) if count},
+        **metrics(problem, demands[:JUDGED], thrusts[:JUDGED]),
     }
 
 

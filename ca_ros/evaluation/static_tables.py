@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from math import hypot, sqrt
 from typing import Any
 
 from ca_ros.evaluation import paper
+from ca_ros.evaluation.judge import ERRORS
 from ca_ros.evaluation.paper import ROWS
 from ca_ros.evaluation.sampling import SAMPLINGS
 from ca_ros.evaluation.tables import render, table
+from ca_ros.evaluation.wrench_metrics import cells
 
 Metrics = Mapping[str, Any]
 
-ERRORS = ('force_error', 'torque_error')
-
-TITLES = (
-    *('method', 'violations', 'force error [N], mean / max'),
-    *('torque error [N m], mean / max', 'time [s], mean / max'),
-)
+UNITS = {'force_error': ' N', 'torque_error': ' N m', 'error': ''}
 
 
 def document(found: Metrics) -> str:
@@ -27,16 +24,44 @@ def document(found: Metrics) -> str:
         'static.md',
         **found,
         about=SAMPLINGS[found['sampling']],
-        table=table(TITLES, _rows(found)),
+        table=table(_titles(found), _rows(found)),
+        beyond=beyond(found['methods']),
+        observations=[] if paper.applies(found) else list(_observations(found)),
         differences=_differences(found) if paper.applies(found) else [],
     )
+
+
+def beyond(methods: Mapping[str, Metrics]) -> str:
+    """Return the table of `wrench_metrics` by method."""
+    rows = {f'`{name}`': cells(own) for name, own in methods.items()}
+    titles = next(iter(rows.values()))
+    return table(('method', *titles), [[name, *own.values()] for name, own in rows.items()])
+
+
+def _errors(found: Metrics) -> list[str]:
+    """Return the errors of a study: those of a vehicle, or of a problem without a vehicle."""
+    first = next(iter(found['methods'].values()))
+    return [name for name in ERRORS if name in first]
+
+
+def _titles(found: Metrics) -> list[str]:
+    errors = [f'{ERRORS[name]}, mean / max' for name in _errors(found)]
+    return ['method', 'violations', *errors, 'time [s], mean / max']
+
+
+def _observations(found: Metrics) -> Iterator[str]:
+    """Yield a sentence about each method, for studies that are not the paper's."""
+    for name, own in found['methods'].items():
+        worst = ', '.join(f'{own[key]["max"]:.1e}{UNITS[key]}' for key in _errors(found))
+        exact = own['status'].get('EXACT', 0)
+        yield f'`{name}` produces {exact} of {found["samples"]} wrenches; largest error {worst}.'
 
 
 def _rows(found: Metrics) -> list[list[str]]:
     """Return the rows of the methods; the paper's rows are below ours."""
     rows = []
     for name, ours in found['methods'].items():
-        pairs = [(ours[key]['mean'], ours[key]['max']) for key in (*ERRORS, 'time')]
+        pairs = [(ours[key]['mean'], ours[key]['max']) for key in (*_errors(found), 'time')]
         rows.append(_row(f'`{name}`', ours['violations'], found['samples'], pairs))
         if paper.applies(found) and name in ROWS:
             row = ROWS[name]
@@ -56,7 +81,7 @@ def _differences(found: Metrics) -> list[str]:
     lines = []
     for name, ours in known.items():
         compared = [_compare_counts(ours['violations'], found['samples'], ROWS[name].violations)]
-        for key in ERRORS:
+        for key in _errors(found):
             mean, largest = map(_compare, ours[key].values(), getattr(ROWS[name], key))
             compared.append(f'{key.replace("_", " ")} {mean} on average, {largest} at most')
         lines.append(f'`{name}`: {"; ".join(compared)}. {paper.why(found, name)}')

@@ -72,11 +72,11 @@ def run(
     """Measure everything; return what benchmark.json and benchmark.csv hold."""
     start, stolen_before, surroundings = time.perf_counter(), stolen(), environment()
     shared = plan, options.seed
-    wrenches = drawn(case.parameters, case.vehicle, *shared)
+    wrenches = drawn(case.parameters, case.problem, *shared)
     own = {name: method(partial(case.allocator, name)) for name in methods}
     policies = POLICIES if 'exact' in own else {}
     contenders = {BASELINE: CONTENDERS[BASELINE], **own, **policies, **CONTENDERS}
-    admissible = AdmissibleSet(case.vehicle)
+    admissible = AdmissibleSet(case.problem)
     problem = admissible.problem
     calls, about, absent = set_up(contenders, problem)
     parts = [time_calls(problem, calls, wrenches, *shared)]
@@ -93,9 +93,13 @@ def run(
     loop = (rival, calls[rival]) if rival else None
     many = admissible.sample(np.random.default_rng(options.seed), max(plan.batches))
     parts.append(time_batches(many, allocators, loop, *shared))
-    exact, flight = allocators['exact'], wrenches['flight']
-    flights, flown = time_flights(case.controller(), exact, flight, *shared)
-    rows = pd.concat([*parts, flights], ignore_index=True)
+    exact, flight = allocators['exact'], None
+    if case.flies:
+        flights, flown = time_flights(case.controller(), exact, wrenches['flight'], *shared)
+        parts.append(flights)
+        error = flown.position_error(WAYPOINTS[0])
+        flight = {'steps': len(flown.time), 'final_error': error}
+    rows = pd.concat(parts, ignore_index=True)
     found: dict[str, Any] = {
         'command': command('benchmark', options),
         'settings': {
@@ -114,16 +118,15 @@ def run(
                 'saturated': float(exact.allocate_batch(wrenches[name]).saturation.any(1).mean()),
             }
             for name, load in LOADS.items()
+            if name in wrenches
         },
         'contenders': about,
         'absent': absent,
         'C': about_c,
         'results': records(summarize(rows)),
         'rival': rival,
-        'flight': {
-            'steps': len(flown.time),
-            'final_error': flown.position_error(WAYPOINTS[0]),
-        },
+        'flight': flight,
+        'left_out': case.left_out,
         'node': _nodes(case, options),
     }
     surroundings |= {'load_average_after': load_average(), 'stolen': stolen(since=stolen_before)}
@@ -133,6 +136,8 @@ def run(
 
 def _nodes(case: Case, options: argparse.Namespace) -> dict[str, Any]:
     """Return the metrics of the nodes; 'absent' or 'error' with the reason if there are none."""
+    if not case.flies:
+        return {'absent': 'a problem without a vehicle has no rotor speeds'}
     if options.no_nodes:
         return {'absent': 'left out by --no-nodes'}
     if find_spec('rclpy') is None:

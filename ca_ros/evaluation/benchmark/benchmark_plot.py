@@ -49,7 +49,8 @@ def _draw_calls(axes: Axes, calls: pd.DataFrame) -> None:
             axes.plot(1e6 * own.time, row, **look, markerfacecolor=filling)
     look = {'color': 'grey', 'marker': 'D', 'markerfacecolor': 'white', 'linestyle': 'none'}
     axes.plot([], [], label='wrong', **look)
-    unit = calls[(calls['load'] == 'flight') & (calls['contender'] == BASELINE)]
+    last = 'flight' if 'flight' in set(calls['load']) else 'uniform'
+    unit = calls[(calls['load'] == last) & (calls['contender'] == BASELINE)]
     axes.axvline(1e6 * unit['time'].iloc[0], **DASHED)
     axes.set_xscale('log')
     axes.set_yticks(range(len(names)), [title(name) for name in names])

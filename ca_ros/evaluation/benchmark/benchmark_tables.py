@@ -31,13 +31,13 @@ def document(found: Mapping[str, Any]) -> str:
     results = pd.DataFrame(found['results'])
     results['mark'] = results['faults'].map(lambda faults: MARK if faults else '')
     parts = dict(iter(results.groupby('part', sort=False)))
-    loop = parts['closed loop'].set_index('contender')
+    loop = parts['closed loop'].set_index('contender') if 'closed loop' in parts else None
     return render(
         'benchmark.md',
         **found,
         parts=parts,
-        flown=loop.loc['exact'],
-        unit=loop.loc[BASELINE],
+        flown=None if loop is None else loop.loc['exact'],
+        unit=None if loop is None else loop.loc[BASELINE],
         constants={'unit': UNIT, 'rotors': ROTORS, 'stall': STALL, 'wrong': WRONG},
         times=times,
         percentiles=percentiles,

@@ -12,7 +12,7 @@ import numpy as np
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.allocation.result import Status
 from ca_ros.firmware.literals import braced
-from ca_ros.problem.prioritization import ORDER, REVERSAL, groups_of, sensed
+from ca_ros.problem.prioritization import REVERSAL, default_order, sensed
 from ca_ros.problem.problem import AllocationProblem
 
 
@@ -27,7 +27,7 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
         What the declarations begin with.  Without ``const`` the compiler cannot use the numbers.
     """
     axes, n, m = problem.axes, problem.n, len(problem.axes)
-    groups = groups_of(ORDER, axes)
+    groups = default_order(axes)
     keeps = sensed(groups, REVERSAL)
     options = (
         f'{int(Status.PRIORITIZED)}',

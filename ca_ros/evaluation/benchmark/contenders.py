@@ -16,8 +16,7 @@ from ca_ros.allocation import Allocator, make_allocator
 from ca_ros.evaluation.benchmark import peers
 from ca_ros.evaluation.benchmark.peers import Call
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import vehicle_of
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.problem.vehicle_problem import VehicleProblem
 
 BASELINE = 'clipped_pinv'
 """The clipped pseudo-inverse; its time is the unit of all others."""
@@ -41,9 +40,17 @@ class Contender:
         return self.build(problem, **self.settings)
 
 
-def method(make: Callable[[Vehicle], Allocator]) -> Contender:
-    """Return a method of this package, or of the user's own, as a contender."""
-    return Contender('method', lambda problem: make(vehicle_of(problem)).allocate)
+def method(make: Callable[[Any], Allocator]) -> Contender:
+    """Return a method of this package, or of the user's own, as a contender.
+
+    `make` gets the vehicle, or a problem without a vehicle.
+    """
+
+    def build(problem: AllocationProblem) -> Call:
+        subject = problem.vehicle if isinstance(problem, VehicleProblem) else problem
+        return make(subject).allocate
+
+    return Contender('method', build)
 
 
 def peer(package: str, build: Callable[..., Call], **settings: Any) -> Contender:

@@ -18,7 +18,8 @@ from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.vehicle_problem import vehicle_of
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of
 from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -104,13 +105,17 @@ LOADS = {
 
 
 def drawn(
-    parameters: Mapping[str, Any], vehicle: Vehicle, plan: Plan, seed: int
+    parameters: Mapping[str, Any], problem: AllocationProblem, plan: Plan, seed: int
 ) -> dict[str, Array]:
-    """Return the wrenches (W, m) of each load for a vehicle and its gains [N, N m]."""
-    admissible, gains = AdmissibleSet(vehicle), Gains.from_parameters(parameters)
+    """Return the wrenches (W, m) of each load for a vehicle and its gains [N, N m].
+
+    A problem without a vehicle has no load ``flight``.
+    """
+    admissible, gains = AdmissibleSet(problem), Gains.from_parameters(parameters)
     return {
         name: load.draw(admissible, gains, np.random.default_rng(seed), plan)
         for name, load in LOADS.items()
+        if name != 'flight' or isinstance(problem, VehicleProblem)
     }
 
 

@@ -59,7 +59,7 @@ def time_rotors(plan: Plan, rival: str | None, seed: int) -> pd.DataFrame:
     for n in plan.rotors:
         parameters = loads.ring(n)
         problem = VehicleProblem(Vehicle.from_parameters(parameters))
-        for load, wrenches in loads.drawn(parameters, problem.vehicle, plan, seed).items():
+        for load, wrenches in loads.drawn(parameters, problem, plan, seed).items():
             own = {Key('rotors', load, name, n): each for name, each in contenders.items()}
             calls |= {key: each.call(problem) for key, each in own.items()}
             judges |= dict.fromkeys(own, Judge(problem, wrenches))

@@ -35,8 +35,10 @@ class ChapterError(CaRosError):
 def _static_tiles(found: Metrics) -> Tiles:
     name, own = _first(found)
     yield f'{own["violations"]} of {found["samples"]}', f'answers of {name} violate a bound'
-    yield f'{own["force_error"]["max"]:.1e} N', f'largest force error of {name}'
-    yield f'{own["torque_error"]["max"]:.1e} N m', f'largest torque error of {name}'
+    for key, unit in (('force_error', ' N'), ('torque_error', ' N m'), ('error', '')):
+        if key in own:
+            words = f'largest {key.replace("_", " ")} of {name}'
+            yield f'{own[key]["max"]:.1e}{unit}', words
     yield f'{1e6 * own["time"]["median"]:.3g} µs', f'median time of {name}'
 
 

@@ -1,0 +1,186 @@
+"""Compare all methods on wrenches and in flight; fill the tables of docs/comparison.md.
+
+Also draws the plot of the page.  Takes about two minutes.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from time import perf_counter_ns
+from typing import Any
+
+import matplotlib
+import numpy as np
+from comparison_flights import Outcomes, outcomes, slalom
+from marks import filled
+from matplotlib.figure import Figure
+
+from ca_ros import AdmissibleSet
+from ca_ros.allocation import ALLOCATORS
+from ca_ros.arrays import Array
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.plot_style import title
+from ca_ros.evaluation.sampling import samples
+from ca_ros.evaluation.tables import number, table
+from ca_ros.evaluation.wrench_metrics import NOTED, metrics
+from ca_ros.flight.plots import STYLE, save
+
+DOCS = Path(__file__).resolve().parent
+PAGE, FIGURE = DOCS / 'comparison.md', DOCS / 'comparison'
+
+AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'
+BETAFLIGHT = 'betaflight_mixer'
+
+CONTENDERS: dict[str, tuple[str, tuple[str, ...]]] = {
+    **{name: (name, ()) for name in ALLOCATORS if name != BETAFLIGHT},
+    'sequential_desaturation, airmode': ('sequential_desaturation', (AIRMODE,)),
+    BETAFLIGHT: (BETAFLIGHT, ()),
+}
+"""Method and parameters of each row."""
+
+SAMPLES, SEED, REPETITIONS = 1000, 0, 15
+
+GROUPS = {'upsets': ('upset',), 'spins': ('spin',), 'rotor lost': ('loss',), 'slalom': ('slalom',)}
+"""How the names of the manoeuvres of each group begin."""
+
+
+def static(name: str) -> dict[str, dict[str, Any]]:
+    """Return the metrics of each contender on wrenches inside and outside the admissible set."""
+    cases = {label: Case.load(name, changes) for label, (_, changes) in CONTENDERS.items()}
+    allocators = {label: cases[label].allocator(CONTENDERS[label][0]) for label in CONTENDERS}
+    admissible = AdmissibleSet(next(iter(cases.values())).problem)
+    problem = admissible.problem
+    found: dict[str, dict[str, Any]] = {}
+    demands = {kind: samples(admissible, kind, SEED, 0, SAMPLES) for kind in ('volume', 'outside')}
+    times = slowest(allocators, np.concatenate(list(demands.values())))
+    for label, allocator in allocators.items():
+        thrusts = {kind: allocator.allocate_batch(u).thrusts for kind, u in demands.items()}
+        residual = problem.residual(demands['volume'], thrusts['volume'])
+        found[label] = {
+            'missed': float((np.abs(residual) > NOTED * problem.extent).any(axis=1).mean()),
+            'error': np.linalg.norm(residual, axis=1),
+            'inside': metrics(problem, demands['volume'], thrusts['volume']),
+            'outside': metrics(problem, demands['outside'], thrusts['outside']),
+            'time': times[label],
+        }
+    return found
+
+
+def slowest(allocators: Mapping[str, Any], demands: Array) -> dict[str, tuple[float, float]]:
+    """Return the median over wrenches, and the slowest wrench [s]; interruptions are excluded.
+
+    The time of a wrench is the least of some calls, which are spread over the measurement.
+    """
+    times = {name: np.full(len(demands), np.inf) for name in allocators}
+    for _ in range(REPETITIONS):
+        for name, allocator in allocators.items():
+            for i, u in enumerate(demands):
+                start = perf_counter_ns()
+                allocator.allocate(u)
+                times[name][i] = min(times[name][i], (perf_counter_ns() - start) / 1e9)
+    return {name: (float(np.median(own)), float(own.max())) for name, own in times.items()}
+
+
+def percent(share: float) -> str:
+    """Return a share in percent with three digits."""
+    return f'{abs(round(100.0 * share, 2)):.3g}'
+
+
+def wrenches_table(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the table of the metrics on wrenches."""
+    rows = []
+    for label, own in found.items():
+        inside, outside = own['inside'], own['outside']
+        rows.append(
+            (
+                f'`{label}`',
+                percent(own['missed']),
+                f'{own["error"].mean():.1e} / {own["error"].max():.1e}',
+                f'{100.0 * abs(inside["energy_excess"]):.3f}',
+                *(percent(each) for each in outside['lost'].values()),
+                percent(outside['reversed']),
+                percent(outside['exceeded']),
+                f'{number(1e6 * own["time"][0])} / {number(1e6 * own["time"][1])}',
+            )
+        )
+    titles = (
+        *('method', 'missed [%]', 'error, mean / max', 'energy above least [%]'),
+        *('roll and pitch lost [%]', 'thrust lost [%]', 'yaw lost [%]'),
+        *('reversed [%]', 'exceeded [%]', 'call, median / slowest wrench [us]'),
+    )
+    return table(titles, rows)
+
+
+def flights_table(found: Mapping[str, Outcomes]) -> str:
+    """Return the table of recoveries, height lost, energy and smoothness."""
+    rows = []
+    unit = slalom(found['exact'])
+    for label, own in found.items():
+        recoveries = []
+        for starts in GROUPS.values():
+            group = [each for (_, name), each in own.items() if name.startswith(starts)]
+            recoveries.append(f'{sum(each.recovered for each in group)} of {len(group)}')
+        drops = [each.drop for (_, name), each in own.items() if name.startswith('upset')]
+        worth = slalom(own)
+        shares = [f'{share:.1f}' for share in 100.0 * worth / unit]
+        rows.append((f'`{label}`', *recoveries, f'{np.median(drops):.2f}', *shares))
+    titles = (
+        *('method', *GROUPS, 'height lost in upsets, median [m]'),
+        *('energy, slalom [% of `exact`]', 'change of thrust, slalom [% of `exact`]'),
+    )
+    return table(titles, rows)
+
+
+def draw(
+    wrenches: Mapping[str, Mapping[str, Any]],
+    found: Mapping[str, Outcomes],
+) -> Figure:
+    """Draw four metrics as bars, one row per method; black is `exact`."""
+    count = len(found['exact'])
+    panels: dict[str, list[float]] = {
+        'attainable wrenches\nmissed [%]': [100.0 * own['missed'] for own in wrenches.values()],
+        'roll and pitch lost,\nunattainable [%]': [
+            100.0 * own['outside']['lost']['roll and pitch'] for own in wrenches.values()
+        ],
+        'with a reversed axis,\nunattainable [%]': [
+            100.0 * own['outside']['reversed'] for own in wrenches.values()
+        ],
+        f'flights lost\nof {count}': [
+            float(sum(not each.recovered for each in own.values())) for own in found.values()
+        ],
+    }
+    with matplotlib.rc_context({**STYLE, 'font.size': 13}):
+        figure = Figure(figsize=(13.0, 5.6), layout='constrained')
+        for axes, (words, values) in zip(
+            figure.subplots(1, len(panels), sharey=True), panels.items(), strict=True
+        ):
+            colors = ['black' if name == 'exact' else '0.65' for name in found]
+            bars = axes.barh([title(name) for name in found], values, color=colors)
+            axes.bar_label(bars, [f'{value:.0f}' for value in values], padding=4)
+            axes.set_title(words, fontsize=13)
+            axes.set_xlim(0.0, 1.25 * max(values))
+            axes.set_xticks([])
+            axes.grid(False)
+            axes.spines['bottom'].set_visible(False)
+        axes.invert_yaxis()
+    return figure
+
+
+def main() -> None:
+    """Fill the page and draw the plot."""
+    with warnings.catch_warnings():
+        # The state of a tumbling vehicle overflows.
+        warnings.simplefilter('ignore', RuntimeWarning)
+        found = {label: outcomes(*own) for label, own in CONTENDERS.items()}
+    wrenches = static('hexarotor')
+    text = PAGE.read_text(encoding='utf-8')
+    text = filled(text, 'wrenches', wrenches_table(wrenches))
+    text = filled(text, 'flights', flights_table(found))
+    PAGE.write_text(text, encoding='utf-8')
+    save(draw(wrenches, found), FIGURE, ['png'])
+
+
+if __name__ == '__main__':
+    main()
