@@ -44,6 +44,13 @@ def test_the_numbers_are_those_of_the_section(tmp_path, capsys):
     assert lines[1].startswith('without rotor 3: ')
 
 
+def test_the_axes_of_a_problem_have_no_units(tmp_path, capsys):
+    assert main(['--vehicle', 'admire', '--out', str(tmp_path / 'set')]) == 0
+    out = capsys.readouterr().out
+    assert 'admire: roll -4.94 to +4.94, pitch' in out
+    assert 'N m' not in out
+
+
 def test_a_body_has_the_faces_of_its_hull():
     image_of = AdmissibleSet(Vehicle.load('hexarotor'))
     body = image_of.section(['roll', 'pitch', 'yaw'])

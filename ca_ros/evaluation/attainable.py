@@ -43,7 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         found = {name: _polytope(image, axes, options) for name, image in sets.items()}
         problem = next(iter(sets.values())).problem
         reference = problem.reference[[names.index(axis) for axis in axes]]
-        figure = draw(found, reference, options.size)
+        known = AXES if isinstance(problem, VehicleProblem) else {}
+        figure = draw(found, reference, known, options.size)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
@@ -53,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ends = ', '.join(
             f'{axis} {low:+.3g} to {high:+.3g}{unit and " "}{unit}'
             for axis, (low, high), unit in zip(
-                axes, _ranges(polytope), map(_unit, axes), strict=True
+                axes, _ranges(polytope), (known.get(a, ('', ''))[1] for a in axes), strict=True
             )
         )
         print(f'{name}: {"nothing" if polytope.empty else ends}')
@@ -76,7 +77,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         type=_values,
         default={},
         metavar='AXIS=VALUE,...',
-        help='values of the other axes, where they are not those of hover [N, N m]',
+        help='values of the other axes, where they are not those of hover',
     )
     add('--projection', action='store_true', help='let the other axes have any attainable value')
     add(
@@ -160,14 +161,6 @@ def _polytope(
     return image.section(axes, at)
 
 
-def _unit(axis: str) -> str:
-    return AXES[axis][1] if axis in AXES else ''
-
-
-def _label(axis: str) -> str:
-    return '{} [{}]'.format(*AXES[axis]) if axis in AXES else axis
-
-
 def _ranges(polytope: Polytope) -> Array:
     """Return the least and greatest value of each axis, (k, 2)."""
     points = polytope.vertices
@@ -176,7 +169,12 @@ def _ranges(polytope: Polytope) -> Array:
     return np.column_stack([points.min(axis=0), points.max(axis=0)])
 
 
-def draw(polytopes: Mapping[str, Polytope], reference: Array, size: str = 'page') -> Figure:
+def draw(
+    polytopes: Mapping[str, Polytope],
+    reference: Array,
+    known: Mapping[str, tuple[str, str]] = AXES,
+    size: str = 'page',
+) -> Figure:
     """Plot polytopes of two axes as filled polygons, or of three axes as bodies.
 
     Parameters
@@ -185,10 +183,13 @@ def draw(polytopes: Mapping[str, Polytope], reference: Array, size: str = 'page'
         By their names in the legend; all of the same axes.
     reference : (k,) array
         The reference, hover for a vehicle, which a + marks.
+    known : mapping of str to tuple of str
+        Name and unit of each axis; other axes have no unit.
     size : 'column' or 'page'
         Width of the figure: one column or two.
     """
     axes = next(iter(polytopes.values())).axes
+    labels = ['{} [{}]'.format(*known[axis]) if axis in known else axis for axis in axes]
     width, font = SIZES[size]
     with matplotlib.rc_context({**STYLE, 'font.size': font}):
         solid = len(axes) == 3
@@ -198,10 +199,10 @@ def draw(polytopes: Mapping[str, Polytope], reference: Array, size: str = 'page'
             if not polytope.empty:
                 (_body if solid else _polygon)(plot, polytope, name, i)
         plot.plot(*reference[:, None], '+', color='black', markersize=9, markeredgewidth=1.6)
-        plot.set_xlabel(_label(axes[0]))
-        plot.set_ylabel(_label(axes[1]))
+        plot.set_xlabel(labels[0])
+        plot.set_ylabel(labels[1])
         if solid:
-            plot.set_zlabel(_label(axes[2]), labelpad=font)
+            plot.set_zlabel(labels[2], labelpad=font)
             plot.set_box_aspect(None, zoom=0.8)
             plot.auto_scale_xyz(*np.vstack([each.vertices for each in polytopes.values()]).T)
         if len(polytopes) > 1:
