@@ -13,7 +13,6 @@ from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VEL
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
-
 HEAVY = 1.35
 """Ratio of greatest thrust to weight of the heavy vehicles."""
 
