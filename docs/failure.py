@@ -88,6 +88,9 @@ def rotors_table() -> str:
     rows: dict[tuple[str, ...], list[int]] = {}
     for file in sorted(config_directory().glob('*.yaml')):
         sound = Case.load(file.stem)
+        if sound.vehicle.buoyancy:
+            # A vehicle in water does not fall.
+            continue
         for rotor in range(1, sound.vehicle.n + 1):
             health = np.ones(sound.vehicle.n)
             health[rotor - 1] = 0.0

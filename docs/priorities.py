@@ -93,6 +93,9 @@ def flights_table() -> str:
     rows = []
     for file in sorted(config_directory().glob('*.yaml')):
         sound, gains = Vehicle.load(file.stem), Gains.from_parameters(load(file.stem))
+        if sound.buoyancy:
+            # A vehicle in water neither falls nor has a heavy variant.
+            continue
         weighty = replace(sound, mass=heavy(sound))
         for vehicle, name in ((sound, file.stem), (weighty, 'the same, heavy')):
             for reversal in REVERSALS:
