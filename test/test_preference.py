@@ -4,14 +4,15 @@ import os
 import pickle
 from dataclasses import replace
 
-import daqp
 import numpy as np
 import pytest
-import quadprog
 
 from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
 from ca_ros.kernel import load
+
+daqp = pytest.importorskip('daqp', reason='rosdep does not know it')
+quadprog = pytest.importorskip('quadprog', reason='rosdep does not know it')
 
 PROBLEMS = int(os.environ.get('CA_ROS_PROBLEMS', '60'))
 """How many random problems; 1000 in `make soak`."""
