@@ -2,10 +2,10 @@
  *
  *     minimise |f|^2   subject to   Gamma f = u,   lower <= f <= upper
  *
- * or |W (f - f_p)|^2 with weights W and preferred thrusts f_p. f are the thrusts of n rotors [N], u is a wrench of m axes [N, N m]. If no thrusts within the
- * bounds produce u, a policy chooses an attainable wrench. docs/exact.md and docs/priorities.md
- * explain the methods. The equation numbers are those of "Evaluation of Control Allocation Methods
- * for Multirotor Aerial Vehicles".
+ * or |W (f - f_p)|^2 with weights W and preferred thrusts f_p. f are the thrusts of n rotors [N],
+ * u is a wrench of m axes [N, N m]. If no thrusts within the bounds produce u, a policy chooses an
+ * attainable wrench. docs/exact.md and docs/priorities.md explain the methods. The equation numbers
+ * are those of "Evaluation of Control Allocation Methods for Multirotor Aerial Vehicles".
  *
  * The library allocates no memory and keeps no state. A result depends only on the problem and the
  * wrench. Every loop has a bound.
