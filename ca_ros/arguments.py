@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 
 
@@ -13,6 +14,14 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         if action.default in (None, []):
             return action.help
         return super()._get_help_string(action)
+
+
+def finite(text: str) -> float:
+    """Return a finite number; an argparse type."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f'{text} is not a finite number')
+    return number
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:

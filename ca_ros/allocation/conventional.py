@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
-from ca_ros.problem.problem import ABSURD, AllocationProblem
+from ca_ros.problem.problem import AllocationProblem, numbers
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle
@@ -114,7 +114,7 @@ class Conventional(Allocator):
 
 
 def _weight(weight: ArrayLike, n: int) -> Array:
-    matrix = _numbers('weight', weight)
+    matrix = numbers('weight', weight)
     if matrix.size == 1:
         matrix = float(matrix.reshape(())) * np.eye(n)
     elif matrix.shape == (n,):
@@ -147,20 +147,9 @@ def _reference(reference: str | ArrayLike, problem: AllocationProblem) -> Array:
         if isinstance(problem, VehicleProblem):
             return np.full(problem.n, problem.vehicle.weight / problem.n)
         return np.array(np.linalg.pinv(problem.gamma) @ problem.reference)
-    thrusts = _numbers('reference', reference)
+    thrusts = numbers('reference', reference)
     if thrusts.shape != (problem.n,):
         raise ValueError(
             f"reference: expected 'hover', 'zero' or {problem.n} thrusts, got {reference!r}"
         )
     return thrusts
-
-
-def _numbers(name: str, value: ArrayLike) -> Array:
-    """Return a value as an array of floats; raise a ValueError that names it."""
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f'{name}: expected numbers, got {value!r}') from None
-    if not np.all(np.abs(numbers) <= ABSURD):
-        raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {value!r}')
-    return numbers

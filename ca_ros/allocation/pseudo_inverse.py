@@ -24,7 +24,8 @@ class PseudoInverse(Allocator):
         super().__init__(vehicle)
         # Without the columns of lost rotors, the others produce the whole wrench.
         lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)
-        self.inverse = np.linalg.pinv(self.problem.gamma * ~lost)
+        self._columns = self.problem.gamma * ~lost
+        self.inverse = np.linalg.pinv(self._columns)
 
     def _allocate(self, u: Array) -> Allocation:
         wanted = self.inverse @ u

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.option_values import per_rotor, whole
 from ca_ros.allocation.result import Allocation
-from ca_ros.allocation.weighted_pseudo_inverse import weighted_inverse
+from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse, weighted_inverse
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.schema import Parameter
@@ -53,13 +53,7 @@ class RedistributedPseudoInverse(Allocator):
         'generalised inverse)'
     )
     parameters: ClassVar = {
-        'weights': Parameter(
-            'weight of each rotor in the norm of the thrusts: one number, or one for each rotor',
-            array=True,
-            default=1.0,
-            positive=True,
-            mutable=True,
-        ),
+        **WeightedPseudoInverse.parameters,
         'iterations': Parameter(
             'greatest number of pseudo-inverses for one wrench',
             default=100.0,

@@ -52,8 +52,7 @@ class WeightedPseudoInverse(PseudoInverse):
     def __init__(self, vehicle: Vehicle | AllocationProblem, weights: ArrayLike = 1.0) -> None:
         super().__init__(vehicle)
         self.weights = per_rotor('weights', weights, self.problem.n, self.parameters)
-        lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)
-        self.inverse = weighted_inverse(self.problem.gamma * ~lost, self.weights)
+        self.inverse = weighted_inverse(self._columns, self.weights)
 
 
 def weighted_inverse(gamma: Array, weights: Array) -> Array:

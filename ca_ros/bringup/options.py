@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import math
 import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS, method_class
-from ca_ros.arguments import HelpFormatter, full_name, renamed
+from ca_ros.arguments import HelpFormatter, finite, full_name, renamed
 from ca_ros.bringup.fault_proxy import remaps
 from ca_ros.bringup.link_faults import FAULTS
 from ca_ros.commands import COMMANDS, NODES
@@ -114,15 +113,8 @@ def _method(text: str) -> str:
     return text
 
 
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f'{text} is not a finite number')
-    return number
-
-
 def _positive(text: str) -> float:
-    number = _finite(text)
+    number = finite(text)
     if number <= 0.0:
         raise argparse.ArgumentTypeError(f'{text} is not positive')
     return number

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ca_ros.arguments import finite
 from ca_ros.arrays import Array
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.waypoint import Waypoint
@@ -104,14 +105,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the waypoint or the trajectory."""
     parser.add_argument(
         '--waypoint',
-        type=_finite,
+        type=finite,
         nargs=3,
         metavar=('X', 'Y', 'Z'),
         help=f'position to fly to [m] (default: {" ".join(f"{x:g}" for x in POSITION)})',
     )
     parser.add_argument(
         '--heading',
-        type=_finite,
+        type=finite,
         help=f'heading to turn to [degrees] (default: {HEADING:g})',
     )
     parser.add_argument(
@@ -158,10 +159,3 @@ def arguments(options: argparse.Namespace) -> Sequence[str]:
     if options.trajectory is not None:
         words += ['--trajectory', str(options.trajectory.resolve())]
     return words
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f'{text} is not a finite number')
-    return number

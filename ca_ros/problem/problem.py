@@ -35,23 +35,35 @@ def lengths(vectors: Array) -> Array:
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
 
 
-def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
-    """Return finite numbers as an array, (size,) if a size is given; else raise a ValueError."""
+def numbers(
+    name: str, given: ArrayLike, size: int | None = None, scalar: bool = True
+) -> Array:
+    """Return finite numbers as an array; raise a ValueError that names them if they are wrong.
+
+    Parameters
+    ----------
+    name : str
+    given : array_like
+    size : int, optional
+        Expect (size,) numbers; without it, any shape.
+    scalar : bool
+        Whether one number may stand for all `size` numbers.
+    """
     try:
         array = np.array(given)
     except (TypeError, ValueError):
         array = np.array('')
     if array.dtype.kind not in 'iuf':
         raise ValueError(f'{name}: expected numbers, got {given!r}')
-    numbers: Array = array.astype(float)
+    found: Array = array.astype(float)
     if size is not None:
-        if numbers.shape not in ((), (size,)) or (name == 'reference' and numbers.ndim == 0):
-            raise ValueError(f'{name}: expected {size} numbers, got shape {numbers.shape}')
-        if numbers.ndim == 0:
-            numbers = np.full(size, numbers)
-    if not (np.abs(numbers) <= ABSURD).all():
+        if found.shape != (size,) and not (scalar and found.ndim == 0):
+            raise ValueError(f'{name}: expected {size} numbers, got shape {found.shape}')
+        if found.ndim == 0:
+            found = np.full(size, found)
+    if not (np.abs(found) <= ABSURD).all():
         raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {given!r}')
-    return numbers
+    return found
 
 
 def _names(name: str, given: Sequence[str], size: int) -> tuple[str, ...]:
@@ -154,7 +166,8 @@ class AllocationProblem:
             raise ValueError(
                 f'lower: {low[i]:g} of {self.names[i]!r} is above its upper bound, {high[i]:g}'
             )
-        start = np.zeros(m) if reference is None else numbers('reference', reference, m)
+        zero = np.zeros(m)
+        start = numbers('reference', zero if reference is None else reference, m, scalar=False)
         self._fill(gamma, low, high, start)
         least = UNITS_MIN * max(1.0, float(self.extent.max()))
         if small := [k for k in range(m) if 0.0 < self.extent[k] < least]:
