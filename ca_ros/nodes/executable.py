@@ -32,7 +32,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 DEFAULT_VEHICLE = 'hexarotor'
 
-ENDING_MAX = 60.0
+ENDING_MAX = 20.0
 """Longest time that a node may take to end [s]."""
 
 Parse = Callable[[str, str, Sequence[str], Mapping[str, Parameter]], list[str]]
@@ -181,7 +181,7 @@ def run(
 
     def end(received: int, _: object) -> None:
         stop.append(received)
-        # If the middleware blocks, the process still ends, with a traceback.
+        # If the middleware blocks (docs/reliability.md), the process still ends, with a traceback.
         if sys.__stderr__ is not None:
             faulthandler.dump_traceback_later(ENDING_MAX, exit=True, file=sys.__stderr__)
 
