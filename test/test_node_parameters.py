@@ -233,7 +233,7 @@ def test_a_list_that_ros_takes_for_a_string_is_refused_with_what_would_be_right(
         assert words in result.reason
 
 
-@pytest.mark.parametrize(('values', 'words'), [
+WRONG_SETS = [
     ({'no.such': 1.0}, ''), ({'rotors.helth': 1.0}, ''), ({'rotors.health': None}, ''),
     ({'allocation.method': None}, ''), ({'allocation.method': 'direct', 'no.such': 1.0}, ''),
     ({'allocation.method': 'direct', 'use_sim_time': 5}, ''),
@@ -241,16 +241,19 @@ def test_a_list_that_ros_takes_for_a_string_is_refused_with_what_would_be_right(
     ({'allocation.method': 'direct', 'rotors.health': [1.0] * 5}, 'rotors.health 6 5'),
     ({'allocation.method': 'direct', 'vehicle.mass': 2.0}, 'read-only'),
     ({'allocation.method': 'conventional', 'allocation.conventional.weight': [1.0, 1.0]},
-     'allocation.conventional.weight 6')])
-def test_what_cannot_be_set_changes_nothing_now_or_later(client, values, words):
+     'allocation.conventional.weight 6')]
+
+
+def test_what_cannot_be_set_changes_nothing_now_or_later(client):
     before, speeds = client.parameters.get(*ALLOCATOR), client.ask(HOVER)
-    result = client.parameters.set_atomically(values)
-    assert not result.successful
-    assert result.reason
-    assert [word for word in words.split() if word not in result.reason] == []
-    assert client.parameters.set_atomically({'use_sim_time': False}).successful
-    assert client.parameters.get(*ALLOCATOR) == before
-    assert client.ask(HOVER).tobytes() == speeds.tobytes()
+    for values, words in WRONG_SETS:
+        result = client.parameters.set_atomically(values)
+        assert not result.successful, values
+        assert result.reason, values
+        assert [word for word in words.split() if word not in result.reason] == []
+        assert client.parameters.set_atomically({'use_sim_time': False}).successful
+        assert client.parameters.get(*ALLOCATOR) == before, values
+        assert client.ask(HOVER).tobytes() == speeds.tobytes(), values
     assert client.diagnose()[1]['method'] == 'exact'
 
 
