@@ -1,11 +1,13 @@
 """Vertices, sections and projections of admissible sets, against SciPy's hulls."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from ca_ros import AdmissibleSet, AllocationProblem, Vehicle
+from ca_ros import AdmissibleSet, AllocationProblem, Vehicle, load_problem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.files import shipped_vehicles
 
@@ -152,3 +154,17 @@ def test_wrong_axes_are_named(axes):
     for cut in (box.section, box.projection):
         with pytest.raises(ValueError, match='axes: expected different ones of x, y'):
             cut(axes)
+
+
+def test_the_volumes_of_the_f18_harv_have_the_published_ratio():
+    # Bordignon, example 5-2: the pseudo-inverse keeps the limits in 13.7 % of the volume.
+    harv = load_problem('harv')
+    image = AdmissibleSet(harv)
+    corners = np.array(list(product(*zip(harv.lower, harv.upper, strict=True)))) @ harv.gamma.T
+    assert hull(image.vertices)[0].volume == pytest.approx(hull(corners)[0].volume, rel=1e-9)
+    attainable = ConvexHull(image.vertices).volume
+    assert attainable == pytest.approx(image.volume, rel=1e-9)
+    inverse = np.linalg.pinv(harv.gamma)
+    limits = np.column_stack([np.vstack([inverse, -inverse]), [*-harv.upper, *harv.lower]])
+    kept = ConvexHull(HalfspaceIntersection(limits, np.zeros(3)).intersections).volume
+    assert round(100.0 * kept / attainable, 1) == 13.7
