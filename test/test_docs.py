@@ -22,6 +22,7 @@ PAGES = sorted(
 
 NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
+    'needs PX4': 'PX4, its simulation and px4_msgs (docs/px4.md, "What was not run")',
     'needs hardware': 'a vehicle',
     'long': 'minutes; CA_ROS_LONG=1 runs them',
     'run by .ci/run': 'no more: .ci/run does it, in a fresh clone',
