@@ -9,6 +9,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from ca_ros import ParameterError
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import FaultProxy
 from ca_ros.bringup.recorder import Recorder
@@ -155,3 +156,31 @@ def test_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
         flight.write_csv(composed)
         fly_offline(method, DURATION).write_csv(offline)
         assert composed.read_bytes() == offline.read_bytes()
+
+
+def test_parameters_with_two_bounds_have_a_range_for_sliders_and_keep_our_message(graph):
+    def node(node_class, **changes):
+        values = load('hexarotor', table=node_class.declared) | changes
+        return node_class(
+            context=graph.node.context, use_global_arguments=False,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
+
+    simulator, allocator = node(SimulatorNode), node(AllocatorNode)
+    try:
+        ranges = {
+            name: [(each.from_value, each.to_value) for each in
+                   simulator.describe_parameter(name).floating_point_range]
+            for name in SimulatorNode.declared}
+        assert ranges['simulator.real_time_factor'] == [(0.01, 10.0)]
+        assert ranges['rotors.health'] == [(0.0, 1.0)]
+        assert ranges['vehicle.mass'] == ranges['mode'] == []
+        result = allocator.set_parameters_atomically([Parameter('rotors.health', value=2.0)])
+        assert result.reason == 'rotors.health: must be in [0, 1], got 2.0'
+        [result] = allocator.set_parameters([Parameter('rotors.health', value=[2.0] * 6)])
+        assert result.reason == 'rotors.health[0]: must be in [0, 1], got 2.0'
+        assert allocator.get_parameter('rotors.health').value == 1.0
+    finally:
+        simulator.destroy_node()
+        allocator.destroy_node()
+    with pytest.raises(ParameterError, match=r'^simulator\.time_step: must be in \[1e-05, 1\], g'):
+        node(SimulatorNode, **{'simulator.time_step': 2.0})
