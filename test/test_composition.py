@@ -1,7 +1,9 @@
 """Several nodes in one process, on one executor."""
 
 import math
+import re
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -19,6 +21,7 @@ from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameters import load
 from ca_ros.nodes.simulator import SimulatorNode
+from ca_ros.nodes.topics import TOPICS
 from ros import DEADLINE
 from test_bringup import fly_offline
 
@@ -184,3 +187,43 @@ def test_parameters_with_two_bounds_have_a_range_for_sliders_and_keep_our_messag
         allocator.destroy_node()
     with pytest.raises(ParameterError, match=r'^simulator\.time_step: must be in \[1e-05, 1\], g'):
         node(SimulatorNode, **{'simulator.time_step': 2.0})
+
+
+TOPICS_PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'topics.md'
+
+
+@pytest.mark.skipif(not TOPICS_PAGE.is_file(), reason='docs/ is not beside the tests')
+@pytest.mark.parametrize('mode', ['realtime', 'lockstep'])
+def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
+    table, streams = {'offered': {}, 'requested': {}}, []
+    for names, when, offered, requested in re.findall(
+            r'^\| (.*?) \| (realtime|lockstep|both) \| (.*?) \| (.*?) \|$',
+            TOPICS_PAGE.read_text(encoding='utf-8'), re.MULTILINE):
+        topics = re.findall('`(.*?)`', names) or streams
+        streams += topics if when == 'realtime' else []
+        if when in (mode, 'both'):
+            table['offered'] |= dict.fromkeys(topics, offered)
+            table['requested'] |= dict.fromkeys(topics, requested)
+    seen = set()
+    for node_class in (ControllerNode, AllocatorNode, SimulatorNode):
+        values = load('hexarotor', table=node_class.declared) | {'mode': mode}
+        node = node_class(
+            context=graph.node.context, use_global_arguments=False,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
+        try:
+            for kind, ends in (('offered', node.publishers), ('requested', node.subscriptions)):
+                told = {node.resolve_topic_name(name): name for name in table[kind]}
+                for end in ends:
+                    name, qos = told.get(end.topic_name), end.qos_profile
+                    if name:
+                        words = qos.reliability.name.lower().replace('_', ' ')
+                        assert table[kind][name] == f'{words}, depth {qos.depth}', name
+                        assert qos.durability.name == 'VOLATILE', name
+                        assert qos.history.name == 'KEEP_LAST', name
+                        seen.add((kind, name))
+        finally:
+            node.destroy_node()
+    told = [(kind, name) for kind in table for name in table[kind]]
+    others = [end for end in told if not table[end[0]][end[1]].startswith(('yours', 'none'))]
+    not_in_the_loop = {('requested', topic.name) for topic in TOPICS if not topic.subscribers}
+    assert seen == set(others) - not_in_the_loop

@@ -204,5 +204,22 @@ def test_the_table_of_topics_names_every_topic_at_its_nodes():
             assert f'`{topic.name}`' in rows[node][0], topic
 
 
+@pytest.mark.skipif(not shutil.which('systemd-analyze'), reason='needs systemd-analyze')
+def test_systemd_finds_no_fault_in_the_unit(tmp_path):
+    def faults(text):
+        file = tmp_path / 'allocator.service'
+        file.write_text(text, encoding='utf-8')
+        verify = subprocess.run(
+            ['systemd-analyze', 'verify', '--man=no', '--recursive-errors=no', str(file)],
+            capture_output=True, text=True)
+        return verify.stdout + verify.stderr
+
+    [unit] = [
+        block.text for block in blocks('docs/onboard.md')
+        if block.mark == 'file allocator.service']
+    assert faults(unit) == ''
+    assert 'Restrat' in faults(unit.replace('Restart=', 'Restrat='))
+
+
 def test_readme_is_short():
     assert len((ROOT / 'README.md').read_text(encoding='utf-8').splitlines()) <= 150
