@@ -84,6 +84,7 @@ def main() -> None:
         import rclpy
         from actuator_msgs.msg import Actuators
         from rclpy.signals import SignalHandlerOptions
+        from rclpy.utilities import try_shutdown
         from std_msgs.msg import Float64MultiArray
 
         from ca_ros.nodes.messages import speeds_stamp, stamp
@@ -116,7 +117,7 @@ def main() -> None:
     while not stop:
         rclpy.spin_once(node, timeout_sec=0.1)
     node.destroy_node()
-    rclpy.try_shutdown()
+    try_shutdown()
 
 
 if __name__ == '__main__':

@@ -14,8 +14,11 @@ so PX4 models thrust as this function of x.  Two kinds of outputs are served:
   (SIM_GZ_EC_MIN and _MAX) and with governed speed controllers.  What is sent is the c whose x is
   the speed wanted; --thrust-factor is THR_MDL_FAC as it is set there.
 
-The motors' numbers are PX4's own.  PX4's body frame is forward-right-down, ours is
-forward-left-up: --px4-parameters prints the geometry of the vehicle as PX4 wants it, to compare.
+The motors' numbers are PX4's own: px4_parameters.py prints the vehicle's geometry as PX4 wants it.
+
+Direct actuators bypass PX4's position, attitude and rate loops: nothing but your controller
+stabilises the vehicle.  Only PX4's fail-safes remain.  With --rate-loop the speeds answer
+PX4's own rate loop instead (px4_setpoints.py), and PX4 stabilises the vehicle.
 
     MicroXRCEAgent udp4 -p 8888
     python3 examples/px4_actuator_motors.py --vehicle my.yaml --order 2,4,1,3
@@ -104,24 +107,6 @@ def fields(controls: np.ndarray, speeds: np.ndarray, order: Sequence[int]) -> np
     return message
 
 
-def px4_parameters(vehicle: Vehicle, order: Sequence[int]) -> dict[str, float]:
-    """Return the vehicle's geometry as PX4's parameters, forward-right-down, by name."""
-    rows = [rotor - 1 for rotor in order or range(1, vehicle.n + 1)]
-    flip = np.array([1.0, -1.0, -1.0])
-    found: dict[str, float] = {'CA_ROTOR_COUNT': len(rows)}
-    for motor, i in enumerate(rows):
-        # PX4's moment coefficient is positive for a rotor that turns counter-clockwise.
-        ratio = vehicle.torque_coefficient[i] / vehicle.thrust_coefficient[i]
-        values = [
-            *flip * vehicle.arms[i],
-            *flip * vehicle.rotor_axes[i],
-            -vehicle.spins[i] * ratio,
-        ]
-        for name, value in zip(('PX', 'PY', 'PZ', 'AX', 'AY', 'AZ', 'KM'), values, strict=True):
-            found[f'CA_ROTOR{motor}_{name}'] = float(value) + 0.0
-    return found
-
-
 def rotors(text: str) -> list[int]:
     """Return the numbers in a list such as 3,1,2; each from 1 to its length occurs once."""
     words = text.split(',')
@@ -169,9 +154,10 @@ def parse(words: Sequence[str]) -> tuple[argparse.Namespace, Vehicle]:
         help="of --outputs speed: THR_MDL_FAC, in [0, 1] (default: 0, PX4's own)",
     )
     parser.add_argument(
-        '--px4-parameters',
+        '--rate-loop',
         action='store_true',
-        help="print the vehicle's geometry as commands for PX4's shell, and end",
+        help="do not keep offboard mode alive: the commands answer the set-points of PX4's own "
+        'rate loop (px4_setpoints.py)',
     )
     options = parser.parse_args(words)
     try:
@@ -196,14 +182,11 @@ def main() -> None:
     words = sys.argv[1:]
     own = words[: words.index('--ros-args')] if '--ros-args' in words else words
     options, vehicle = parse(own)
-    if options.px4_parameters:
-        for name, value in px4_parameters(vehicle, options.order).items():
-            print(f'param set {name} {value:.6g}')
-        return
     try:
         import rclpy
         from px4_msgs.msg import ActuatorMotors, OffboardControlMode
         from rclpy.signals import SignalHandlerOptions
+        from rclpy.utilities import try_shutdown
         from std_msgs.msg import Float64MultiArray
 
         from ca_ros.nodes.messages import speeds_stamp
@@ -253,7 +236,7 @@ def main() -> None:
 
     def beat() -> None:
         # PX4 leaves offboard mode by its own fail-safe when this ceases.
-        if time.monotonic() - last <= FRESH:
+        if not options.rate_loop and time.monotonic() - last <= FRESH:
             alive.publish(OffboardControlMode(timestamp=now(), direct_actuator=True))
 
     node.create_subscription(
@@ -263,7 +246,7 @@ def main() -> None:
     while not stop:
         rclpy.spin_once(node, timeout_sec=0.1)
     node.destroy_node()
-    rclpy.try_shutdown()
+    try_shutdown()
 
 
 if __name__ == '__main__':

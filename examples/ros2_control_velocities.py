@@ -59,12 +59,13 @@ def main() -> None:
     words = sys.argv[1:]
     own = words[: words.index('--ros-args')] if '--ros-args' in words else words
     try:
-        spins = Vehicle.load(parser.parse_args(own).vehicle).spins
+        spins = Vehicle.load(parser.parse_args(own).vehicle).spins.tolist()
     except ParameterError as error:
         sys.exit(f'ros2_control_velocities: {error}')
     try:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
+        from rclpy.utilities import try_shutdown
         from std_msgs.msg import Float64MultiArray
 
         from ca_ros.nodes.qos import COMMAND, requested
@@ -92,7 +93,7 @@ def main() -> None:
     while not stop:
         rclpy.spin_once(node, timeout_sec=0.1)
     node.destroy_node()
-    rclpy.try_shutdown()
+    try_shutdown()
 
 
 if __name__ == '__main__':

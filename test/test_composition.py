@@ -1,7 +1,9 @@
 """Several nodes in one process, on one executor."""
 
 import math
+import re
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -9,6 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from ca_ros import ParameterError
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import FaultProxy
 from ca_ros.bringup.recorder import Recorder
@@ -18,6 +21,7 @@ from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameters import load
 from ca_ros.nodes.simulator import SimulatorNode
+from ca_ros.nodes.topics import TOPICS
 from ros import DEADLINE
 from test_bringup import fly_offline
 
@@ -155,3 +159,71 @@ def test_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
         flight.write_csv(composed)
         fly_offline(method, DURATION).write_csv(offline)
         assert composed.read_bytes() == offline.read_bytes()
+
+
+def test_parameters_with_two_bounds_have_a_range_for_sliders_and_keep_our_message(graph):
+    def node(node_class, **changes):
+        values = load('hexarotor', table=node_class.declared) | changes
+        return node_class(
+            context=graph.node.context, use_global_arguments=False,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
+
+    simulator, allocator = node(SimulatorNode), node(AllocatorNode)
+    try:
+        ranges = {
+            name: [(each.from_value, each.to_value) for each in
+                   simulator.describe_parameter(name).floating_point_range]
+            for name in SimulatorNode.declared}
+        assert ranges['simulator.real_time_factor'] == [(0.01, 10.0)]
+        assert ranges['rotors.health'] == [(0.0, 1.0)]
+        assert ranges['vehicle.mass'] == ranges['mode'] == []
+        result = allocator.set_parameters_atomically([Parameter('rotors.health', value=2.0)])
+        assert result.reason == 'rotors.health: must be in [0, 1], got 2.0'
+        [result] = allocator.set_parameters([Parameter('rotors.health', value=[2.0] * 6)])
+        assert result.reason == 'rotors.health[0]: must be in [0, 1], got 2.0'
+        assert allocator.get_parameter('rotors.health').value == 1.0
+    finally:
+        simulator.destroy_node()
+        allocator.destroy_node()
+    with pytest.raises(ParameterError, match=r'^simulator\.time_step: must be in \[1e-05, 1\], g'):
+        node(SimulatorNode, **{'simulator.time_step': 2.0})
+
+
+TOPICS_PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'topics.md'
+
+
+@pytest.mark.skipif(not TOPICS_PAGE.is_file(), reason='docs/ is not beside the tests')
+@pytest.mark.parametrize('mode', ['realtime', 'lockstep'])
+def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
+    table, streams = {'offered': {}, 'requested': {}}, []
+    for names, when, offered, requested in re.findall(
+            r'^\| (.*?) \| (realtime|lockstep|both) \| (.*?) \| (.*?) \|$',
+            TOPICS_PAGE.read_text(encoding='utf-8'), re.MULTILINE):
+        topics = re.findall('`(.*?)`', names) or streams
+        streams += topics if when == 'realtime' else []
+        if when in (mode, 'both'):
+            table['offered'] |= dict.fromkeys(topics, offered)
+            table['requested'] |= dict.fromkeys(topics, requested)
+    seen = set()
+    for node_class in (ControllerNode, AllocatorNode, SimulatorNode):
+        values = load('hexarotor', table=node_class.declared) | {'mode': mode}
+        node = node_class(
+            context=graph.node.context, use_global_arguments=False,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
+        try:
+            for kind, ends in (('offered', node.publishers), ('requested', node.subscriptions)):
+                told = {node.resolve_topic_name(name): name for name in table[kind]}
+                for end in ends:
+                    name, qos = told.get(end.topic_name), end.qos_profile
+                    if name:
+                        words = qos.reliability.name.lower().replace('_', ' ')
+                        assert table[kind][name] == f'{words}, depth {qos.depth}', name
+                        assert qos.durability.name == 'VOLATILE', name
+                        assert qos.history.name == 'KEEP_LAST', name
+                        seen.add((kind, name))
+        finally:
+            node.destroy_node()
+    told = [(kind, name) for kind in table for name in table[kind]]
+    others = [end for end in told if not table[end[0]][end[1]].startswith(('yours', 'none'))]
+    not_in_the_loop = {('requested', topic.name) for topic in TOPICS if not topic.subscribers}
+    assert seen == set(others) - not_in_the_loop

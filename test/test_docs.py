@@ -22,6 +22,7 @@ PAGES = sorted(
 
 NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
+    'needs PX4': 'PX4, its simulation and px4_msgs (docs/px4.md, "What was not run")',
     'needs hardware': 'a vehicle',
     'long': 'minutes; CA_ROS_LONG=1 runs them',
     'run by .ci/run': 'no more: .ci/run does it, in a fresh clone',
@@ -201,6 +202,23 @@ def test_the_table_of_topics_names_every_topic_at_its_nodes():
         assert f'`{topic.name}`' in rows[topic.publisher][1], topic
         for node in topic.subscribers:
             assert f'`{topic.name}`' in rows[node][0], topic
+
+
+@pytest.mark.skipif(not shutil.which('systemd-analyze'), reason='needs systemd-analyze')
+def test_systemd_finds_no_fault_in_the_unit(tmp_path):
+    def faults(text):
+        file = tmp_path / 'allocator.service'
+        file.write_text(text, encoding='utf-8')
+        verify = subprocess.run(
+            ['systemd-analyze', 'verify', '--man=no', '--recursive-errors=no', str(file)],
+            capture_output=True, text=True)
+        return verify.stdout + verify.stderr
+
+    [unit] = [
+        block.text for block in blocks('docs/onboard.md')
+        if block.mark == 'file allocator.service']
+    assert faults(unit) == ''
+    assert 'Restrat' in faults(unit.replace('Restart=', 'Restrat='))
 
 
 def test_readme_is_short():

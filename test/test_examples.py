@@ -1,6 +1,7 @@
 """The adapters in examples/: what they send, without the packages that they send it to."""
 
 import importlib.util
+import re
 import signal
 import subprocess
 import sys
@@ -12,13 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ca_ros import Vehicle, control_allocation_matrix
+from ca_ros import Vehicle
 from strategies import FLEET
 
 FOLDER = Path(__file__).resolve().parent.parent / 'examples'
 FILES = sorted(FOLDER.glob('*.py'))
-if not FILES:
-    pytest.skip('examples/ is not beside the tests', allow_module_level=True)
+PAGE = FOLDER.parent / 'docs' / 'px4.md'
+if not FILES or not PAGE.is_file():
+    pytest.skip('examples/ and docs/ are not beside the tests', allow_module_level=True)
 
 
 def load(name):
@@ -62,6 +64,20 @@ def test_the_motor_models_give_the_yaw_torque_of_the_allocation_matrix(name):
         assert torque == pytest.approx(
             vehicle.spins[i] * vehicle.torque_coefficient[i] * 100.0**2)
         assert float(model.findtext('maxRotVelocity')) == pytest.approx(vehicle.speed_max[i])
+
+
+def test_the_motor_models_of_the_x500_are_those_of_px4(tmp_path):
+    """models/x500/model.sdf of PX4-gazebo-models."""
+    [x500] = re.findall(r'<!-- file x500.yaml -->\n```yaml\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    (tmp_path / 'x500.yaml').write_text(x500)
+    models = ElementTree.fromstring(
+        f'<sdf>{gazebo.motor_models(Vehicle.load(tmp_path / "x500.yaml"))}</sdf>')
+    names = (
+        'motorNumber', 'turningDirection', 'maxRotVelocity', 'motorConstant', 'momentConstant')
+    assert [[model.findtext(name) for name in names] for model in models] == [
+        [str(number), spin, '1000', '8.54858e-06', '0.016']
+        for number, spin in enumerate(['ccw', 'ccw', 'cw', 'cw'])]
+    assert {model.get('filename') for model in models} == {'gz-sim-multicopter-motor-model-system'}
 
 
 # PX4
@@ -111,28 +127,6 @@ def test_px4_gets_nothing_that_is_out_of_bounds(wrong):
         px4.speed_controls(np.array([20.0]), np.full(1, 400.0), 40.0, 0.0)
 
 
-@pytest.mark.parametrize('name', ['hexarotor', 'x8', 'asymmetric', 'tilted_hexarotor'])
-def test_the_parameters_of_px4_are_the_same_vehicle_seen_from_below(name):
-    vehicle = FLEET[name]
-    order = np.random.default_rng(0).permutation(vehicle.n)
-    given = px4.px4_parameters(vehicle, (order + 1).tolist())
-    assert given['CA_ROTOR_COUNT'] == vehicle.n
-    for motor, i in enumerate(order):
-        place, axis = (
-            np.array([given[f'CA_ROTOR{motor}_{kind}{axis}'] for axis in 'XYZ']) for kind in 'PA')
-        # ActuatorEffectivenessRotors.cpp: thrust along the axis, moment p x a - km a.
-        moment = np.cross(place, axis) - given[f'CA_ROTOR{motor}_KM'] * axis
-        ours = control_allocation_matrix(vehicle)[-3:, i]
-        np.testing.assert_allclose(moment, ours * [1.0, -1.0, -1.0], atol=1e-12)
-
-
-def test_px4_parameters_are_printed_without_ros():
-    process = run('px4_actuator_motors', '--vehicle', 'quadrotor', '--px4-parameters')
-    assert (process.returncode, process.stderr) == (0, '')
-    assert process.stdout.splitlines()[0] == 'param set CA_ROTOR_COUNT 4'
-    assert len(process.stdout.splitlines()) == 1 + 4 * 7
-
-
 # ros2_control
 
 def test_joints_turn_clockwise_by_a_minus():
@@ -169,12 +163,14 @@ def test_joint_velocities_arrive(graph):
 def test_help(file):
     process = run(file.stem, '--help')
     assert (process.returncode, process.stderr) == (0, '')
-    assert '--ros-args' in process.stdout
+    assert ('--ros-args' in process.stdout) == (file.stem != 'px4_parameters')
 
 
 @pytest.mark.parametrize(('name', 'arguments', 'package'), [
     ('gazebo_actuators', [], 'actuator_msgs'),
-    ('px4_actuator_motors', ['--vehicle', 'quadrotor'], 'px4_msgs')])
+    ('px4_actuator_motors', ['--vehicle', 'quadrotor'], 'px4_msgs'),
+    ('px4_odometry', [], 'px4_msgs'),
+    ('px4_setpoints', ['--vehicle', 'quadrotor'], 'px4_msgs')])
 def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, package):
     if importlib.util.find_spec(package):
         pytest.skip(f'{package} is installed')
@@ -189,6 +185,9 @@ def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, pa
     ('gazebo_actuators', ['--sdf', 'nope'], ['nope', 'hexarotor']),
     ('ros2_control_velocities', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
     ('px4_actuator_motors', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
+    ('px4_setpoints', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
+    ('px4_parameters', ['to-px4', 'nope'], ['nope', 'hexarotor']),
+    ('px4_parameters', ['to-px4', 'quadrotor', '--order', '1,2,3,3'], ['--order', 'once']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3'], ['--order', '4', '3']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3,3'], ['--order', 'once']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--thrust-factor', 'nan'], ['0 to 1']),

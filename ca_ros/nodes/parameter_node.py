@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -13,8 +14,16 @@ from rclpy.parameter import Parameter
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameters import NODE
 from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.schema import REQUIRED, MissingParameterError, check_given, complete
+from ca_ros.schema import REQUIRED, MissingParameterError, ParameterError, check_given, complete
 from ca_ros.schema import Parameter as Declared
+
+
+def slider(parameter: Declared) -> list[FloatingPointRange]:
+    """Return the range in which tools show a slider; none unless both ends are finite."""
+    low = 0.0 if parameter.positive else parameter.minimum
+    if not (isfinite(low) and isfinite(parameter.maximum)):
+        return []
+    return [FloatingPointRange(from_value=low, to_value=parameter.maximum)]
 
 
 class _Starting(type):
@@ -68,17 +77,19 @@ class ParameterNode(Node, metaclass=_Starting):
     def _declare(self) -> dict[str, Any]:
         """Declare the parameters and return their values by name."""
         values = {}
+        given = {name: override.value for name, override in given_parameters(self).items()}
+        # Before rclpy compares the values with the ranges, because its message says less.
+        check_given(given, self.known)
         for name, parameter in self.declared.items():
             descriptor = ParameterDescriptor(
                 description=parameter.description,
                 additional_constraints=parameter.range(),
+                floating_point_range=slider(parameter),
                 read_only=not parameter.mutable,
                 dynamic_typing=True,
             )
             default = None if parameter.default is REQUIRED else parameter.default
             values[name] = self.declare_parameter(name, default, descriptor).value
-        given = {name: override.value for name, override in given_parameters(self).items()}
-        check_given(given, self.known)
         # Files from `ros2 param dump` also have rclpy's own parameters.
         self.unknown = [
             name
@@ -126,20 +137,29 @@ class ParameterNode(Node, metaclass=_Starting):
         unknown = [change.name for change in parameter_list if not self.has_parameter(change.name)]
         if unknown:
             raise ParameterNotDeclaredException(unknown)
+        try:
+            # As in `_declare`, before rclpy.
+            self._checked(parameter_list)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return super().set_parameters_atomically(parameter_list)
 
-    def _consider(self, changes: list[Parameter]) -> SetParametersResult:
+    def _checked(self, changes: list[Parameter]) -> dict[str, Any]:
+        """Return the checked values of those changes that are in `declared`."""
         ours = {change.name: change.value for change in changes if change.name in self.declared}
-        if not ours:
-            return SetParametersResult(successful=True)
+        return complete(ours, {name: self.declared[name] for name in ours})
+
+    def _consider(self, changes: list[Parameter]) -> SetParametersResult:
         # A request may hold many changes; commands and timers wait for one of them at most.
         if isinstance(self.executor, Executor):
             self.executor.spin_streams(0.0)
         try:
-            checked = complete(ours, {name: self.declared[name] for name in ours})
+            checked = self._checked(changes)
+            if not checked:
+                return SetParametersResult(successful=True)
             parameters = {**self.parameters, **checked}
             # A rebuild takes longer than an allocation, and happens only where necessary.
-            rebuild = any(name not in NODE for name in ours)
+            rebuild = any(name not in NODE for name in checked)
             self._candidate = parameters, self.build(parameters) if rebuild else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))

@@ -1,0 +1,251 @@
+#!/usr/bin/env python3
+"""A vehicle's parameter file from PX4's parameters, and PX4's parameters from the file.
+
+PX4's body frame is forward-right-down, ours is forward-left-up: y and z change their signs.
+PX4 models the rotor n (from 0 on) as
+
+    thrust = CT u^2 along (AX, AY, AZ),    reaction torque = KM * thrust
+
+where u is its output, and KM is positive for a rotor that turns counter-clockwise, seen from above
+(module.yaml of PX4's control_allocator).  PX4 normalises the allocation matrix.  Therefore only
+the ratios of CT matter there, and only the ratios of |KM|.  Airframes often leave both at
+PX4's defaults, 6.5 and 0.05.  Measure the coefficients that ca_ros needs (docs/vehicle.md).
+
+    python3 examples/px4_parameters.py from-px4 vehicle.params --mass 2 --speed-min 150 \\
+        --speed-max 1000 --thrust-coefficient 8.5e-6 --moment-constant 0.016 > my.yaml
+    python3 examples/px4_parameters.py to-px4 my.yaml --style params > vehicle.params
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ca_ros import ParameterError, Vehicle
+from ca_ros.arguments import finite
+from ca_ros.arrays import Array
+
+ROTORS = 12
+"""The most rotors of PX4; 8 before version 1.14."""
+
+KINDS = ('PX', 'PY', 'PZ', 'AX', 'AY', 'AZ', 'CT', 'KM')
+DEFAULTS = dict(zip(KINDS, (0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 6.5, 0.05), strict=True))
+"""PX4's defaults of CA_ROTOR*."""
+
+FLIP = np.array([1.0, -1.0, -1.0])
+
+# `param set-default NAME VALUE` of an airframe, or a line of a file of QGroundControl.
+LINE = re.compile(r'^\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(CA_\w+)\s+(\S+)', re.MULTILINE)
+
+STYLES = {
+    'shell': 'param set {name} {value:.9g}',
+    'airframe': 'param set-default {name} {value:.9g}',
+    'params': '1\t1\t{name}\t{value:.9g}\t{kind}',
+}
+
+
+def read(text: str) -> dict[str, float]:
+    """Return the parameters CA_* in an airframe or in a file of QGroundControl.
+
+    Raises
+    ------
+    ValueError
+        If they do not describe a multirotor with fixed rotors.
+    """
+    given = {}
+    for name, word in LINE.findall(text):
+        try:
+            given[name] = finite(word)
+        except (ValueError, argparse.ArgumentTypeError):
+            raise ValueError(f'{name}: {word!r} is not a number') from None
+    if 'CA_ROTOR_COUNT' not in given:
+        raise ValueError(
+            "no CA_ROTOR_COUNT: expected an airframe ('param set-default CA_ROTOR_COUNT 4') or a "
+            "parameter file of QGroundControl ('1 1 CA_ROTOR_COUNT 4 6', with tabs)"
+        )
+    if given.get('CA_AIRFRAME', 0.0) not in (0.0, 7.0):
+        raise ValueError(
+            f'CA_AIRFRAME is {given["CA_AIRFRAME"]:g}: expected 0 (multirotor) or 7 (motors, 6DOF)'
+        )
+    tilted = [name for name in given if name.endswith('_TILT') and given[name]]
+    if tilted:
+        raise ValueError(f'{tilted[0]}: rotors that servos tilt are not supported')
+    return given
+
+
+def from_px4(
+    given: Mapping[str, float],
+    mass: float,
+    speeds: tuple[float, float],
+    thrust_coefficient: float,
+    moment_constant: float | None = None,
+    inertia: Sequence[float] | None = None,
+    name: str = 'multirotor',
+) -> str:
+    """Return the text of a parameter file.
+
+    Parameters
+    ----------
+    given : mapping
+        As `read` returns it.
+    mass : float
+        [kg]
+    speeds : pair of float
+        Bounds of the rotor speeds [rad/s].
+    thrust_coefficient : float
+        k_f of the rotor with the greatest CT [kg m]; the others have theirs in the ratio of CT.
+    moment_constant : float, optional
+        k_tau / k_f [m] of all rotors.  Default: the magnitude of KM.
+    inertia : (3,) sequence, optional
+        Jx, Jy, Jz [kg m^2].  An allocator does without.
+    name : str, optional
+
+    Raises
+    ------
+    ValueError
+        If a rotor has no axis, no thrust or no sense of rotation.
+    """
+    n = int(given['CA_ROTOR_COUNT'])
+    if not 1 <= n <= ROTORS:
+        raise ValueError(f'CA_ROTOR_COUNT is {n}: expected 1 to {ROTORS}')
+    rotors = [
+        {kind: given.get(f'CA_ROTOR{i}_{kind}', DEFAULTS[kind]) for kind in KINDS}
+        for i in range(n)
+    ]
+    places, axes = (
+        FLIP * np.array([[rotor[kind + axis] for axis in 'XYZ'] for rotor in rotors])
+        for kind in 'PA'
+    )
+    ct, km = (np.array([rotor[kind] for rotor in rotors]) for kind in ('CT', 'KM'))
+    for i in range(n):
+        if not axes[i].any() or ct[i] <= 0.0:
+            raise ValueError(f'rotor {i} has no axis or no thrust: PX4 would ignore it')
+        if km[i] == 0.0:
+            raise ValueError(f'CA_ROTOR{i}_KM is 0: expected its sign, the sense of rotation')
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    thrust = thrust_coefficient * ct / ct.max()
+    torque = thrust * (np.abs(km) if moment_constant is None else moment_constant)
+
+    def numbers(values: Sequence[float] | Array) -> str:
+        return ', '.join(repr(float(f'{value:.9g}') + 0.0) for value in values)
+
+    def rows(values: Array) -> str:
+        return ',\n                  '.join(numbers(row) for row in values)
+
+    absent = [f'CA_ROTOR{i}_{kind}' for i in range(n) for kind in ('CT', 'KM')]
+    absent = [name for name in absent if name not in given]
+    note = f". PX4's defaults: {', '.join(absent)}" if absent else ''
+    inertias = f'      inertia: [{numbers(inertia)}]  # [kg m^2]\n' if inertia else ''
+    return f"""\
+# From PX4's parameters; the rotors are in its order{note}.
+/**:
+  ros__parameters:
+    vehicle:
+      name: {name}
+      mass: {float(mass)!r}  # [kg]
+{inertias}    rotors:
+      positions: [{rows(places)}]  # [m]
+      axes:      [{rows(axes)}]
+      spins: [{', '.join('ccw' if each > 0.0 else 'cw' for each in km)}]
+      thrust_coefficient: [{numbers(thrust)}]  # [kg m]
+      torque_coefficient: [{numbers(torque)}]  # [kg m^2]
+      speed_min: {float(speeds[0])!r}  # [rad/s]
+      speed_max: {float(speeds[1])!r}  # [rad/s]
+"""
+
+
+def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
+    """Return a vehicle's geometry as PX4's parameters by name.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    order : (n,) sequence, optional
+        For each of PX4's motors the rotor that it is, from 1 on; default: the same order.
+
+    Raises
+    ------
+    ValueError
+        If PX4 has not as many rotors, or `order` has not each rotor once.
+    """
+    if vehicle.n > ROTORS:
+        raise ValueError(f'{vehicle.n} rotors, but PX4 has {ROTORS} at most')
+    rows = [rotor - 1 for rotor in order or range(1, vehicle.n + 1)]
+    if sorted(rows) != list(range(vehicle.n)):
+        raise ValueError(f'--order: expected each of the rotors 1 to {vehicle.n} once')
+    full = vehicle.thrust_coefficient * vehicle.speed_max**2
+    found: dict[str, float] = {'CA_ROTOR_COUNT': vehicle.n}
+    for motor, i in enumerate(rows):
+        ratio = vehicle.torque_coefficient[i] / vehicle.thrust_coefficient[i]
+        values = (
+            *FLIP * vehicle.arms[i],
+            *FLIP * vehicle.rotor_axes[i],
+            DEFAULTS['CT'] * full[i] / full.max(),
+            -vehicle.spins[i] * ratio,
+        )
+        for name, value in zip(KINDS, values, strict=True):
+            found[f'CA_ROTOR{motor}_{name}'] = float(value) + 0.0
+    return found
+
+
+def text(found: Mapping[str, float], style: str) -> str:
+    """Return parameters as commands of PX4's shell, as an airframe or as a file (`STYLES`)."""
+    lines = ['# Vehicle-Id Component-Id Name Value Type'] if style == 'params' else []
+    for name, value in found.items():
+        # MAV_PARAM_TYPE of MAVLink: INT32 or REAL32.
+        kind = 6 if name == 'CA_ROTOR_COUNT' else 9
+        lines.append(STYLES[style].format(name=name, value=value, kind=kind))
+    return '\n'.join(lines)
+
+
+def main() -> None:
+    """Convert, and print the result."""
+    parser = argparse.ArgumentParser(
+        description="Convert the geometry of a vehicle from and to PX4's parameters CA_ROTOR*."
+    )
+    ways = parser.add_subparsers(dest='way', required=True)
+    one = ways.add_parser('from-px4', help='print a parameter file of ca_ros')
+    one.add_argument('file', type=Path, help='an airframe, or a file of QGroundControl (.params)')
+    one.add_argument('--mass', type=finite, required=True, help='[kg]')
+    one.add_argument('--speed-min', type=finite, required=True, help='[rad/s]')
+    one.add_argument('--speed-max', type=finite, required=True, help='[rad/s]')
+    one.add_argument(
+        '--thrust-coefficient', type=finite, required=True, help='k_f, of the strongest [kg m]'
+    )
+    one.add_argument(
+        '--moment-constant', type=finite, help='k_tau / k_f [m] (default: the magnitude of KM)'
+    )
+    one.add_argument(
+        '--inertia', type=finite, nargs=3, metavar='J', help='Jx Jy Jz [kg m^2] (default: none)'
+    )
+    other = ways.add_parser('to-px4', help="print PX4's parameters")
+    other.add_argument('vehicle', help='a shipped vehicle or a parameter file')
+    other.add_argument('--style', choices=STYLES, default='shell', help='(default: %(default)s)')
+    other.add_argument(
+        '--order', default='', metavar='A,B,..', help="the rotor that each of PX4's motors is"
+    )
+    options = parser.parse_args()
+    try:
+        if options.way == 'from-px4':
+            given = read(options.file.read_text(encoding='utf-8'))
+            speeds = (options.speed_min, options.speed_max)
+            name = re.sub(r'\W', '_', options.file.stem)
+            coefficients = options.thrust_coefficient, options.moment_constant
+            print(
+                from_px4(given, options.mass, speeds, *coefficients, options.inertia, name), end=''
+            )
+            return
+        order = [int(word) for word in options.order.split(',') if word]
+        found = to_px4(Vehicle.load(options.vehicle), order)
+    except (OSError, ValueError, ParameterError) as error:
+        sys.exit(f'px4_parameters: {error}')
+    print(text(found, options.style))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,284 @@
+"""The conversions from and to PX4 in examples/, on airframes and attitudes worked out by hand."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from ca_ros import Vehicle, control_allocation_matrix, make_allocator
+from strategies import FLEET
+from test_examples import FOLDER, load
+
+odometry, setpoints, parameters, motors = map(
+    load, ('px4_odometry', 'px4_setpoints', 'px4_parameters', 'px4_actuator_motors'))
+
+S = np.sqrt(0.5)
+
+# ROMFS/px4fmu_common of PX4-Autopilot: init.d/airframes/4001_quad_x (as in PX4's guide, "Adding a
+# Frame Configuration") and init.d/airframes/1105_rc_hexa_x_sih.hil.
+QUAD_X = """\
+param set-default CA_ROTOR_COUNT 4
+param set-default CA_ROTOR0_PX 0.15
+param set-default CA_ROTOR0_PY 0.15
+param set-default CA_ROTOR1_PX -0.15
+param set-default CA_ROTOR1_PY -0.15
+param set-default CA_ROTOR2_PX 0.15
+param set-default CA_ROTOR2_PY -0.15
+param set-default CA_ROTOR2_KM -0.05
+param set-default CA_ROTOR3_PX -0.15
+param set-default CA_ROTOR3_PY 0.15
+param set-default CA_ROTOR3_KM -0.05
+"""
+HEXA_X = """\
+param set-default CA_ROTOR_COUNT 6
+param set-default CA_ROTOR0_PX 0.866
+param set-default CA_ROTOR0_PY 0.5
+param set-default CA_ROTOR1_PX 0
+param set-default CA_ROTOR1_PY 1
+param set-default CA_ROTOR1_KM -0.05
+param set-default CA_ROTOR2_PX -0.866
+param set-default CA_ROTOR2_PY 0.5
+param set-default CA_ROTOR3_PX -0.866
+param set-default CA_ROTOR3_PY -0.5
+param set-default CA_ROTOR3_KM -0.05
+param set-default CA_ROTOR4_PX 0
+param set-default CA_ROTOR4_PY -1
+param set-default CA_ROTOR5_PX 0.866
+param set-default CA_ROTOR5_PY -0.5
+param set-default CA_ROTOR5_KM -0.05
+"""
+FULL = 4.0
+"""Greatest thrust of a rotor of these vehicles [N]: 2.5e-5 * 400^2."""
+
+
+@pytest.fixture
+def vehicle(tmp_path):
+    """Return a function that makes the vehicle of an airframe."""
+    def make(airframe, speeds=(0.0, 400.0), **options):
+        file = tmp_path / 'vehicle.yaml'
+        file.write_text(parameters.from_px4(
+            parameters.read(airframe), 1.0, speeds, 2.5e-5, **options))
+        return Vehicle.load(file)
+    return make
+
+
+# Odometry
+
+def message(q=(1, 0, 0, 0), velocity=(0, 0, 0), **others):
+    """Return the fields of a VehicleOdometry that the example reads."""
+    given = {
+        'pose_frame': 1, 'velocity_frame': 1, 'position': (1, 2, -3), 'q': q,
+        'velocity': velocity, 'angular_velocity': (0.1, 0.2, 0.3)}
+    return SimpleNamespace(**(given | others))
+
+
+def test_nose_to_the_north_is_a_heading_of_90_degrees():
+    """The heading is counted from the east."""
+    position, attitude, velocity, rates = odometry.state(message(velocity=(5, 0, 0)))
+    assert_allclose(position, [2, 1, 3])
+    assert_allclose(attitude, [0, 0, S, S], atol=1e-15)
+    assert_allclose(velocity, [5, 0, 0], atol=1e-14)
+    assert_allclose(rates, [0.1, -0.2, -0.3])
+
+
+def test_nose_to_the_east_is_no_rotation():
+    """North is then to the left, and what is down has a negative z."""
+    _, attitude, velocity, _ = odometry.state(message((S, 0, 0, S), (1, 2, 3)))
+    assert_allclose(attitude, [0, 0, 0, 1], atol=1e-15)
+    assert_allclose(velocity, [2, 1, -3], atol=1e-15)
+
+
+@pytest.mark.parametrize(('q', 'forward', 'left', 'up'), [
+    # Rolled to the right by 90 degrees, nose north: the left side is up, the top is east.
+    ((S, S, 0, 0), [0, 1, 0], [0, 0, 1], [1, 0, 0]),
+    # Pitched up by 90 degrees, nose north before: the nose is up, the top is south.
+    ((S, 0, S, 0), [0, 0, 1], [-1, 0, 0], [0, -1, 0]),
+])
+def test_a_tilted_body_points_where_it_should(q, forward, left, up):
+    matrix = Rotation.from_quat(odometry.attitude(q)).as_matrix()
+    assert_allclose(matrix.T, [forward, left, up], atol=1e-15)
+
+
+def test_any_attitude_is_that_of_the_matrices():
+    # world ENU from NED, body FRD from FLU; independent: SciPy's rotations.
+    world, body = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.diag([1, -1, -1])
+    for rotation in Rotation.random(50, random_state=0):
+        x, y, z, w = rotation.as_quat()
+        found = Rotation.from_quat(odometry.attitude((w, x, y, z))).as_matrix()
+        assert_allclose(found, world @ rotation.as_matrix() @ body, atol=1e-12)
+        velocity = np.array([1.0, 2.0, 3.0])
+        given = message((w, x, y, z), velocity)
+        assert_allclose(odometry.state(given)[2], body @ rotation.inv().apply(velocity))
+        given = message((w, x, y, z), rotation.inv().apply(velocity), velocity_frame=3)
+        assert_allclose(odometry.state(given)[2], body @ rotation.inv().apply(velocity))
+
+
+@pytest.mark.parametrize(('wrong', 'words'), [
+    ({'pose_frame': 2}, 'pose_frame is 2, expected 1'),
+    ({'velocity_frame': 2}, 'velocity_frame is 2, expected 1'),
+    ({'q': (np.nan, 0, 0, 0)}, 'q is unknown'),
+    ({'position': (0, 0, np.nan)}, 'position is unknown'),
+])
+def test_unknown_states_are_refused(wrong, words):
+    with pytest.raises(ValueError, match=words):
+        odometry.state(message(**wrong))
+
+
+# Set-points
+
+def test_the_units_of_the_generic_quadrotor(vehicle):
+    """By hand: thrust 4 f; roll, pitch 4 y f / sqrt(2), as each motor changes by 1 / sqrt(2)."""
+    roll, yaw = 4 * 0.15 * FULL * S, 4 * 0.05 * FULL
+    assert_allclose(
+        setpoints.units(vehicle(QUAD_X)), [4 * FULL, 4 * FULL, 4 * FULL, roll, roll, yaw])
+
+
+def test_the_units_of_the_generic_hexarotor(vehicle):
+    """By hand, of the axis with the greater scale, pitch.
+
+    For a pitch of 1 N m four motors change by x / sum(x^2) = 0.866 / 3 N; its mean square over
+    these four, doubled, is 1/6 N^2.
+    """
+    level = FULL * np.sqrt(6)
+    unit = setpoints.units(vehicle(HEXA_X))
+    assert_allclose(unit[2:], [24, level, level, 6 * 0.05 * FULL], rtol=1e-3)
+
+
+def test_without_saturation_the_motors_are_those_of_px4(vehicle):
+    """PX4's normalised mixer of a quadrotor X has 1/sqrt(2) for roll and pitch, 1 for the rest."""
+    quad = vehicle(QUAD_X)
+    roll, pitch, yaw, thrust = 0.1, -0.2, 0.05, 0.5
+    u = setpoints.wrench((0, 0, -thrust), (roll, pitch, yaw), setpoints.units(quad))
+    # Forward-left-up: to the right is positive too, nose up and to the right are negative.
+    assert_allclose(np.sign(u[2:]), [1, 1, 1, -1])
+    speeds = make_allocator('exact', quad).allocate(u[2:]).speeds
+    # Front right and rear left turn counter-clockwise, front left and rear right clockwise.
+    r, p = S * roll, S * pitch
+    by_hand = [-r + p + yaw, r - p + yaw, r + p - yaw, -r - p - yaw]
+    assert_allclose(motors.thrust_controls(speeds, quad.speed_max), thrust + np.array(by_hand))
+
+
+@pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'x8', 'y6', 'asymmetric'])
+def test_the_units_normalise_the_motors_as_px4_says(name):
+    """What PX4 promises of its normalised matrix, which is computed here from Gamma."""
+    some = FLEET[name]
+    full = some.thrust_coefficient * some.speed_max**2
+    unit = setpoints.units(some)[2:] * [1, 1, 1, -1]
+    mixer = np.linalg.pinv(control_allocation_matrix(some) * full) * unit
+    changed = mixer[:, 1:3] ** 2
+    level = [column[column > 1e-6].mean() for column in changed.T]
+    assert np.abs(mixer[:, 0]).mean() == pytest.approx(1.0)
+    assert max(level) == pytest.approx(0.5)
+    assert mixer[:, 3].max() == pytest.approx(1.0)
+
+
+def test_set_points_that_are_not_finite_are_refused():
+    with pytest.raises(ValueError, match='expected finite numbers'):
+        setpoints.wrench((0, 0, np.nan), (0, 0, 0), np.ones(6))
+
+
+# Parameters
+
+def test_the_generic_quadrotor_as_a_vehicle(vehicle):
+    quad = vehicle(QUAD_X)
+    assert_allclose(
+        quad.arms, [[0.15, -0.15, 0], [-0.15, 0.15, 0], [0.15, 0.15, 0], [-0.15, -0.15, 0]])
+    assert_allclose(quad.rotor_axes, [[0, 0, 1]] * 4)
+    # PX4's default of KM is positive: counter-clockwise, which is -1 here.
+    assert_allclose(quad.spins, [-1, -1, 1, 1])
+    assert_allclose(quad.torque_coefficient, 0.05 * 2.5e-5)
+
+
+def test_a_measured_moment_constant_replaces_km(vehicle):
+    assert_allclose(vehicle(QUAD_X, moment_constant=0.016).torque_coefficient, 0.016 * 2.5e-5)
+
+
+@pytest.mark.parametrize('style', parameters.STYLES)
+@pytest.mark.parametrize(
+    'name', ['quadrotor', 'hexarotor', 'x8', 'tilted_hexarotor', 'asymmetric'])
+def test_there_and_back(vehicle, name, style):
+    some, n = FLEET[name], FLEET[name].n
+    order = np.random.default_rng(0).permutation(n)
+    given = parameters.to_px4(some, (order + 1).tolist())
+    text = parameters.text(given, style)
+    assert parameters.read(text) == pytest.approx(given, rel=1e-8)
+    back = vehicle(text, (0.0, 400.0))
+    full = some.thrust_coefficient * some.speed_max**2
+    for found, expected in (
+        (back.arms, some.arms), (back.rotor_axes, some.rotor_axes), (back.spins, some.spins),
+        (back.thrust_coefficient, 2.5e-5 * full / full.max()),
+        (back.torque_coefficient / back.thrust_coefficient,
+         some.torque_coefficient / some.thrust_coefficient)):
+        assert_allclose(found, expected[order], rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'x8', 'asymmetric', 'tilted_hexarotor'])
+def test_the_parameters_of_px4_are_the_same_vehicle_seen_from_below(name):
+    some = FLEET[name]
+    order = np.random.default_rng(0).permutation(some.n)
+    given = parameters.to_px4(some, (order + 1).tolist())
+    assert given['CA_ROTOR_COUNT'] == some.n
+    for motor, i in enumerate(order):
+        place, axis = (
+            np.array([given[f'CA_ROTOR{motor}_{kind}{axis}'] for axis in 'XYZ']) for kind in 'PA')
+        # ActuatorEffectivenessRotors.cpp: thrust along the axis, moment p x a - km a.
+        moment = np.cross(place, axis) - given[f'CA_ROTOR{motor}_KM'] * axis
+        ours = control_allocation_matrix(some)[-3:, i]
+        assert_allclose(moment, ours * [1.0, -1.0, -1.0], atol=1e-12)
+
+
+def test_what_is_left_to_defaults_of_px4_is_named_in_the_file():
+    text = parameters.from_px4(parameters.read(QUAD_X), 1.0, (0.0, 400.0), 2.5e-5)
+    head = text.splitlines()[0]
+    assert 'CA_ROTOR0_KM' in head
+    assert 'CA_ROTOR2_KM' not in head
+
+
+@pytest.mark.parametrize(('airframe', 'words'), [
+    ('rotors: 4', 'no CA_ROTOR_COUNT: expected an airframe'),
+    (QUAD_X + 'param set-default CA_AIRFRAME 2\n', 'CA_AIRFRAME is 2: expected 0'),
+    (QUAD_X + 'param set-default CA_ROTOR1_TILT 1\n', 'CA_ROTOR1_TILT: rotors that servos tilt'),
+    (QUAD_X + 'param set-default CA_ROTOR1_KM 0\n', 'CA_ROTOR1_KM is 0: expected its sign'),
+    (QUAD_X + 'param set-default CA_ROTOR1_CT 0\n', 'rotor 1 has no axis or no thrust'),
+    (QUAD_X + 'param set-default CA_ROTOR1_AZ 0\n', 'rotor 1 has no axis or no thrust'),
+    (QUAD_X + 'param set-default CA_ROTOR_COUNT 13\n', 'CA_ROTOR_COUNT is 13: expected 1 to 12'),
+    (QUAD_X + 'param set-default CA_ROTOR1_PX here\n', "CA_ROTOR1_PX: 'here' is not a number"),
+])
+def test_what_is_no_multirotor_is_refused(airframe, words):
+    with pytest.raises(ValueError, match=words):
+        parameters.from_px4(parameters.read(airframe), 1.0, (0.0, 400.0), 2.5e-5)
+
+
+def test_an_order_that_misses_a_rotor_is_refused():
+    with pytest.raises(ValueError, match='each of the rotors 1 to 4 once'):
+        parameters.to_px4(FLEET['quadrotor'], [1, 2, 3, 3])
+
+
+def test_the_commands_for_both_ways(tmp_path):
+    def convert(*arguments):
+        return subprocess.run(
+            [sys.executable, str(FOLDER / 'px4_parameters.py'), *map(str, arguments)],
+            capture_output=True, text=True)
+
+    file, vehicle = tmp_path / 'my.params', tmp_path / 'my.yaml'
+    there = convert('to-px4', 'hexarotor', '--style', 'params')
+    assert there.stdout.splitlines()[1] == '1\t1\tCA_ROTOR_COUNT\t6\t6'
+    file.write_text(there.stdout)
+    back = convert(
+        'from-px4', file, '--mass', 1, '--speed-min', 40, '--speed-max', 400,
+        '--thrust-coefficient', 2.5e-5, '--inertia', 0.015, 0.015, 0.03)
+    assert (back.returncode, back.stderr) == (0, '')
+    vehicle.write_text(back.stdout)
+    found, expected = Vehicle.load(vehicle), Vehicle.load('hexarotor')
+    for name in ('mass', 'inertia', 'thrust_min', 'thrust_max'):
+        assert_allclose(getattr(found, name), getattr(expected, name))
+    assert_allclose(
+        control_allocation_matrix(found), control_allocation_matrix(expected), atol=1e-9)
+    wrong = convert('from-px4', vehicle, '--mass', 1, '--speed-min', 40, '--speed-max', 400,
+                    '--thrust-coefficient', 2.5e-5)
+    assert wrong.returncode == 1
+    assert wrong.stderr.startswith('px4_parameters: no CA_ROTOR_COUNT')
