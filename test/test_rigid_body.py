@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from ca_ros.flight.drag import Drag
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -187,7 +188,8 @@ def test_rotational_drag_grows_with_the_square_of_the_angular_velocity():
     state = NULL_STATE.copy()
     state[ANGULAR_VELOCITY] = [3.0, -4.0, 12.0]
     rates = [
-        RigidBody(HEXAROTOR, drag).derivative(state, np.full(6, 200.0)) for drag in (0.0, 1e-3)]
+        RigidBody(HEXAROTOR, drag).derivative(state, np.full(6, 200.0))
+        for drag in (None, Drag(rotational=1e-3))]
     expected = np.zeros(13)
     expected[ANGULAR_VELOCITY] = -1e-3 * 13.0 * np.array([3.0, -4.0, 12.0]) / [0.015, 0.015, 0.03]
     np.testing.assert_allclose(rates[1] - rates[0], expected, atol=1e-12)

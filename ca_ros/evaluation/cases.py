@@ -18,6 +18,7 @@ from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
+from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.nodes.parameters import PARAMETERS, load
@@ -150,8 +151,11 @@ class Case:
 
     def body(self, health: Array | None = None) -> RigidBody:
         """Return the rigid body, optionally with other rotor health (n,)."""
-        drag = self.parameters['simulator.rotational_drag']
-        return RigidBody(self.vehicle if health is None else self.audited(health), drag)
+        return body_of(self.vehicle if health is None else self.audited(health), self.parameters)
+
+    def plant(self) -> Plant:
+        """Return the plant, with all effects of the parameters ``simulator.*``."""
+        return Plant(self.body(), self.parameters)
 
     def failing(self, method: str, failures: RotorFailures) -> list[Change]:
         """Return the changes of a method's closed loop that rotor failures cause."""

@@ -91,9 +91,8 @@ def _fly(
                 words += options.ros_arguments
                 flights[name] = fly_over_ros(case, name, options.duration, words)
             else:
-                time_step = case.parameters['simulator.time_step']
-                goal = options.goals.first, options.duration, time_step
-                loop = case.controller(), allocator, case.body()
+                loop = case.controller(), allocator, case.plant()
+                goal = options.goals.first, options.duration
                 flights[name] = fly(*loop, *goal, changes=changes[name])
     except KeyboardInterrupt:
         bar.close()

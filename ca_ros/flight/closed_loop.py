@@ -1,4 +1,4 @@
-"""The closed loop without ROS: controller, allocator and rigid body, step by step."""
+"""The closed loop without ROS: controller, allocator and plant, step by step."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
+from ca_ros.flight.plant import Plant
 from ca_ros.flight.record import Flight, steps
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
-    NULL_STATE,
     POSITION,
     RigidBody,
     velocity_in_body,
@@ -44,11 +44,11 @@ class Change:
 def fly(
     controller: Controller,
     allocator: Allocator,
-    body: RigidBody,
+    body: RigidBody | Plant,
     waypoint: Waypoint,
     duration: float,
-    time_step: float = 0.01,
-    state: Array = NULL_STATE,
+    time_step: float | None = None,
+    state: Array | None = None,
     changes: Iterable[Change] = (),
 ) -> Flight:
     """Fly to a waypoint.
@@ -57,39 +57,50 @@ def fly(
     ----------
     controller : Controller
     allocator : Allocator
-    body : RigidBody
+    body : RigidBody or Plant
+        A plant is flown from its initial state, and stays as it is.
     waypoint : Waypoint
     duration : float
         [s]
-    time_step : float
-        [s], rounded to whole nanoseconds, as in the stamps of ROS.
-    state : (13,) array
-        Initial state, see `ca_ros.flight.rigid_body`.
+    time_step : float, optional
+        Of a rigid body [s], by default 0.01 s, rounded to whole nanoseconds as in the stamps of
+        ROS.  A plant has its own.
+    state : (13,) array, optional
+        Initial state, see `ca_ros.flight.rigid_body`; by default at rest in the origin, or that of
+        the plant.
     changes : iterable of Change
         Each takes effect at the first sample at or after its time.
 
     Returns
     -------
     Flight
-        One sample at each step up to `duration`.
+        One sample at each step up to `duration`, with the measured states and the commanded rotor
+        speeds.
 
     Raises
     ------
     FloatingPointError
         If the flight diverges because the gains or the steps are too large.
+    ValueError
+        If a time step is given for a plant.
     """
     states: list[Array] = []
     velocities, commands = [], []
-    step_ns = round(time_step * 1e9)
-    time_step = step_ns / 1e9
+    if isinstance(body, RigidBody):
+        body = Plant(body, {} if time_step is None else {'simulator.time_step': time_step})
+    elif time_step is not None:
+        raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
+    plant = body.restarted(state)
+    step_ns, time_step = plant.time_step_ns, plant.time_step
     pending = sorted(changes, key=lambda change: change.time, reverse=True)
     for step in range(steps(duration, time_step) + 1):
         while pending and pending[-1].time <= step * step_ns:
             change = pending.pop()
             controller = change.controller or controller
             allocator = change.allocator or allocator
-            body = change.body or body
+            plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
+        state = plant.measured
         velocity = velocity_in_body(state)
         try:
             wrench = controller.wrench(
@@ -102,7 +113,7 @@ def fly(
         states.append(state)
         velocities.append(velocity)
         commands.append(speeds)
-        state = body.step(state, speeds, time_step)
+        plant.step(speeds)
     flown = np.array(states)
     nanoseconds = np.arange(len(flown)) * step_ns
     return Flight(

@@ -12,7 +12,7 @@ import numpy as np
 from ca_ros.allocation.options import order_from_parameters
 from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.arrays import Array
-from ca_ros.flight.parameters import CONTROL
+from ca_ros.flight.parameters import CONTROL, triple
 from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -54,7 +54,7 @@ class Gains:
         p: dict[str, Any] = complete(given, CONTROL)
         return cls(
             **{
-                name: _three(f'controller.{name}', p[f'controller.{name}'])
+                name: triple(p, f'controller.{name}')
                 for name in (
                     'position_stiffness',
                     'position_damping',
@@ -66,13 +66,6 @@ class Gains:
             tilt_max=p['controller.tilt_max'],
             level=p['controller.attitude'] == 'level',
         )
-
-
-def _three(name: str, value: Any) -> Array:
-    array = np.asarray(value, dtype=float)
-    if array.size not in (1, 3):
-        raise ParameterError(f'{name}: expected 1 or 3 numbers, got {array.size}')
-    return np.broadcast_to(array, (3,)).copy()
 
 
 class Controller:

@@ -7,12 +7,15 @@ The world frame is east-north-up, the body frame forward-left-up (REP 103).  A s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import hypot
 from typing import Any
 
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.flight.drag import Drag
+from ca_ros.flight.integrators import Derivative, euler
 from ca_ros.schema import MissingParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
@@ -25,6 +28,8 @@ POSITION, VELOCITY, ATTITUDE, ANGULAR_VELOCITY = (
 )
 
 NULL_STATE: Array = np.concatenate([np.zeros(9), [1.0], np.zeros(3)])
+
+CALM: Array = np.zeros(3)
 
 
 def rotation_matrix(quaternion: Array) -> Array:
@@ -83,14 +88,14 @@ def inertia_of(vehicle: Vehicle) -> Array:
 
 
 class RigidBody:
-    """The vehicle's equations of motion; the rotors have the commanded speeds at once.
+    """The vehicle's equations of motion for given rotor speeds and wind.
 
     Parameters
     ----------
     vehicle : Vehicle
         With the actual health of the rotors.
-    rotational_drag : float
-        Drag torque over the squared angular velocity [N m s^2/rad^2].
+    drag : Drag, optional
+        The drag of the air; None: no drag.
 
     Raises
     ------
@@ -98,36 +103,56 @@ class RigidBody:
         If the vehicle has no inertia.
     """
 
-    def __init__(self, vehicle: Vehicle, rotational_drag: float = 0.0) -> None:
+    def __init__(self, vehicle: Vehicle, drag: Drag | None = None) -> None:
         self.vehicle = vehicle
-        self.rotational_drag = rotational_drag
+        self.drag = drag
         self._wrenches = rotor_wrenches(vehicle)
         self._inertia = inertia_of(vehicle)
         self._inverse_inertia = np.linalg.inv(self._inertia)
         # The buoyancy acts at the centre of mass.
         self._gravity = np.array([0.0, 0.0, vehicle.gravity - vehicle.buoyancy / vehicle.mass])
 
-    def derivative(self, state: Array, speeds: Array) -> Array:
-        """Return the rate of change (13,) of a state (13,) at rotor speeds (n,) [rad/s]."""
+    def derivative(self, state: Array, speeds: Array, wind: Array = CALM) -> Array:
+        """Return the rate of change (13,) of a state (13,).
+
+        Parameters
+        ----------
+        state : (13,) array
+        speeds : (n,) array
+            Rotor speeds [rad/s].
+        wind : (3,) array
+            In the world frame [m/s]; it acts through the drag.
+        """
         wrench = self._wrenches @ self.vehicle.thrusts(speeds)
         x, y, z, w = state[ATTITUDE].tolist()
         omega = state[ANGULAR_VELOCITY]
-        force = rotation_matrix(state[ATTITUDE]) @ wrench[:3]
+        rotation = rotation_matrix(state[ATTITUDE])
+        force, torque = wrench[:3], wrench[3:] - cross(omega, self._inertia @ omega)
+        if self.drag is not None:
+            airspeed = (state[VELOCITY] - wind) @ rotation
+            drag_force, drag_torque = self.drag.wrench(self.vehicle, airspeed, omega, speeds)
+            force, torque = force + drag_force, torque + drag_torque
         turning = np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ omega
-        torque = wrench[3:] - cross(omega, self._inertia @ omega)
-        if self.rotational_drag:
-            torque -= self.rotational_drag * hypot(*omega.tolist()) * omega
         return np.concatenate(
             [
                 state[VELOCITY],
-                force / self.vehicle.mass - self._gravity,
+                rotation @ force / self.vehicle.mass - self._gravity,
                 0.5 * turning,
                 self._inverse_inertia @ torque,
             ]
         )
 
-    def step(self, state: Array, speeds: Array, time_step: float) -> Array:
-        """Return the state (13,) after one explicit Euler step, with a unit quaternion.
+    def step(
+        self,
+        state: Array,
+        speeds: Array,
+        time_step: float,
+        wind: Array = CALM,
+        integrate: Callable[[Derivative, Array, float], Array] = euler,
+    ) -> Array:
+        """Return the state (13,) after one step, with a unit quaternion.
+
+        Rotor speeds and wind are held during the step.
 
         Raises
         ------
@@ -135,11 +160,11 @@ class RigidBody:
             If the vehicle tumbles so fast that the steps diverge.
         """
         with np.errstate(over='ignore', invalid='ignore'):
-            after = state + time_step * self.derivative(state, speeds)
+            after = integrate(lambda x: self.derivative(x, speeds, wind), state, time_step)
             after[ATTITUDE] /= hypot(*after[ATTITUDE].tolist())
         if not np.isfinite(after).all():
             raise FloatingPointError(
-                f'the vehicle tumbles so fast that Euler steps of {time_step:g} s diverge'
+                f'the vehicle tumbles so fast that steps of {time_step:g} s diverge'
             )
         return after
 

@@ -9,12 +9,11 @@ from rclpy.duration import Duration
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
+from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
-    NULL_STATE,
     POSITION,
-    RigidBody,
     velocity_in_body,
 )
 from ca_ros.nodes import topics
@@ -47,7 +46,7 @@ BEHIND_MAX = 0.5
 
 
 class SimulatorNode(VehicleNode):
-    """Integrates the vehicle with explicit Euler steps.
+    """Moves the plant step by step.
 
     The vehicle rests until the first command.  In real time the node then takes its steps by the
     steady clock times a factor, with the last command.  If it cannot keep up, the stamps skip
@@ -57,19 +56,18 @@ class SimulatorNode(VehicleNode):
     """
 
     declared = SIMULATOR
-    body: RigidBody
+    plant: Plant
 
     def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        self._state = NULL_STATE
         self._held, self._resting = False, True
 
     def start(self) -> None:
-        """Create the rigid body, and begin to simulate."""
+        """Create the plant, and begin to simulate."""
         super().start()
         lockstep = self.mode == 'lockstep'
-        self._command = np.zeros(self.body.vehicle.n)
-        self._step_ns = round(self.parameters['simulator.time_step'] * 1e9)
+        self._command = np.zeros(self.plant.body.vehicle.n)
+        self._step_ns = self.plant.time_step_ns
         self._period_ns = round(self._step_ns / self.parameters['simulator.real_time_factor'])
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
@@ -84,18 +82,18 @@ class SimulatorNode(VehicleNode):
         )
         self.observe('simulation')
 
-    def build(self, parameters: dict[str, Any]) -> RigidBody:
-        """Create the rigid body."""
-        drag = parameters['simulator.rotational_drag']
-        return RigidBody(Vehicle.from_parameters(parameters), drag)
+    def build(self, parameters: dict[str, Any]) -> Plant:
+        """Create the plant in its initial state."""
+        return Plant(body_of(Vehicle.from_parameters(parameters), parameters), parameters)
 
-    def adopt(self, built: RigidBody) -> None:
-        """Use this rigid body from the next step on."""
-        self.body = built
+    def adopt(self, built: Plant) -> None:
+        """Use this plant; in flight only its body, from the next step on."""
+        self.plant = getattr(self, 'plant', built)
+        self.plant.body, vehicle = built.body, built.body.vehicle
         # Other programs may exceed the bound by a rounding error.
-        self._greatest = built.vehicle.speed_max * (1.0 + 1e-9)
+        self._greatest = vehicle.speed_max * (1.0 + 1e-9)
         # Rotors may stop, whatever their least speed.
-        self._least = np.minimum(built.vehicle.speed_min, 0.0) * (1.0 + 1e-9)
+        self._least = np.minimum(vehicle.speed_min, 0.0) * (1.0 + 1e-9)
         self._watchdog.timeout = self.parameters['command_timeout']
         self._hold_ns = round(self.parameters['simulator.hold_at'] * 1e9)
         if self._held:
@@ -114,12 +112,12 @@ class SimulatorNode(VehicleNode):
 
     def fall_back(self, action: str) -> None:
         """Turn the rotors at the speeds of a timeout action."""
-        self._command = fallback(action, self.body.vehicle, self._command)
+        self._command = fallback(action, self.plant.body.vehicle, self._command)
 
     def _receive(self, command: Float64MultiArray) -> None:
         self.counts['received'] += 1
         speeds = np.array(command.data)
-        n = self.body.vehicle.n
+        n = self.plant.body.vehicle.n
         if speeds.shape != (n,):
             self.drop('length', f'{len(speeds)} rotor speeds: expected {n}')
         elif not np.isfinite(speeds).all():
@@ -188,7 +186,7 @@ class SimulatorNode(VehicleNode):
     def _step(self) -> None:
         self._publish_speeds()
         try:
-            self._state = self.body.step(self._state, self._command, self._step_ns / 1e9)
+            self.plant.step(self._command)
         except FloatingPointError as error:
             self.get_logger().error(
                 f'{error}: the state is held',
@@ -205,7 +203,7 @@ class SimulatorNode(VehicleNode):
         self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time
         if self._held:
             return
-        state = self._state
+        state = self.plant.measured
         pose, velocity = state_messages(
             state[POSITION],
             state[ATTITUDE],

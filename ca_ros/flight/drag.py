@@ -1,0 +1,58 @@
+"""The drag of the air on a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import hypot
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.vehicle.vehicle import Vehicle
+
+
+@dataclass(frozen=True, eq=False)
+class Drag:
+    """Drag of the body and of its rotors.
+
+    Attributes
+    ----------
+    linear : (3,) array
+        Drag force of the body over its airspeed, along the axes of the body [N s/m].
+    rotor : float
+        Drag force of a rotor over its speed and the airspeed of its hub in the plane of the rotor
+        [N s^2/(rad m)].  It acts on the hub.  Martin and Salaun, The true role of accelerometer
+        feedback in quadrotor control, ICRA 2010.
+    rotational : float
+        Drag torque of the body over its squared angular velocity [N m s^2/rad^2].
+    """
+
+    linear: Array = field(default_factory=lambda: np.zeros(3))
+    rotor: float = 0.0
+    rotational: float = 0.0
+
+    def wrench(
+        self, vehicle: Vehicle, airspeed: Array, omega: Array, speeds: Array
+    ) -> tuple[Array, Array]:
+        """Return the drag in the body frame: force (3,) [N] and torque (3,) [N m].
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+        airspeed : (3,) array
+            Velocity relative to the air, in the body frame [m/s].
+        omega : (3,) array
+            Angular velocity in the body frame [rad/s].
+        speeds : (n,) array
+            Rotor speeds [rad/s].
+        """
+        force = -self.linear * airspeed
+        torque = -self.rotational * hypot(*omega.tolist()) * omega
+        if self.rotor:
+            hubs = airspeed + np.cross(omega, vehicle.arms)
+            axes = vehicle.rotor_axes
+            across = hubs - np.sum(hubs * axes, axis=1)[:, None] * axes
+            forces = -self.rotor * np.abs(speeds)[:, None] * across
+            force = force + forces.sum(axis=0)
+            torque = torque + np.cross(vehicle.arms, forces).sum(axis=0)
+        return force, torque

@@ -1,0 +1,416 @@
+"""The effects of the plant against closed forms, laws and statistics."""
+
+from dataclasses import replace
+from itertools import pairwise
+from math import exp
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from ca_ros.evaluation.cases import Case
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.delay import Delay
+from ca_ros.flight.drag import Drag
+from ca_ros.flight.mismatch import mismatched
+from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.parameters import SIMULATION
+from ca_ros.flight.plant import Plant, body_of
+from ca_ros.flight.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    NULL_STATE,
+    POSITION,
+    VELOCITY,
+    RigidBody,
+)
+from ca_ros.flight.sensors import turn
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.flight.wind import Wind
+from ca_ros.schema import ParameterError
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from strategies import HEXAROTOR
+
+HOVER = np.full(6, np.sqrt(9.81 / (6 * 2.5e-5)))
+STOPPED = np.zeros(6)
+EVERY_EFFECT = {
+    'simulator.sub_steps': 5.0,
+    'simulator.integrator': 'rk4',
+    'simulator.seed': 7.0,
+    'simulator.initial_position': [0.1, -0.1, 0.0],
+    'simulator.initial_velocity': [0.1, 0.0, 0.0],
+    'simulator.initial_angular_velocity': [0.0, 0.1, 0.0],
+    'simulator.initial_attitude': [0.0, 0.0, 0.2, 1.0],
+    'simulator.motor_time_constant': 0.03,
+    'simulator.command_delay': 0.004,
+    'simulator.state_delay': 0.012,
+    'simulator.linear_drag': [0.2, 0.2, 0.1],
+    'simulator.rotor_drag': 1e-5,
+    'simulator.rotational_drag': 1e-4,
+    'simulator.wind': [1.0, -0.5, 0.2],
+    'simulator.gust_intensity': 0.5,
+    'simulator.gust_time': 0.7,
+    'simulator.ground': 'flat',
+    'simulator.mass_factor': 1.05,
+    'simulator.thrust_factor': [0.95, 1.0, 1.02, 0.98, 1.0, 0.97],
+    'simulator.torque_factor': 1.1,
+    'simulator.position_noise': 2e-3,
+    'simulator.velocity_noise': 5e-3,
+    'simulator.attitude_noise': 1e-3,
+    'simulator.angular_velocity_noise': 5e-3,
+    'simulator.position_bias': [0.0, 0.0, 0.01],
+    'simulator.velocity_bias': 1e-3,
+    'simulator.attitude_bias': [1e-3, 0.0, 0.0],
+    'simulator.angular_velocity_bias': 1e-3,
+}
+
+
+def plant(state=None, vehicle=HEXAROTOR, **given):
+    given = {f'simulator.{name}': value for name, value in given.items()}
+    return Plant(body_of(vehicle, given), given, state)
+
+
+def run(flown, command, steps):
+    """Return the true states (steps + 1, 13)."""
+    states = [flown.state]
+    for _ in range(steps):
+        flown.step(command)
+        states.append(flown.state)
+    return np.array(states)
+
+
+def falling(**parts):
+    state, where = NULL_STATE.copy(), {
+        'position': POSITION, 'velocity': VELOCITY, 'omega': ANGULAR_VELOCITY}
+    for name, value in parts.items():
+        state[where[name]] = value
+    return state
+
+
+# Motors and delays
+
+
+def test_a_motor_follows_a_step_as_one_minus_exp():
+    # 1 - exp(-t / T), in any number of steps.
+    lag = MotorLag(0.05)
+    for steps in (1, 3, 10):
+        speeds = STOPPED
+        for _ in range(steps):
+            speeds = lag(speeds, HOVER, 0.1 / steps)
+        np.testing.assert_allclose(speeds, (1.0 - exp(-2.0)) * HOVER, rtol=1e-14)
+    slow = plant(motor_time_constant=0.05)
+    for _ in range(5):
+        slow.step(HOVER)
+    np.testing.assert_allclose(slow.speeds, (1.0 - exp(-1.0)) * HOVER, rtol=1e-14)
+
+
+def test_without_a_lag_the_rotors_have_their_commands():
+    assert MotorLag(0.0)(STOPPED, HOVER, 0.01) is HOVER
+
+
+def test_a_delay_returns_what_it_was_given_some_steps_ago():
+    delay = Delay(3, 'first')
+    assert [delay(i) for i in range(5)] == ['first', 'first', 'first', 0, 1]
+    assert [Delay(0, 'first')(i) for i in range(2)] == [0, 1]
+
+
+def test_a_late_command_is_the_same_flight_later():
+    prompt, late = plant(sub_steps=10.0), plant(sub_steps=10.0, command_delay=0.02)
+    rng = np.random.default_rng(0)
+    commands = rng.uniform(200.0, 300.0, (20, 6))
+    # Without commands the rotors stand still, so for two steps the vehicle falls.
+    expected = prompt.restarted(run(prompt.restarted(), STOPPED, 2)[-1])
+    for i, command in enumerate(commands):
+        late.step(command)
+        if i >= 2:
+            expected.step(commands[i - 2])
+            np.testing.assert_array_equal(late.state, expected.state)
+
+
+def test_a_late_state_is_the_true_one_of_that_time():
+    # 13 ms on a grid of 1 ms: between two states of the grid of 10 ms.
+    flown = plant(sub_steps=10.0, state_delay=0.013, integrator='rk4')
+    run(flown, STOPPED, 50)
+    assert flown.measured[2] == pytest.approx(-0.5 * 9.81 * (0.5 - 0.013) ** 2, rel=1e-12)
+    assert flown.state[2] == pytest.approx(-0.5 * 9.81 * 0.5**2, rel=1e-12)
+    rest = plant(state_delay=0.05)
+    rest.step(STOPPED)
+    np.testing.assert_array_equal(rest.measured, NULL_STATE)
+
+
+@pytest.mark.parametrize('name', ['command_delay', 'state_delay'])
+def test_a_delay_that_is_no_multiple_of_the_step_is_refused(name):
+    with pytest.raises(ParameterError, match=f'simulator.{name}.* multiple .*0.005 s, got 0.012'):
+        plant(sub_steps=2.0, **{name: 0.012})
+
+
+# Integration
+
+
+def test_free_fall_is_exact_with_rk4():
+    start = falling(position=[1.0, 2.0, 30.0], velocity=[1.0, -2.0, 3.0])
+    after = run(plant(start, integrator='rk4'), STOPPED, 150)[-1]
+    np.testing.assert_allclose(
+        after[POSITION], [1.0 + 1.5, 2.0 - 3.0, 30.0 + 4.5 - 0.5 * 9.81 * 1.5**2], rtol=1e-12)
+    np.testing.assert_allclose(after[VELOCITY], [1.0, -2.0, 3.0 - 9.81 * 1.5], rtol=1e-12)
+
+
+@pytest.mark.parametrize(('integrator', 'order'), [('euler', 1), ('rk4', 4)])
+def test_the_order_of_the_integrators_on_a_spinning_body(integrator, order):
+    # Torque-free, with three different moments; Euler's equations solved independently.
+    vehicle = replace(HEXAROTOR, inertia=np.diag([0.01, 0.02, 0.025]))
+    start = falling(omega=[3.0, 4.0, -2.0])
+
+    def rates(_, y):
+        (p, q, r), (x, y_, z, w) = y[:3], y[3:]
+        spin = np.cross(vehicle.inertia @ y[:3], y[:3]) / np.diag(vehicle.inertia)
+        return [*spin, *0.5 * np.array([
+            w * p + y_ * r - z * q, w * q + z * p - x * r, w * r + x * q - y_ * p,
+            -x * p - y_ * q - z * r])]
+
+    exact = solve_ivp(
+        rates, (0.0, 0.4), np.concatenate([start[ANGULAR_VELOCITY], start[ATTITUDE]]),
+        method='DOP853', rtol=1e-13, atol=1e-13).y[:, -1]
+    errors = []
+    for sub_steps in (1.0, 2.0, 4.0):
+        after = run(plant(start, vehicle, integrator=integrator, sub_steps=sub_steps), STOPPED, 40)
+        errors.append(np.linalg.norm(after[-1][[10, 11, 12, 6, 7, 8, 9]] - exact))
+    for coarse, fine in pairwise(errors):
+        assert 0.8 * 2**order < coarse / fine < 1.25 * 2**order
+    assert errors[0] < {1: 0.2, 4: 1e-5}[order]
+
+
+# Drag and wind
+
+
+def test_the_terminal_velocity_is_weight_over_drag():
+    # m g / c = 9.81 / 2 m/s, along the body's z axis; v(t) = v_end (1 - exp(-c t / m)).
+    flown = plant(linear_drag=[0.5, 0.5, 2.0], integrator='rk4')
+    states = run(flown, STOPPED, 1000)
+    assert states[100, 5] == pytest.approx(-9.81 / 2.0 * (1.0 - exp(-2.0)), rel=1e-7)
+    np.testing.assert_allclose(states[-1][VELOCITY], [0.0, 0.0, -9.81 / 2.0], rtol=1e-8)
+
+
+def test_a_vehicle_drifts_to_the_wind():
+    # v(t) = wind (1 - exp(-c t / m)), while the rotors carry the weight.
+    flown = plant(linear_drag=0.5, wind=[3.0, -2.0, 0.0], integrator='rk4')
+    velocity = run(flown, HOVER, 200)[-1][VELOCITY]
+    np.testing.assert_allclose(velocity, (1.0 - exp(-1.0)) * np.array([3.0, -2.0, 0.0]), atol=1e-6)
+
+
+def test_rotor_drag_by_hand():
+    # Six rotors at 200 rad/s, 1e-5: 6 * 1e-5 * 200 * 2 m/s = 0.024 N against the motion, and
+    # nothing along the rotors' axes.  The rotors are in the plane of the centre: no torque.
+    drag, speeds = Drag(rotor=1e-5), np.full(6, 200.0)
+    force, torque = drag.wrench(HEXAROTOR, np.array([2.0, 0.0, 5.0]), np.zeros(3), speeds)
+    np.testing.assert_allclose(force, [-0.024, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(torque, 0.0, atol=1e-15)
+    # A yaw rate of 3 rad/s moves each hub at 1.2 m/s: 6 * 1e-5 * 200 * 1.2 * 0.4 N m.
+    force, torque = drag.wrench(HEXAROTOR, np.zeros(3), np.array([0.0, 0.0, 3.0]), speeds)
+    np.testing.assert_allclose(force, 0.0, atol=1e-15)
+    np.testing.assert_allclose(torque, [0.0, 0.0, -6 * 1e-5 * 200.0 * 1.2 * 0.4], atol=1e-15)
+    # A rotor that turns backwards has the same drag.
+    back, _ = drag.wrench(HEXAROTOR, np.array([2.0, 0.0, 5.0]), np.zeros(3), -speeds)
+    np.testing.assert_allclose(back, [-0.024, 0.0, 0.0], atol=1e-15)
+
+
+def test_drag_acts_along_the_axes_of_the_body():
+    # Heading left, the body's x axis is north.
+    state = falling(velocity=[1.0, 1.0, 0.0])
+    state[ATTITUDE] = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
+    rate = RigidBody(HEXAROTOR, Drag(linear=np.array([0.1, 0.5, 0.0]))).derivative(state, HOVER)
+    np.testing.assert_allclose(rate[VELOCITY], [-0.5, -0.1, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize('step', [0.05, 0.2])
+def test_gusts_have_their_variance_and_correlation_at_any_step(step):
+    # 1 / exp(1) after the correlation time; 5000 correlation times of samples.
+    intensity = np.array([0.5, 1.0, 2.0])
+    wind = Wind(np.array([1.0, 2.0, 3.0]), intensity, 0.4, np.random.default_rng(0))
+    gusts = np.array([wind(step) for _ in range(round(2000.0 / step))]) - [1.0, 2.0, 3.0]
+    lag = round(0.4 / step)
+    correlation = np.mean(gusts[:-lag] * gusts[lag:], axis=0) / intensity**2
+    # Standard errors: sqrt(2 * 0.4 / 2000) = 2 % of the variance.
+    np.testing.assert_allclose(gusts.std(axis=0) / intensity, 1.0, atol=0.05)
+    np.testing.assert_allclose(correlation, exp(-1.0), atol=0.08)
+    np.testing.assert_allclose(gusts.mean(axis=0) / intensity, 0.0, atol=0.08)
+
+
+def test_wind_without_drag_is_refused():
+    with pytest.raises(ParameterError, match=r'simulator\.wind .* set simulator\.linear_drag'):
+        plant(wind=[1.0, 0.0, 0.0])
+
+
+# Ground
+
+
+def test_the_ground_holds_the_vehicle_until_it_lifts_off():
+    flown = plant(ground='flat', motor_time_constant=0.1, integrator='rk4')
+    np.testing.assert_array_equal(run(flown, STOPPED, 50)[-1], NULL_STATE)
+    # The lagging rotors carry the weight from (1 - exp(-t / T)) 1.2 = 1 on, t = 0.179 s.
+    states = run(flown, 1.2 * HOVER, 100)
+    np.testing.assert_array_equal(states[:17, 2], 0.0)
+    assert np.all(states[19:, 2] > 0.0)
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+def test_a_fall_ends_on_the_ground(integrator):
+    start = falling(position=[0.0, 0.0, 2.0], velocity=[1.0, 0.0, 0.0], omega=[0.0, 1.0, 0.0])
+    states = run(plant(start, ground='flat', integrator=integrator), STOPPED, 100)
+    assert states[:, 2].min() == 0.0
+    # sqrt(2 h / g) = 0.639 s.
+    assert np.argmax(states[:, 2] == 0.0) in (64, 65)
+    np.testing.assert_array_equal(states[-1], states[70])
+    np.testing.assert_array_equal(states[-1][[3, 4, 5, 10, 11, 12]], 0.0)
+
+
+def test_a_start_below_the_ground_is_refused():
+    with pytest.raises(ParameterError, match=r'simulator\.ground: .* z = -0\.5 m'):
+        plant(ground='flat', initial_position=[0.0, 0.0, -0.5])
+
+
+# Mismatch
+
+
+def test_a_mismatch_is_the_vehicle_with_scaled_coefficients():
+    factors = {
+        'simulator.mass_factor': 1.1, 'simulator.thrust_factor': [0.9, 1.0, 1.0, 1.1, 1.0, 0.8],
+        'simulator.torque_factor': 1.5}
+    other = body_of(HEXAROTOR, factors).vehicle
+    k_f = HEXAROTOR.thrust_coefficient * factors['simulator.thrust_factor']
+    expected = replace(
+        HEXAROTOR, mass=1.1, thrust_coefficient=k_f, thrust_coefficient_reverse=k_f,
+        torque_coefficient=1.5 * HEXAROTOR.torque_coefficient)
+    assert other.mass == expected.mass
+    np.testing.assert_allclose(other.thrusts(HOVER), k_f * HOVER**2, rtol=1e-15)
+    # The reaction torque is k_tau omega^2, whatever k_f is.
+    np.testing.assert_allclose(
+        (rotor_wrenches(other) * other.thrusts(HOVER))[5],
+        1.5 * (rotor_wrenches(HEXAROTOR) * HEXAROTOR.thrusts(HOVER))[5], rtol=1e-12)
+    start = falling(omega=[0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(
+        RigidBody(other).derivative(start, HOVER), RigidBody(expected).derivative(start, HOVER))
+
+
+# Sensors
+
+
+def test_noise_and_bias_have_their_statistics():
+    noise = {'position': 0.01, 'velocity': [0.02, 0.03, 0.04], 'attitude': 0.05,
+             'angular_velocity': 0.06}
+    bias = {'position': [0.1, 0.2, 0.3], 'velocity': 0.4, 'attitude': [0.0, 0.0, 0.2],
+            'angular_velocity': -0.5}
+    start = NULL_STATE.copy()
+    start[ATTITUDE] = Rotation.from_euler('XYZ', [0.3, -0.4, 1.0]).as_quat()
+    flown = plant(
+        start, ground='flat', **{f'{part}_noise': value for part, value in noise.items()},
+        **{f'{part}_bias': value for part, value in bias.items()})
+    measured = np.array([flown.step(STOPPED) for _ in range(4000)])
+    np.testing.assert_array_equal(flown.state, start)
+    turned = Rotation.from_quat(start[ATTITUDE]).inv() * Rotation.from_quat(measured[:, ATTITUDE])
+    found = np.column_stack([measured[:, :6], turned.as_rotvec(), measured[:, ANGULAR_VELOCITY]])
+    three = np.ones(3)
+    spread = np.concatenate([value * three for value in noise.values()])
+    # Standard errors: sigma / sqrt(4000) of the mean, sigma / sqrt(8000) of sigma.
+    np.testing.assert_allclose(
+        (found.mean(axis=0) - np.concatenate([value * three for value in bias.values()])) / spread,
+        0.0, atol=0.06)
+    np.testing.assert_allclose(found.std(axis=0) / spread, 1.0, atol=0.05)
+    # White: no sample tells of the next, no component of another.
+    white = (found - found.mean(axis=0)) / spread
+    assert np.abs(np.mean(white[1:] * white[:-1], axis=0)).max() < 0.07
+    assert np.abs(np.corrcoef(white.T) - np.eye(12)).max() < 0.07
+
+
+def test_the_measurement_of_a_state_is_taken_once():
+    flown = plant(position_noise=1.0)
+    before = flown.measured.copy()
+    np.testing.assert_array_equal(flown.measured, before)
+    assert flown.step(HOVER) is flown.measured
+
+
+@pytest.mark.parametrize('vector', [[0.3, -0.2, 0.5], [1e-9, 0, 0], [0, 0, 0], [0, 3, 0]])
+def test_a_turn_is_that_of_scipy(vector):
+    quaternion = Rotation.from_euler('XYZ', [0.3, -0.4, 1.0]).as_quat()
+    turned = Rotation.from_quat(quaternion) * Rotation.from_rotvec(vector)
+    np.testing.assert_allclose(
+        turn(quaternion, np.array(vector, float)), turned.as_quat(), rtol=0.0, atol=1e-15)
+
+
+# The whole plant
+
+
+def test_all_off_is_the_rigid_body_to_the_last_bit():
+    flown, state = plant(), NULL_STATE
+    body, rng = RigidBody(HEXAROTOR), np.random.default_rng(0)
+    for _ in range(100):
+        command = rng.uniform(40.0, 400.0, 6)
+        state = body.step(state, command, 0.01)
+        assert flown.step(command).tobytes() == state.tobytes()
+        assert flown.speeds is command
+
+
+def flight(seed):
+    case = Case.load('hexarotor')
+    given = {**case.parameters, **EVERY_EFFECT, 'simulator.seed': seed}
+    flown = Plant(body_of(case.vehicle, given), given)
+    return fly(case.controller(), case.allocator('exact'), flown, Waypoint.of(1, 1, 1, 0.5), 0.5)
+
+
+def test_the_seed_decides_every_bit():
+    one, same, other = flight(3.0), flight(3.0), flight(4.0)
+    for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds'):
+        np.testing.assert_array_equal(getattr(one, name), getattr(same, name), name)
+        assert np.any(getattr(one, name) != getattr(other, name)), name
+
+
+def test_every_parameter_has_an_effect():
+    def moved(given):
+        flown = Plant(body_of(HEXAROTOR, given), given)
+        return np.array([flown.step(1.3 * HOVER) for _ in range(20)])
+
+    every = moved(EVERY_EFFECT)
+    for name, parameter in SIMULATION.items():
+        without = 10.0 if name == 'simulator.sub_steps' else parameter.default
+        if name == 'simulator.time_step':
+            continue
+        assert np.any(moved({**EVERY_EFFECT, name: without}) != every), name
+
+
+def test_the_initial_state_is_that_of_the_parameters():
+    flown = plant(
+        initial_position=[1.0, 2.0, 3.0], initial_velocity=[4.0, 5.0, 6.0],
+        initial_attitude=[0.0, 0.0, 2.0, 2.0], initial_angular_velocity=[7.0, 8.0, 9.0])
+    np.testing.assert_allclose(
+        flown.measured, [1, 2, 3, 4, 5, 6, 0, 0, np.sqrt(0.5), np.sqrt(0.5), 7, 8, 9], rtol=1e-15)
+
+
+@pytest.mark.parametrize(('name', 'value', 'fault'), [
+    ('initial_attitude', [0.0, 0.0, 0.0, 0.0], 'quaternion'),
+    ('initial_attitude', [0.0, 0.0, 1.0], 'quaternion'),
+    ('wind', [1.0, 2.0], '1 or 3 numbers, got 2'),
+    ('sub_steps', 1.5, 'whole number'),
+    ('seed', -1.0, 'at least 0'),
+    ('integrator', 'heun', 'one of euler, rk4'),
+    ('thrust_factor', [1.0, 1.0], '1 or 6 numbers'),
+])
+def test_a_wrong_parameter_is_named(name, value, fault):
+    with pytest.raises(ValueError, match=f'simulator.{name}: .*{fault}'):
+        plant(**{name: value})
+
+
+def test_a_flight_leaves_its_plant_alone():
+    case = Case.load('hexarotor', ['simulator.position_noise:=0.01'])
+    flown = case.plant()
+    loop = case.controller(), case.allocator('exact'), flown, Waypoint.of(1.0, 0.0, 0.0, 0.0), 0.5
+    np.testing.assert_array_equal(fly(*loop).position, fly(*loop).position)
+    np.testing.assert_array_equal(flown.state, NULL_STATE)
+    with pytest.raises(ValueError, match='time_step: the plant has its own'):
+        fly(*loop, time_step=0.01)
+
+
+def test_mismatch_of_nothing_is_the_vehicle():
+    same = mismatched(HEXAROTOR, Case.load('hexarotor').parameters)
+    assert same.thrusts(HOVER).tobytes() == HEXAROTOR.thrusts(HOVER).tobytes()
+    assert same.mass == HEXAROTOR.mass
