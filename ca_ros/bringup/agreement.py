@@ -8,7 +8,11 @@ from typing import Any
 
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
+from ca_ros.nodes.parameters import DECLARED
 from ca_ros.vehicle.parameters import VEHICLE
+
+FIRST = ('allocator', 'controller', 'simulator')
+"""The others are compared with the first of these nodes that declares a parameter."""
 
 
 class DisagreementError(CaRosError):
@@ -30,7 +34,11 @@ def check(parameters: Mapping[str, Mapping[str, Any]], asked: Mapping[str, Any])
     DisagreementError
         If a node has another value.
     """
-    asked = {'mode': parameters['allocator']['mode'], **asked}
+    if 'mode' not in (common := combined(parameters)):
+        raise DisagreementError('no node declares the parameter mode: one of ours must be there')
+    asked = {'mode': common['mode'], **asked}
+    for text in not_compared(parameters, asked):
+        print(f'bringup: warning: {text}', file=sys.stderr)
     for node in NODES:
         for name, value in asked.items():
             if (own := parameters[node].get(name, value)) != value:
@@ -45,8 +53,8 @@ def check(parameters: Mapping[str, Mapping[str, Any]], asked: Mapping[str, Any])
 def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Return which nodes differ in which parameters of the vehicle.
 
-    The nodes are compared with the allocator, or with the controller in what the allocator does
-    not declare.  A difference is not an error, because model mismatch is a common experiment.
+    The nodes are compared with the first node of `FIRST` that declares a parameter.  A difference
+    is not an error, because model mismatch is a common experiment.
 
     Parameters
     ----------
@@ -61,10 +69,42 @@ def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     found: dict[tuple[str, str], list[str]] = {}
     for node in NODES:
         for name in (name for name in VEHICLE if name in parameters[node]):
-            model = 'allocator' if name in parameters['allocator'] else 'controller'
+            model = next(model for model in FIRST if name in parameters[model])
             if parameters[node][name] != parameters[model][name]:
                 found.setdefault((node, model), []).append(name)
     return '; '.join(
         f'the {node} differs from the {model} in {", ".join(names)}'
         for (node, model), names in found.items()
     )
+
+
+def combined(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the values of all nodes by name; where they differ, those of the first in `FIRST`."""
+    return {name: value for node in reversed(FIRST) for name, value in parameters[node].items()}
+
+
+def not_compared(
+    parameters: Mapping[str, Mapping[str, Any]], asked: Mapping[str, Any]
+) -> list[str]:
+    """Return which nodes, programs of one's own, lack parameters that `check` compares.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Values by node and name.
+    asked : mapping
+        The values that the options set, by name.
+    """
+    found = []
+    for node in NODES:
+        names = [name for name in (*asked, *VEHICLE) if name in DECLARED[node]]
+        lacking = [name for name in names if name not in parameters[node]]
+        if not parameters[node]:
+            found.append(
+                f'the {node} has no parameters: its mode and vehicle cannot be compared'
+            )
+        elif lacking:
+            found.append(
+                f'the {node} does not declare {", ".join(lacking)}: these cannot be compared'
+            )
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,9 @@ from ca_ros.flight.rotor_failures import failures_of
 from ca_ros.flight.trajectory import add_options as add_trajectory_options
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
 from ca_ros.nodes.parameters import DECLARED, NODE
+
+FOREIGN = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}
+"""The options that start a program of one's own, and the node whose place it takes."""
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -67,6 +71,14 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar='PARAMETERS',
         help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
     )
+    for option, node in FOREIGN.items():
+        parser.add_argument(
+            f'--{option}',
+            type=_program,
+            metavar='COMMAND',
+            help=f'a program of your own in place of the {node}; it gets the same ROS arguments '
+            '(docs/plant.md)',
+        )
     add_failure_options(parser)
     vehicle = parser.add_mutually_exclusive_group()
     vehicle.add_argument(
@@ -120,11 +132,22 @@ def _positive(text: str) -> float:
     return number
 
 
-def _faults(text: str) -> list[str]:
+def _words(text: str) -> list[str]:
     try:
-        words = shlex.split(text)
+        return shlex.split(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f'{text}: {error}') from None
+
+
+def _program(text: str) -> list[str]:
+    words = _words(text)
+    if not words or shutil.which(words[0]) is None:
+        raise argparse.ArgumentTypeError(f'{text!r}: no such program')
+    return words
+
+
+def _faults(text: str) -> list[str]:
+    words = _words(text)
     for word in words:
         name, assigned, _ = word.partition(':=')
         if not assigned or name not in FAULTS:
@@ -157,12 +180,21 @@ def commands(options: argparse.Namespace) -> dict[str, list[str]]:
             for word in ('-p', f'{key}:={value}')
         ]
         node = [sys.executable, '-m', COMMANDS[name]]
+        if name in (programs := foreign(options)):
+            node = programs[name]
+            own += ['-r', f'__node:={name}']
         lines[name] = [*node, *own, '--', *vehicle, *options.ros, '--ros-args', *chosen]
     if options.faults is not None:
         own = ['--ros-args', '-r', f'__ns:={options.namespace}']
         own += [word for parameter in options.faults for word in ('-p', parameter)]
         lines['fault_proxy'] = [sys.executable, '-m', COMMANDS['fault_proxy'], *own]
     return lines
+
+
+def foreign(options: argparse.Namespace) -> dict[str, list[str]]:
+    """Return the programs that take the place of nodes, by the name of the node."""
+    given = vars(options)
+    return {node: given[option] for option, node in FOREIGN.items() if given[option]}
 
 
 def options_as_parameters(options: argparse.Namespace) -> dict[str, str]:

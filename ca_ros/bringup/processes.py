@@ -139,8 +139,9 @@ class Processes:
     def _end(self, *names: str) -> None:
         for name in names:
             if self.running[name].poll() is None:
-                # SIGTERM: Python answers SIGINT with a traceback while it imports.
-                self.running[name].terminate()
+                # SIGTERM: Python answers SIGINT with a traceback while it imports.  A wrapper
+                # such as `ros2 run` does not pass it on, so the group gets it.
+                os.killpg(self.running[name].pid, signal.SIGTERM)
         for name in names:
             process = self.running[name]
             try:

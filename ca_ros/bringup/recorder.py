@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from time import monotonic
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
+from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
+from ca_ros.bringup.deadline import Deadline
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
 from ca_ros.nodes.parameters import DECLARED
-from ca_ros.nodes.qos import COMMAND, offered
+from ca_ros.nodes.qos import STANDING, offered
 
 LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
 
 REQUEST_REPEAT = 2.0
 """Period of requests for the parameters [s]: DDS may lose an early answer."""
+
+PARAMETERS_MAX = 5.0
+"""Longest wait for the parameters of a program that may have none, after all else is there [s]."""
 
 
 class Recorder(Node):
@@ -38,23 +43,29 @@ class Recorder(Node):
     ----------
     links : iterable of str
         Topics that need a publisher and a subscriber before the flight starts.
+    foreign : collection of str
+        The nodes that may lack parameters of ours, or have none.
     """
 
     def __init__(
-        self, links: Iterable[str] = LINK_NAMES, node_name: str = 'recorder', **kwargs: Any
+        self,
+        links: Iterable[str] = LINK_NAMES,
+        foreign: Collection[str] = (),
+        node_name: str = 'recorder',
+        **kwargs: Any,
     ) -> None:
         super().__init__(node_name, **kwargs)
-        self._links = links
-        self._waypoint = self.create_publisher(
-            topics.WAYPOINT.kind,
-            topics.WAYPOINT.name,
-            COMMAND,
-            event_callbacks=PublisherEventCallbacks(matched=self._greet),
-        )
+        self._links, self._foreign = links, foreign
+        self._waypoint = self._offer_waypoint()
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._parameter_clients = {
             node: self.create_client(GetParameters, f'{node}/get_parameters') for node in DECLARED
         }
+        self._list_clients = {
+            node: self.create_client(ListParameters, f'{node}/list_parameters') for node in foreign
+        }
+        self._names = {node: [*DECLARED[node]] for node in DECLARED if node not in foreign}
+        self._patience = Deadline(PARAMETERS_MAX)
         self._asked = dict.fromkeys(DECLARED, -REQUEST_REPEAT)
         self.parameters: dict[str, dict[str, Any]] = {}
         """The parameters of each running node that has answered, by name."""
@@ -63,6 +74,9 @@ class Recorder(Node):
     def restart(self) -> None:
         """Discard the flight, with its messages in the queues."""
         self._goal: Waypoint | None = None
+        # The old publisher would send its last waypoint to the next controller.
+        self.destroy_publisher(self._waypoint)
+        self._waypoint = self._offer_waypoint()
         for stream, _ in self._streams:
             self.destroy_subscription(stream)
         # The deep queues of lockstep, so that no message is lost in real time either.
@@ -78,6 +92,14 @@ class Recorder(Node):
         self._samples: dict[int, dict[str, Array]] = {}
         self._start: int | None = None
         self._last: int | None = None
+
+    def _offer_waypoint(self) -> Publisher:
+        return self.create_publisher(
+            topics.WAYPOINT.kind,
+            topics.WAYPOINT.name,
+            STANDING,
+            event_callbacks=PublisherEventCallbacks(matched=self._greet),
+        )
 
     def drain(self) -> None:
         """Take all messages, in a fraction of the time of an executor."""
@@ -100,12 +122,16 @@ class Recorder(Node):
         if not self._waypoint.get_subscription_count():
             lacking.append(topics.WAYPOINT.name)
         if not any(len(sample) == 5 for sample in self._samples.values()):
-            lacking.append(topics.SPEEDS.name)
-        for node in DECLARED:
-            if node not in self.parameters:
-                lacking.append(f'{node}/get_parameters')
-                self._ask(node)
-        return lacking
+            lacking.append(f'{topics.SPEEDS.name} with the stamp of a pose and a velocity')
+        silent = [node for node in DECLARED if node not in self.parameters]
+        for node in silent:
+            self._ask(node)
+        if lacking or not {*silent} <= {*self._foreign}:
+            self._patience = Deadline(PARAMETERS_MAX)
+        elif self._patience.passed():
+            self.parameters |= {node: {} for node in silent}
+            return []
+        return lacking + [f'{node}/get_parameters' for node in silent]
 
     def others(self, own: int = 0) -> list[str]:
         """Return the topics of the loop on which more than `own` nodes publish."""
@@ -113,15 +139,25 @@ class Recorder(Node):
         return [name for name in names if self.count_publishers(name) > own]
 
     def _ask(self, node: str) -> None:
-        client = self._parameter_clients[node]
+        names = self._names.get(node)
+        client = (self._list_clients if names is None else self._parameter_clients)[node]
         if monotonic() > self._asked[node] + REQUEST_REPEAT and client.service_is_ready():
             self._asked[node] = monotonic()
-            request = GetParameters.Request(names=list(DECLARED[node]))
-            client.call_async(request).add_done_callback(partial(self._receive_parameters, node))
+            if names is None:
+                request, receive = ListParameters.Request(), self._receive_names
+            else:
+                request, receive = GetParameters.Request(names=names), self._receive_parameters
+            client.call_async(request).add_done_callback(partial(receive, node))
+
+    def _receive_names(self, node: str, answer: Any) -> None:
+        """Note which of our parameters a program has: a request of others has no values."""
+        names = answer.result().result.names
+        self._names[node] = [name for name in DECLARED[node] if name in names]
+        self._asked[node] = -REQUEST_REPEAT
 
     def _receive_parameters(self, node: str, answer: Any) -> None:
         values = map(parameter_value_to_python, answer.result().values)
-        self.parameters[node] = dict(zip(DECLARED[node], values, strict=True))
+        self.parameters[node] = dict(zip(self._names[node], values, strict=True))
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors start."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from ca_ros.arguments import full_name
@@ -27,6 +28,7 @@ class Reports:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._newest: dict[str, tuple[int, dict[str, str]]] = {}
+        self._faults: dict[str, str] = {}
         # All nodes share the topic, so the queue must hold several messages.
         quality = offered('lockstep')
         node.create_subscription(DIAGNOSTICS.kind, DIAGNOSTICS.name, self._receive, quality)
@@ -47,6 +49,11 @@ class Reports:
         times = [time for time, _ in self._of('fault_proxy')]
         return [] if times and min(times) >= since else [DIAGNOSTICS.name]
 
+    def faults_of_nodes(self) -> str:
+        """Return what the nodes report other than OK, in brackets; empty if there is nothing."""
+        found = '; '.join(f'{subject}: {text}' for subject, text in self._faults.items() if text)
+        return f' ({found})' if found else ''
+
     def _sum(self, name: str, key: str) -> int:
         return sum(int(values.get(key, 0)) for _, values in self._of(name))
 
@@ -58,3 +65,6 @@ class Reports:
         time = nanoseconds(array.header.stamp)
         for status in array.status:
             self._newest[status.name] = time, {pair.key: pair.value for pair in status.values}
+            sound = status.level == DiagnosticStatus.OK
+            self._faults[status.name] = '' if sound else status.message
+

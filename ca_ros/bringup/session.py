@@ -15,11 +15,11 @@ from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 
-from ca_ros.bringup.agreement import check
+from ca_ros.bringup.agreement import check, combined
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.bringup.options import options_as_parameters
+from ca_ros.bringup.options import foreign, options_as_parameters
 from ca_ros.bringup.processes import Processes
 from ca_ros.bringup.recorder import LINK_NAMES, Recorder
 from ca_ros.bringup.reports import Reports
@@ -91,7 +91,8 @@ class Session:
         links = [*LINK_NAMES]
         if options.faults is not None:
             links += [f'{PREFIX}{topic}' for topic in LINK_NAMES]
-        self._recorder = Recorder(links, namespace=options.namespace)
+        self._foreign = foreign(options)
+        self._recorder = Recorder(links, self._foreign, namespace=options.namespace)
         self._reports = Reports(self._recorder)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._recorder)
@@ -126,7 +127,8 @@ class Session:
         self._wait(lambda: recorder.missing() + (bag.missing() if bag else []))
         check(recorder.parameters, options_as_parameters(self._options))
         parameters = recorder.parameters
-        lockstep = parameters['allocator']['mode'] == 'lockstep'
+        common = combined(parameters)
+        lockstep = common['mode'] == 'lockstep'
         timeline = Timeline(recorder, trajectory, self._options.failures, parameters)
         self._wait(timeline.missing)
         timeline.update(None, self._spin)
@@ -144,6 +146,7 @@ class Session:
             elif deadline.passed():
                 raise Stopped(
                     f'the flight has stalled at {progress:.2f} s for {PROGRESS_TIMEOUT:g} s'
+                    f'{self._reports.faults_of_nodes()}'
                 )
         if bag:
             end = recorder.end(duration)
@@ -157,9 +160,8 @@ class Session:
         flight = recorder.flight(duration)
         if lockstep and (lost := flight.missing(duration)):
             raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
-        combined = {**parameters['simulator'], **parameters['allocator']}
         respawned, timeouts = self._processes.respawned, self._reports.timeouts()
-        return Flown(flight, wall, respawned, timeouts, faults, combined)
+        return Flown(flight, wall, respawned, timeouts, faults, common)
 
     def _spin(self) -> None:
         """Serve the recorder and the bag once, and restart nodes that have ended."""
@@ -195,7 +197,10 @@ class Session:
             if len(topics) < fewest:
                 fewest, deadline = len(topics), Deadline(PROGRESS_TIMEOUT)
             elif deadline.passed():
-                raise Stopped(f'after {PROGRESS_TIMEOUT:g} s no node on {", ".join(topics)}')
+                raise Stopped(
+                    f'after {PROGRESS_TIMEOUT:g} s no node on {", ".join(topics)}'
+                    f'{self._reports.faults_of_nodes()}'
+                )
 
     def _check_alone(self, own: int) -> None:
         if others := self._recorder.others(own):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from time import monotonic
 from typing import Any
@@ -10,6 +11,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+from ca_ros.bringup.agreement import combined
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.recorder import REQUEST_REPEAT, Recorder
 from ca_ros.commands import NODES
@@ -17,6 +19,7 @@ from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.vehicle.values import per_rotor
 from ca_ros.vehicle.vehicle import Vehicle
 
 TIMEOUT = 60.0
@@ -46,7 +49,7 @@ class Timeline:
     Raises
     ------
     TimelineError
-        If the vehicle does not have these rotors.
+        If the vehicle does not have these rotors, or the simulator lacks a parameter.
     """
 
     def __init__(
@@ -57,20 +60,32 @@ class Timeline:
         parameters: Mapping[str, Mapping[str, Any]],
     ) -> None:
         self._recorder, self._trajectory, self._failures = recorder, trajectory, failures
+        common = combined(parameters)
+        n = Vehicle.from_parameters(common).n
+        try:
+            failures.check(n)
+        except ValueError as error:
+            raise TimelineError(str(error)) from None
+        self._lockstep = common['mode'] == 'lockstep'
+        self._times = sorted({*failures.times(), *trajectory.times[1:]})
+        needed = ['rotors.health'] if failures.times() else []
+        if self._lockstep and self._times:
+            needed += ['simulator.hold_at', 'simulator.time_step']
+        if lacking := [name for name in needed if name not in parameters['simulator']]:
+            raise TimelineError(
+                f'the simulator does not declare {", ".join(lacking)}, which rotor failures and '
+                'trajectories need'
+            )
         self._health = {
-            name: Vehicle.from_parameters(parameters[name]).health
+            name: per_rotor(parameters[name], 'rotors.health', n)
             for name in NODES
             if 'rotors.health' in parameters[name]
         }
-        try:
-            failures.check(len(self._health['simulator']))
-        except ValueError as error:
-            raise TimelineError(str(error)) from None
+        for name in NODES:
+            if failures.times() and name not in self._health:
+                print(f'bringup: warning: the {name} cannot be told of failures', file=sys.stderr)
         self._set_to = {name: health.tolist() for name, health in self._health.items()}
-        simulator = parameters['simulator']
-        self._lockstep = simulator['mode'] == 'lockstep'
-        self._ahead = round(simulator['simulator.time_step'] * 1e9) if self._lockstep else 0
-        self._times = sorted({*failures.times(), *trajectory.times[1:]})
+        self._ahead = round(common.get('simulator.time_step', 0.0) * 1e9) if self._lockstep else 0
         self._clients = (
             {
                 name: recorder.create_client(SetParameters, f'{name}/set_parameters')

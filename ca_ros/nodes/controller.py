@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from ca_ros.flight.controller import Controller
@@ -15,13 +18,14 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
+    nanoseconds,
     pose_arrays,
     twist_arrays,
     wrench_message,
     wrong_frame,
 )
 from ca_ros.nodes.parameters import CONTROLLER
-from ca_ros.nodes.qos import COMMAND
+from ca_ros.nodes.qos import COMMAND, STANDING
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.parameters import AXES
@@ -39,6 +43,7 @@ class ControllerNode(VehicleNode):
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
+        self._standing: Subscription | None = None
         self._open = False
 
     def start(self) -> None:
@@ -46,12 +51,33 @@ class ControllerNode(VehicleNode):
         super().start()
         self._wrench = self.offer(topics.WRENCH)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
-        self.create_subscription(
-            topics.WAYPOINT.kind, topics.WAYPOINT.name, self._receive_waypoint, COMMAND
+        self._listen_to_waypoints(
+            COMMAND, SubscriptionEventCallbacks(matched=self._ask_for_waypoint)
         )
         self.listen(topics.POSE, self._receive_pose)
         self.listen(topics.VELOCITY, self._receive_velocity)
         self.observe('control')
+
+    def _listen_to_waypoints(
+        self, quality: QoSProfile, events: SubscriptionEventCallbacks
+    ) -> Subscription:
+        topic = topics.WAYPOINT
+        return self.create_subscription(
+            topic.kind, topic.name, self._receive_waypoint, quality, event_callbacks=events
+        )
+
+    def _ask_for_waypoint(self, _: object) -> None:
+        """Subscribe once more if a publisher keeps its last waypoint for new subscribers.
+
+        Only this subscription gets that waypoint, and other publishers do not match it.
+        """
+        offered = [
+            info.qos_profile.durability
+            for info in self.get_publishers_info_by_topic(topics.WAYPOINT.name)
+        ]
+        if STANDING.durability in offered and self._standing is None:
+            quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+            self._standing = self._listen_to_waypoints(STANDING, quiet)
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Controller]:
         """Create the controller for the axes that the rotors can command."""
@@ -67,7 +93,11 @@ class ControllerNode(VehicleNode):
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
-        waiting = 'no waypoint yet' if self._waypoint is None else 'no state yet'
+        waiting = 'no state yet'
+        if self._waypoint is None:
+            waiting = 'no waypoint yet'
+        elif len({*self._stamps()}) == 2:
+            waiting = 'no pose and velocity with the same stamp yet'
         state = (OK, 'under way') if self._watchdog.awake else (STALE, waiting)
         return [*super().levels(), state]
 
@@ -86,9 +116,20 @@ class ControllerNode(VehicleNode):
         if last is None or last.heading != new.heading or (last.position != position).any():
             self.get_logger().info(f'waypoint {position} m, heading {new.heading:.4f} rad')
 
+    def _stamps(self) -> list[int]:
+        """Return the stamps of the last pose and velocity, as far as there are any [ns]."""
+        return [nanoseconds(each.header.stamp) for each in (self._pose, self._velocity) if each]
+
     def _receive_pose(self, message: PoseStamped) -> None:
         self.counts['received'] += 1
         self.counts['unanswered'] += self._open
+        if self.mode == 'lockstep' and self._open and self._waypoint:
+            stamps = self._stamps()
+            if len({*stamps}) == 2:
+                self.complain(
+                    'stamp', 'no answer to pose and velocity with the stamps '
+                    f'{stamps[0]} and {stamps[1]}: expected equal stamps'
+                )
         self._pose, self._open = message, True
         self._answer()
 

@@ -1,6 +1,6 @@
 """Quality of service of the nodes' topics."""
 
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 LOCKSTEP_DEPTH = 2000
 """Number of steps that a recorder may lag behind in lockstep without losing messages."""
@@ -27,3 +27,15 @@ COMMAND = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1
 )
 """QoS of rare messages that must arrive, such as waypoints and diagnostics."""
+
+STANDING = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+)
+"""QoS of messages that later subscribers get, too, if they ask for it.
+
+A subscription that asks for it does not match publishers that do not offer it, such as that of
+``ros2 topic pub``.
+"""

@@ -17,7 +17,7 @@ from ca_ros.flight.rigid_body import (
     velocity_in_body,
 )
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import OK, STALE
+from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     answers_nothing,
@@ -61,6 +61,7 @@ class SimulatorNode(VehicleNode):
     def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
         self._held, self._resting = False, True
+        self._repeats, self._discarded, self._fault = 0, '', ''
 
     def start(self) -> None:
         """Create the plant, and begin to simulate."""
@@ -102,6 +103,8 @@ class SimulatorNode(VehicleNode):
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""
         state = (STALE, 'no command yet') if self._resting else (OK, 'in flight')
+        if self._fault:
+            state = (WARN, self._fault)
         return [*super().levels(), state]
 
     def watch(self) -> None:
@@ -135,13 +138,17 @@ class SimulatorNode(VehicleNode):
             self._follow(speeds)
         elif speeds_stamp(command) == self._time:
             self._follow(speeds)
+            self._repeats, self._discarded, self._fault = 0, '', ''
             self._step()
             if self._time % (BACKLOG * self._step_ns) == 0:
                 self._wait_for_readers()
             self._timer.reset()
         else:
-            # A second answer to a state that was published again.
+            # Mostly a second answer to a state that was published again.
             self.counts['repeated'] += 1
+            if not answers_nothing(command):
+                found = speeds_stamp(command)
+                self._discarded = 'no stamp' if found is None else f'stamp {found}'
 
     def _follow(self, speeds: Array) -> None:
         self._command, self._resting = speeds, False
@@ -156,6 +163,14 @@ class SimulatorNode(VehicleNode):
 
     def _repeat(self) -> None:
         """Publish an unanswered state again, for nodes that started late."""
+        # What arrived before the first repetition may have answered an earlier state.
+        if self._repeats and self._discarded:
+            self._fault = (
+                f'rotor speeds with {self._discarded} are discarded: expected stamp {self._time}; '
+                'wrench and speeds must carry the stamp of the state that they answer'
+            )
+            self.complain('stamp', self._fault)
+        self._repeats, self._discarded = self._repeats + 1, ''
         if self._resting:
             self._publish_speeds()
         self._publish()

@@ -1,0 +1,253 @@
+"""Programs of one's own beside our nodes: `bringup --plant`, stamps, standing waypoints."""
+
+import signal
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from ca_ros.bringup.agreement import DisagreementError, check, combined, not_compared
+from ca_ros.bringup.options import commands, parse
+from ca_ros.bringup.timeline import Timeline, TimelineError
+from ca_ros.commands import NODES
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.nodes.parameters import DECLARED, load
+from ca_ros.nodes.qos import STANDING
+from ros import Diagnostics
+from test_bringup import fly_offline, read
+
+# The command lines
+
+def test_a_program_gets_the_arguments_of_the_node_whose_place_it_takes():
+    arguments = ['--vehicle', 'x8', '--mode', 'lockstep', '--namespace', '/uav1']
+    own = commands(parse(arguments))
+    program = f"{sys.executable} 'my plant.py' --gain 2"
+    lines = commands(parse([*arguments, '--plant', program]))
+    assert lines['simulator'][:4] == [sys.executable, 'my plant.py', '--gain', '2']
+    rest = lines['simulator'][4:]
+    name = rest.index('__node:=simulator')
+    del rest[name - 1:name + 1]
+    assert rest == own['simulator'][3:]
+    assert {name: lines[name] for name in ('controller', 'allocator')} == {
+        name: own[name] for name in ('controller', 'allocator')}
+
+
+@pytest.mark.parametrize('command', ['', 'no_such_program --x', "python 'x"])
+def test_a_program_that_does_not_exist_is_refused_at_once(command, capsys):
+    with pytest.raises(SystemExit):
+        parse(['--plant', command])
+    assert 'argument --plant: ' in capsys.readouterr().err
+
+
+# What cannot be compared
+
+def test_it_says_which_parameters_of_a_program_it_cannot_compare(capsys):
+    parameters = {node: load('hexarotor', table=DECLARED[node]) for node in NODES}
+    assert not_compared(parameters, {'mode': 'lockstep'}) == []
+    parameters['simulator'] = {}
+    del parameters['controller']['vehicle.inertia']
+    assert not_compared(parameters, {'mode': 'lockstep'}) == [
+        'the controller does not declare vehicle.inertia: these cannot be compared',
+        'the simulator has no parameters: its mode and vehicle cannot be compared']
+    check(parameters, {})
+    assert 'the simulator has no parameters' in capsys.readouterr().err
+    with pytest.raises(DisagreementError, match='no node declares the parameter mode'):
+        check({node: {} for node in NODES}, {})
+
+
+def test_values_are_those_of_the_allocator_then_the_controller():
+    parameters = {
+        'allocator': {'a': 1}, 'controller': {'a': 2, 'b': 2}, 'simulator': {'b': 3, 'c': 3}}
+    assert combined(parameters) == {'a': 1, 'b': 2, 'c': 3}
+
+
+@pytest.mark.parametrize(('mode', 'times', 'lacking'), [
+    ('lockstep', (0.0, 1.0), 'simulator.hold_at, simulator.time_step'),
+    ('realtime', (0.0,), None)])
+def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lacking):
+    parameters = {
+        node: load('hexarotor', table=DECLARED[node]) | {'mode': mode} for node in NODES}
+    parameters['simulator'] = {}
+    trajectory = Trajectory(
+        tuple(round(time * 1e9) for time in times),
+        (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * len(times))
+    if lacking:
+        with pytest.raises(TimelineError, match=f'does not declare {lacking}, which'):
+            Timeline(None, trajectory, RotorFailures(()), parameters)
+    failing = RotorFailures((RotorFailure(1, 1.0),))
+    with pytest.raises(TimelineError, match=r'does not declare rotors\.health'):
+        Timeline(None, trajectory, failing, parameters)
+
+
+# Flights
+
+PLANT = """
+# Written by docs/plant.md alone, without parameters; the rigid body is ours.
+import signal, sys
+import rclpy
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from ca_ros import Vehicle
+from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, velocity_in_body
+
+stop = []
+signal.signal(signal.SIGTERM, lambda number, _: stop.append(number))
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+node = rclpy.create_node('other_name', start_parameter_services=False)
+body, state, time = RigidBody(Vehicle.load('hexarotor')), NULL_STATE, 0
+deep = QoSProfile(depth=2000)
+pose = node.create_publisher(PoseStamped, 'local_position/pose', deep)
+velocity = node.create_publisher(TwistStamped, 'local_position/velocity_body', deep)
+turning = node.create_publisher(Float64MultiArray, 'motor_speed', deep)
+
+def publish_speeds(speeds):
+    dimensions = [MultiArrayDimension(label='speed'), MultiArrayDimension(label=f'stamp {time}')]
+    message = Float64MultiArray(data=speeds)
+    message.layout.dim = dimensions
+    turning.publish(message)
+
+def publish():
+    p, v = PoseStamped(), TwistStamped()
+    for header in (p.header, v.header):
+        header.stamp.sec, header.stamp.nanosec = divmod(time, 10**9)
+    x, q, w = state[:3].tolist(), state[6:10].tolist(), state[10:].tolist()
+    p.pose.position.x, p.pose.position.y, p.pose.position.z = x
+    o = p.pose.orientation
+    o.x, o.y, o.z, o.w = q
+    v.twist.linear.x, v.twist.linear.y, v.twist.linear.z = velocity_in_body(state).tolist()
+    v.twist.angular.x, v.twist.angular.y, v.twist.angular.z = w
+    velocity.publish(v)
+    pose.publish(p)
+
+def receive(command):
+    global state, time
+    if command.layout.dim[1].label == f'stamp {time}':
+        publish_speeds(command.data)
+        state = body.step(state, list(command.data), 0.01)
+        time += 10_000_000
+        publish()
+        timer.reset()
+
+def repeat():
+    if time == 0:
+        publish_speeds([0.0] * 6)
+    publish()
+
+node.create_subscription(Float64MultiArray, 'command/motor_speed', receive, deep)
+timer = node.create_timer(0.2, repeat)
+while not stop:
+    rclpy.spin_once(node, timeout_sec=0.1)
+"""
+
+
+def test_a_plant_of_the_page_flies_as_our_simulator_does(graph, tmp_path):
+    plant = tmp_path / 'plant.py'
+    plant.write_text(PLANT, encoding='utf-8')
+    flight = graph.start_silent(
+        'bringup', '--plant', f"'{sys.executable}' '{plant}'", '--mode', 'lockstep',
+        '--duration', '0.5', '--out', str(tmp_path))
+    out, err = graph.outlive(flight)
+    assert 'flight of 0.50 s (lockstep, 51 samples' in out, err
+    assert [line for line in err.splitlines() if line.startswith('bringup: ')] == [
+        'bringup: warning: the simulator has no parameters: its mode and vehicle cannot be '
+        'compared']
+    expected = fly_offline('exact', 0.5).columns()
+    flown = read(tmp_path)
+    for name, column in expected.items():
+        np.testing.assert_array_equal(flown[name], column, err_msg=name)
+
+
+# Stamps
+
+def test_the_simulator_says_which_stamp_it_expects_in_lockstep(graph):
+    graph.start('simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    command = graph.publisher(Float64MultiArray, 'command/motor_speed')
+    diagnostics = Diagnostics(graph)
+    graph.connect('simulator')
+
+    def said(label):
+        return [text for _, text, _ in diagnostics.all('simulator')][-1:] == [
+            f'rotor speeds with {label} are discarded: expected stamp 0; wrench and speeds must '
+            'carry the stamp of the state that they answer']
+
+    message = Float64MultiArray(data=[250.0] * 6)
+    for label in ('', 'stamp 5'):
+        message.layout.dim = [MultiArrayDimension(label=label)]
+        graph.spin_until(
+            partial(said, label or 'no stamp'), label, repeat=lambda: command.publish(message))
+    message.layout.dim = [MultiArrayDimension(label='stamp 0')]
+    command.publish(message)
+    diagnostics.wait('simulator', lambda level, text, _: text == 'in flight', 'in flight')
+
+
+class State:
+    """Publishes the state of a vehicle at rest to a controller, and collects its wrenches."""
+
+    def __init__(self, graph):
+        self._pose = graph.publisher(PoseStamped, 'local_position/pose')
+        self._velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
+        self.wrenches = graph.listen(WrenchStamped, 'command/wrench')
+
+    def send(self, pose_time, velocity_time):
+        """Publish a pose and a velocity with these stamps [ns]."""
+        pose, velocity = PoseStamped(), TwistStamped()
+        pose.header.stamp.nanosec, velocity.header.stamp.nanosec = pose_time, velocity_time
+        pose.pose.orientation.w = 1.0
+        self._pose.publish(pose)
+        self._velocity.publish(velocity)
+
+
+def waypoint(height):
+    """Return the message of a waypoint above the origin [m]."""
+    message = PoseStamped()
+    message.pose.position.z, message.pose.orientation.w = height, 1.0
+    return message
+
+
+def test_the_controller_gets_waypoints_kept_from_before_its_start_and_others_later(graph):
+    standing = graph.publisher(PoseStamped, 'command/pose', STANDING)
+    standing.publish(waypoint(1.0))
+    state = State(graph)
+    graph.start('controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    graph.connect('controller')
+
+    def thrust():
+        return state.wrenches[-1].wrench.force.z if state.wrenches else 0.0
+
+    def send():
+        state.send(0, 0)
+
+    # More and less than the weight of 9.81 N.
+    graph.spin_until(lambda: thrust() > 10.0, 'the waypoint kept for it', repeat=send)
+    volatile = graph.publisher(PoseStamped, 'command/pose')
+    graph.connect('controller')
+    volatile.publish(waypoint(-1.0))
+    graph.spin_until(lambda: 0.0 < thrust() < 9.0, 'a later waypoint', repeat=send)
+    standing.publish(waypoint(1.0))
+    graph.spin_until(lambda: thrust() > 10.0, 'one more', repeat=send)
+
+
+def test_the_controller_says_that_pose_and_velocity_need_the_same_stamp(graph):
+    goals = graph.publisher(PoseStamped, 'command/pose')
+    state, diagnostics = State(graph), Diagnostics(graph)
+    node = graph.start_silent(
+        'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    graph.connect('controller')
+    goals.publish(waypoint(1.0))
+    graph.spin_until(
+        lambda: [text for _, text, _ in diagnostics.all('controller')][-1:] == [
+            'no pose and velocity with the same stamp yet'], 'what it says',
+        repeat=lambda: state.send(5, 3))
+    state.send(6, 3)
+    state.send(7, 7)
+    graph.spin_until(lambda: state.wrenches, 'an answer')
+    assert [wrench.header.stamp.nanosec for wrench in state.wrenches] == [7]
+    _, err = graph.end(node, signal.SIGTERM)
+    assert 'no answer to pose and velocity with the stamps 5 and 3: expected equal stamps' in err
