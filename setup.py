@@ -11,6 +11,7 @@ peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
+cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
 parts = ('exact', 'least_norm', 'priorities', 'module')
 kernels = [
@@ -76,6 +77,8 @@ setup(
         'bag': bag,
         'solvers': solvers,
         'studies': studies,
+        # Studies on a Dask cluster, `--scheduler`.
+        'cluster': [*cluster, *studies],
         # The solvers of others in `benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
         # For `make docs`.
@@ -96,6 +99,7 @@ setup(
             'types-PyYAML',
             'wheel',
             *bag,
+            *cluster,
             *peers,
             *studies,
         ],

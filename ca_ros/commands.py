@@ -42,6 +42,7 @@ ROS = (
 
 HINTS = {
     **dict.fromkeys(STUDIES, "pip install 'ca_ros[studies]'"),
+    'distributed': "pip install 'ca_ros[cluster]'",
     **dict.fromkeys(ROS, "source ROS 2 Jazzy, or pip install 'ca_ros[ros]' (x86-64 Linux)"),
 }
 

@@ -20,9 +20,10 @@ from ca_ros.flight.plots import add_option
 
 NOT_REPEATED = (
     'out', 'figures', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint', 'heading',
-    'trajectory',
+    'trajectory', 'workers', 'scheduler',
 )  # fmt: skip
-"""Options that `command` leaves out: places of files, and what the dynamic study adds itself."""
+"""Options that `command` leaves out: places of files and of computation, and what the dynamic
+study adds itself."""
 
 
 def parser(prog: str, description: str) -> argparse.ArgumentParser:
@@ -60,12 +61,13 @@ def concluded(prog: str, study: Callable[[], None]) -> int:
 
 
 def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
-    """Return an argparse type: a positive, finite number."""
+    """Return an argparse type: a positive, finite number; an int also as 1e8."""
 
     def read(text: str) -> Any:
         with suppress(ValueError):
-            if 0 < (number := kind(text)) < float('inf'):
-                return number
+            number = float(text)
+            if 0 < number < float('inf') and kind(number) == number:
+                return kind(number)
         raise argparse.ArgumentTypeError(f'{text!r} is not a positive number')
 
     return read

@@ -41,17 +41,22 @@ def draw(
     admissible: AdmissibleSet,
     allocators: Mapping[str, Allocator],
     rows: pd.DataFrame,
+    times: Mapping[str, Sequence[float]],
     timing: str,
     formats: Sequence[str],
 ) -> None:
-    """Draw all plots of a static study into a folder."""
+    """Draw all plots of a static study into a folder; `times` are of its calls, by method."""
     shown = rows[rows['sample'] < SHOWN]
-    time = f'time of a {"call" if timing == "single calls" else "wrench in a batch"} [s]'
+    single = timing == 'single calls'
+    time = f'time of a {"call" if single else "wrench in a batch"} [s]'
+    calls = pd.concat(pd.DataFrame({'method': name, 'time': own}) for name, own in times.items())
     errors = {name: words for name, words in ERRORS.items() if name in rows}
     with matplotlib.rc_context(STYLE):
         plots = {
             'errors': _draw_distributions(shown, errors),
-            'latency': _draw_distributions(rows, {'time': time}),
+            'latency': _draw_distributions(
+                calls, {'time': time}, 'samples' if single else 'batches'
+            ),
             'slices': _draw_slices(admissible, allocators),
         }
         if 'pseudo_inverse' in allocators:
@@ -62,7 +67,9 @@ def draw(
             save(plot, out / name, formats)
 
 
-def _draw_distributions(rows: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
+def _draw_distributions(
+    rows: pd.DataFrame, labels: Mapping[str, str], what: str = 'samples'
+) -> Figure:
     """Draw the cumulative distributions of columns for each method."""
     methods = rows.groupby('method', sort=False)
     looks = styles(list(methods.groups))
@@ -81,7 +88,7 @@ def _draw_distributions(rows: pd.DataFrame, labels: Mapping[str, str]) -> Figure
             exponents = range(-15, 1, 3)
             ticks = [ERROR_MIN, *(10.0**exponent for exponent in exponents)]
             axes.set_xticks(ticks, ['0', *(f'$10^{{{exponent}}}$' for exponent in exponents)])
-    panels[0].set_ylabel(f'share of {len(rows) // len(methods)} samples [%]')
+    panels[0].set_ylabel(f'share of {len(rows) // len(methods)} {what} [%]')
     legend(head, panels[0].get_lines())
     return figure
 

@@ -6,20 +6,22 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
+from inspect import getsource
 from math import isfinite
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from ca_ros.allocation import AllocationProblem, Allocator
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.chunks import ChunkFile, add_options, chunk_size, compute
 from ca_ros.evaluation.environment import machine, versions
-from ca_ros.evaluation.judge import ERRORS, columns, evaluate
+from ca_ros.evaluation.judge import ERRORS, columns
 from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
-from ca_ros.evaluation.sampling import SAMPLINGS, samples
+from ca_ros.evaluation.sampling import SAMPLINGS
+from ca_ros.evaluation.static_chunks import StaticChunks, Summary, merged
 from ca_ros.evaluation.static_plots import draw
 from ca_ros.evaluation.static_tables import document, standard_error
 from ca_ros.evaluation.wrench_metrics import metrics
@@ -31,8 +33,8 @@ SINGLE_MAX = 10_000
 CHUNK, BATCH = 100, 10_000
 """Number of samples that each method allocates in turn, one by one or in a batch."""
 
-JUDGED = 10_000
-"""Number of samples, the first ones, from which the metrics of `wrench_metrics` are computed."""
+KEPT = 10_000
+"""Number of samples, the first ones, that plots and the metrics of `wrench_metrics` are of."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,15 +46,44 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _study(options: argparse.Namespace) -> None:
     """Do the study, write its files and print the table; after Ctrl-C with what is done."""
     case, allocators = Case.of(options)
-    rows = run(case, allocators, options)
-    done = len(rows) // len(allocators)
+    batch = options.samples > SINGLE_MAX
+    if not batch:
+        # Calls that are timed have a core for themselves.
+        options.workers = 1
+    step = BATCH if batch else CHUNK
+    size, rows = chunk_size(options.samples, step), options.rows or KEPT
+    drawn = options.sampling, options.seed, options.samples
+    task = StaticChunks(case, list(allocators), *drawn, size, step, batch, rows)
+    file = ChunkFile(options.out, _inputs(case, allocators, options))
+    count = -(-options.samples // size)
+    parts = compute(task, count, file, options, unit=' samples', unit_scale=size)
+    done = sum(part['samples'] for part in parts)
     if done:
-        text = _write(case, allocators, rows, options)
+        text = _write(case, allocators, parts, options)
         print(text.partition('\n## ')[0])
         print(f'written: static.csv, .json, .md and plots in {options.out}')
     if done < options.samples:
         written = ', which are written' if done else ''
-        raise KeyboardInterrupt(f' after {done} of {options.samples} samples{written}')
+        raise KeyboardInterrupt(
+            f' after {done} of {options.samples} samples{written}; the same command continues'
+        )
+    file.remove()
+
+
+def _inputs(
+    case: Case, allocators: Mapping[str, Allocator], options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return all that the results depend on, apart from the code of this package."""
+    return {
+        'command': command('static_study', options),
+        'parameters': case.parameters,
+        'problem': [getattr(case.problem, name).tolist() for name in ('gamma', 'lower', 'upper')],
+        'methods': {
+            name: getsource(sys.modules[type(allocator).__module__])
+            for name, allocator in allocators.items()
+            if ':' in name
+        },
+    }
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -72,54 +103,30 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         'thrusts; boundary: projected onto the boundary of the set; outside: beyond it, by up to '
         'as much again',
     )
-    return made.parse_args(split(argv)[0])
-
-
-def run(
-    case: Case, allocators: Mapping[str, Allocator], options: argparse.Namespace
-) -> pd.DataFrame:
-    """Allocate random wrenches by all methods, until all are done or Ctrl-C.
-
-    Returns
-    -------
-    DataFrame
-        One row per sample and method, with the columns of `evaluate`; sorted by sample.
-    """
-    admissible, total = AdmissibleSet(case.problem), options.samples
-    batch, drawn = total > SINGLE_MAX, (options.sampling, options.seed)
-    size = BATCH if batch else CHUNK
-    parts = []
-    # Without a terminal no bar is shown.
-    bar = tqdm(range(0, total, size), unit=' samples', unit_scale=size, disable=None)
-    try:
-        # The first call of a method fills its caches and is not timed.
-        for allocator in () if batch else allocators.values():
-            allocator.allocate(samples(admissible, *drawn, 0, 1)[0])
-        for first in bar:
-            end = min(first + size, total)
-            demands = samples(admissible, *drawn, first, end)
-            part = pd.concat(
-                evaluate(name, allocator, admissible.problem, demands, batch)
-                for name, allocator in allocators.items()
-            )
-            part.insert(0, 'sample', part.index + first)
-            parts.append(part.sort_values('sample', kind='stable'))
-    except KeyboardInterrupt:
-        bar.close()
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+    rows = f'samples whose rows are in static.csv, the first ones (default: {KEPT}, the least)'
+    made.add_argument('--rows', type=positive(int), metavar='N', help=rows)
+    add_options(made)
+    options = made.parse_args(split(argv)[0])
+    if options.rows is not None and options.rows < KEPT:
+        made.error(f'--rows {options.rows}: plots and metrics need at least {KEPT}')
+    return options
 
 
 def _write(
     case: Case,
     allocators: Mapping[str, Allocator],
-    rows: pd.DataFrame,
+    parts: Sequence[Mapping[str, Any]],
     options: argparse.Namespace,
 ) -> str:
     """Write all files; return static.md."""
-    out, methods = options.out, rows.groupby('method', sort=False)
+    rows = pd.concat([pd.DataFrame(part['rows']) for part in parts], ignore_index=True)
+    methods = {name: merged([part['methods'][name] for part in parts]) for name in allocators}
+    samples = sum(part['samples'] for part in parts)
     found = {
-        'samples': len(rows) // len(methods),
+        'samples': samples,
         'requested': options.samples,
+        'rows': len(rows) // len(methods),
+        'judged': min(samples, KEPT),
         'seed': options.seed,
         'sampling': options.sampling,
         'timing': f'batches of {BATCH}' if options.samples > SINGLE_MAX else 'single calls',
@@ -127,44 +134,49 @@ def _write(
         'vehicle': case.name,
         'changes': case.changes,
         'parameters': case.parameters,
-        'methods': {name: _metrics(own, case.problem) for name, own in methods},
+        'methods': {
+            name: _metrics(own, samples, rows[rows['method'] == name][:KEPT], case.problem)
+            for name, own in methods.items()
+        },
         'left_out': case.left_out,
         'versions': versions(),
         'machine': machine(),
     }
     text = document(found)
-    write(out / 'static', rows.drop(columns='violation'), found, text)
-    draw(out, AdmissibleSet(case.problem), allocators, rows, found['timing'], options.figures)
+    write(options.out / 'static', rows.drop(columns='violation'), found, text)
+    times = {name: own['time'] for name, own in methods.items()}
+    admissible = AdmissibleSet(case.problem)
+    draw(options.out, admissible, allocators, rows, times, found['timing'], options.figures)
     return text
 
 
-def _metrics(own: pd.DataFrame, problem: AllocationProblem) -> dict[str, Any]:
-    """Return the metrics of one method's rows."""
-    demands = own[columns(problem)].to_numpy()
-    thrusts = own.filter(regex=r'^f_\d+$').to_numpy()
-    violations, worst = int(own['violated'].sum()), float(own['violation'].max())
-    time, status = own['time'], own['status'].value_counts()
+def _metrics(
+    own: Summary, samples: int, rows: pd.DataFrame, problem: AllocationProblem
+) -> dict[str, Any]:
+    """Return the metrics of a method from its summary and its first rows."""
+    violations, worst = own['violations'], own['violation_max']
+    demands = rows[columns(problem)].to_numpy()
+    thrusts = rows.filter(regex=r'^f_\d+$').to_numpy()
+    time = np.array(own['time'])
     return {
         'violations': violations,
-        'violations_standard_error': standard_error(violations, len(own)),
+        'violations_standard_error': standard_error(violations, samples),
         # None for a method that had no thrusts to saturate.
         'violation_max': worst if isfinite(worst) else None,
-        **{name: _mean_max(own[name].to_numpy()) for name in ERRORS if name in own},
+        **{
+            name: {'mean': own[name]['sum'] / samples, 'max': own[name]['max']}
+            for name in ERRORS
+            if name in own
+        },
         'time': {
-            **_mean_max(time.to_numpy()),
-            'median': float(time.median()),
+            'mean': float(time.mean()),
+            'max': float(time.max()),
+            'median': float(np.median(time)),
             'p99': float(np.percentile(time, 99)),
         },
-        'status': {name: int(count) for name, count in sorted(status.items()) if count},
-        **metrics(problem, demands[:JUDGED], thrusts[:JUDGED]),
+        'status': own['status'],
+        **metrics(problem, demands, thrusts),
     }
-
-
-def _mean_max(values: Any) -> dict[str, float]:
-    # Sum in the chunks of `run`: another order of summation would change the last digit.
-    size = CHUNK if len(values) <= SINGLE_MAX else BATCH
-    total = sum(float(values[i : i + size].sum()) for i in range(0, len(values), size))
-    return {'mean': total / len(values), 'max': float(values.max())}
 
 
 if __name__ == '__main__':

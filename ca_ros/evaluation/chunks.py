@@ -1,0 +1,236 @@
+"""Studies in chunks: on all cores or on a Dask cluster; an interrupted study continues."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import signal
+import sys
+from asyncio import TimeoutError as AsyncTimeoutError
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from functools import cache, lru_cache
+from hashlib import sha256
+from multiprocessing import active_children, get_context, parent_process
+from pathlib import Path
+from threading import Thread
+from time import perf_counter
+from typing import Any
+
+from tqdm import tqdm
+
+from ca_ros.errors import CaRosError
+from ca_ros.evaluation.environment import versions
+from ca_ros.evaluation.options import positive
+
+Task = Callable[[int], Any]
+"""Returns the result of a chunk, which depends on its number alone, as JSON has it."""
+
+CHUNKS_MAX = 1000
+"""Studies have at most this number of chunks, so that what waits for a worker is bounded."""
+
+SERIAL_TIME = 2.0
+"""A study that takes no longer than this starts no processes: their start takes as long [s]."""
+
+ARRIVAL = 30.0
+"""How long to wait for the first worker of a cluster [s]."""
+
+SOURCES = ('.py', '.c', '.h')
+
+
+class ChunkError(CaRosError):
+    """The chunks of a study cannot be computed here."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `compute` to a command line."""
+    cores = 'processes that compute (default: one for each core)'
+    parser.add_argument('--workers', type=positive(int), metavar='N', help=cores)
+    cluster = 'compute on a Dask cluster: the address of its scheduler'
+    parser.add_argument('--scheduler', metavar='tcp://HOST:PORT', help=cluster)
+
+
+def chunk_size(total: int, least: int) -> int:
+    """Return the size of chunks, a multiple of `least` that makes at most `CHUNKS_MAX` of them."""
+    return least * max(1, -(-total // (least * CHUNKS_MAX)))
+
+
+class ChunkFile:
+    """The results of the finished chunks of a study, in a folder.
+
+    The name has a digest of the study's inputs and of the code, so another study has another
+    file.  The first line has the inputs, each other line the number and the result of a chunk.
+
+    Parameters
+    ----------
+    folder : Path
+    inputs : mapping
+        All on which the results depend, apart from the code of this package.
+    """
+
+    def __init__(self, folder: Path, inputs: Mapping[str, Any]) -> None:
+        self._head = json.dumps({**inputs, 'code': code()}) + '\n'
+        digest = sha256(self._head.encode()).hexdigest()
+        self.path = folder / f'chunks-{digest[:12]}.jsonl'
+
+    def read(self) -> dict[int, Any]:
+        """Return the results by number; a line that was cut off by a kill is removed."""
+        text = self.path.read_text(encoding='utf-8') if self.path.exists() else ''
+        whole = text[: text.rfind('\n') + 1]
+        if not whole.startswith(self._head):
+            whole = self._head
+        if whole != text:
+            self.path.write_text(whole, encoding='utf-8')
+        return dict(json.loads(line) for line in whole.splitlines()[1:])
+
+    def append(self, number: int, result: Any) -> None:
+        """Add the result of a chunk."""
+        with self.path.open('a', encoding='utf-8') as file:
+            file.write(json.dumps([number, result]) + '\n')
+
+    def remove(self) -> None:
+        """Remove the file of a study that is complete."""
+        self.path.unlink(missing_ok=True)
+
+
+def compute(
+    task: Task, count: int, file: ChunkFile, options: argparse.Namespace, **bar: Any
+) -> list[Any]:
+    """Compute the chunks that are not in the file, and add them to it.
+
+    Parameters
+    ----------
+    task : callable
+        Can be pickled; a worker loads it once.
+    count : int
+        Number of chunks.
+    file : ChunkFile
+    options : Namespace
+        With `workers` and `scheduler`, see `add_options`.
+    **bar
+        Arguments of the progress bar, which counts chunks.
+
+    Returns
+    -------
+    list
+        The results in the order of the chunks' numbers, whatever computed them.  After Ctrl-C,
+        those before the first chunk that is missing.
+
+    Raises
+    ------
+    ChunkError
+        If a local worker process was killed, the cluster cannot be reached, or it has other code.
+    """
+    done = file.read()
+    if done:
+        print(f'continues: {len(done)} of {count} chunks are in {file.path}', file=sys.stderr)
+    left = [number for number in range(count) if number not in done]
+    # Without a terminal no bar is shown.
+    with tqdm(total=count, initial=len(done), disable=None, **bar) as shown:
+        try:
+            for number, result in _results(task, left, options):
+                file.append(number, result)
+                done[number] = result
+                shown.update()
+        except KeyboardInterrupt:
+            pass
+    missing = min(set(range(count)) - done.keys(), default=count)
+    return [done[number] for number in range(missing)]
+
+
+def _results(
+    task: Task, left: list[int], options: argparse.Namespace
+) -> Iterator[tuple[int, Any]]:
+    """Yield the chunks as they are finished: a few in this process, then on the workers."""
+    # Before the first call, which may leave in the task what cannot be pickled.
+    pickled, end = pickle.dumps(task), perf_counter() + SERIAL_TIME
+    workers = options.workers or len(os.sched_getaffinity(0))
+    while left and not options.scheduler and (workers == 1 or perf_counter() < end):
+        yield left[0], task(left[0])
+        del left[0]
+    if not left:
+        return
+    opened = _cluster(options.scheduler) if options.scheduler else _pool(workers)
+    with opened as executor:
+        futures = {executor.submit(call, pickled, code(), number): number for number in left}
+        for future in as_completed(list(futures)):
+            yield futures.pop(future), future.result()
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[Executor]:
+    """Open worker processes on this machine; after an error they are ended at once."""
+    pool = ProcessPoolExecutor(workers, get_context('spawn'), initializer=_start)
+    try:
+        yield pool
+    except BrokenExecutor:
+        raise ChunkError(
+            'a worker process was killed, perhaps for want of memory; the same command continues'
+        ) from None
+    except BaseException:
+        for child in active_children():
+            child.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _start() -> None:
+    """Let Ctrl-C end a worker without a traceback, and let it end with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    Thread(target=_follow, daemon=True).start()
+
+
+def _follow() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[Executor]:
+    """Connect to a Dask cluster, which itself repeats the chunks of lost workers."""
+    from distributed import Client
+
+    try:
+        client = Client(scheduler)
+        client.wait_for_workers(1, timeout=ARRIVAL)
+    except (OSError, ValueError, AsyncTimeoutError) as error:
+        raise ChunkError(f'--scheduler {scheduler}: {error}') from None
+    with client:
+        yield client.get_executor(pure=False)
+
+
+def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
+    """Compute a chunk on a worker.
+
+    Raises a ChunkError if the worker has other code than `expected`: its results might differ.
+    """
+    found = code()
+    if found != expected:
+        names = ', '.join(name for name in expected if found.get(name) != expected[name])
+        raise ChunkError(f'a worker has another version of {names} than this process')
+    return _loaded(pickled)(number)
+
+
+@lru_cache(maxsize=1)
+def _loaded(pickled: bytes) -> Task:
+    return pickle.loads(pickled)
+
+
+@cache
+def code() -> dict[str, str]:
+    """Return the versions of the libraries on which digits depend, and a digest of ca_ros."""
+    digest, package = sha256(), Path(__file__).parents[1]
+    for path in sorted(package.rglob('*')):
+        if path.suffix in SOURCES:
+            digest.update(path.read_bytes())
+    installed = versions()
+    return {
+        'ca_ros': digest.hexdigest(),
+        **{name: installed[name] for name in ('numpy', 'scipy', 'osqp')},
+    }

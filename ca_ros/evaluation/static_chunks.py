@@ -1,0 +1,123 @@
+"""The chunks of a static study: each allocates its own samples, and keeps sums and a few rows."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import pandas as pd
+
+from ca_ros.allocation import Allocator
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.judge import ERRORS, evaluate
+from ca_ros.evaluation.sampling import samples
+from ca_ros.problem.admissible_set import AdmissibleSet
+
+Summary = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class StaticChunks:
+    """The chunks of a static study; the call with a number computes that chunk.
+
+    Attributes
+    ----------
+    case : Case
+    methods : sequence of str
+    sampling, seed : str, int
+        See `samples`.
+    samples : int
+        Number of samples of the study.
+    size : int
+        Number of samples of a chunk.
+    step : int
+        Number of samples that each method allocates in turn.
+    batch : bool
+        Whether in one call; otherwise each call is timed.
+    rows : int
+        Number of samples, the first ones, whose rows are kept.
+    """
+
+    case: Case
+    methods: Sequence[str]
+    sampling: str
+    seed: int
+    samples: int
+    size: int
+    step: int
+    batch: bool
+    rows: int
+
+    @cached_property
+    def _set(self) -> AdmissibleSet:
+        return AdmissibleSet(self.case.problem)
+
+    @cached_property
+    def _allocators(self) -> dict[str, Allocator]:
+        made = {name: self.case.allocator(name) for name in self.methods}
+        # The first call of a method fills its caches and is not timed.
+        for allocator in () if self.batch else made.values():
+            allocator.allocate(samples(self._set, self.sampling, self.seed, 0, 1)[0])
+        return made
+
+    def __call__(self, number: int) -> dict[str, Any]:
+        """Return rows, by column, and summaries, by method, of a chunk."""
+        first = number * self.size
+        end = min(first + self.size, self.samples)
+        kept: list[pd.DataFrame] = []
+        summaries: dict[str, list[Summary]] = {name: [] for name in self.methods}
+        for start in range(first, end, self.step):
+            stop = min(start + self.step, end)
+            demands = samples(self._set, self.sampling, self.seed, start, stop)
+            parts = []
+            for name, allocator in self._allocators.items():
+                own = evaluate(name, allocator, self._set.problem, demands, self.batch)
+                summaries[name].append(self._summary(own))
+                parts.append(own[: self.rows - start] if start < self.rows else None)
+            if start < self.rows:
+                rows = pd.concat(parts)
+                rows.insert(0, 'sample', rows.index + start)
+                kept.append(rows.sort_values('sample', kind='stable'))
+        return {
+            'samples': end - first,
+            'rows': pd.concat(kept).to_dict('list') if kept else {},
+            'methods': {name: merged(own) for name, own in summaries.items()},
+        }
+
+    def _summary(self, own: pd.DataFrame) -> Summary:
+        time, status = own['time'], own['status'].value_counts()
+        return {
+            'violations': int(own['violated'].sum()),
+            'violation_max': float(own['violation'].max()),
+            'status': {name: int(count) for name, count in status.items() if count},
+            'time': time[:1].tolist() if self.batch else time.tolist(),
+            **{
+                name: {'sum': float(own[name].sum()), 'max': float(own[name].max())}
+                for name in ERRORS
+                if name in own
+            },
+        }
+
+
+def merged(parts: Sequence[Summary]) -> Summary:
+    """Return the summary of successive parts; their order decides the last digits of the sums."""
+    counts: Counter[str] = Counter()
+    for part in parts:
+        counts.update(part['status'])
+    return {
+        'violations': sum(part['violations'] for part in parts),
+        'violation_max': max(part['violation_max'] for part in parts),
+        'status': dict(sorted(counts.items())),
+        'time': [time for part in parts for time in part['time']],
+        **{
+            name: {
+                'sum': sum(part[name]['sum'] for part in parts),
+                'max': max(part[name]['max'] for part in parts),
+            }
+            for name in ERRORS
+            if name in parts[0]
+        },
+    }

@@ -1,0 +1,196 @@
+"""Studies in chunks: the same bits on any workers, after a kill and after an interruption."""
+
+import json
+import os
+import signal
+from argparse import Namespace
+from pathlib import Path
+
+import pytest
+
+from ca_ros.evaluation import chunks, static_study
+from ca_ros.evaluation.chunks import ChunkError, ChunkFile, chunk_size, compute
+from ca_ros.evaluation.static_study import main
+
+COUNT = 12
+EXPECTED = [[number, 1.0 / (number + 3.0)] for number in range(COUNT)]
+SERIAL = Namespace(workers=1, scheduler=None)
+
+
+class Thirds:
+    """A task whose process is sent a signal, once, in a given chunk."""
+
+    def __init__(self, folder, chunk=None, number=None):
+        self.log, self.chunk, self.number = folder / 'computed', chunk, number
+
+    def __call__(self, chunk):
+        if chunk == self.chunk and not self.log.with_suffix('.sent').exists():
+            self.log.with_suffix('.sent').touch()
+            os.kill(os.getpid(), self.number)
+        with self.log.open('a') as file:
+            file.write(f'{chunk}\n')
+        return [chunk, 1.0 / (chunk + 3.0)]
+
+    def computed(self):
+        """Return the chunks that were computed, in their order."""
+        return [int(line) for line in self.log.read_text().split()]
+
+
+@pytest.fixture
+def file(tmp_path):
+    return ChunkFile(tmp_path, {'study': 'thirds'})
+
+
+@pytest.fixture
+def on_workers(monkeypatch):
+    """Start workers at once, not after the first seconds."""
+    monkeypatch.setattr(chunks, 'SERIAL_TIME', 0.0)
+
+
+@pytest.mark.parametrize(('total', 'least', 'size'), [
+    (300, 100, 100), (1, 100, 100), (10_000_000, 10_000, 10_000), (10_000_001, 10_000, 20_000),
+    (100_000_000, 10_000, 100_000)])
+def test_there_are_at_most_a_thousand_chunks(total, least, size):
+    assert chunk_size(total, least) == size
+    assert -(-total // size) <= chunks.CHUNKS_MAX
+
+
+@pytest.mark.parametrize('workers', [1, 3])
+def test_results_are_in_the_order_of_the_chunks_on_any_number_of_workers(
+        workers, file, tmp_path, on_workers):
+    task = Thirds(tmp_path)
+    assert compute(task, COUNT, file, Namespace(workers=workers, scheduler=None)) == EXPECTED
+    assert sorted(task.computed()) == list(range(COUNT))
+
+
+def test_an_interrupted_study_continues_where_it_was(file, tmp_path, capsys):
+    task = Thirds(tmp_path, 5, signal.SIGINT)
+    assert compute(task, COUNT, file, SERIAL) == EXPECTED[:5]
+    assert capsys.readouterr().err == ''
+    assert compute(task, COUNT, file, SERIAL) == EXPECTED
+    assert task.computed() == list(range(COUNT))
+    assert f'continues: 5 of 12 chunks are in {file.path}' in capsys.readouterr().err
+    file.remove()
+    assert compute(task, COUNT, file, SERIAL) == EXPECTED
+    assert len(task.computed()) == 2 * COUNT
+
+
+@pytest.mark.parametrize('cut', [1, 5, 10_000])
+def test_a_line_cut_off_by_a_kill_is_computed_again(cut, file, tmp_path):
+    compute(Thirds(tmp_path), COUNT, file, SERIAL)
+    whole = file.path.read_bytes()
+    file.path.write_bytes(whole[:-cut])
+    assert len(file.read()) == (0 if cut == 10_000 else COUNT - 1)
+    assert compute(Thirds(tmp_path), COUNT, file, SERIAL) == EXPECTED
+    assert file.path.read_bytes() == whole
+
+
+def test_another_study_or_other_code_starts_anew_and_keeps_the_chunks_of_the_first(
+        file, tmp_path, monkeypatch):
+    compute(Thirds(tmp_path), COUNT, file, SERIAL)
+    assert len(file.read()) == COUNT
+    assert ChunkFile(tmp_path, {'study': 'halves'}).read() == {}
+    monkeypatch.setattr(chunks, 'code', lambda: {'numpy': '0'})
+    assert ChunkFile(tmp_path, {'study': 'thirds'}).read() == {}
+    assert len(file.read()) == COUNT
+
+
+def test_a_killed_worker_process_is_reported_and_the_study_continues(
+        file, tmp_path, on_workers):
+    task, options = Thirds(tmp_path, 5, signal.SIGKILL), Namespace(workers=2, scheduler=None)
+    with pytest.raises(ChunkError, match=r'killed.*the same command continues'):
+        compute(task, COUNT, file, options)
+    assert 0 < len(file.read()) < COUNT
+    assert compute(task, COUNT, file, options) == EXPECTED
+
+
+def test_a_worker_with_other_code_is_refused():
+    with pytest.raises(ChunkError, match='another version of numpy than this process'):
+        chunks.call(b'', {**chunks.code(), 'numpy': '0'}, 0)
+
+
+# The static study
+
+STUDY = ['--methods', 'exact,fixed_pseudo_inverse', '--samples', '4.5e4', '--out']
+
+
+def written(folder):
+    """Return what a study wrote, apart from times."""
+    found = json.loads((folder / 'static.json').read_text())
+    for own in found['methods'].values():
+        del own['time']
+    rows = (folder / 'static.csv').read_text().splitlines()
+    place = rows[0].split(',').index('time')
+    return found, [[word for i, word in enumerate(row.split(',')) if i != place] for row in rows]
+
+
+@pytest.fixture(scope='module', autouse=True)
+def plain():
+    """Draw no plots, and keep few rows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(static_study, 'draw', lambda *_: None)
+        patch.setattr(static_study, 'KEPT', 1000)
+        yield
+
+
+@pytest.fixture(scope='module')
+def serial(tmp_path_factory):
+    out = tmp_path_factory.mktemp('serial')
+    assert main([*STUDY, str(out), '--workers', '1']) == 0
+    return written(out)
+
+
+def test_the_static_study_has_the_same_bits_on_workers(
+        serial, tmp_path, on_workers, capsys, monkeypatch):
+    assert main([*STUDY, str(tmp_path), '--workers', '2']) == 0
+    assert written(tmp_path) == serial
+    assert serial[0]['samples'] == 45_000
+    assert len(serial[1]) == 1 + 2 * 1000
+    assert 'static.csv has the rows of the first 1000 samples' in capsys.readouterr().out
+    assert list(tmp_path.glob('chunks*')) == []
+    # Chunks of several batches: other sums, but nothing else.
+    monkeypatch.setattr(chunks, 'CHUNKS_MAX', 2)
+    assert main([*STUDY, str(tmp_path), '--workers', '2']) == 0
+    for name, own in written(tmp_path)[0]['methods'].items():
+        for error in ('force_error', 'torque_error'):
+            before = serial[0]['methods'][name][error]
+            assert own[error]['mean'] == pytest.approx(before['mean'], rel=1e-12)
+            assert own[error]['max'] == before['max']
+        assert own['violations'] == serial[0]['methods'][name]['violations']
+
+
+def test_more_rows_are_kept_on_request(tmp_path, capsys):
+    assert main([*STUDY, str(tmp_path), '--rows', '12000']) == 0
+    assert len(written(tmp_path)[1]) == 1 + 2 * 12_000
+    with pytest.raises(SystemExit):
+        main([*STUDY, str(tmp_path), '--rows', '999'])
+    assert 'need at least 1000' in capsys.readouterr().err
+
+
+# Dask
+
+@pytest.fixture(scope='module')
+def cluster():
+    distributed = pytest.importorskip('distributed')
+    with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=':0') as cluster:
+        yield cluster
+
+
+def test_dask_repeats_the_chunk_of_a_killed_worker(cluster, file, tmp_path):
+    task = Thirds(tmp_path, 5, signal.SIGKILL)
+    options = Namespace(workers=None, scheduler=cluster.scheduler_address)
+    assert compute(task, COUNT, file, options) == EXPECTED
+    assert Path(tmp_path / 'computed.sent').exists()
+
+
+def test_the_static_study_has_the_same_bits_on_a_cluster(cluster, serial, tmp_path):
+    assert main([*STUDY, str(tmp_path), '--scheduler', cluster.scheduler_address]) == 0
+    assert written(tmp_path) == serial
+
+
+def test_a_scheduler_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
+    distributed = pytest.importorskip('distributed')
+    assert distributed
+    assert main([*STUDY, str(tmp_path), '--scheduler', 'nowhere']) == 1
+    assert capsys.readouterr().err.startswith('static_study: --scheduler nowhere: ')
