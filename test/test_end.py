@@ -16,7 +16,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
-from ros import BEST_EFFORT, RELIABLE, Graph, executable, wrench
+from ca_ros.testing import BEST_EFFORT, RELIABLE, Graph, executable, wrench
 
 ENDS = int(os.environ.get('CA_ROS_ENDS', '2'))
 AT_ONCE = 5
