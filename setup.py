@@ -9,6 +9,8 @@ solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
+# What `ca_ros.testing` needs, besides ROS.
+testing = ['psutil>=5.9', 'pytest>=7.4']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
 cluster = ['distributed>=2024.1']
@@ -40,6 +42,7 @@ setup(
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',
     packages=find_packages(include=[package, f'{package}.*']),
+    py_modules=['pytest_ca_ros'],
     package_data={
         package: [
             'py.typed', 'evaluation/benchmark/*.c', 'evaluation/templates/*',
@@ -79,6 +82,8 @@ setup(
         'studies': studies,
         # Studies on a Dask cluster, `--scheduler`.
         'cluster': [*cluster, *studies],
+        # Tests of one's own nodes.
+        'testing': testing,
         # The solvers of others in `benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
         # For `make docs`.
@@ -91,8 +96,6 @@ setup(
             'hypothesis',
             'mcap-ros2-support>=0.5.5',
             'mypy~=2.4.1',
-            'psutil',
-            'pytest>=7.4',
             'pytest-timeout',
             'pytest-xdist',
             'ruff~=0.17.5',
@@ -102,9 +105,11 @@ setup(
             *cluster,
             *peers,
             *studies,
+            *testing,
         ],
     },
     entry_points={
         'console_scripts': [f'{command} = {package}.commands:{command}' for command in commands],
+        'pytest11': [f'{package} = pytest_ca_ros'],
     },
 )

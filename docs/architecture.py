@@ -14,7 +14,7 @@ PAGE, PACKAGE = DOCS / 'architecture.md', DOCS.parent / 'ca_ros'
 
 ORDER = (
     'vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'flight', 'nodes',
-    'bringup', 'evaluation',
+    'bringup', 'evaluation', 'testing',
 )
 """The subpackages, each after those that it imports; others come last."""
 

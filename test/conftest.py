@@ -12,6 +12,8 @@ os.environ |= {
     'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'ROS_PYTHON_CHECK_FIELDS': '1',
+    # Several tests share a processor.
+    'CA_ROS_TEST_DEADLINE': '240',
 }
 
 
@@ -19,22 +21,11 @@ os.environ |= {
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-pytest.register_assert_rewrite('ros')
-
 
 @pytest.fixture(scope='session', autouse=True)
 def _logs(tmp_path_factory):
     """Keep the logs of ROS out of the user's own."""
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('log'))
-
-
-@pytest.fixture
-def graph():
-    """Give a test a ROS graph of its own."""
-    from ros import Graph
-
-    with Graph() as graph:
-        yield graph
 
 
 @pytest.hookimpl(tryfirst=True)

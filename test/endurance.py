@@ -15,7 +15,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ros import busy_processors, counts, wrench
+from ca_ros.testing import counts, wrench
+from load import busy_processors
 from test_node_allocator import some_wrenches
 
 SECONDS = float(os.environ.get('CA_ROS_SOAK', '600'))

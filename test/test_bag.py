@@ -16,7 +16,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 
 from ca_ros.bringup.bag import LOOP, RECORDED, Bag
-from ros import Graph
+from ca_ros.testing import Graph
 
 pytest.importorskip('rosbags', reason="needs the extra 'bag'")
 make_reader = pytest.importorskip('mcap.reader', reason="needs the extra 'test'").make_reader

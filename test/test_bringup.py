@@ -20,8 +20,9 @@ from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import DECLARED, load
 from ca_ros.problem.audit import audit
+from ca_ros.testing import DEADLINE
 from ca_ros.vehicle.files import find
-from ros import DEADLINE, fly_in_real_time
+from load import fly_in_real_time
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""

@@ -22,7 +22,7 @@ from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameters import load
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.topics import TOPICS
-from ros import DEADLINE
+from ca_ros.testing import DEADLINE
 from test_bringup import fly_offline
 
 DURATION = 6.0

@@ -10,7 +10,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ros import executable, wrench
+from ca_ros.testing import executable, wrench
 
 
 def pipe():

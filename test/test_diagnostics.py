@@ -17,7 +17,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import Vehicle, make_allocator
-from ros import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts, wrench
+from ca_ros.testing import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts, wrench
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)

@@ -13,7 +13,7 @@ import pytest
 
 from ca_ros.commands import NODES
 from ca_ros.nodes.topics import TOPICS
-from ros import executable
+from ca_ros.testing import executable
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(

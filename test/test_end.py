@@ -4,7 +4,6 @@ CA_ROS_ENDS says how many allocators each signal ends (default 2).
 """
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
-from ros import BEST_EFFORT, RELIABLE, Graph, executable, wrench
+from ca_ros.testing import BEST_EFFORT, RELIABLE, Graph, executable, wrench
 
 ENDS = int(os.environ.get('CA_ROS_ENDS', '2'))
 AT_ONCE = 5
@@ -89,16 +88,8 @@ def test_a_signal_leaves_the_rotors_idle(number, record_property):
     record_property(f'last words after {number.name}', f'{ENDS} of {ENDS}')
 
 
-BLOCKED = re.compile(
-    r'Timeout \(.*\)!\nThread \S+ \(most recent call first\):\n'
-    r'  File ".*/rclpy/node\.py", line \d+ in destroy_node\n')
-"""The last words of a node whose middleware blocks after its last command: docs/reliability.md."""
-
-
 def check_clean(process, out, err):
     """It ended as it should, and said nothing of a bug."""
-    if process.returncode == 1 and BLOCKED.search(err):
-        pytest.xfail('Fast DDS blocked while the node was destroyed')
     assert (process.returncode, out) == (0, ''), err
     assert 'Traceback' not in err, err
 

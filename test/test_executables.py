@@ -44,7 +44,7 @@ def test_signals_end_the_nodes_cleanly_in_full_flight(graph, number):
         node.send_signal(number)
     for node in nodes:
         out, err = graph.outlive(node)
-        assert (node.returncode, out) == (0, '')
+        assert (node.returncode, out) == (0, ''), err
         assert 'Traceback' not in err
 
 

@@ -8,7 +8,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.nodes.executor import Executor
-from ros import DEADLINE
+from ca_ros.testing import DEADLINE
 
 
 def test_a_response_that_comes_too_late_is_logged(graph, capfd):

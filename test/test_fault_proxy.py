@@ -15,7 +15,8 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.fault_proxy import PREFIX, remaps
 from ca_ros.bringup.link_faults import FAULTS, LINK_CORRUPTIONS, Faults, corrupted
-from ros import BEST_EFFORT, DEADLINE, Graph, fly_in_real_time, six, wrench
+from ca_ros.testing import BEST_EFFORT, DEADLINE, Graph, six, wrench
+from load import fly_in_real_time
 from test_bringup import fly_offline
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)

@@ -10,7 +10,8 @@ import time
 import pytest
 from rcl_interfaces.srv import GetParameters
 
-from ros import Diagnostics, counts, start_flood
+from ca_ros.testing import Diagnostics, counts
+from load import start_flood
 from test_watchdog import STALL, stood_still
 
 SECONDS = float(os.environ.get('CA_ROS_FLOOD', '2'))

@@ -18,7 +18,7 @@ from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import DECLARED, load
 from ca_ros.nodes.qos import STANDING
-from ros import Diagnostics
+from ca_ros.testing import Diagnostics
 from test_bringup import fly_offline, read
 
 # The command lines

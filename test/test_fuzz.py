@@ -20,7 +20,7 @@ import test_node_controller
 import test_node_simulator
 from ca_ros import AdmissibleSet
 from ca_ros.flight.rigid_body import NULL_STATE
-from ros import Diagnostics, counts, six, wrench
+from ca_ros.testing import Diagnostics, counts, six, wrench
 from test_node_allocator import HOVER, some_wrenches, twin
 from test_node_controller import LAW, REST, WAYPOINT, expected, pose_message, velocity_message
 from test_node_simulator import BODY, STEP, nanoseconds, published, state_array

@@ -18,7 +18,8 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.processes import Processes
 from ca_ros.commands import NODES
-from ros import DEADLINE, Graph, fly_in_real_time
+from ca_ros.testing import DEADLINE, Graph
+from load import fly_in_real_time
 from test_bringup import fly_offline
 
 KILLS = int(os.environ.get('CA_ROS_KILLS', '1'))
@@ -29,12 +30,18 @@ SHORT = '--duration', '1', '--waypoint', '0', '0', '0', '--heading', '0'
 """A flight that is at its waypoint from the start."""
 
 
-@pytest.fixture(autouse=True)
-def _loopback(monkeypatch):
-    """Keep to this machine by its loopback: the range LOCALHOST would bring in shared memory."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
-    monkeypatch.setenv(
-        'FASTRTPS_DEFAULT_PROFILES_FILE', str(Path(__file__).with_name('loopback.xml')))
+LOOPBACK = {
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+    'FASTRTPS_DEFAULT_PROFILES_FILE': str(Path(__file__).with_name('loopback.xml')),
+}
+"""Keeps to this machine by its loopback: the range LOCALHOST would bring in shared memory."""
+
+
+@pytest.fixture
+def graph():
+    """Give a test a graph on the loopback."""
+    with Graph(**LOOPBACK) as graph:
+        yield graph
 
 
 class Flight:
@@ -127,7 +134,7 @@ def check_lines(err, kills):
 @pytest.mark.timeout(3600 + 400 * KILLS)
 def test_in_real_time_the_vehicle_comes_back_to_its_waypoint(tmp_path):
     def flight(factor):
-        with Graph() as graph:
+        with Graph(**LOOPBACK) as graph:
             come_back(graph, tmp_path, factor)
 
     fly_in_real_time(flight)

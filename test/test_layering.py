@@ -33,7 +33,7 @@ ROS = ('rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs'
 EVERY_MODULE = """
 import ca_ros
 
-ROOMS = ('ca_ros.nodes.', 'ca_ros.bringup.', 'ca_ros.evaluation.latency.')
+ROOMS = ('ca_ros.nodes.', 'ca_ros.bringup.', 'ca_ros.evaluation.latency.', 'ca_ros.testing')
 names = [module.name for module in walk_packages(ca_ros.__path__, 'ca_ros.')
          if not module.name.startswith(ROOMS)]
 for name in names:
@@ -169,7 +169,7 @@ def test_an_interrupt_while_a_command_starts_ends_it_without_a_traceback(monkeyp
 # Rooms
 
 ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'flight', 'nodes',
-         'bringup', 'evaluation']
+         'bringup', 'evaluation', 'testing']
 """From the first to the last on the way of a wrench: none imports a later one."""
 
 PACKAGE = Path(__file__).parent.parent / 'ca_ros'
@@ -228,10 +228,9 @@ def test_no_modules_import_each_other_in_a_circle():
 
 def test_ros_is_imported_in_its_rooms_alone():
     packages = ('rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs')
+    rooms = [PACKAGE / room for room in ('nodes', 'bringup', 'evaluation/latency', 'testing')]
     for file in PACKAGE.rglob('*.py'):
-        if not file.is_relative_to(PACKAGE / 'nodes') and not file.is_relative_to(
-                PACKAGE / 'bringup') and not file.is_relative_to(
-                    PACKAGE / 'evaluation' / 'latency'):
+        if not any(file.is_relative_to(room) for room in rooms):
             for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
                 names = [a.name for a in node.names] if isinstance(node, ast.Import) else (
                     [node.module or ''] if isinstance(node, ast.ImportFrom) else [])
@@ -245,7 +244,7 @@ def nodes_of(file):
 
 
 def test_the_private_names_of_rclpy_are_in_one_module():
-    files = [file for room in ('nodes', 'bringup', 'evaluation/latency')
+    files = [file for room in ('nodes', 'bringup', 'evaluation/latency', 'testing')
              for file in (PACKAGE / room).glob('*.py') if file.name != 'rclpy_internals.py']
     assert len(files) > 20
     assert [file for file in files if 'rclpy_implementation' in file.read_text()] == []

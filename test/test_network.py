@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ros import DEADLINE
+from ca_ros.testing import DEADLINE
 from test_bringup import fly_offline
 
 

@@ -13,8 +13,8 @@ from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.options import options_from_parameters
 from ca_ros.nodes.parameters import ALLOCATOR, load
 from ca_ros.problem.audit import audit
+from ca_ros.testing import BEST_EFFORT, RELIABLE, Graph, six, wrench
 from ca_ros.vehicle.parameters import AXES
-from ros import BEST_EFFORT, RELIABLE, Graph, six, wrench
 
 VEHICLE = Vehicle.load('hexarotor')
 GAMMA = control_allocation_matrix(VEHICLE)

@@ -11,7 +11,7 @@ from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ros import DEADLINE, Graph, six
+from ca_ros.testing import DEADLINE, Graph, six
 
 LAW = Controller(
     audit(Vehicle.load('hexarotor')).vehicle, Gains.from_parameters(load('hexarotor')))

@@ -18,7 +18,7 @@ from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.commands import NODES
 from ca_ros.nodes.parameters import ALLOCATOR, DECLARED, PARAMETERS, load
 from ca_ros.schema import REQUIRED
-from ros import Graph, wrench
+from ca_ros.testing import Graph, wrench
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 from test_parameters import SECTIONS, sections
 

@@ -18,7 +18,7 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
     velocity_in_body,
 )
-from ros import Diagnostics, counts
+from ca_ros.testing import Diagnostics, counts
 
 STEP = 10_000_000
 """[ns]"""

@@ -77,7 +77,7 @@ def test_the_source_distribution_has_every_source(tree, sdist):
     assert files(tree) - files(sdist) == set()
     made = {name for name in files(sdist) - files(tree) if 'egg-info' not in name}
     assert made == {'PKG-INFO'}
-    assert {'LICENSE', 'package.xml', 'ca_ros/py.typed', 'resource/ca_ros', 'test/ros.py'} <= (
+    assert {'LICENSE', 'package.xml', 'ca_ros/py.typed', 'resource/ca_ros', 'test/load.py'} <= (
         files(sdist))
 
 
@@ -87,6 +87,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
         names = archive.namelist()
     modules = {
         str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros').rglob('*.py')}
+    assert 'pytest_ca_ros.py' in names
     library = {str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros/kernel').glob('*.[ch]')}
     assert len(library) > 4
     assert modules | library | {

@@ -10,7 +10,7 @@ import psutil
 
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.processes import Processes, start
-from ros import DEADLINE
+from ca_ros.testing import DEADLINE
 
 SLEEP = [sys.executable, '-c', 'import time; time.sleep(1000.0)']
 FAIL = [sys.executable, '-c', 'raise SystemExit(3)']

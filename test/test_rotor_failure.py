@@ -17,7 +17,7 @@ from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures, arguments
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ros import Diagnostics, wrench
+from ca_ros.testing import Diagnostics, wrench
 
 HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
 NEXT = Waypoint.of(1.2, 1.2, 1.06, 0.0)

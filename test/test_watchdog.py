@@ -24,8 +24,9 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.evaluation.environment import stolen
 from ca_ros.nodes.watchdog import TICK, Watchdog
+from ca_ros.testing import Diagnostics, counts, wrench
 from ca_ros.vehicle.parameters import AXES
-from ros import Diagnostics, counts, start_flood, wrench
+from load import start_flood
 from strategies import PARAMETERS, ring
 
 TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '6'))

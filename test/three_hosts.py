@@ -16,7 +16,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
-from ros import DEADLINE, Graph, fly_in_real_time
+from ca_ros.testing import DEADLINE, Graph
+from load import fly_in_real_time
 
 HOSTS = ('ground', 'controller', 'allocator', 'simulator')
 NODES = HOSTS[1:]
@@ -121,7 +122,7 @@ def distance(pose, goal):
 @pytest.mark.parametrize('cut', ['allocator', 'controller'])
 def test_three_hosts_fly_to_the_waypoint_though_a_link_is_cut_in_flight(network, cut):
     def flight(factor):
-        with Graph() as graph:
+        with Graph(ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET') as graph:
             fly_though_a_link_is_cut(network, cut, graph, factor)
 
     fly_in_real_time(flight)

@@ -1,0 +1,73 @@
+"""What the nodes of a graph publish on /diagnostics."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+from ca_ros.nodes.topics import DIAGNOSTICS
+
+if TYPE_CHECKING:
+    from ca_ros.testing.graph import Graph
+
+Status = tuple[bytes, str, dict[str, str]]
+"""Level, message and values of a diagnostic status."""
+
+
+class Diagnostics:
+    """Records the diagnostics of the nodes of a graph.
+
+    Attributes
+    ----------
+    arrays : list of DiagnosticArray
+        All messages so far.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self._graph = graph
+        self.arrays: list[DiagnosticArray] = graph.listen(DiagnosticArray, DIAGNOSTICS.name)
+
+    def all(self, node: str) -> list[Status]:
+        """Return all statuses of a node so far."""
+        return [
+            (status.level, status.message, {pair.key: pair.value for pair in status.values})
+            for array in self.arrays
+            for status in array.status
+            if status.name.startswith(f'{node.lstrip("/")}: ')
+        ]
+
+    def wait(
+        self, node: str, condition: Callable[[bytes, str, dict[str, str]], bool], what: str
+    ) -> Status:
+        """Wait until the newest status of a node fulfils a condition; return the status.
+
+        Parameters
+        ----------
+        node : str
+        condition : callable
+            Called with level, message and values.
+        what : str
+            Description of the condition for the error.
+
+        Raises
+        ------
+        AssertionError
+            If that does not happen before the deadline.
+        """
+
+        def fulfilled() -> bool:
+            statuses = self.all(node)
+            return bool(statuses) and condition(*statuses[-1])
+
+        self._graph.spin_until(fulfilled, f'{node} reports: {what}')
+        return self.all(node)[-1]
+
+
+def counts(values: Mapping[str, str]) -> Counter[str]:
+    """Return the values of a status that are counts; a count that is absent is zero."""
+    return Counter(
+        {key: int(value) for key, value in values.items() if value.isdigit() and '[' not in key}
+    )

@@ -1,0 +1,188 @@
+"""A ROS graph of a test: processes and nodes in a domain of their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import cached_property
+from re import sub
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from ca_ros.bringup.deadline import Deadline
+from ca_ros.testing.parameters import Parameters
+from ca_ros.testing.processes import DEADLINE, Processes
+
+FIRST_PAUSE, LAST_PAUSE = 0.25, 2.0
+"""Pauses between the repetitions of a message that may have been lost [s]."""
+
+LETTING_GO_MAX = 0.3
+"""Longest wait until DDS knows that the processes have ended [s]."""
+
+LENGTH = 500
+"""Length of a message in a report."""
+
+RELIABLE, BEST_EFFORT = (
+    QoSProfile(reliability=reliability, history=HistoryPolicy.KEEP_LAST, depth=1000)
+    for reliability in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT)
+)
+
+
+class Graph(Processes):
+    """A ROS graph: processes, nodes in the process of the test, and the node of the test.
+
+    A context manager; the fixture `graph` of pytest gives each test its own.
+
+    Parameters
+    ----------
+    **environment : str
+        See `Processes`.
+    """
+
+    def __enter__(self) -> Graph:
+        super().__enter__()
+        self._ends: list[tuple[str, Callable[[], int]]] = []
+        self._records: dict[str, list[Any]] = {}
+        return self
+
+    def report(self) -> list[tuple[str, str]]:
+        """Return the output of each process, and the last message of each topic."""
+        topics = '\n'.join(
+            f'{topic}: {len(messages)} messages, last: {_short(messages[-1:])}'
+            for topic, messages in self._records.items()
+        )
+        return [*super().report(), ('topics', topics or 'none recorded')]
+
+    @cached_property
+    def context(self) -> Context:
+        """The context of the nodes in the process of the test."""
+        context = Context()
+        rclpy.init(
+            args=[],
+            context=context,
+            domain_id=self.domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._ending.callback(rclpy.shutdown, context=context)
+        return context
+
+    @cached_property
+    def node(self) -> Node:
+        """The node of the test."""
+        return self.add_node(
+            rclpy.create_node(
+                'test', context=self.context, start_parameter_services=False, enable_rosout=False
+            )
+        )
+
+    @cached_property
+    def _executor(self) -> SingleThreadedExecutor:
+        executor = SingleThreadedExecutor(context=self.context)
+        self._ending.callback(executor.shutdown)
+        return executor
+
+    def add_node(self, node: Node) -> Node:
+        """Let a node in the process of the test work whenever the test waits; return the node.
+
+        Raises
+        ------
+        ValueError
+            If the node is not on the context of the graph.
+        """
+        if node.context is not self.context:
+            raise ValueError(
+                f'{node.get_name()} is not on the graph: create it with context=graph.context')
+        self._ending.callback(node.destroy_node)
+        self._ending.callback(self._let_go)
+        self._executor.add_node(node)
+        return node
+
+    def _let_go(self) -> None:
+        """Wait until DDS knows that the processes have ended: it may block in `destroy_node`.
+
+        Killed processes do not say that they end.
+        """
+        limit = Deadline(LETTING_GO_MAX)
+        while any(matched() for _, matched in self._ends) and not limit.passed():
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def publisher(self, kind: type[Any], topic: str, qos: QoSProfile = RELIABLE) -> Publisher:
+        """Return a publisher."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        self._ends.append((topic, publisher.get_subscription_count))
+        return publisher
+
+    def listen(self, kind: type[Any], topic: str, qos: QoSProfile = RELIABLE) -> list[Any]:
+        """Return a list that grows with the messages of a topic."""
+        messages: list[Any] = []
+        subscription = self.node.create_subscription(kind, topic, messages.append, qos)
+        self._ends.append((topic, subscription.get_publisher_count))
+        self._records[topic] = messages
+        return messages
+
+    def connect(self, name: str, parameter: str = 'use_sim_time') -> Parameters:
+        """Wait until both ends of all topics have matched; return the parameters of a node.
+
+        DDS announces the ends of a process in the order of their creation: a node that answers
+        the client of a service knows all ends that were created before the client.
+
+        Parameters
+        ----------
+        name : str
+            Name of the node, with its namespace if it has one.
+        parameter : str
+            A parameter of the node.
+        """
+        parameters = Parameters(self.node, name, self.spin_until)
+        for topic, matched in self._ends:
+            self.spin_until(matched, f'{topic}: matched')
+        parameters.get(parameter)
+        return parameters
+
+    def spin_until(
+        self,
+        condition: Callable[[], object],
+        what: str,
+        repeat: Callable[[], object] | None = None,
+        deadline: float = DEADLINE,
+    ) -> None:
+        """Let the nodes work until a condition holds.
+
+        Parameters
+        ----------
+        condition : callable
+        what : str
+            Description of the condition for the error.
+        repeat : callable, optional
+            Called at the start and then at growing intervals, for messages that may be lost.
+        deadline : float
+            Time limit, without stalls of the machine [s].
+
+        Raises
+        ------
+        AssertionError
+            If the condition does not hold in time, or if a process ends meanwhile.
+        """
+        limit, again, pause = Deadline(deadline), time.monotonic(), FIRST_PAUSE
+        while not condition():
+            if ended := self.ended():
+                raise AssertionError(f'{what}: waited in vain, {"; ".join(ended)}')
+            if limit.passed():
+                raise AssertionError(f'{what}: not within {deadline:g} s')
+            if repeat and time.monotonic() >= again:
+                repeat()
+                again, pause = time.monotonic() + pause, min(2.0 * pause, LAST_PAUSE)
+            self._executor.spin_once(timeout_sec=0.1)
+
+
+def _short(messages: list[Any]) -> str:
+    """Return messages as text of a few lines, without the modules of their types."""
+    text = sub(r'\w+\.msg\.', '', ', '.join(map(str, messages))) or 'none'
+    return text if len(text) < LENGTH else f'{text[:LENGTH]} ...'
