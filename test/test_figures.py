@@ -14,7 +14,8 @@ from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, animate
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.flight_metrics import judge_samples
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.plots import COLORS, FORMATS, draw_flight, formats, save
+from ca_ros.flight.figures import COLORS, FORMATS, formats, save
+from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory

@@ -16,8 +16,8 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.plot_style import title
-from ca_ros.flight.plots import COLORS, DASHED, STYLE
+from ca_ros.evaluation.plot_style import failing, title
+from ca_ros.flight.figures import COLORS, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.waypoint import Waypoint
@@ -62,7 +62,7 @@ def animate(
     start = max(0.0, min(moments) - LEAD) if moments else 0.0
     grounds = {name: _ground(flight, moments) for name, flight in flights.items()}
     frames = []
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(style()):
         figure = Figure(figsize=(4.0 * len(flights), 6.0), dpi=100)
         canvas: Any = FigureCanvasAgg(figure)
         place = {'left': 0.07, 'right': 0.99, 'bottom': 0.4, 'top': 0.91, 'wspace': 0.06}
@@ -113,10 +113,7 @@ def _plots(
         part = slice(0, grounds[name] + 1)
         for plot, key in zip(column, ('margin', 'torque_error'), strict=True):
             values = samples[name][key].to_numpy()
-            plot.plot(flight.time[part], values[part], color='black')
-            plot.axhline(0.0, **DASHED)
-            for moment in moments:
-                plot.axvline(moment, color=LOST, linestyle=':', linewidth=1.2)
+            failing(plot, flight.time[part], values[part], moments)
             [cursor] = plot.plot([], [], 'o', color=THRUST, markersize=8, clip_on=False, zorder=5)
             cursors[name].append((cursor, values))
         column[-1].set_xlabel('time [s]')

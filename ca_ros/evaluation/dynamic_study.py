@@ -149,7 +149,8 @@ def _write(
     write(out / 'dynamic', rows, found, text)
     if options.animate:
         animate(out / 'animation.gif', flights, samples, case.vehicle, goal, failures)
-    draw(out, flights, samples, case.vehicle, goal, failures, options.figures)
+    style = options.figures, options.figure_width
+    draw(out, flights, samples, case.vehicle, goal, failures, *style)
     return text
 
 

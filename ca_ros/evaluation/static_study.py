@@ -134,7 +134,8 @@ def _write(
     }
     text = document(found)
     write(out / 'static', rows.drop(columns='violation'), found, text)
-    draw(out, AdmissibleSet(case.problem), allocators, rows, found['timing'], options.figures)
+    style = options.figures, options.figure_width
+    draw(out, AdmissibleSet(case.problem), allocators, rows, found['timing'], *style)
     return text
 
 
