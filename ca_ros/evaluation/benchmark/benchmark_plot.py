@@ -65,7 +65,7 @@ def _draw_calls(axes: Axes, calls: pd.DataFrame) -> None:
     axes.set_yticks(range(len(names)), [title(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel('time per call [µs]')
-    axes.legend(ncols=across(4, 1.5), **ABOVE)
+    axes.legend(ncols=2, **ABOVE)
 
 
 def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
@@ -74,10 +74,12 @@ def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
         load: {'marker': MARKERS[load], 'linestyle': LINES[load], 'markersize': 3.5}
         for load in LINES
     }
-    for color, (name, own) in zip(COLORS, growth.groupby('contender', sort=False), strict=False):
-        handles.append(Line2D([], [], label=title(name), color=color))
+    for i, (name, own) in enumerate(growth.groupby('contender', sort=False)):
+        # The width tells contenders apart in grey.
+        line: dict[str, Any] = {'color': COLORS[i], 'linewidth': (0.7, 2.2, 1.2)[i % 3]}
+        handles.append(Line2D([], [], label=title(name), **line))
         for load, part in own.groupby('load'):
-            axes.plot(part['rotors'], 1e6 * part['time'], color=color, **looks[load])
+            axes.plot(part['rotors'], 1e6 * part['time'], **line, **looks[load])
     handles += [Line2D([], [], label=load, color='grey', **look) for load, look in looks.items()]
     axes.set_xscale('log', base=2)
     axes.set_yscale('log')
@@ -86,4 +88,4 @@ def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
     axes.minorticks_off()
     axes.set_xlabel("rotors of the paper's hexarotor")
     axes.set_ylabel('time per call [µs]')
-    axes.legend(handles=handles, ncols=2, fontsize='small', handlelength=3, **ABOVE)
+    axes.legend(handles=handles, ncols=2, columnspacing=1.0, handlelength=2.5, **ABOVE)
