@@ -91,7 +91,7 @@ def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
             case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes)
         samples[method] = judge_samples(flight, case.controller(), WAYPOINT, changes)
     path = tmp_path / 'animation.gif'
-    animate(path, flights, samples, case.vehicle, WAYPOINT, failures)
+    animate(path, flights, samples, case.vehicle, Trajectory.to(WAYPOINT), failures)
     with Image.open(path) as film:
         assert film.n_frames == 15
         assert film.info['loop'] == 0

@@ -148,7 +148,7 @@ def _write(
     text = document(found)
     write(out / 'dynamic', rows, found, text)
     if options.animate:
-        animate(out / 'animation.gif', flights, samples, case.vehicle, goal, failures)
+        animate(out / 'animation.gif', flights, samples, case.vehicle, options.goals, failures)
     style = options.figures, options.figure_width
     draw(out, flights, samples, case.vehicle, goal, failures, *style)
     return text

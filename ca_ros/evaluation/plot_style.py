@@ -80,9 +80,11 @@ def entries_of(methods: Sequence[str], coinciding: bool = False) -> list[Line2D]
     return entries({title(method): look for method, look in looks.items()})
 
 
-def failing(axes: Axes, time: Array, values: Array, moments: Sequence[float]) -> None:
+def failing(
+    axes: Axes, time: Array, values: Array, moments: Sequence[float], **look: Any
+) -> None:
     """Draw values over time [s]; zero is dashed, and the moments of failures are dotted."""
     axes.plot(time, values, color='black')
     axes.axhline(0.0, **DASHED)
     for moment in moments:
-        axes.axvline(moment, **FAILED)
+        axes.axvline(moment, **{**FAILED, **look})
