@@ -25,7 +25,7 @@ from ca_ros.evaluation.plot_style import title
 from ca_ros.evaluation.sampling import samples
 from ca_ros.evaluation.tables import number, table
 from ca_ros.evaluation.wrench_metrics import NOTED, metrics
-from ca_ros.flight.plots import STYLE, save
+from ca_ros.flight.figures import save, sheet, style
 
 DOCS = Path(__file__).resolve().parent
 PAGE, FIGURE = DOCS / 'comparison.md', DOCS / 'comparison'
@@ -140,26 +140,26 @@ def draw(
     """Draw four metrics as bars, one row per method; black is `exact`."""
     count = len(found['exact'])
     panels: dict[str, list[float]] = {
-        'attainable wrenches\nmissed [%]': [100.0 * own['missed'] for own in wrenches.values()],
-        'roll and pitch lost,\nunattainable [%]': [
+        'attainable\nwrenches\nmissed [%]': [100.0 * own['missed'] for own in wrenches.values()],
+        'roll and pitch\nlost, unat-\ntainable [%]': [
             100.0 * own['outside']['lost']['roll and pitch'] for own in wrenches.values()
         ],
-        'with a reversed axis,\nunattainable [%]': [
+        'reversed axis,\nunattainable\n[%]': [
             100.0 * own['outside']['reversed'] for own in wrenches.values()
         ],
         f'flights lost\nof {count}': [
             float(sum(not each.recovered for each in own.values())) for own in found.values()
         ],
     }
-    with matplotlib.rc_context({**STYLE, 'font.size': 13}):
-        figure = Figure(figsize=(13.0, 5.6), layout='constrained')
+    with matplotlib.rc_context(style()):
+        figure, body = sheet(3.4)
         for axes, (words, values) in zip(
-            figure.subplots(1, len(panels), sharey=True), panels.items(), strict=True
+            body.subplots(1, len(panels), sharey=True), panels.items(), strict=True
         ):
             colors = ['black' if name == 'exact' else '0.65' for name in found]
             bars = axes.barh([title(name) for name in found], values, color=colors)
             axes.bar_label(bars, [f'{value:.0f}' for value in values], padding=4)
-            axes.set_title(words, fontsize=13)
+            axes.set_title(words)
             axes.set_xlim(0.0, 1.25 * max(values))
             axes.set_xticks([])
             axes.grid(False)

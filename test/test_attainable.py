@@ -19,7 +19,7 @@ def grey(path):
 @pytest.mark.parametrize('arguments', [
     ['--axes', 'roll,pitch', '--health', '3:0.6'],
     ['--axes', 'roll,pitch,yaw', '--health', '3:0'],
-    ['--axes', 'thrust,yaw', '--projection', '--size', 'column'],
+    ['--axes', 'thrust,yaw', '--projection', '--figure-width', 'column'],
     ['--vehicle', 'admire'],
     ['--vehicle', 'rov', '--axes', 'force_x,force_y,thrust', '--at', 'yaw=5,roll=-3'],
 ])

@@ -14,7 +14,8 @@ from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, animate
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.flight_metrics import judge_samples
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.plots import COLORS, FORMATS, draw_flight, formats, save
+from ca_ros.flight.figures import COLORS, FORMATS, formats, save
+from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
@@ -90,7 +91,7 @@ def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
             case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes)
         samples[method] = judge_samples(flight, case.controller(), WAYPOINT, changes)
     path = tmp_path / 'animation.gif'
-    animate(path, flights, samples, case.vehicle, WAYPOINT, failures)
+    animate(path, flights, samples, case.vehicle, Trajectory.to(WAYPOINT), failures)
     with Image.open(path) as film:
         assert film.n_frames == 15
         assert film.info['loop'] == 0

@@ -23,7 +23,8 @@ from ca_ros.bringup.processes import note_signals
 from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError
-from ca_ros.flight.plots import draw_flight, save
+from ca_ros.flight.figures import save
+from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.trajectory import trajectory_of
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
@@ -112,7 +113,7 @@ def _write(options: argparse.Namespace, flown: Flown) -> None:
     flown.flight.write_csv(files[0])
     try:
         vehicle = Vehicle.from_parameters(flown.parameters)
-        figure = draw_flight(flown.flight, vehicle, options.goals)
+        figure = draw_flight(flown.flight, vehicle, options.goals, options.figure_width)
         files += save(figure, options.out / 'flight', options.figures)
     except ModuleNotFoundError as missing:
         print(f"  no plot       needs {missing.name}: pip install 'ca_ros[studies]'")

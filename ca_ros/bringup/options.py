@@ -14,7 +14,7 @@ from ca_ros.arguments import HelpFormatter, finite, full_name, renamed
 from ca_ros.bringup.fault_proxy import remaps
 from ca_ros.bringup.link_faults import FAULTS
 from ca_ros.commands import COMMANDS, NODES
-from ca_ros.flight.plots import add_option
+from ca_ros.flight.figures import add_options as add_figure_options
 from ca_ros.flight.rotor_failures import add_options as add_failure_options
 from ca_ros.flight.rotor_failures import failures_of
 from ca_ros.flight.trajectory import add_options as add_trajectory_options
@@ -53,7 +53,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar='DIR',
         help='folder of the results (default: a new one here, flight_DATE_TIME)',
     )
-    add_option(parser)
+    add_figure_options(parser)
     parser.add_argument(
         '--bag',
         type=Path,

@@ -1,4 +1,4 @@
-"""An animation of flights with rotor failures as a GIF file, one column per method."""
+"""An animation of flights as a GIF file, methods side by side."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.plot_style import title
-from ca_ros.flight.plots import COLORS, DASHED, STYLE
+from ca_ros.evaluation.plot_style import failing, title
+from ca_ros.flight.figures import COLORS, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -28,6 +29,12 @@ FRAMES_PER_SECOND = 12.5
 
 LEAD = 1.0
 """Time before the first failure at which the animation starts [s]."""
+
+ACROSS = 4
+"""Number of methods side by side; more stand in further rows."""
+
+ERROR_SHOWN = 0.01
+"""Least upper end of the scale of the torque error [N m]."""
 
 PAUSE = 1.5
 """Time for which the last frame is shown [s]."""
@@ -48,33 +55,42 @@ def animate(
     flights: Mapping[str, Flight],
     samples: Mapping[str, pd.DataFrame],
     vehicle: Vehicle,
-    waypoint: Waypoint,
+    trajectory: Trajectory,
     failures: RotorFailures,
 ) -> None:
     """Write an animation of flights, in real time, as a GIF file.
 
     Each column shows the vehicle as it is at the start, with the thrust of each rotor as an
     arrow, and below it margin and torque error from `judge_samples`. The view follows the vehicle;
-    all columns have one scale. A vehicle that falls below its start after a failure stays there.
+    all vehicles have one scale. Up to `ACROSS` columns stand in a row. A + marks the waypoint that
+    counts at the time. A vehicle that falls below its start after a failure stays there.
     """
     moments = [time / 1e9 for time in failures.times()]
     end = max(float(flight.time[-1]) for flight in flights.values())
     start = max(0.0, min(moments) - LEAD) if moments else 0.0
     grounds = {name: _ground(flight, moments) for name, flight in flights.items()}
     frames = []
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(4.0 * len(flights), 6.0), dpi=100)
+    with matplotlib.rc_context(style()):
+        columns = min(len(flights), ACROSS)
+        rows = [list(flights)[i : i + columns] for i in range(0, len(flights), columns)]
+        figure = Figure(figsize=(4.0 * columns, 6.0 * len(rows)), dpi=100)
         canvas: Any = FigureCanvasAgg(figure)
         place = {'left': 0.07, 'right': 0.99, 'bottom': 0.4, 'top': 0.91, 'wspace': 0.06}
-        grid = figure.add_gridspec(1, len(flights), **place)
         look: dict[str, Any] = {'projection': '3d', 'computed_zorder': False}
-        scenes = [figure.add_subplot(grid[0, i], **look) for i in range(len(flights))]
-        cursors = _plots(figure, flights, samples, grounds, moments, (start, end))
+        parts: Any = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]
+        scenes: list[Any] = []
+        cursors: dict[str, list[tuple[Any, Array]]] = {}
+        for part, row in zip(parts, rows, strict=True):
+            grid = part.add_gridspec(1, columns, **place)
+            scenes += [part.add_subplot(grid[0, i], **look) for i in range(len(row))]
+            own = {name: flights[name] for name in row}
+            cursors |= _plots(part, columns, own, samples, grounds, moments, (start, end))
         for time in np.arange(start, end, 1.0 / FRAMES_PER_SECOND):
+            goal = trajectory.at(round(time * 1e9))
             for scene, (name, flight) in zip(scenes, flights.items(), strict=True):
                 k = min(int(np.searchsorted(flight.time, time + 1e-9)) - 1, grounds[name])
                 health = failures.physical(vehicle.health, round(time * 1e9))
-                _draw_vehicle(scene, flight, k, vehicle.with_health(health), waypoint)
+                _draw_vehicle(scene, flight, k, vehicle.with_health(health), goal)
                 scene.set_title(TITLES.get(name, title(name)), fontsize='x-large', pad=14.0)
                 tilt = f'tilt {np.degrees(flight.tilt[k]):2.0f}°'
                 height = f'height {flight.position[k, 2]:.2f} m'
@@ -96,7 +112,8 @@ def _ground(flight: Flight, moments: Sequence[float]) -> int:
 
 
 def _plots(
-    figure: Figure,
+    figure: SubFigure,
+    columns: int,
     flights: Mapping[str, Flight],
     samples: Mapping[str, pd.DataFrame],
     grounds: Mapping[str, int],
@@ -105,24 +122,25 @@ def _plots(
 ) -> dict[str, list[tuple[Any, Array]]]:
     """Draw the curves; return the marker of the present time on each, and the values."""
     place = {'left': 0.1, 'right': 0.98, 'bottom': 0.09, 'top': 0.38, 'hspace': 0.3}
-    grid = figure.add_gridspec(2, len(flights), wspace=0.1, **place)
+    grid = figure.add_gridspec(2, columns, wspace=0.1, **place)
     axes = grid.subplots(sharex=True, sharey='row', squeeze=False)
     cursors: dict[str, list[tuple[Any, Array]]] = {}
-    for (name, flight), column in zip(flights.items(), axes.T, strict=True):
+    for (name, flight), column in zip(flights.items(), axes.T, strict=False):
         cursors[name] = []
         part = slice(0, grounds[name] + 1)
         for plot, key in zip(column, ('margin', 'torque_error'), strict=True):
             values = samples[name][key].to_numpy()
-            plot.plot(flight.time[part], values[part], color='black')
-            plot.axhline(0.0, **DASHED)
-            for moment in moments:
-                plot.axvline(moment, color=LOST, linestyle=':', linewidth=1.2)
+            failing(plot, flight.time[part], values[part], moments, color=LOST, linewidth=1.2)
             [cursor] = plot.plot([], [], 'o', color=THRUST, markersize=8, clip_on=False, zorder=5)
             cursors[name].append((cursor, values))
         column[-1].set_xlabel('time [s]')
     axes[0, 0].set_ylabel('margin\n[N, N m]')
     axes[1, 0].set_ylabel('torque error\n[N m]')
     axes[0, 0].set_xlim(limits)
+    errors = axes[1, 0]
+    errors.set_ylim(top=max(errors.get_ylim()[1], ERROR_SHOWN))
+    for plot in axes[:, len(flights) :].flatten():
+        plot.remove()
     figure.align_ylabels(axes[:, 0])
     return cursors
 

@@ -12,11 +12,12 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
 from ca_ros.evaluation.sections import AXES
-from ca_ros.flight.plots import COLORS, STYLE, add_option, save
+from ca_ros.flight.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -24,11 +25,7 @@ from ca_ros.schema import ParameterError
 from ca_ros.solver.polytope import Polytope
 from ca_ros.vehicle.vehicle import Vehicle
 
-SIZES = {'column': (3.46, 8.0), 'page': (7.16, 9.0)}
-"""Width [inch] and size of the font [pt] of figures in one and in two columns, as for IEEE."""
-
 HATCHES = ('', '////', '....')
-"""So that sets differ in grey too."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         problem = next(iter(sets.values())).problem
         reference = problem.reference[[names.index(axis) for axis in axes]]
         known = AXES if isinstance(problem, VehicleProblem) else {}
-        figure = draw(found, reference, known, options.size)
+        figure = draw(found, reference, known, options.figure_width)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
@@ -87,9 +84,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar='ROTOR:SHARE,...',
         help='also draw the set after failures: 3:0 without rotor 3, 3:0.6 with 60 %% of it',
     )
-    add('--size', choices=SIZES, default='page', help='width of the figure: one column, or two')
     add('--out', type=Path, default=Path('attainable'), metavar='PATH', help='without the suffix')
-    add_option(made)
+    add_options(made)
     options = made.parse_args(split(argv)[0])
     options.axes = getattr(options, 'axes', None)
     return options
@@ -173,7 +169,7 @@ def draw(
     polytopes: Mapping[str, Polytope],
     reference: Array,
     known: Mapping[str, tuple[str, str]] = AXES,
-    size: str = 'page',
+    width: float = WIDTHS['page'],
 ) -> Figure:
     """Plot polytopes of two axes as filled polygons, or of three axes as bodies.
 
@@ -185,45 +181,55 @@ def draw(
         The reference, hover for a vehicle, which a + marks.
     known : mapping of str to tuple of str
         Name and unit of each axis; other axes have no unit.
-    size : 'column' or 'page'
-        Width of the figure: one column or two.
+    width : float
+        Width of the figure [mm].
     """
     axes = next(iter(polytopes.values())).axes
     labels = ['{} [{}]'.format(*known[axis]) if axis in known else axis for axis in axes]
-    width, font = SIZES[size]
-    with matplotlib.rc_context({**STYLE, 'font.size': font}):
+    with matplotlib.rc_context(style(width)):
+        looks = [_look(i) for i in range(len(polytopes))]
+        handles = [
+            Patch(label=f'{name}: nothing' if each.empty else name, **look)
+            for (name, each), look in zip(polytopes.items(), looks, strict=True)
+        ]
+        height = 0.8 * min(width, 110.0) / INCH
+        figure, body = sheet(height, handles if len(handles) > 1 else [])
         solid = len(axes) == 3
-        figure = Figure(figsize=(width, 0.85 * width), layout='constrained')
-        plot: Any = figure.add_subplot(projection='3d' if solid else None)
-        for i, (name, polytope) in enumerate(polytopes.items()):
+        plot: Any = body.add_subplot(projection='3d' if solid else None)
+        for polytope, look in zip(polytopes.values(), looks, strict=True):
             if not polytope.empty:
-                (_body if solid else _polygon)(plot, polytope, name, i)
-        plot.plot(*reference[:, None], '+', color='black', markersize=9, markeredgewidth=1.6)
+                (_body if solid else _polygon)(plot, polytope, look)
+        plot.plot(*reference[:, None], '+', color='black', markersize=9, mew=1.6, zorder=9)
         plot.set_xlabel(labels[0])
         plot.set_ylabel(labels[1])
         if solid:
-            plot.set_zlabel(labels[2], labelpad=font)
-            plot.set_box_aspect(None, zoom=0.8)
+            plot.set_zlabel(labels[2])
+            for axis in (plot.xaxis, plot.yaxis, plot.zaxis):
+                axis.labelpad = 7.0
+            plot.set_box_aspect(None, zoom=0.85)
+            plot.locator_params(nbins=4)
             plot.auto_scale_xyz(*np.vstack([each.vertices for each in polytopes.values()]).T)
-        if len(polytopes) > 1:
-            figure.legend(loc='outside upper center', ncols=len(polytopes))
+        elif len({known.get(axis, ('', axis))[1] for axis in axes}) == 1:
+            # Axes of one unit have one scale.
+            plot.set_aspect('equal', adjustable='datalim')
     return figure
 
 
-def _polygon(plot: Axes, polytope: Polytope, name: str, i: int) -> None:
-    look: dict[str, Any] = {'edgecolor': COLORS[i], 'hatch': HATCHES[i], 'linewidth': 1.4}
+def _look(i: int) -> dict[str, Any]:
+    """Return the style of set i: sets differ in grey too."""
     face = matplotlib.colors.to_rgba(COLORS[i], 0.25 if i == 0 else 0.35)
-    plot.fill(*polytope.vertices.T, facecolor=face, label=name, **look)
+    return {'facecolor': face, 'edgecolor': COLORS[i], 'hatch': HATCHES[i], 'linewidth': 1.4}
 
 
-def _body(plot: Any, polytope: Polytope, name: str, i: int) -> None:
+def _polygon(plot: Axes, polytope: Polytope, look: dict[str, Any]) -> None:
+    plot.fill(*polytope.vertices.T, **look)
+
+
+def _body(plot: Any, polytope: Polytope, look: dict[str, Any]) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     faces = [polytope.vertices[corners] for corners in polytope.corners()]
-    body = Poly3DCollection(
-        faces, facecolor=COLORS[i], edgecolor=COLORS[i], alpha=0.15 if i == 0 else 0.5, label=name
-    )
-    plot.add_collection3d(body)
+    plot.add_collection3d(Poly3DCollection(faces, **{**look, 'linewidth': 0.8}))
 
 
 if __name__ == '__main__':

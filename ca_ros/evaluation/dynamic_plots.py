@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.flight_metrics import STEADY
-from ca_ros.evaluation.plot_style import legend, sheet, styles, title
-from ca_ros.flight.plots import COLORS, DASHED, STYLE, line, save
+from ca_ros.evaluation.plot_style import FAILED, entries, entries_of, failing, styles, title
+from ca_ros.flight.figures import COLORS, DASHED, WIDTHS, across, line, save, sheet, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.waypoint import Waypoint
@@ -29,12 +31,13 @@ def draw(
     waypoint: Waypoint,
     failures: RotorFailures,
     formats: Sequence[str],
+    width: float = WIDTHS['page'],
 ) -> None:
     """Draw all plots of a dynamic study into a folder; failures have a plot of their own.
 
     The samples are from `judge_samples`; the vehicle is as it is at the start.
     """
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(style(width)):
         plots = {
             'position': _draw_position(flights, waypoint),
             'attitude': _draw_attitude(flights, waypoint),
@@ -48,8 +51,8 @@ def draw(
 
 def _draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     """Draw the position over time, and the error in the last second."""
-    figure, head, body = sheet(7.0, 5.4, len(flights))
-    panels = body.subplots(3, 2, sharex='col', width_ratios=(3, 1))
+    figure, body = sheet(5.4, entries_of(list(flights), coinciding=True))
+    panels = body.subplots(3, 2, sharex='col', width_ratios=(across(3, 1.5), 1))
     for i, (whole, last) in enumerate(panels):
         goal = float(waypoint.position[i])
         paths = {name: flight.position[:, i] for name, flight in flights.items()}
@@ -59,16 +62,17 @@ def _draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
         whole.set_ylabel(f'${"xyz"[i]}$ [m]')
         last.set_ylabel(f'error in ${"xyz"[i]}$ [mm]')
         last.margins(y=0.2)
-    panels[0][1].set_title('last second', fontsize='medium')
+    panels[0][1].set_title('last second')
+    end = max(float(flight.time[-1]) for flight in flights.values())
+    panels[0][1].set_xticks([end - STEADY, end], [f'{end - STEADY:g}', f'{end:g}'])
     for axes in panels[-1]:
         axes.set_xlabel('time [s]')
-    legend(head, panels[0][0].get_lines()[: len(flights)])
     return figure
 
 
 def _draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
     """Draw the attitude over time."""
-    figure, head, body = sheet(7.0, 5.4, len(flights))
+    figure, body = sheet(5.4, entries_of(list(flights), coinciding=True))
     panels = body.subplots(3, 1, sharex=True)
     goals = (None, None, float(np.degrees(waypoint.heading)))
     for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'heading'), panels, strict=True)):
@@ -79,18 +83,17 @@ def _draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
         _lines(axes, flights, angles, goals[i])
         axes.set_ylabel(f'{name} [°]')
     panels[-1].set_xlabel('time [s]')
-    legend(head, panels[0].get_lines())
     return figure
 
 
 def _draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
     """Draw the rotor speeds, one panel per method."""
-    rows, columns = -(-len(flights) // 2), _columns(vehicle)
-    figure, head, body = sheet(7.0, 0.4 + 2.2 * rows, vehicle.n, columns)
+    rows = -(-len(flights) // 2)
+    figure, body = sheet(0.4 + 2.2 * rows, entries(_looks(vehicle)))
     panels = body.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).flatten()
     for (name, flight), axes in zip(flights.items(), panels, strict=False):
         _speeds(axes, flight, vehicle)
-        axes.set_title(title(name), fontsize='medium')
+        axes.set_title(title(name, 22))
         axes.margins(x=0.0)
     for axes in panels[: len(flights) : 2]:
         axes.set_ylabel('rotor speed [rad/s]')
@@ -99,7 +102,6 @@ def _draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
     for axes in panels[max(len(flights) - 2, 0) : len(flights)]:
         axes.tick_params(labelbottom=True)
         axes.set_xlabel('time [s]')
-    legend(head, panels[0].get_lines()[: vehicle.n], columns)
     return figure
 
 
@@ -112,9 +114,13 @@ def _draw_failure(
 ) -> Figure:
     """Draw flights with rotor failures beside each other, one column per method."""
     moments = [time / 1e9 for time in failures.times()]
-    figure, head, body = sheet(3.2 * len(flights) + 0.6, 7.6, vehicle.n, _columns(vehicle))
-    rows = body.subplots(4, len(flights), sharex=True, sharey='row', squeeze=False)
-    for (name, flight), column in zip(flights.items(), rows.T, strict=True):
+    columns = across(len(flights), 1.1)
+    blocks = -(-len(flights) // columns)
+    figure, body = sheet(7.6 * blocks, entries(_looks(vehicle)))
+    grid = body.subplots(4 * blocks, columns, sharex=True, sharey='row', squeeze=False)
+    # Each block has four rows, and a column per method.
+    stacks = grid.reshape(blocks, 4, columns).transpose(0, 2, 1).reshape(-1, 4)
+    for (name, flight), column in zip(flights.items(), stacks, strict=False):
         position, tilt, speeds, margin = column
         for i, axis in enumerate('xyz'):
             # Where coordinates coincide, those below are wider.
@@ -124,40 +130,43 @@ def _draw_failure(
             position.axhline(level, **DASHED)
         tilt.plot(flight.time, np.degrees(flight.tilt), color='black')
         _speeds(speeds, flight, vehicle)
-        margin.plot(flight.time, samples[name]['margin'], color='black')
-        margin.axhline(0.0, **DASHED)
-        for axes in column:
+        failing(margin, flight.time, samples[name]['margin'].to_numpy(), moments)
+        for axes in column[:-1]:
             for moment in moments:
-                axes.axvline(moment, color='black', linestyle=':', linewidth=0.8)
-        position.set_title(title(name), fontsize='medium')
+                axes.axvline(moment, **FAILED)
+        position.set_title(title(name, 15))
+        margin.tick_params(labelbottom=True)
         margin.set_xlabel('time [s]')
+    for axes in stacks[len(flights) :].flatten():
+        axes.remove()
     names = ('position [m]', 'tilt [°]', 'rotor speed [rad/s]', 'margin [N, N m]')
-    for axes, label in zip(rows[:, 0], names, strict=True):
+    for axes, label in zip(grid[:, 0], names * blocks, strict=True):
         axes.set_ylabel(label)
-    first, last = rows[0, 0], rows[3, 0]
-    first.legend(loc='lower left')
+    first = grid[0, 0]
+    first.legend(loc='lower right')
+    first.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     end = max(float(flight.time[-1]) for flight in flights.values())
     first.set_xlim(max(0.0, min(moments) - 2.0), end)
     # A falling vehicle leaves the panel, so that the scale suits the others.
     places = np.concatenate([waypoint.position, np.zeros(3)])
-    first.set_ylim(places.min() - 2.0, places.max() + 1.0)
     margins = pd.concat([own['margin'] for own in samples.values()])
     highest = float(np.nanmax(margins, initial=0.0))
     lowest = max(float(np.nanmin(margins, initial=0.0)), -2.0 * highest)
-    last.set_ylim(lowest - 0.1 * highest, 1.1 * highest or 1.0)
-    legend(head, rows[2, 0].get_lines()[: vehicle.n], _columns(vehicle))
+    for position, _, _, margin in stacks[::columns]:
+        position.set_ylim(places.min() - 2.0, places.max() + 1.0)
+        margin.set_ylim(lowest - 0.1 * highest, 1.1 * highest or 1.0)
     return figure
 
 
-def _columns(vehicle: Vehicle) -> int:
-    return 6 if vehicle.n % 6 == 0 else 4
+def _looks(vehicle: Vehicle) -> dict[str, dict[str, Any]]:
+    """Return the line properties of rotors; where they coincide, those below are wider."""
+    n = vehicle.n
+    return {f'rotor {i + 1}': {**line(i), 'linewidth': 3.0 - 2.1 * i / n} for i in range(n)}
 
 
 def _speeds(axes: Axes, flight: Flight, vehicle: Vehicle) -> None:
-    """Draw the rotor speeds; symmetric rotors coincide, so those below are wider."""
-    for i in range(vehicle.n):
-        look = {**line(i), 'linewidth': 3.0 - 2.1 * i / vehicle.n}
-        axes.plot(flight.time, flight.speeds[:, i], label=f'rotor {i + 1}', **look)
+    for speeds, look in zip(flight.speeds.T, _looks(vehicle).values(), strict=True):
+        axes.plot(flight.time, speeds, **look)
     for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
         axes.axhline(bound, **DASHED)
 
@@ -173,7 +182,7 @@ def _lines(
     for name, look in styles(list(flights), coinciding=True).items():
         time = flights[name].time
         part = time >= time[-1] - last
-        axes.plot(time[part], values[name][part], label=title(name), **look)
+        axes.plot(time[part], values[name][part], **look)
     if goal is not None:
         axes.axhline(goal, **DASHED)
     axes.margins(x=0.0)

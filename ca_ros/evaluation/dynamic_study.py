@@ -147,8 +147,9 @@ def _write(
     text = document(found)
     write(out / 'dynamic', rows, found, text)
     if options.animate:
-        animate(out / 'animation.gif', flights, samples, case.vehicle, goal, failures)
-    draw(out, flights, samples, case.vehicle, goal, failures, options.figures)
+        animate(out / 'animation.gif', flights, samples, case.vehicle, options.goals, failures)
+    style = options.figures, options.figure_width
+    draw(out, flights, samples, case.vehicle, goal, failures, *style)
     return text
 
 

@@ -16,11 +16,11 @@ from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import HelpFormatter
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
-from ca_ros.flight.plots import add_option
+from ca_ros.flight.figures import add_options
 
 NOT_REPEATED = (
-    'out', 'figures', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint', 'heading',
-    'trajectory', 'workers', 'scheduler',
+    'out', 'figures', 'figure_width', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint',
+    'heading', 'trajectory', 'workers', 'scheduler',
 )  # fmt: skip
 """Options that `command` leaves out: places of files and of computation, and what the dynamic
 study adds itself."""
@@ -40,7 +40,7 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
     add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
     add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
-    add_option(made)
+    add_options(made)
     return made
 
 

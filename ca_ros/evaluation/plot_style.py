@@ -1,16 +1,17 @@
-"""The look of the methods, titles and legends in all plots of the studies."""
+"""The look and the titles of the methods in all plots of the studies."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import ceil
+from collections.abc import Mapping, Sequence
 from textwrap import wrap
 from typing import Any
 
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
+from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import PAPER
-from ca_ros.flight.plots import COLORS
+from ca_ros.flight.figures import COLORS, DASHED
 
 STYLES: dict[str, tuple[str, Any, float]] = {
     'exact': (COLORS[5], '-', 5.0),
@@ -30,6 +31,9 @@ OTHERS = [
     for dashes in ((0, (6, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 3)))
     for color in (COLORS[3], COLORS[4], COLORS[0])
 ]
+
+FAILED: dict[str, Any] = {'color': 'black', 'linestyle': ':', 'linewidth': 0.8}
+"""The style of the moments of failures."""
 
 DASH = 1.8
 """Length of the dashes that take turns, in widths of the line."""
@@ -65,20 +69,22 @@ def title(method: str, width: int = 100) -> str:
     return '\n'.join(wrap(method.rpartition(':')[2].replace('_', ' '), width))
 
 
-def sheet(
-    width: float, height: float, entries: int, columns: int | None = None
-) -> tuple[Figure, SubFigure, SubFigure]:
-    """Return a figure, the strip for its legend at the top, and the part below it [inch]."""
-    strip = 0.25 * ceil(entries / (columns or _columns(entries)))
-    figure = Figure(figsize=(width, height + strip), layout='constrained')
-    parts: Any = figure.subfigures(2, 1, height_ratios=(strip, height))
-    return figure, *parts
+def entries(looks: Mapping[str, Mapping[str, Any]]) -> list[Line2D]:
+    """Return the lines of a legend, from line properties by their labels."""
+    return [Line2D([], [], label=label, **look) for label, look in looks.items()]
 
 
-def legend(head: SubFigure, handles: Sequence[Any], columns: int | None = None) -> None:
-    """Put a legend into its strip."""
-    head.legend(handles=handles, loc='center', ncols=columns or _columns(len(handles)))
+def entries_of(methods: Sequence[str], coinciding: bool = False) -> list[Line2D]:
+    """Return the lines of a legend of methods, see `styles`."""
+    looks = styles(methods, coinciding)
+    return entries({title(method): look for method, look in looks.items()})
 
 
-def _columns(entries: int) -> int:
-    return entries if entries <= 4 else 3
+def failing(
+    axes: Axes, time: Array, values: Array, moments: Sequence[float], **look: Any
+) -> None:
+    """Draw values over time [s]; zero is dashed, and the moments of failures are dotted."""
+    axes.plot(time, values, color='black')
+    axes.axhline(0.0, **DASHED)
+    for moment in moments:
+        axes.axvline(moment, **{**FAILED, **look})

@@ -41,17 +41,21 @@ class Section:
         names, reference = admissible.problem.axes, admissible.reference
         known = AXES if isinstance(admissible.problem, VehicleProblem) else {}
         titles = {axis: known.get(axis, (axis, '')) for axis in names}
-        others = [
-            f'{titles[axis][0]} = {value:.3g} {titles[axis][1]}'.rstrip()
-            for axis, value in zip(names, reference, strict=True)
-            if axis not in pair and (axis == 'thrust' or abs(value) > 1e-9)
+        fixed = [axis for axis in names if axis not in pair]
+        values = dict(zip(names, reference, strict=True))
+        zero = ', '.join(axis for axis in fixed if abs(values[axis]) <= 1e-9)
+        words = [
+            f'{axis} {values[axis]:.3g} {titles[axis][1]}'.rstrip()
+            for axis in fixed
+            if abs(values[axis]) > 1e-9
         ]
+        words += [f'{zero} 0'] if zero else []
         return cls(
             [names.index(axis) for axis in pair],
             reference,
             admissible.section(pair).vertices,
             ['{} [{}]'.format(*titles[axis]).removesuffix(' []') for axis in pair],
-            ', '.join(others) or 'other axes at zero',
+            ', '.join(words).replace('_', ' '),
         )
 
     def grid(self, steps: int) -> tuple[Array, Array]:

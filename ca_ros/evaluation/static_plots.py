@@ -10,17 +10,16 @@ import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ca_ros.allocation import Allocator
-from ca_ros.evaluation.judge import ERRORS, VIOLATION, columns, evaluate
-from ca_ros.evaluation.plot_style import legend, sheet, styles, title
+from ca_ros.evaluation.judge import ERRORS, VIOLATION, columns
+from ca_ros.evaluation.plot_style import entries_of, styles, title
 from ca_ros.evaluation.sampling import gauge
-from ca_ros.evaluation.sections import Section, sections
-from ca_ros.flight.plots import COLORS, STYLE, save
+from ca_ros.evaluation.sections import sections
+from ca_ros.evaluation.slice_plots import OUTLINE, draw_slices
+from ca_ros.flight.figures import COLORS, WIDTHS, across, inches, label_decades, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 SHOWN = 10_000
@@ -29,11 +28,7 @@ SHOWN = 10_000
 ERROR_MIN = 1e-18
 """Smaller errors, zero among them, are drawn here [N, N m]."""
 
-COMMANDS, CELLS, BINS = 13, 500, 20
-
-COMMANDED: dict[str, Any] = {'color': 'white', 'edgecolor': 'black', 'linewidth': 0.6, 's': 18}
-ACHIEVED: dict[str, Any] = {'color': COLORS[1], 'linewidth': 0.0, 's': 8}
-OUTLINE: dict[str, Any] = {'facecolor': 'none', 'edgecolor': 'black', 'linewidth': 0.8}
+CELLS, BINS = 500, 20
 
 
 def draw(
@@ -44,20 +39,23 @@ def draw(
     times: Mapping[str, Sequence[float]],
     timing: str,
     formats: Sequence[str],
+    width: float = WIDTHS['page'],
 ) -> None:
     """Draw all plots of a static study into a folder; `times` are of its calls, by method."""
     shown = rows[rows['sample'] < SHOWN]
     single = timing == 'single calls'
-    time = f'time of a {"call" if single else "wrench in a batch"} [s]'
-    calls = pd.concat(pd.DataFrame({'method': name, 'time': own}) for name, own in times.items())
+    time = f'time of a {"call" if single else "wrench in a batch"} [µs]'
+    calls = pd.concat(
+        pd.DataFrame({'method': name, 'time': 1e6 * np.array(own)}) for name, own in times.items()
+    )
     errors = {name: words for name, words in ERRORS.items() if name in rows}
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(style(width)):
         plots = {
             'errors': _draw_distributions(shown, errors),
             'latency': _draw_distributions(
                 calls, {'time': time}, 'samples' if single else 'batches'
             ),
-            'slices': _draw_slices(admissible, allocators),
+            'slices': draw_slices(admissible, allocators),
         }
         if 'pseudo_inverse' in allocators:
             own = shown[shown['method'] == 'pseudo_inverse']
@@ -73,72 +71,36 @@ def _draw_distributions(
     """Draw the cumulative distributions of columns for each method."""
     methods = rows.groupby('method', sort=False)
     looks = styles(list(methods.groups))
-    figure, head, body = sheet(3.0 + 2.0 * len(labels), 3.2, len(methods))
-    panels = body.subplots(1, len(labels), sharey=True, squeeze=False)[0]
+    columns = across(len(labels), 2.2)
+    rows_of_panels = -(-len(labels) // columns)
+    figure, body = sheet(0.5 + 2.5 * rows_of_panels, entries_of(list(methods.groups)))
+    panels = body.subplots(rows_of_panels, columns, sharey=True, squeeze=False).flatten()
     for axes, (key, label) in zip(panels, labels.items(), strict=True):
         for name, own in methods:
             values, counts = np.unique(np.maximum(own[key], ERROR_MIN), return_counts=True)
             shares = np.concatenate([[0.0], np.cumsum(counts) / len(own)])
             values = np.concatenate([values[:1], values])
-            axes.step(values, 100.0 * shares, where='post', label=title(name), **looks[name])
+            axes.step(values, 100.0 * shares, where='post', **looks[name])
         axes.set_xscale('log')
         axes.set_xlabel(label)
-        if key != 'time':
+        if key == 'time':
+            label_decades(axes.xaxis, *axes.get_xlim())
+        else:
             axes.set_xlim(left=ERROR_MIN)
             exponents = range(-15, 1, 3)
             ticks = [ERROR_MIN, *(10.0**exponent for exponent in exponents)]
             axes.set_xticks(ticks, ['0', *(f'$10^{{{exponent}}}$' for exponent in exponents)])
-    panels[0].set_ylabel(f'share of {len(rows) // len(methods)} {what} [%]')
-    legend(head, panels[0].get_lines())
+    for axes in panels[::columns]:
+        axes.set_ylabel(f'share of {len(rows) // len(methods)} {what} [%]')
     return figure
-
-
-def _draw_slices(admissible: AdmissibleSet, allocators: Mapping[str, Allocator]) -> Figure | None:
-    """Draw what each method achieves for a grid of commands in sections of the set."""
-    cuts = sections(admissible, ('roll', 'pitch'), ('roll', 'yaw'))
-    if not cuts:
-        return None
-    figure, head, body = sheet(max(0.8 + 1.9 * len(allocators), 4.5), 0.4 + 2.1 * len(cuts), 3)
-    panels = body.subplots(len(cuts), len(allocators), sharex='row', sharey='row', squeeze=False)
-    for cut, row in zip(cuts, panels, strict=True):
-        for (name, allocator), axes in zip(allocators.items(), row, strict=True):
-            _draw_commands(axes, cut, admissible, name, allocator)
-        row[0].set_ylabel(cut.labels[1])
-        right: Any = row[-1].twinx()
-        right.set_ylabel(cut.title, rotation=270, va='bottom')
-        right.set_yticks([])
-    for name, axes in zip(allocators, panels[0], strict=True):
-        axes.set_title(title(name, 17))
-    outline = Line2D([], [], color='black', linewidth=0.8, label='admissible set')
-    commanded = axes.scatter([], [], **COMMANDED, label='commanded')
-    legend(head, [outline, commanded, axes.scatter([], [], **ACHIEVED, label='achieved')])
-    return figure
-
-
-def _draw_commands(
-    axes: Axes, cut: Section, admissible: AdmissibleSet, name: str, allocator: Allocator
-) -> None:
-    problem = admissible.problem
-    demands = cut.wrenches(*np.meshgrid(*cut.grid(COMMANDS))).reshape(-1, len(problem.axes))
-    demands = demands[admissible.contains(demands)]
-    rows = evaluate(name, allocator, problem, demands, batch=True)
-    commanded = demands[:, cut.rows]
-    achieved = (rows.filter(regex=r'^f_\d+$').to_numpy() @ problem.gamma.T)[:, cut.rows]
-    axes.fill(*cut.outline.T, **OUTLINE)
-    axes.scatter(*commanded.T, **COMMANDED, zorder=2)
-    moves = np.stack([commanded, achieved], axis=1)
-    axes.add_collection(LineCollection(list(moves), color=COLORS[1], linewidth=0.8, zorder=3))
-    axes.scatter(*achieved.T, **ACHIEVED, zorder=4)
-    axes.set_xlabel(cut.labels[0])
-    axes.grid(False)
 
 
 def _draw_violations(admissible: AdmissibleSet, rows: pd.DataFrame) -> Figure:
     """Draw where in the set the pseudo-inverse violates bounds, and by how much."""
     problem = admissible.problem
     cuts = sections(admissible, ('roll', 'pitch'), ('roll', 'yaw'), ('thrust', 'roll'))
-    figure = Figure(figsize=(7.0, 5.6), layout='constrained')
-    panels = figure.subplots(2, 2).flatten()
+    figure, body = sheet(1.6 + 0.6 * inches())
+    panels = body.subplots(2, 2).flatten()
     inverse, images = np.linalg.pinv(problem.gamma).T, []
     for cut, axes in zip(cuts, panels, strict=False):
         points = cut.wrenches(*np.meshgrid(*cut.grid(CELLS)))
@@ -154,14 +116,15 @@ def _draw_violations(admissible: AdmissibleSet, rows: pd.DataFrame) -> Figure:
             axes.use_sticky_edges = False
         axes.fill(*cut.outline.T, **OUTLINE)
         axes.set(xlabel=cut.labels[0], ylabel=cut.labels[1])
-        axes.set_title(cut.title, fontsize='medium')
+        axes.set_title(title(cut.title, 24), loc='right')
         axes.grid(False)
     if images:
         worst = max(image.norm.vmax for image in images)
         for image in images:
             image.set_clim(0.0, worst)
+        bar: Any = {'location': 'top', 'aspect': 40, 'ticks': MaxNLocator(6)}
         label = 'violation before saturation [N]; grey: none'
-        figure.colorbar(images[0], ax=panels[[1, 3]], label=label, ticks=MaxNLocator(6))
+        body.colorbar(images[0], ax=panels, label=label, **bar)
     _draw_share(panels[len(cuts)], admissible, rows)
     for axes in panels[len(cuts) + 1 :]:
         axes.remove()
@@ -179,6 +142,6 @@ def _draw_share(axes: Axes, admissible: AdmissibleSet, rows: pd.DataFrame) -> No
     look: dict[str, Any] = {'color': COLORS[0], 'marker': 'o', 'markersize': 3, 'linewidth': 1.0}
     axes.errorbar(bins['distance'].mean(), 100.0 * share, error, **look)
     axes.set(xlim=(0.0, max(1.0, float(distance.max()))), ylim=(-2.0, 102.0))
-    axes.set_xlabel('from centre (0) to boundary (1) of the set')
-    axes.set_ylabel('samples with a violation [%]')
-    axes.set_title(f'{len(rows)} samples, ± one standard error', fontsize='medium')
+    axes.set_xlabel('distance (boundary: 1)')
+    axes.set_ylabel('with a violation [%]')
+    axes.set_title(f'{len(rows)} samples,\n± standard error', loc='right')

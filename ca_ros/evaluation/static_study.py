@@ -145,8 +145,9 @@ def _write(
     text = document(found)
     write(options.out / 'static', rows.drop(columns='violation'), found, text)
     times = {name: own['time'] for name, own in methods.items()}
+    style = options.figures, options.figure_width
     admissible = AdmissibleSet(case.problem)
-    draw(options.out, admissible, allocators, rows, times, found['timing'], options.figures)
+    draw(options.out, admissible, allocators, rows, times, found['timing'], *style)
     return text
 
 

@@ -36,7 +36,7 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.environment import THREADS, environment, load_average, stolen
 from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
 from ca_ros.evaluation.paper import of_the_paper
-from ca_ros.flight.plots import save
+from ca_ros.flight.figures import save
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 
@@ -59,7 +59,7 @@ def _benchmark(options: argparse.Namespace) -> None:
     found, rows = run(case, list(allocators), plan, options)
     text, out = document(found), options.out / 'benchmark'
     write(out, rows, found, text)
-    save(draw(pd.DataFrame(found['results'])), out, options.figures)
+    save(draw(pd.DataFrame(found['results']), options.figure_width), out, options.figures)
     print(text.partition('\n## Percentiles')[0])
     print(f'written: benchmark.csv, .json, .md and plot in {options.out}')
     if 'error' in found['node']:

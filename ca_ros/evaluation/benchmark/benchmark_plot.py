@@ -13,24 +13,32 @@ from matplotlib.lines import Line2D
 from ca_ros.evaluation.benchmark.contenders import BASELINE
 from ca_ros.evaluation.benchmark.loads import LOADS
 from ca_ros.evaluation.plot_style import title
-from ca_ros.flight.plots import COLORS, DASHED, STYLE
+from ca_ros.flight.figures import COLORS, DASHED, WIDTHS, across, label_decades, sheet, style
 
 MARKERS = dict(zip(LOADS, 'os^vD', strict=False))
 LINES = dict(zip(LOADS, ('--', ':', '-', '-.', (0, (6, 1, 1, 1))), strict=False))
 ABOVE: dict[str, Any] = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0)}
 
 
-def draw(results: pd.DataFrame) -> Figure:
-    """Draw the results of a run, from `summarize`; markers of wrong answers are hollow."""
+def draw(results: pd.DataFrame, width: float = WIDTHS['page']) -> Figure:
+    """Draw the results of a run, from `summarize`; markers of wrong answers are hollow.
+
+    The figure has a width [mm].
+    """
     calls, in_c, growth = (results[results['part'] == part] for part in ('calls', 'C', 'rotors'))
     calls = pd.concat([calls, in_c.assign(contender=in_c['contender'] + ' in C')])
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(style(width)):
         height = 1.4 + 0.26 * max(calls['contender'].nunique(), 9)
-        figure = Figure(figsize=(8.0, height), layout='constrained')
         if growth.empty:
-            _draw_calls(figure.subplots(), calls)
+            figure, body = sheet(height)
+            _draw_calls(body.subplots(), calls)
+        elif across(2, 3.0) == 2:
+            figure, body = sheet(height)
+            left, right = body.subplots(1, 2, width_ratios=(3, 2))
         else:
-            left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+            figure, body = sheet(height + 3.2)
+            left, right = body.subplots(2, 1, height_ratios=(height, 3.2))
+        if not growth.empty:
             _draw_calls(left, calls)
             _draw_growth(right, growth)
     return figure
@@ -53,10 +61,11 @@ def _draw_calls(axes: Axes, calls: pd.DataFrame) -> None:
     unit = calls[(calls['load'] == last) & (calls['contender'] == BASELINE)]
     axes.axvline(1e6 * unit['time'].iloc[0], **DASHED)
     axes.set_xscale('log')
+    label_decades(axes.xaxis, *axes.get_xlim())
     axes.set_yticks(range(len(names)), [title(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel('time per call [µs]')
-    axes.legend(ncols=4, **ABOVE)
+    axes.legend(ncols=2, **ABOVE)
 
 
 def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
@@ -65,15 +74,18 @@ def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
         load: {'marker': MARKERS[load], 'linestyle': LINES[load], 'markersize': 3.5}
         for load in LINES
     }
-    for color, (name, own) in zip(COLORS, growth.groupby('contender', sort=False), strict=False):
-        handles.append(Line2D([], [], label=title(name), color=color))
+    for i, (name, own) in enumerate(growth.groupby('contender', sort=False)):
+        # The width tells contenders apart in grey.
+        line: dict[str, Any] = {'color': COLORS[i], 'linewidth': (0.7, 2.2, 1.2)[i % 3]}
+        handles.append(Line2D([], [], label=title(name), **line))
         for load, part in own.groupby('load'):
-            axes.plot(part['rotors'], 1e6 * part['time'], color=color, **looks[load])
+            axes.plot(part['rotors'], 1e6 * part['time'], **line, **looks[load])
     handles += [Line2D([], [], label=load, color='grey', **look) for load, look in looks.items()]
     axes.set_xscale('log', base=2)
     axes.set_yscale('log')
+    label_decades(axes.yaxis, *axes.get_ylim())
     axes.set_xticks([4, 8, 16, 32], ['4', '8', '16', '32'])
     axes.minorticks_off()
     axes.set_xlabel("rotors of the paper's hexarotor")
     axes.set_ylabel('time per call [µs]')
-    axes.legend(handles=handles, ncols=2, fontsize=8, handlelength=3, **ABOVE)
+    axes.legend(handles=handles, ncols=2, columnspacing=1.0, handlelength=2.5, **ABOVE)

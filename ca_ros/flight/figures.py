@@ -1,0 +1,158 @@
+"""The style, the size and the files of all figures."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    # bringup flies without matplotlib.
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure, SubFigure
+
+COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
+
+STYLE: dict[Any, Any] = {
+    'axes.grid': True,
+    'axes.titlesize': 'medium',
+    'grid.alpha': 0.3,
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'legend.frameon': False,
+    'lines.linewidth': 1.4,
+}
+DASHED: dict[str, Any] = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
+"""The style of waypoints and bounds."""
+
+DASHES: Any = ('-', (0, (5, 1)), (0, (1, 1)))
+
+INCH = 25.4
+WIDTHS = {'column': 88.0, 'page': 181.0}
+"""Widths [mm] of figures in one and in two columns, as for IEEE."""
+
+NARROWEST, WIDEST = 80.0, 500.0
+"""Bounds of the width [mm]: in less, labels would overlap."""
+
+PIXELS = 1400
+"""Least width of a PNG file."""
+
+FORMATS: dict[str, dict[str, None]] = {
+    'png': {},
+    'svg': {'Date': None},
+    'pdf': {'CreationDate': None},
+}
+"""File formats, each with the metadata to leave out, so that equal plots are equal files."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the formats and the width of figures."""
+    parser.add_argument(
+        '--figures',
+        type=formats,
+        default='png',
+        metavar='A,B',
+        help=f'formats of the figures: {", ".join(FORMATS)}',
+    )
+    parser.add_argument(
+        '--figure-width',
+        type=millimetres,
+        default='page',
+        metavar='WIDTH',
+        help=f'{" or ".join(f"{name} ({width:g} mm)" for name, width in WIDTHS.items())} '
+        'as for IEEE, or a number of millimetres',
+    )
+
+
+def formats(text: str) -> list[str]:
+    """Return the formats in a text such as png,svg, for argparse."""
+    words = [word.strip() for word in text.split(',')]
+    for word in words:
+        if word not in FORMATS:
+            raise argparse.ArgumentTypeError(
+                f'{word!r} is no format of figures; there are {", ".join(FORMATS)}'
+            )
+    return list(dict.fromkeys(words))
+
+
+def millimetres(text: str) -> float:
+    """Return the width in a text, by its name or in millimetres, for argparse."""
+    try:
+        width = WIDTHS[text] if text in WIDTHS else float(text)
+        if NARROWEST <= width <= WIDEST:
+            return width
+    except ValueError:
+        pass
+    expected = f'{", ".join(WIDTHS)} or {NARROWEST:g} to {WIDEST:g} mm'
+    raise argparse.ArgumentTypeError(f'{text!r} is no width of figures; expected {expected}')
+
+
+def style(width: float = WIDTHS['page']) -> dict[Any, Any]:
+    """Return the settings of matplotlib for figures of a width [mm] at their final size."""
+    font = 8.0 if width < 120.0 else 9.0
+    return {**STYLE, 'font.size': font, 'figure.figsize': (width / INCH, width / INCH)}
+
+
+def inches() -> float:
+    """Return the width [inch] of figures in the style that is in use."""
+    import matplotlib
+
+    return float(matplotlib.rcParams['figure.figsize'][0])
+
+
+def across(panels: int, least: float) -> int:
+    """Return how many panels of at least some width [inch] are placed side by side."""
+    return max(1, min(panels, int(inches() / least)))
+
+
+def sheet(height: float, handles: Sequence[Any] = ()) -> tuple[Figure, SubFigure]:
+    """Return a figure with a legend at its top, and the part below, of a height [inch].
+
+    The width is that of `style`, which has to be in use.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    font = matplotlib.rcParams['font.size']
+    # An entry's line and gaps are as wide as eight letters.
+    letters = 8 + max((len(handle.get_label()) for handle in handles), default=0)
+    rows = -(-len(handles) // across(len(handles), 0.55 * font / 72.0 * letters))
+    strip = (rows and 0.4 * font + 1.5 * font * rows) / 72.0
+    figure = Figure(figsize=(inches(), height + strip), layout='constrained')
+    if not handles:
+        body: Any = figure.subfigures()
+        return figure, body
+    parts: Any = figure.subfigures(2, 1, height_ratios=(strip, height))
+    head, body = parts
+    head.legend(handles=handles, loc='center', ncols=-(-len(handles) // rows))
+    return figure, body
+
+
+def label_decades(axis: Axis, low: float, high: float) -> None:
+    """Label a logarithmic axis in plain numbers: 1, 2, 5 and 10 where it has few decades."""
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
+    axis.set_major_formatter(StrMethodFormatter('{x:g}'))
+
+
+def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write a figure in each format to the path with the format as suffix; return the files."""
+    import matplotlib
+
+    files = [path.with_name(f'{path.name}.{form}') for form in formats]
+    dpi = max(200.0, PIXELS / figure.get_figwidth())
+    # By default the ids in an SVG file are random, and a PDF file has fonts of Type 3, which many
+    # publishers refuse.
+    with matplotlib.rc_context({'svg.hashsalt': path.name, 'pdf.fonttype': 42}):
+        for file, form in zip(files, formats, strict=True):
+            figure.savefig(file, dpi=dpi, metadata=FORMATS[form])
+    return files
+
+
+def line(i: int) -> dict[str, Any]:
+    """Return the style of line i; dashes tell lines apart in grey, too."""
+    turn = i // len(COLORS)
+    return {'color': COLORS[i % len(COLORS)], 'linestyle': DASHES[(i + turn) % len(DASHES)]}
