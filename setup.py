@@ -75,6 +75,8 @@ setup(
             'ros-std-msgs==5.3.6',
             'ros-geometry-msgs==5.3.6',
             'ros-diagnostic-msgs==5.3.6',
+            'ros-nav-msgs==5.3.6',
+            'ros-std-srvs==5.3.6',
         ],
         # Bags of flights, without a ROS installation.
         'bag': bag,

@@ -35,8 +35,8 @@ STUDIES = ('jinja2', 'matplotlib', 'mistune', 'pandas', 'tqdm')
 """The modules that the extra `studies` installs."""
 
 ROS = (
-    'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'rclpy',
-    'rosgraph_msgs', 'std_msgs',
+    'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs', 'rcl_interfaces',
+    'rclpy', 'rosgraph_msgs', 'std_msgs', 'std_srvs',
 )  # fmt: skip
 """The modules that ROS 2 or the extra `ros` installs."""
 

@@ -19,7 +19,7 @@ from ca_ros.arrays import Array
 from ca_ros.evaluation.flight_metrics import RECOVERED
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Gains
+from ca_ros.flight.gains import Gains
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load

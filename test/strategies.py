@@ -34,6 +34,39 @@ PARAMETERS = {
 }
 
 
+EVERY_EFFECT = {
+    'simulator.sub_steps': 5.0,
+    'simulator.integrator': 'rk4',
+    'simulator.seed': 7.0,
+    'simulator.initial_position': [0.1, -0.1, 0.0],
+    'simulator.initial_velocity': [0.1, 0.0, 0.0],
+    'simulator.initial_angular_velocity': [0.0, 0.1, 0.0],
+    'simulator.initial_attitude': [0.0, 0.0, 0.2, 1.0],
+    'simulator.motor_time_constant': 0.03,
+    'simulator.command_delay': 0.004,
+    'simulator.state_delay': 0.012,
+    'simulator.linear_drag': [0.2, 0.2, 0.1],
+    'simulator.rotor_drag': 1e-5,
+    'simulator.rotational_drag': 1e-4,
+    'simulator.wind': [1.0, -0.5, 0.2],
+    'simulator.gust_intensity': 0.5,
+    'simulator.gust_time': 0.7,
+    'simulator.ground': 'flat',
+    'simulator.mass_factor': 1.05,
+    'simulator.thrust_factor': [0.95, 1.0, 1.02, 0.98, 1.0, 0.97],
+    'simulator.torque_factor': 1.1,
+    'simulator.position_noise': 2e-3,
+    'simulator.velocity_noise': 5e-3,
+    'simulator.attitude_noise': 1e-3,
+    'simulator.angular_velocity_noise': 5e-3,
+    'simulator.position_bias': [0.0, 0.0, 0.01],
+    'simulator.velocity_bias': 1e-3,
+    'simulator.attitude_bias': [1e-3, 0.0, 0.0],
+    'simulator.angular_velocity_bias': 1e-3,
+}
+"""Parameters of the plant, none at its default; the vehicle flies all the same."""
+
+
 def build(positions, spins, others=(), **rotors):
     """Make a vehicle of rotors at positions (n, 3); P in spins is a positive yaw, N a negative."""
     return Vehicle.from_parameters(PARAMETERS | {

@@ -64,7 +64,8 @@ def flight(tmp_path_factory):
     with Graph() as graph:
         process = graph.start_silent(
             'bringup', '--mode', 'lockstep', '--duration', str(DURATION),
-            '--out', str(folder), '--bag', str(folder / 'bag'))
+            '--out', str(folder), '--bag', str(folder / 'bag'), '--ros-args',
+            '-p', 'simulator.publish_clock:=enabled', '-p', 'simulator.publish_odometry:=enabled')
         out, err = graph.outlive(process)
     assert (folder / 'flight.csv').is_file(), out + err
     table = np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)

@@ -23,7 +23,7 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import HEXAROTOR
+from strategies import EVERY_EFFECT, HEXAROTOR
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
 HOVER = 255.73423
@@ -334,7 +334,12 @@ def test_over_ros_the_flights_are_the_same_to_the_last_bit(
     # A parameter other than in the file has to reach the nodes too.
     command = ['--duration', '1', '-p', 'controller.position_stiffness:=1.4']
     # Neither whole milliseconds nor a whole number of steps in a second.
-    command += ['-p', 'simulator.time_step:=0.0133333333333']
+    effects = EVERY_EFFECT | {
+        'simulator.time_step': 0.0133333333333, 'simulator.sub_steps': 4.0,
+        'simulator.command_delay': 0.01, 'simulator.state_delay': 0.02,
+        'controller.integral_gain': 0.5}
+    for name, value in effects.items():
+        command += ['-p', f'{name}:={value}']
     command += ['--methods', 'exact,conventional', '--fail', '2@0.4=0.3', '--announce', '0.25']
     assert main([*command, '--out', str(tmp_path / 'offline')]) == 0
     assert main([*command, '--ros', '--out', str(tmp_path / 'ros')]) == 0

@@ -7,9 +7,13 @@ import time
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_srvs.srv import Trigger
 
 from ca_ros import Vehicle
+from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -19,6 +23,7 @@ from ca_ros.flight.rigid_body import (
     velocity_in_body,
 )
 from ca_ros.testing import Diagnostics, counts
+from strategies import EVERY_EFFECT
 
 STEP = 10_000_000
 """[ns]"""
@@ -102,6 +107,38 @@ def test_lockstep_takes_the_steps_of_the_rigid_body_to_the_last_bit(graph):
     assert {m.header.frame_id for m in client.velocities} == {'base_link'}
 
 
+def test_with_every_effect_a_reset_repeats_the_flight_to_the_last_bit(graph):
+    words = [word for name, value in EVERY_EFFECT.items() for word in ('-p', f'{name}:={value}')]
+    client = Client(
+        graph, 'lockstep', *words, '-p', 'simulator.publish_clock:=enabled',
+        '-p', 'simulator.publish_odometry:=enabled')
+    clock = graph.listen(Clock, '/clock')
+    odometry = graph.listen(Odometry, 'local_position/odometry')
+    reset = graph.node.create_client(Trigger, 'simulator/reset')
+    body = body_of(BODY.vehicle, EVERY_EFFECT)
+    for _ in range(2):
+        plant, rng = Plant(body, EVERY_EFFECT), np.random.default_rng(0)
+        assert client.state(0).tobytes() == published(plant.measured).tobytes()
+        for i in range(30):
+            speeds = rng.uniform(200.0, 350.0, 6)
+            client.send(speeds, i * STEP)
+            plant.step(speeds)
+            assert client.state((i + 1) * STEP).tobytes() == published(plant.measured).tobytes()
+        graph.spin_until(lambda: odometry and nanoseconds(odometry[-1]) == 30 * STEP, 'odometry')
+        times = [each.clock.sec * 10**9 + each.clock.nanosec for each in clock]
+        assert {*times} >= {i * STEP for i in range(1, 31)}
+        both, pose, velocity = odometry[-1], client.poses[-1], client.velocities[-1]
+        assert (both.header, both.pose.pose) == (pose.header, pose.pose)
+        assert (both.child_frame_id, both.twist.twist) == ('base_link', velocity.twist)
+        client.poses.clear()
+        client.velocities.clear()
+        odometry.clear()
+        graph.spin_until(reset.service_is_ready, 'the service')
+        answer = reset.call_async(Trigger.Request())
+        graph.spin_until(answer.done, 'the reset')
+        assert answer.result().success
+
+
 BAD_COMMANDS = [
     [], [255.0] * 5, [255.0] * 7,
     *([255.0, 255.0, fault, 255.0, 255.0, 255.0]
@@ -167,6 +204,17 @@ def test_simulated_time_passes_at_the_real_time_factor(graph):
     # Never faster, however late the states are heard of; slower where the machine stands still.
     assert time.monotonic() - start >= 9 * STEP * 1e-9 / factor
     assert set(np.diff(risen())) == {STEP}
+    # After a reset the vehicle rests at its start, and the time goes on.
+    reset = graph.node.create_client(Trigger, 'simulator/reset')
+    graph.spin_until(reset.service_is_ready, 'the service')
+    answer, before = reset.call_async(Trigger.Request()), nanoseconds(client.poses[-1])
+    graph.spin_until(answer.done, 'the reset')
+    client.poses.clear()
+    graph.spin_until(lambda: len(client.poses) >= 3, 'states')
+    assert {pose.pose.position.z for pose in client.poses} == {0.0}
+    assert nanoseconds(client.poses[0]) >= before
+    client.send([300.0] * 6)
+    graph.spin_until(risen, 'another climb')
 
 
 def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):

@@ -89,7 +89,8 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
     assert {key[0] for key in permissions} == {namespace}
     bringup = graph.start_silent(
         'bringup', '--duration', '1e6', '--fail', '1@1e5', '--namespace', namespace,
-        '--out', str(tmp_path))
+        '--out', str(tmp_path), '--ros-args', '-p', 'simulator.publish_clock:=enabled',
+        '-p', 'simulator.publish_odometry:=enabled')
     seen = {}
 
     def agree():

@@ -21,6 +21,8 @@ from ca_ros.nodes.topics import ROSOUT, type_name
 RECORDED: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
 """The recorded topics; each of the relative ones has one publisher."""
 
+OPTIONAL = {topic.path for topic in topics.TOPICS if topic.optional}
+
 LOOP = tuple(topic.path for topic in topics.STREAMS)
 """The topics that have a stamped message for each step."""
 
@@ -103,11 +105,11 @@ class Bag:
             )
 
     def missing(self) -> list[str]:
-        """Return the topics that have no publisher yet."""
+        """Return the topics that have no publisher yet, except optional ones."""
         return [
             topic
             for topic, subscription in self._subscriptions.items()
-            if not subscription.get_publisher_count()
+            if topic not in OPTIONAL and not subscription.get_publisher_count()
         ]
 
     def write(self) -> None:

@@ -75,7 +75,10 @@ def judge_samples(
             flight.angular_velocity[part],
             strict=True,
         )
-        commanded = np.array([pilot.wrench(*state, goal) for state in states])
+        times = np.round(flight.time[part] * 1e9).astype(int).tolist()
+        commanded = np.array(
+            [pilot.wrench(*state, goal, t) for state, t in zip(states, times, strict=True)]
+        )
         thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
         residual = commanded - thrusts @ control_allocation_matrix(pilot.vehicle).T
         forces = np.array([axis in FORCES for axis in axes])
@@ -158,7 +161,7 @@ def _legs(
             yield slice(start, end), controller, vehicle, waypoint
         start = end
         if change is not None:
-            controller = change.controller or controller
+            controller = change.controller_after(controller)
             vehicle = change.body.vehicle if change.body else vehicle
             waypoint = change.waypoint or waypoint
 

@@ -40,6 +40,13 @@ class Change:
     body: RigidBody | None = None
     waypoint: Waypoint | None = None
 
+    def controller_after(self, before: Controller) -> Controller:
+        """Return the controller from then on; a new one continues the integral action."""
+        if self.controller is None:
+            return before
+        self.controller.disturbances = before.disturbances
+        return self.controller
+
 
 def fly(
     controller: Controller,
@@ -96,7 +103,7 @@ def fly(
     for step in range(steps(duration, time_step) + 1):
         while pending and pending[-1].time <= step * step_ns:
             change = pending.pop()
-            controller = change.controller or controller
+            controller = change.controller_after(controller)
             allocator = change.allocator or allocator
             plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
@@ -104,7 +111,12 @@ def fly(
         velocity = velocity_in_body(state)
         try:
             wrench = controller.wrench(
-                state[POSITION], state[ATTITUDE], velocity, state[ANGULAR_VELOCITY], waypoint
+                state[POSITION],
+                state[ATTITUDE],
+                velocity,
+                state[ANGULAR_VELOCITY],
+                waypoint,
+                step * step_ns,
             )
         except ValueError as error:
             time = step * time_step

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import atan2, hypot, tan
 from typing import Any
 
@@ -12,7 +11,9 @@ import numpy as np
 from ca_ros.allocation.options import order_from_parameters
 from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.arrays import Array
-from ca_ros.flight.parameters import CONTROL, triple
+from ca_ros.flight.disturbance_observer import DisturbanceObserver
+from ca_ros.flight.gains import Gains
+from ca_ros.flight.parameters import CONTROL
 from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -33,41 +34,6 @@ HEADING_ERROR_MAX = 0.5
 """Limit of the heading error [rad]: a half turn demands no more torque than this error."""
 
 
-@dataclass(frozen=True)
-class Gains:
-    """Gains and limits of the controller; arrays are (3,), along x, y, z.
-
-    With `level` the vehicle stays level, as long as its rotors can command the sideways force.
-    """
-
-    position_stiffness: Array
-    position_damping: Array
-    attitude_stiffness: Array
-    attitude_damping: Array
-    speed_max: float
-    tilt_max: float
-    level: bool = False
-
-    @classmethod
-    def from_parameters(cls, given: Mapping[str, Any]) -> Gains:
-        """Read the gains from parameters by name; raise a `ParameterError` that names a fault."""
-        p: dict[str, Any] = complete(given, CONTROL)
-        return cls(
-            **{
-                name: triple(p, f'controller.{name}')
-                for name in (
-                    'position_stiffness',
-                    'position_damping',
-                    'attitude_stiffness',
-                    'attitude_damping',
-                )
-            },
-            speed_max=p['controller.speed_max'],
-            tilt_max=p['controller.tilt_max'],
-            level=p['controller.attitude'] == 'level',
-        )
-
-
 class Controller:
     """Inverse dynamics with PD actions, saturated into the admissible set (Section 4).
 
@@ -80,6 +46,10 @@ class Controller:
 
     Wrenches that are not admissible are moved into the admissible set by priority.
 
+    With integral action (`Gains.integral`), the controller subtracts an estimate of the constant
+    disturbances: see `ca_ros.flight.disturbance_observer`.  With the gains k_p and k_d of the
+    position, the integral gain of the position error is then L k_p.
+
     Parameters
     ----------
     vehicle : Vehicle
@@ -89,6 +59,11 @@ class Controller:
         Priorities, see `AdmissibleSet.prioritize`.
     reversal : 'prevent', 'avoid' or 'allow'
         See `AdmissibleSet.prioritize`.
+
+    Attributes
+    ----------
+    disturbances : DisturbanceObserver or None
+        The state of the integral action; None without one.
 
     Raises
     ------
@@ -113,6 +88,8 @@ class Controller:
             self.admissible.check_order(order, reversal)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
         self._level = gains.level and set(SIDEWAYS) <= set(vehicle.axes)
+        observed = gains.integral > 0.0
+        self.disturbances = DisturbanceObserver(vehicle, gains.integral) if observed else None
 
     @classmethod
     def from_parameters(cls, vehicle: Vehicle, given: Mapping[str, Any]) -> Controller:
@@ -145,6 +122,7 @@ class Controller:
         velocity: Array,
         angular_velocity: Array,
         waypoint: Waypoint,
+        time: int | None = None,
     ) -> Array:
         """Return the wrench that leads to a waypoint: `demand`, prioritized.
 
@@ -152,6 +130,8 @@ class Controller:
         ----------
         position, attitude, velocity, angular_velocity, waypoint
             As in `demand`.
+        time : int, optional
+            Time of the state [ns]; needed for integral action alone.
 
         Returns
         -------
@@ -162,9 +142,25 @@ class Controller:
         Raises
         ------
         ValueError
-            As in `demand`.
+            As in `demand`, or if the integral action lacks the time.
         """
-        demand = self.demand(position, attitude, velocity, angular_velocity, waypoint)
+        state = position, attitude, velocity, angular_velocity
+        if self.disturbances is None:
+            return self._attainable(self.demand(*state, waypoint))
+        if time is None:
+            raise ValueError('time: missing; the integral action needs it')
+        _check(*state)
+        # As in `demand`.
+        with np.errstate(over='ignore', invalid='ignore'):
+            rotation = rotation_matrix(attitude)
+            self.disturbances.observe(time, rotation @ velocity, angular_velocity)
+        wrench = self._attainable(self.demand(*state, waypoint))
+        full = np.zeros(len(AXES))
+        full[self._rows] = wrench
+        self.disturbances.expect(rotation @ full[:3], full[3:], angular_velocity)
+        return wrench
+
+    def _attainable(self, demand: Array) -> Array:
         if self.admissible is None:
             return np.zeros(len(demand))
         return self.admissible.prioritize(demand, self.order, self.reversal)
@@ -200,14 +196,7 @@ class Controller:
             If the state is not finite, its attitude is zero, or the demand is not finite or too
             large.
         """
-        state = (position, attitude, velocity, angular_velocity)
-        if not np.isfinite(np.concatenate(state)).all():
-            names = ('position', 'attitude', 'velocity', 'angular_velocity')
-            for name, part in zip(names, state, strict=True):
-                if not np.isfinite(part).all():
-                    raise ValueError(f'{name}: expected finite numbers, got {part}')
-        if not attitude.any():
-            raise ValueError('attitude: expected a quaternion, got zero')
+        _check(position, attitude, velocity, angular_velocity)
         # Very large numbers may end as infinities in the demand, which is then refused.
         with np.errstate(over='ignore', invalid='ignore'):
             rotation = rotation_matrix(attitude)
@@ -229,6 +218,8 @@ class Controller:
             )
             torque = self._inertia @ acceleration
             torque += cross(angular_velocity, self._inertia @ angular_velocity)
+            if self.disturbances is not None:
+                torque -= self.disturbances.estimate[3:]
             wrench = np.concatenate([force @ rotation, torque])[self._rows]
         return self.problem.check(wrench)
 
@@ -241,6 +232,8 @@ class Controller:
         approach = np.minimum(np.maximum(approach, -gains.speed_max), gains.speed_max)
         force = self.vehicle.mass * gains.position_damping * (approach - velocity)
         force[2] += self.vehicle.weight
+        if self.disturbances is not None:
+            force -= self.disturbances.estimate[:3]
         if self._level:
             return force
         force[2] = max(force[2], LIFT_MIN * self.vehicle.weight)
@@ -248,6 +241,18 @@ class Controller:
         if sideways > allowed:
             force[:2] *= allowed / sideways
         return force
+
+
+def _check(position: Array, attitude: Array, velocity: Array, angular_velocity: Array) -> None:
+    """Raise a ValueError that names the part of a state that is wrong."""
+    state = (position, attitude, velocity, angular_velocity)
+    if not np.isfinite(np.concatenate(state)).all():
+        names = ('position', 'attitude', 'velocity', 'angular_velocity')
+        for name, part in zip(names, state, strict=True):
+            if not np.isfinite(part).all():
+                raise ValueError(f'{name}: expected finite numbers, got {part}')
+    if not attitude.any():
+        raise ValueError('attitude: expected a quaternion, got zero')
 
 
 def _tilt_error(rotation: Array, force: Array) -> tuple[float, float]:

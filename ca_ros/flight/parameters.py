@@ -43,6 +43,13 @@ CONTROL = {
         default=[14.0, 14.0, 4.0],
         positive=True,
     ),
+    'controller.integral_gain': Parameter(
+        'rate at which the controller compensates constant forces and torques that its model '
+        'lacks, such as wind or a wrong mass; 0: no integral action [1/s]',
+        default=0.0,
+        minimum=0.0,
+        maximum=10.0,
+    ),
     'controller.attitude': Parameter(
         'tilt: the vehicle tilts towards the force that it needs; level: it stays level, and its '
         'rotors produce the sideways force, which needs the axes force_x and force_y',

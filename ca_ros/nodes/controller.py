@@ -86,7 +86,11 @@ class ControllerNode(VehicleNode):
 
     def adopt(self, built: tuple[Audit, Controller]) -> None:
         """Use this controller from the next state on."""
-        report, self.controller = built
+        report, controller = built
+        if self.audit is not None:
+            # In flight the integral action continues.
+            controller.disturbances = self.controller.disturbances
+        self.controller = controller
         self.note(report)
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
         self._watchdog.timeout = self.parameters['command_timeout']
@@ -154,7 +158,10 @@ class ControllerNode(VehicleNode):
         wrench = np.zeros(len(AXES))
         try:
             wrench[self._rows] = self.controller.wrench(
-                *pose_arrays(self._pose), *twist_arrays(self._velocity), self._waypoint
+                *pose_arrays(self._pose),
+                *twist_arrays(self._velocity),
+                self._waypoint,
+                nanoseconds(self._pose.header.stamp),
             )
         except ValueError as error:
             if first:

@@ -67,6 +67,18 @@ NODE = {
         minimum=0.01,
         maximum=10.0,
     ),
+    'simulator.publish_clock': Parameter(
+        'enabled: publish the simulated time on /clock, for nodes with use_sim_time',
+        str,
+        default='disabled',
+        choices=('disabled', 'enabled'),
+    ),
+    'simulator.publish_odometry': Parameter(
+        'enabled: publish pose and velocity also as one message on local_position/odometry',
+        str,
+        default='disabled',
+        choices=('disabled', 'enabled'),
+    ),
     'simulator.hold_at': Parameter(
         'simulated time at which the simulator waits in mode lockstep, until this parameter is '
         'set to a later time; 0: never [s]',
@@ -96,7 +108,8 @@ CONTROLLER = {**VEHICLE, **PRIORITIES, **flight.CONTROL, **_node('world_frame')}
 SIMULATOR = {
     **SIMULATED,
     **flight.SIMULATION,
-    **_node('timeout_action', 'world_frame', 'simulator.real_time_factor', 'simulator.hold_at'),
+    **_node('timeout_action', 'world_frame'),
+    **{name: NODE[name] for name in NODE if name.startswith('simulator.')},
 }
 
 DECLARED = {'allocator': ALLOCATOR, 'controller': CONTROLLER, 'simulator': SIMULATOR}

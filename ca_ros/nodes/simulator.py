@@ -7,29 +7,19 @@ from typing import Any
 import numpy as np
 from rclpy.duration import Duration
 from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
 from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    POSITION,
-    velocity_in_body,
-)
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import (
-    answers_nothing,
-    speeds_message,
-    speeds_stamp,
-    stamp,
-    state_messages,
-)
+from ca_ros.nodes.messages import answers_nothing, speeds_message, speeds_stamp
 from ca_ros.nodes.parameters import SIMULATOR
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
+from ca_ros.nodes.state_publisher import StatePublisher
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.nodes.watchdog import fallback
+from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.vehicle.vehicle import Vehicle
 
 STATE_REPEAT = 0.2
@@ -72,9 +62,9 @@ class SimulatorNode(VehicleNode):
         self._period_ns = round(self._step_ns / self.parameters['simulator.real_time_factor'])
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
-        self._pose = self.offer(topics.POSE)
-        self._velocity = self.offer(topics.VELOCITY)
+        self._states = StatePublisher(self)
         self._speeds = self.offer(topics.SPEEDS)
+        self.create_service(Trigger, '~/reset', self._reset)
         self.listen(topics.SPEED_COMMAND, self._receive)
         self._timer = self.create_timer(
             STATE_REPEAT if lockstep else self._period_ns / 1e9,
@@ -158,8 +148,21 @@ class SimulatorNode(VehicleNode):
     def _wait_for_readers(self) -> None:
         """Wait until the subscribers have acknowledged what was published."""
         limit = Duration(seconds=CATCH_UP_MAX)
-        publishers = self._speeds, self._pose, self._velocity
-        all(publisher.wait_for_all_acked(limit) for publisher in publishers)
+        all(publisher.wait_for_all_acked(limit) for publisher in self._offers)
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Put the vehicle in its initial state, at rest until the next command.
+
+        In lockstep the time starts at zero again.
+        """
+        self.plant = self.plant.restarted()
+        self._command = np.zeros(self.plant.body.vehicle.n)
+        self._resting, self._watchdog = True, Watchdog(self._watchdog.timeout)
+        if self.mode == 'lockstep':
+            self._time = 0
+        self._repeat()
+        response.success, response.message = True, 'at rest in the initial state'
+        return response
 
     def _repeat(self) -> None:
         """Publish an unanswered state again, for nodes that started late."""
@@ -216,20 +219,8 @@ class SimulatorNode(VehicleNode):
 
     def _publish(self) -> None:
         self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time
-        if self._held:
-            return
-        state = self.plant.measured
-        pose, velocity = state_messages(
-            state[POSITION],
-            state[ATTITUDE],
-            velocity_in_body(state),
-            state[ANGULAR_VELOCITY],
-            stamp(self._time),
-            self.parameters['world_frame'],
-            self.parameters['command_frame'],
-        )
-        self._pose.publish(pose)
-        self._velocity.publish(velocity)
+        if not self._held:
+            self._states.publish(self.plant.measured, self._time)
 
 
 def main() -> int:

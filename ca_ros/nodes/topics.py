@@ -10,7 +10,9 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 
@@ -30,6 +32,8 @@ class Topic:
         The nodes of the loop that subscribe to the topic.
     stream : bool
         Whether each step of the loop has one message, with the stamp of the step.
+    optional : bool
+        Whether the topic has a publisher only if a parameter asks for it.
     """
 
     name: str
@@ -37,6 +41,7 @@ class Topic:
     publisher: str = ''
     subscribers: tuple[str, ...] = ()
     stream: bool = False
+    optional: bool = False
 
     @property
     def path(self) -> str:
@@ -59,6 +64,8 @@ POSE = Topic('local_position/pose', PoseStamped, 'simulator', ('controller',), s
 VELOCITY = Topic(
     'local_position/velocity_body', TwistStamped, 'simulator', ('controller',), stream=True
 )
+ODOMETRY = Topic('local_position/odometry', Odometry, 'simulator', optional=True)
+CLOCK = Topic('/clock', Clock, 'simulator', optional=True)
 ALLOCATED_WRENCH = Topic('~/allocated_wrench', WrenchStamped, 'allocator')
 RESIDUAL = Topic('~/residual', WrenchStamped, 'allocator')
 SATURATION = Topic('~/saturation', Int8MultiArray, 'allocator')
@@ -72,6 +79,8 @@ TOPICS = (
     SPEEDS,
     POSE,
     VELOCITY,
+    ODOMETRY,
+    CLOCK,
     ALLOCATED_WRENCH,
     RESIDUAL,
     SATURATION,

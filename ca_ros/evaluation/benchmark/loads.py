@@ -13,7 +13,8 @@ from ca_ros.arrays import Array
 from ca_ros.evaluation.benchmark.plan import Plan
 from ca_ros.evaluation.sampling import gauge
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.gains import Gains
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from ca_ros.bringup.deadline import Deadline
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.benchmark import loads
-from ca_ros.flight.controller import Gains
+from ca_ros.flight.gains import Gains
 from ca_ros.nodes.messages import wrench_message
 from ca_ros.nodes.parameters import load
 from ca_ros.nodes.qos import offered, requested

@@ -1,0 +1,157 @@
+"""Integral action: constant errors vanish, and a saturated step does not wind it up."""
+
+from math import exp
+
+import numpy as np
+import pytest
+
+from ca_ros.evaluation.cases import Case
+from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.disturbance_observer import DisturbanceObserver
+from ca_ros.flight.rigid_body import rotation_matrix
+from ca_ros.flight.waypoint import Waypoint
+from strategies import HEXAROTOR
+
+WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
+
+# Force over m k_p = 1.5 N/m.
+ERRORS = {
+    'wind of 0.9 N': (['simulator.linear_drag:=0.3', 'simulator.wind:=[3.0, 0.0, 0.0]'], 0.6),
+    'k_f 10 % low': (['simulator.thrust_factor:=0.9'], (1.0 / 0.9 - 1.0) * 9.81 / 1.5),
+    'mass 10 % high': (['simulator.mass_factor:=1.1'], 0.1 * 9.81 / 1.5),
+    'k_f of each rotor': (['simulator.thrust_factor:=[0.95, 1.0, 1.03, 0.97, 1.0, 1.02]'], 0.13),
+}
+
+
+def case(gain, *changes):
+    return Case.load('hexarotor', [*changes, f'controller.integral_gain:={gain}'])
+
+
+def flown(case, waypoint=WAYPOINT, duration=20.0, changes=()):
+    return fly(case.controller(), case.allocator('exact'), case.plant(), waypoint, duration,
+               changes=changes)
+
+
+@pytest.mark.parametrize(('changes', 'offset'), ERRORS.values(), ids=ERRORS)
+def test_constant_errors_vanish(changes, offset):
+    assert flown(case(0.0, *changes)).position_error(WAYPOINT) == pytest.approx(offset, rel=0.03)
+    assert flown(case(0.5, *changes)).position_error(WAYPOINT) < 0.001
+
+
+def test_a_wrong_torque_coefficient_does_not_turn_the_vehicle():
+    # One rotor with 80 % of its reaction torque: 0.2 * 0.02 m * m g / 6 over J k = 0.12 N m.
+    wrong = 'simulator.torque_factor:=[0.8, 1.0, 1.0, 1.0, 1.0, 1.0]'
+    without = flown(case(0.0, wrong)).heading_error(WAYPOINT)
+    assert without == pytest.approx(0.2 * 0.02 * 9.81 / 6.0 / 0.12, rel=0.05)
+    assert flown(case(1.0, wrong)).heading_error(WAYPOINT) < 1e-5
+
+
+def test_a_sound_model_flies_as_without_integral_action():
+    # Euler's steps are those that the observer expects, so it sees no disturbance.
+    far = Waypoint.of(8.0, -6.0, 4.0, np.radians(170.0))
+    with_it, without = (flown(case(gain), far, 8.0) for gain in (1.0, 0.0))
+    np.testing.assert_allclose(with_it.position, without.position, atol=1e-9)
+
+
+class WindsUp(Controller):
+    """Takes its demand for what the rotors do."""
+
+    def wrench(self, position, attitude, velocity, angular_velocity, waypoint, time=None):
+        state = position, attitude, velocity, angular_velocity
+        wrench = super().wrench(*state, waypoint, time)
+        thrust, *torque = self.demand(*state, waypoint)
+        force = rotation_matrix(attitude)[:, 2] * thrust
+        self.disturbances.expect(force, np.array(torque), angular_velocity)
+        return wrench
+
+
+@pytest.mark.parametrize('mass', [0.9, 1.0, 1.1])
+def test_a_step_that_saturates_does_not_wind_up(mass):
+    # A climb of 20 m with a load that leaves little thrust: 24 N of 19.6 N, for two seconds and
+    # more at full speed.  Without integral action and mismatch nothing is overshot.
+    loop = case(
+        1.0, 'vehicle.mass:=2.0', 'controller.speed_max:=20', f'simulator.mass_factor:={mass}')
+    there = Waypoint.of(0.0, 0.0, 20.0, 0.0)
+
+    def overshoot(maker):
+        controller = maker.from_parameters(loop.vehicle, loop.parameters)
+        flight = fly(controller, loop.allocator('exact'), loop.plant(), there, 20.0)
+        assert np.sum(np.all(flight.speeds > 399.9, axis=1)) > 180
+        return flight.position[:, 2].max() - 20.0, flight.position_error(there)
+
+    height, error = overshoot(Controller)
+    assert error < 0.001
+    assert height < 0.02
+    assert overshoot(WindsUp)[0] > 5.0
+
+
+def test_the_controller_continues_after_an_announcement():
+    # A tenth of the thrust of a rotor is lost and announced: the estimate of the wind stays.
+    windy = case(1.0, *ERRORS['wind of 0.9 N'][0])
+    told = windy.controller(windy.vehicle.with_health([0.9, 1.0, 1.0, 1.0, 1.0, 1.0]))
+    flight = flown(windy, duration=20.0, changes=[Change(15_000_000_000, told)])
+    assert np.abs(flight.position[1500:] - WAYPOINT.position).max() < 0.02
+
+
+# The observer alone
+
+VELOCITY, OMEGA = np.array([0.3, 0.2, -0.1]), np.array([0.1, -0.2, 0.3])
+
+
+def observed(gain, steps, step_ns, disturbance=(0.5, 0.0, 0.0), observer=None, start=0):
+    """Observe a vehicle at hover whose velocity a disturbance [N] changes."""
+    observer = observer or DisturbanceObserver(HEXAROTOR, gain)
+    weight = np.array([0.0, 0.0, 9.81])
+    velocity = VELOCITY.copy()
+    for i in range(steps + 1):
+        observer.observe(start + i * step_ns, velocity, np.zeros(3))
+        observer.expect(weight, np.zeros(3), np.zeros(3))
+        velocity = velocity + step_ns / 1e9 * np.array(disturbance)
+    return observer
+
+
+def test_the_estimate_approaches_the_disturbance_exponentially():
+    # With small steps: 1 - exp(-L t) at L = 2 1/s, t = 0.5 s.
+    found = observed(2.0, 5000, 100_000).estimate
+    np.testing.assert_allclose(found, [0.5 * (1.0 - exp(-1.0)), 0, 0, 0, 0, 0], atol=1e-4)
+
+
+def test_a_torque_is_estimated_in_the_body_frame():
+    # J domega/dt = d - omega x J omega, from the rates of a rigid body that spins.
+    observer, omega = DisturbanceObserver(HEXAROTOR, 1.0), OMEGA.copy()
+    torque, inertia = np.array([0.01, -0.02, 0.005]), HEXAROTOR.inertia
+    for i in range(1000):
+        observer.observe(i * 10_000_000, np.zeros(3), omega)
+        observer.expect(np.array([0.0, 0.0, 9.81]), np.zeros(3), omega)
+        omega = omega + 0.01 * np.linalg.solve(
+            inertia, torque - np.cross(omega, inertia @ omega) - 1e-3 * observer.estimate[3:])
+    np.testing.assert_allclose(observer.estimate[3:] * 1.001, torque, rtol=1e-3)
+
+
+def test_a_repeated_state_changes_nothing_and_an_earlier_one_starts_again():
+    observer = observed(1.0, 100, 10_000_000)
+    before = observer.estimate.copy()
+    assert before[0] > 0.3
+    observer.observe(1_000_000_000, 5.0 * VELOCITY, OMEGA)
+    np.testing.assert_array_equal(observer.estimate, before)
+    observer.observe(0, VELOCITY, OMEGA)
+    np.testing.assert_array_equal(observer.estimate, 0.0)
+
+
+@pytest.mark.parametrize('velocity', [1e12, -50.0, np.inf])
+def test_a_corrupted_state_leaves_the_estimate(velocity):
+    observer = observed(1.0, 1000, 10_000_000)
+    before = observer.estimate.copy()
+    observer.observe(10_010_000_000, np.array([0.0, velocity, 0.0]), np.zeros(3))
+    observer.expect(np.array([0.0, 0.0, 9.81]), np.zeros(3), np.zeros(3))
+    np.testing.assert_array_equal(observer.estimate, before)
+    observed(1.0, 100, 10_000_000, observer=observer, start=10_020_000_000)
+    np.testing.assert_allclose(observer.estimate, [0.5, 0, 0, 0, 0, 0], atol=1e-3)
+
+
+def test_the_integral_action_needs_the_time():
+    controller = case(1.0).controller()
+    state = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), np.zeros(3)
+    with pytest.raises(ValueError, match='time: missing'):
+        controller.wrench(*state, WAYPOINT)
