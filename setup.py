@@ -9,6 +9,7 @@ solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
+mujoco = ['mujoco>=3.2']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
@@ -76,6 +77,8 @@ setup(
         'bag': bag,
         'solvers': solvers,
         'studies': studies,
+        # For examples/mujoco.
+        'mujoco': mujoco,
         # The solvers of others in `benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
         # For `make docs`.
@@ -96,6 +99,7 @@ setup(
             'types-PyYAML',
             'wheel',
             *bag,
+            *mujoco,
             *peers,
             *studies,
         ],
