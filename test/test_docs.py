@@ -23,6 +23,7 @@ PAGES = sorted(
 NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
     'needs hardware': 'a vehicle',
+    'needs MuJoCo': 'MuJoCo; test_mujoco.py flies and renders where it is installed',
     'long': 'minutes; CA_ROS_LONG=1 runs them',
     'run by .ci/run': 'no more: .ci/run does it, in a fresh clone',
 }
