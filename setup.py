@@ -11,6 +11,7 @@ peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
 # What `ca_ros.testing` needs, besides ROS.
 testing = ['psutil>=5.9', 'pytest>=7.4']
+mujoco = ['mujoco>=3.2']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
 cluster = ['distributed>=2024.1']
@@ -86,6 +87,8 @@ setup(
         'cluster': [*cluster, *studies],
         # Tests of one's own nodes.
         'testing': testing,
+        # For examples/mujoco.
+        'mujoco': mujoco,
         # The solvers of others in `benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
         # For `make docs`.
@@ -105,6 +108,7 @@ setup(
             'wheel',
             *bag,
             *cluster,
+            *mujoco,
             *peers,
             *studies,
             *testing,
