@@ -200,6 +200,10 @@ def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, pa
     assert package in line
 
 
+NUMBERS = [
+    '--mass', '1', '--speed-min', '0', '--speed-max', '400', '--thrust-coefficient', '2.5e-5']
+
+
 @pytest.mark.parametrize(('name', 'arguments', 'words'), [
     ('gazebo_actuators', ['--sdf', 'nope'], ['nope', 'hexarotor']),
     ('ros2_control_velocities', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
@@ -207,6 +211,8 @@ def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, pa
     ('px4_setpoints', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
     ('px4_parameters', ['to-px4', 'nope'], ['nope', 'hexarotor']),
     ('px4_parameters', ['to-px4', 'quadrotor', '--order', '1,2,3,3'], ['--order', 'once']),
+    ('px4_parameters', ['to-px4', 'quadrotor', '--order', '1,2,3,x'], ['--order', 'once']),
+    ('px4_parameters', ['from-px4', 'nope', *NUMBERS], ['nope']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3'], ['--order', '4', '3']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3,3'], ['--order', 'once']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--thrust-factor', 'nan'], ['0 to 1']),

@@ -247,12 +247,26 @@ def test_what_is_left_to_defaults_of_px4_is_named_in_the_file():
     (QUAD_X + 'param set-default CA_ROTOR1_KM 0\n', 'CA_ROTOR1_KM is 0: expected its sign'),
     (QUAD_X + 'param set-default CA_ROTOR1_CT 0\n', 'rotor 1 has no axis or no thrust'),
     (QUAD_X + 'param set-default CA_ROTOR1_AZ 0\n', 'rotor 1 has no axis or no thrust'),
+    (QUAD_X + 'param set-default CA_R_REV 1\n', 'CA_R_REV: motors reverse'),
     (QUAD_X + 'param set-default CA_ROTOR_COUNT 13\n', 'CA_ROTOR_COUNT is 13: expected 1 to 12'),
     (QUAD_X + 'param set-default CA_ROTOR1_PX here\n', "CA_ROTOR1_PX: 'here' is not a number"),
 ])
 def test_what_is_no_multirotor_is_refused(airframe, words):
     with pytest.raises(ValueError, match=words):
         parameters.from_px4(parameters.read(airframe), 1.0, (0.0, 400.0), 2.5e-5)
+
+
+def test_a_wrong_number_for_the_file_is_refused_by_its_name():
+    given = parameters.read(QUAD_X)
+    with pytest.raises(ValueError, match=r'^vehicle\.mass: must be positive'):
+        parameters.from_px4(given, -1.0, (0.0, 400.0), 2.5e-5)
+    with pytest.raises(ValueError, match=r'^rotors\.speed_m'):
+        parameters.from_px4(given, 1.0, (500.0, 400.0), 2.5e-5)
+
+
+def test_motors_that_reverse_are_marked():
+    assert parameters.to_px4(Vehicle.load('rov'))['CA_R_REV'] == 2**8 - 1
+    assert 'CA_R_REV' not in parameters.to_px4(Vehicle.load('quadrotor'))
 
 
 def test_an_order_that_misses_a_rotor_is_refused():
