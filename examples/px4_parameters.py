@@ -26,9 +26,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ca_ros import ParameterError, Vehicle
+from ca_ros import Vehicle
 from ca_ros.arguments import finite
 from ca_ros.arrays import Array
+from ca_ros.vehicle.files import flatten, read_yaml
 
 ROTORS = 12
 """The most rotors of PX4; 8 before version 1.14."""
@@ -108,7 +109,7 @@ def from_px4(
     Raises
     ------
     ValueError
-        If a rotor has no axis, no thrust or no sense of rotation.
+        If a rotor has no axis, no thrust or no sense of rotation, or another value is wrong.
     """
     n = int(given['CA_ROTOR_COUNT'])
     if not 1 <= n <= ROTORS:
@@ -127,6 +128,8 @@ def from_px4(
             raise ValueError(f'rotor {i} has no axis or no thrust: PX4 would ignore it')
         if km[i] == 0.0:
             raise ValueError(f'CA_ROTOR{i}_KM is 0: expected its sign, the sense of rotation')
+    if given.get('CA_R_REV') and speeds[0] >= 0.0:
+        raise ValueError('CA_R_REV: motors reverse, so expected a --speed-min below 0')
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     thrust = thrust_coefficient * ct / ct.max()
     torque = thrust * (np.abs(km) if moment_constant is None else moment_constant)
@@ -141,12 +144,12 @@ def from_px4(
     absent = [name for name in absent if name not in given]
     note = f". PX4's defaults: {', '.join(absent)}" if absent else ''
     inertias = f'      inertia: [{numbers(inertia)}]  # [kg m^2]\n' if inertia else ''
-    return f"""\
+    text = f"""\
 # From PX4's parameters; the rotors are in its order{note}.
 /**:
   ros__parameters:
     vehicle:
-      name: {name}
+      name: '{name}'
       mass: {float(mass)!r}  # [kg]
 {inertias}    rotors:
       positions: [{rows(places)}]  # [m]
@@ -157,6 +160,8 @@ def from_px4(
       speed_min: {float(speeds[0])!r}  # [rad/s]
       speed_max: {float(speeds[1])!r}  # [rad/s]
 """
+    Vehicle.from_parameters(flatten(read_yaml(text)['/**']['ros__parameters']))
+    return text
 
 
 def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
@@ -190,6 +195,8 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
         )
         for name, value in zip(KINDS, values, strict=True):
             found[f'CA_ROTOR{motor}_{name}'] = float(value) + 0.0
+    if reversing := sum(1 << motor for motor, i in enumerate(rows) if vehicle.speed_min[i] < 0.0):
+        found['CA_R_REV'] = reversing
     return found
 
 
@@ -198,7 +205,7 @@ def text(found: Mapping[str, float], style: str) -> str:
     lines = ['# Vehicle-Id Component-Id Name Value Type'] if style == 'params' else []
     for name, value in found.items():
         # MAV_PARAM_TYPE of MAVLink: INT32 or REAL32.
-        kind = 6 if name == 'CA_ROTOR_COUNT' else 9
+        kind = 6 if name in ('CA_ROTOR_COUNT', 'CA_R_REV') else 9
         lines.append(STYLES[style].format(name=name, value=value, kind=kind))
     return '\n'.join(lines)
 
@@ -240,9 +247,10 @@ def main() -> None:
                 from_px4(given, options.mass, speeds, *coefficients, options.inertia, name), end=''
             )
             return
-        order = [int(word) for word in options.order.split(',') if word]
+        words = options.order.split(',') if options.order else []
+        order = [int(word) if word.strip().isdecimal() else 0 for word in words]
         found = to_px4(Vehicle.load(options.vehicle), order)
-    except (OSError, ValueError, ParameterError) as error:
+    except (OSError, ValueError) as error:
         sys.exit(f'px4_parameters: {error}')
     print(text(found, options.style))
 

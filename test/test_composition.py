@@ -204,6 +204,7 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
         if when in (mode, 'both'):
             table['offered'] |= dict.fromkeys(topics, offered)
             table['requested'] |= dict.fromkeys(topics, requested)
+    assert table['offered'].keys() == {topic.name for topic in TOPICS} - {'/rosout'}
     seen = set()
     for node_class in (ControllerNode, AllocatorNode, SimulatorNode):
         values = load('hexarotor', table=node_class.declared) | {'mode': mode}

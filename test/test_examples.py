@@ -80,6 +80,25 @@ def test_the_motor_models_of_the_x500_are_those_of_px4(tmp_path):
     assert {model.get('filename') for model in models} == {'gz-sim-multicopter-motor-model-system'}
 
 
+@pytest.mark.skipif(not importlib.util.find_spec('actuator_msgs'), reason='needs actuator_msgs')
+def test_actuators_arrive(graph):
+    from actuator_msgs.msg import Actuators
+    from std_msgs.msg import Float64MultiArray
+
+    from ca_ros.nodes.messages import speeds_message
+
+    process = graph.start_silent(sys.executable, str(FOLDER / 'gazebo_actuators.py'))
+    sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
+    received = graph.listen(Actuators, 'command/motors')
+    speeds = speeds_message(np.array([100.0, 200.0]), 1_500_000_000)
+    graph.spin_until(lambda: received, 'actuators', lambda: sender.publish(speeds))
+    assert list(received[0].velocity) == [100.0, 200.0]
+    stamp = received[0].header.stamp
+    assert (stamp.sec, stamp.nanosec) == (1, 500_000_000)
+    _, err = graph.end(process, signal.SIGTERM)
+    assert (process.returncode, err) == (0, '')
+
+
 # PX4
 
 def output(control, factor):
@@ -181,6 +200,10 @@ def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, pa
     assert package in line
 
 
+NUMBERS = [
+    '--mass', '1', '--speed-min', '0', '--speed-max', '400', '--thrust-coefficient', '2.5e-5']
+
+
 @pytest.mark.parametrize(('name', 'arguments', 'words'), [
     ('gazebo_actuators', ['--sdf', 'nope'], ['nope', 'hexarotor']),
     ('ros2_control_velocities', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
@@ -188,6 +211,8 @@ def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, pa
     ('px4_setpoints', ['--vehicle', 'nope'], ['nope', 'hexarotor']),
     ('px4_parameters', ['to-px4', 'nope'], ['nope', 'hexarotor']),
     ('px4_parameters', ['to-px4', 'quadrotor', '--order', '1,2,3,3'], ['--order', 'once']),
+    ('px4_parameters', ['to-px4', 'quadrotor', '--order', '1,2,3,x'], ['--order', 'once']),
+    ('px4_parameters', ['from-px4', 'nope', *NUMBERS], ['nope']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3'], ['--order', '4', '3']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--order', '1,2,3,3'], ['--order', 'once']),
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--thrust-factor', 'nan'], ['0 to 1']),

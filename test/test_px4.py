@@ -1,5 +1,7 @@
 """The conversions from and to PX4 in examples/, on airframes and attitudes worked out by hand."""
 
+import importlib.util
+import signal
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -245,12 +247,26 @@ def test_what_is_left_to_defaults_of_px4_is_named_in_the_file():
     (QUAD_X + 'param set-default CA_ROTOR1_KM 0\n', 'CA_ROTOR1_KM is 0: expected its sign'),
     (QUAD_X + 'param set-default CA_ROTOR1_CT 0\n', 'rotor 1 has no axis or no thrust'),
     (QUAD_X + 'param set-default CA_ROTOR1_AZ 0\n', 'rotor 1 has no axis or no thrust'),
+    (QUAD_X + 'param set-default CA_R_REV 1\n', 'CA_R_REV: motors reverse'),
     (QUAD_X + 'param set-default CA_ROTOR_COUNT 13\n', 'CA_ROTOR_COUNT is 13: expected 1 to 12'),
     (QUAD_X + 'param set-default CA_ROTOR1_PX here\n', "CA_ROTOR1_PX: 'here' is not a number"),
 ])
 def test_what_is_no_multirotor_is_refused(airframe, words):
     with pytest.raises(ValueError, match=words):
         parameters.from_px4(parameters.read(airframe), 1.0, (0.0, 400.0), 2.5e-5)
+
+
+def test_a_wrong_number_for_the_file_is_refused_by_its_name():
+    given = parameters.read(QUAD_X)
+    with pytest.raises(ValueError, match=r'^vehicle\.mass: must be positive'):
+        parameters.from_px4(given, -1.0, (0.0, 400.0), 2.5e-5)
+    with pytest.raises(ValueError, match=r'^rotors\.speed_m'):
+        parameters.from_px4(given, 1.0, (500.0, 400.0), 2.5e-5)
+
+
+def test_motors_that_reverse_are_marked():
+    assert parameters.to_px4(Vehicle.load('rov'))['CA_R_REV'] == 2**8 - 1
+    assert 'CA_R_REV' not in parameters.to_px4(Vehicle.load('quadrotor'))
 
 
 def test_an_order_that_misses_a_rotor_is_refused():
@@ -282,3 +298,99 @@ def test_the_commands_for_both_ways(tmp_path):
                     '--thrust-coefficient', 2.5e-5)
     assert wrong.returncode == 1
     assert wrong.stderr.startswith('px4_parameters: no CA_ROTOR_COUNT')
+
+
+# The nodes, where px4_msgs is installed
+
+needs_px4_msgs = pytest.mark.skipif(
+    importlib.util.find_spec('px4_msgs') is None, reason='needs px4_msgs')
+
+
+def as_px4():
+    """Return the QoS of PX4's publishers and subscribers."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    return QoSProfile(
+        reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        depth=1)
+
+
+def start(graph, name, *arguments):
+    """Start an adapter."""
+    return graph.start_silent(sys.executable, str(FOLDER / f'{name}.py'), *arguments)
+
+
+@needs_px4_msgs
+def test_odometry_arrives_as_pose_and_velocity(graph):
+    from geometry_msgs.msg import PoseStamped, TwistStamped
+    from px4_msgs.msg import VehicleOdometry
+
+    process = start(graph, 'px4_odometry')
+    sender = graph.publisher(VehicleOdometry, 'fmu/out/vehicle_odometry', as_px4())
+    poses = graph.listen(PoseStamped, 'local_position/pose')
+    twists = graph.listen(TwistStamped, 'local_position/velocity_body')
+    given = VehicleOdometry(
+        timestamp_sample=1_500_000, pose_frame=VehicleOdometry.POSE_FRAME_NED,
+        velocity_frame=VehicleOdometry.VELOCITY_FRAME_NED,
+        position=np.array([1, 2, -3], np.float32), q=np.array([S, 0, 0, S], np.float32),
+        velocity=np.array([1, 2, 3], np.float32),
+        angular_velocity=np.array([0.5, 0.25, 0.125], np.float32))
+    graph.spin_until(lambda: poses and twists, 'a state', lambda: sender.publish(given))
+    pose, twist = poses[0], twists[0]
+    assert (pose.header.frame_id, twist.header.frame_id) == ('map', 'base_link')
+    assert (pose.header.stamp.sec, pose.header.stamp.nanosec) == (1, 500_000_000)
+    p, q, v, w = (
+        pose.pose.position, pose.pose.orientation, twist.twist.linear, twist.twist.angular)
+    assert_allclose([p.x, p.y, p.z], [2, 1, 3])
+    assert_allclose([q.x, q.y, q.z, q.w], [0, 0, 0, 1], atol=1e-7)
+    assert_allclose([v.x, v.y, v.z], [2, 1, -3], atol=1e-6)
+    assert_allclose([w.x, w.y, w.z], [0.5, -0.25, -0.125])
+    _, err = graph.end(process, signal.SIGTERM)
+    assert (process.returncode, err) == (0, '')
+
+
+@needs_px4_msgs
+@pytest.mark.parametrize('rate_loop', [True, False])
+def test_the_rate_loop_gets_the_motors_of_px4(graph, vehicle, tmp_path, rate_loop):
+    from px4_msgs.msg import (
+        ActuatorMotors,
+        OffboardControlMode,
+        VehicleThrustSetpoint,
+        VehicleTorqueSetpoint,
+    )
+
+    vehicle(QUAD_X)
+    file = str(tmp_path / 'vehicle.yaml')
+    thrusts = graph.publisher(
+        VehicleThrustSetpoint, 'fmu/out/vehicle_thrust_setpoint', as_px4())
+    torques = graph.publisher(
+        VehicleTorqueSetpoint, 'fmu/out/vehicle_torque_setpoint', as_px4())
+    received = graph.listen(ActuatorMotors, 'fmu/in/actuator_motors')
+    beats = graph.listen(OffboardControlMode, 'fmu/in/offboard_control_mode')
+    processes = [
+        start(graph, 'px4_setpoints', '--vehicle', file),
+        start(graph, 'px4_actuator_motors', '--vehicle', file,
+              *(['--rate-loop'] if rate_loop else []))]
+    graph.start('allocator', '--vehicle', file)
+    stamp = 7_000_000
+    thrust = VehicleThrustSetpoint(
+        timestamp_sample=stamp, xyz=np.array([0, 0, -0.5], np.float32))
+    torque = VehicleTorqueSetpoint(
+        timestamp_sample=stamp, xyz=np.array([0.1, -0.2, 0.05], np.float32))
+
+    def answers():
+        return [each for each in received if each.timestamp_sample == stamp]
+
+    graph.spin_until(
+        lambda: answers() and (beats or rate_loop), 'motors',
+        lambda: (thrusts.publish(thrust), torques.publish(torque)))
+    r, p = S * 0.1, S * -0.2
+    by_hand = [-r + p + 0.05, r - p + 0.05, r + p - 0.05, -r - p - 0.05]
+    assert_allclose(answers()[-1].control[:4], 0.5 + np.array(by_hand), rtol=1e-6)
+    assert np.isnan(answers()[-1].control[4:]).all()
+    assert [beat.direct_actuator for beat in beats] == [True] * len(beats)
+    assert bool(beats) != rate_loop
+    for process in processes:
+        _, err = graph.end(process, signal.SIGTERM)
+        assert 'Traceback' not in err
+        assert process.returncode == 0
