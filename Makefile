@@ -78,6 +78,7 @@ readme: demo
 	.venv/bin/python docs/architecture.py
 	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
 	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
+	.venv/bin/attainable --health 1:0 --out docs/attainable
 	.venv/bin/python docs/failure.py
 	.venv/bin/python docs/comparison.py
 	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \

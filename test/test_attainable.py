@@ -62,7 +62,7 @@ def test_a_body_has_the_faces_of_its_hull():
                                                                strict=True)]
     assert all(edges.count(edge) == 2 for edge in edges)
     assert len(body.vertices) - len(set(edges)) + len(faces) == 2
-    assert len(draw({'hexarotor': body}, np.zeros(3)).axes) == 1
+    assert len(draw({'hexarotor': body}, np.zeros(3), body.axes).axes) == 1
 
 
 @pytest.mark.parametrize(('arguments', 'fault'), [

@@ -16,10 +16,11 @@ from matplotlib.patches import Patch
 
 from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
-from ca_ros.evaluation.sections import AXES
+from ca_ros.evaluation.sections import AXES, fixed, labels
 from ca_ros.flight.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.files import read_problem
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
 from ca_ros.solver.polytope import Polytope
@@ -33,15 +34,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parse(sys.argv[1:] if argv is None else argv)
     try:
         sets = _sets(options)
-        names = next(iter(sets.values())).problem.axes
+        problem = next(iter(sets.values())).problem
+        names = problem.axes
         if len(names) < 2:
             raise ValueError(f'expected at least two axes, the problem has {names[0]}')
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
-        found = {name: _polytope(image, axes, options) for name, image in sets.items()}
-        problem = next(iter(sets.values())).problem
-        reference = problem.reference[[names.index(axis) for axis in axes]]
+        at = _at(problem, options)
+        found = {
+            name: image.projection(axes) if options.projection else image.section(axes, at)
+            for name, image in sets.items()
+        }
         known = AXES if isinstance(problem, VehicleProblem) else {}
-        figure = draw(found, reference, known, options.figure_width)
+        words = 'other axes: any value' if options.projection else fixed(problem, axes, at)
+        reference = problem.reference[[names.index(axis) for axis in axes]]
+        figure = draw(found, reference, labels(problem, axes), words, options.figure_width)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
@@ -143,18 +149,14 @@ def _sets(options: argparse.Namespace) -> dict[str, AdmissibleSet]:
     return {name: AdmissibleSet(VehicleProblem(each)) for name, each in found.items()}
 
 
-def _polytope(
-    image: AdmissibleSet, axes: Sequence[str], options: argparse.Namespace
-) -> Polytope:
-    if options.projection:
-        return image.projection(axes)
-    problem = image.problem
+def _at(problem: AllocationProblem, options: argparse.Namespace) -> Array:
+    """Return the wrench (m,) through which the section is."""
     at = problem.reference.copy()
     for axis, value in options.at.items():
         if axis not in problem.axes:
             raise ValueError(f'--at: no axis {axis!r}; there are {", ".join(problem.axes)}')
         at[problem.axes.index(axis)] = value
-    return image.section(axes, at)
+    return at
 
 
 def _ranges(polytope: Polytope) -> Array:
@@ -168,7 +170,8 @@ def _ranges(polytope: Polytope) -> Array:
 def draw(
     polytopes: Mapping[str, Polytope],
     reference: Array,
-    known: Mapping[str, tuple[str, str]] = AXES,
+    labels: Sequence[str],
+    words: str = '',
     width: float = WIDTHS['page'],
 ) -> Figure:
     """Plot polytopes of two axes as filled polygons, or of three axes as bodies.
@@ -179,13 +182,13 @@ def draw(
         By their names in the legend; all of the same axes.
     reference : (k,) array
         The reference, hover for a vehicle, which a + marks.
-    known : mapping of str to tuple of str
-        Name and unit of each axis; other axes have no unit.
+    labels : (k,) sequence of str
+        The names of the axes with their units.
+    words : str
+        The title: what is fixed.
     width : float
         Width of the figure [mm].
     """
-    axes = next(iter(polytopes.values())).axes
-    labels = ['{} [{}]'.format(*known[axis]) if axis in known else axis for axis in axes]
     with matplotlib.rc_context(style(width)):
         looks = [_look(i) for i in range(len(polytopes))]
         handles = [
@@ -194,24 +197,23 @@ def draw(
         ]
         height = 0.8 * min(width, 110.0) / INCH
         figure, body = sheet(height, handles if len(handles) > 1 else [])
-        solid = len(axes) == 3
+        solid = len(labels) == 3
         plot: Any = body.add_subplot(projection='3d' if solid else None)
         for polytope, look in zip(polytopes.values(), looks, strict=True):
             if not polytope.empty:
                 (_body if solid else _polygon)(plot, polytope, look)
         plot.plot(*reference[:, None], '+', color='black', markersize=9, mew=1.6, zorder=9)
-        plot.set_xlabel(labels[0])
-        plot.set_ylabel(labels[1])
+        plot.set(title=words, xlabel=labels[0], ylabel=labels[1])
         if solid:
             plot.set_zlabel(labels[2])
             for axis in (plot.xaxis, plot.yaxis, plot.zaxis):
                 axis.labelpad = 7.0
-            plot.set_box_aspect(None, zoom=0.85)
+            plot.set_box_aspect(None, zoom=0.8)
             plot.locator_params(nbins=4)
             plot.auto_scale_xyz(*np.vstack([each.vertices for each in polytopes.values()]).T)
-        elif len({known.get(axis, ('', axis))[1] for axis in axes}) == 1:
+        elif len({label.partition('[')[2] for label in labels} - {''}) == 1:
             # Axes of one unit have one scale.
-            plot.set_aspect('equal', adjustable='datalim')
+            plot.set_aspect('equal')
     return figure
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 
 AXES = {
@@ -39,23 +41,12 @@ class Section:
     def of(cls, admissible: AdmissibleSet, pair: tuple[str, str]) -> Section:
         """Return the section along two axes."""
         names, reference = admissible.problem.axes, admissible.reference
-        known = AXES if isinstance(admissible.problem, VehicleProblem) else {}
-        titles = {axis: known.get(axis, (axis, '')) for axis in names}
-        fixed = [axis for axis in names if axis not in pair]
-        values = dict(zip(names, reference, strict=True))
-        zero = ', '.join(axis for axis in fixed if abs(values[axis]) <= 1e-9)
-        words = [
-            f'{axis} {values[axis]:.3g} {titles[axis][1]}'.rstrip()
-            for axis in fixed
-            if abs(values[axis]) > 1e-9
-        ]
-        words += [f'{zero} 0'] if zero else []
         return cls(
             [names.index(axis) for axis in pair],
             reference,
             admissible.section(pair).vertices,
-            ['{} [{}]'.format(*titles[axis]).removesuffix(' []') for axis in pair],
-            ', '.join(words).replace('_', ' '),
+            labels(admissible.problem, pair),
+            fixed(admissible.problem, pair, reference),
         )
 
     def grid(self, steps: int) -> tuple[Array, Array]:
@@ -69,6 +60,27 @@ class Section:
         wrenches = np.tile(self.reference, (*np.shape(horizontal), 1))
         wrenches[..., self.rows] = np.stack([horizontal, vertical], axis=-1)
         return wrenches
+
+
+def labels(problem: AllocationProblem, axes: Sequence[str]) -> list[str]:
+    """Return the names of axes with their units, which a problem without a vehicle has not."""
+    known = AXES if isinstance(problem, VehicleProblem) else {}
+    return ['{} [{}]'.format(*known[axis]) if axis in known else axis for axis in axes]
+
+
+def fixed(problem: AllocationProblem, drawn: Sequence[str], at: Array) -> str:
+    """Return in words the values (m,) that the axes have which are not drawn."""
+    known = AXES if isinstance(problem, VehicleProblem) else {}
+    others = {
+        axis: value for axis, value in zip(problem.axes, at, strict=True) if axis not in drawn
+    }
+    zero = ', '.join(axis for axis, value in others.items() if abs(value) <= 1e-9)
+    words = [
+        f'{axis} {value:.3g} {known.get(axis, ("", ""))[1]}'.rstrip()
+        for axis, value in others.items()
+        if abs(value) > 1e-9
+    ]
+    return ', '.join([*words, f'{zero} 0'] if zero else words).replace('_', ' ')
 
 
 def sections(admissible: AdmissibleSet, *pairs: tuple[str, str]) -> list[Section]:

@@ -132,10 +132,11 @@ def sheet(height: float, handles: Sequence[Any] = ()) -> tuple[Figure, SubFigure
 
 def label_decades(axis: Axis, low: float, high: float) -> None:
     """Label a logarithmic axis in plain numbers: 1, 2, 5 and 10 where it has few decades."""
-    from matplotlib.ticker import LogLocator, StrMethodFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
     axis.set_major_formatter(StrMethodFormatter('{x:g}'))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:

@@ -88,4 +88,4 @@ def _draw_growth(axes: Axes, growth: pd.DataFrame) -> None:
     axes.minorticks_off()
     axes.set_xlabel("rotors of the paper's hexarotor")
     axes.set_ylabel('time per call [µs]')
-    axes.legend(handles=handles, ncols=2, columnspacing=1.0, handlelength=2.5, **ABOVE)
+    axes.legend(handles=handles, ncols=2, columnspacing=1.0, handlelength=2.0, **ABOVE)

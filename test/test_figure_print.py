@@ -1,0 +1,136 @@
+"""Figures in print: one column wide, readable, and without fonts of Type 3."""
+
+from itertools import combinations, product
+from re import search
+
+import pytest
+
+pytest.importorskip('matplotlib')
+pd = pytest.importorskip('pandas')
+
+import matplotlib  # noqa: E402
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+
+from ca_ros.evaluation import attainable, dynamic_study, static_study  # noqa: E402
+from ca_ros.evaluation.benchmark.benchmark_plot import draw  # noqa: E402
+from ca_ros.evaluation.cases import Case  # noqa: E402
+from ca_ros.flight.closed_loop import fly  # noqa: E402
+from ca_ros.flight.figures import millimetres, save  # noqa: E402
+from ca_ros.flight.plots import draw_flight  # noqa: E402
+from ca_ros.flight.trajectory import Trajectory  # noqa: E402
+from ca_ros.flight.waypoint import Waypoint  # noqa: E402
+
+FONT_MIN = 7.0
+"""Smallest font [pt]."""
+
+COLUMN = millimetres('column')
+PRINT = ['--figures', 'pdf', '--figure-width', 'column']
+
+
+def static(out):
+    axes = '[force_x, force_y, thrust, roll, pitch, yaw]'
+    assert static_study.main([
+        '--vehicle', 'hexarotor_tilted', '-p', f'allocation.axes:={axes}', '--samples', '30',
+        '--methods', 'exact,pseudo_inverse,redistributed_pseudo_inverse,conventional', *PRINT,
+        '--out', str(out)]) == 0
+
+
+def dynamic(out):
+    methods = 'exact,redistributed_pseudo_inverse,fixed_pseudo_inverse,weighted_least_squares'
+    assert dynamic_study.main([
+        '--fail', '1@4', '--duration', '5', '--methods', methods, *PRINT, '--out', str(out)]) == 0
+
+
+def section(out):
+    assert attainable.main(['--health', '1:0', *PRINT, '--out', str(out / 'section')]) == 0
+
+
+def body(out):
+    assert attainable.main([
+        '--axes', 'roll,pitch,yaw', '--health', '1:0.6', *PRINT, '--out', str(out / 'body')]) == 0
+
+
+def benchmark(out):
+    loads = ['uniform', 'boundary', 'flight']
+    names = ['clipped_pinv', 'exact', 'redistributed_pseudo_inverse', 'osqp_polished']
+    rows = [
+        {'part': part, 'contender': name, 'load': load, 'rotors': rotors, 'faults': '',
+         'time': time, 'time_low': 0.9 * time, 'time_high': 1.1 * time}
+        for part, name, load in product(['calls', 'C', 'rotors'], names, loads)
+        if part == 'calls' or name != names[2]
+        for rotors in ([4, 6, 8, 16, 32] if part == 'rotors' else [6])
+        for time in [1e-6 * (1 + loads.index(load)) * rotors ** (0.3 * names.index(name))]]
+    save(draw(pd.DataFrame(rows), COLUMN), out / 'benchmark', ['pdf'])
+
+
+def bringup(out):
+    case, goal = Case.load('x8'), Waypoint.of(1.0, 1.0, 1.0, 0.8)
+    flight = fly(case.controller(), case.allocator('exact'), case.body(), goal, 1.0)
+    save(draw_flight(flight, case.vehicle, Trajectory.to(goal), COLUMN), out / 'flight', ['pdf'])
+
+
+COMMANDS = [static, dynamic, section, body, benchmark, bringup]
+
+
+def texts(figure, monkeypatch):
+    """Return the texts that are drawn, each with its extent."""
+    drawn, plain = {}, RendererAgg.draw_text
+
+    def draw_text(self, gc, x, y, s, prop, angle, ismath=False, mtext=None):
+        if s.strip() and mtext is not None:
+            drawn[id(mtext)] = mtext
+        plain(self, gc, x, y, s, prop, angle, ismath, mtext)
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # The layout is found here.
+    with monkeypatch.context() as patch:
+        patch.setattr(RendererAgg, 'draw_text', draw_text)
+        canvas.draw()
+    return [(text, text.get_window_extent(canvas.get_renderer())) for text in drawn.values()]
+
+
+def apart(one, other):
+    """Whether extents overlap by less than a pixel, a hundredth of an inch."""
+    return (min(one.x1, other.x1) - max(one.x0, other.x0) < 1.0
+            or min(one.y1, other.y1) - max(one.y0, other.y0) < 1.0)
+
+
+@pytest.mark.parametrize('command', COMMANDS, ids=lambda command: command.__name__)
+def test_a_figure_of_one_column_is_readable_and_has_no_type_3_font(
+        command, tmp_path, monkeypatch):
+    figures, savefig = {}, Figure.savefig
+
+    def kept(figure, file, **options):
+        figures[file] = figure
+        savefig(figure, file, **options)
+
+    monkeypatch.setattr(Figure, 'savefig', kept)
+    command(tmp_path)
+    assert set(figures) == set(tmp_path.glob('*.pdf')) != set()
+    for file, figure in figures.items():
+        content = file.read_bytes()
+        assert b'/Type3' not in content, file.name
+        assert b'/FontFile2' in content, file.name
+        width = float(search(rb'/MediaBox \[ ?0 0 ([\d.]+)', content)[1])
+        assert width / 72.0 * 25.4 == pytest.approx(COLUMN, abs=0.1)
+        found = texts(figure, monkeypatch)
+        assert len(found) > 10
+        page = figure.bbox.padded(1.0)
+        for text, extent in found:
+            words = f'{file.name}: {text.get_text()!r}'
+            assert text.get_fontsize() >= FONT_MIN, words
+            assert page.x0 <= extent.x0 < extent.x1 <= page.x1, f'{words} is clipped'
+            assert page.y0 <= extent.y0 < extent.y1 <= page.y1, f'{words} is clipped'
+        # The labels of a body are oblique, and their extents are not.
+        straight = [each for each in found if each[0].get_rotation() % 90.0 == 0.0]
+        for (text, extent), (other, its) in combinations(straight, 2):
+            assert apart(extent, its), f'{file.name}: {text.get_text()!r}, {other.get_text()!r}'
+
+
+def test_fonts_of_type_3_would_be_found(tmp_path):
+    with matplotlib.rc_context({'pdf.fonttype': 3}):
+        figure = Figure()
+        figure.text(0.5, 0.5, 'text')
+        figure.savefig(tmp_path / 'figure.pdf')
+    assert b'/Type3' in (tmp_path / 'figure.pdf').read_bytes()
