@@ -31,12 +31,12 @@ class Diagnostics:
         self.arrays: list[DiagnosticArray] = graph.listen(DiagnosticArray, DIAGNOSTICS.name)
 
     def all(self, node: str) -> list[Status]:
-        """Return all statuses of a node so far."""
+        """Return all statuses of a node so far, or of one subject, ``'node: subject'``."""
         return [
             (status.level, status.message, {pair.key: pair.value for pair in status.values})
             for array in self.arrays
             for status in array.status
-            if status.name.startswith(f'{node.lstrip("/")}: ')
+            if f'{status.name}: '.startswith(f'{node.lstrip("/")}: ')
         ]
 
     def wait(

@@ -44,21 +44,31 @@ class Graph(Processes):
     ----------
     **environment : str
         See `Processes`.
+
+    Attributes
+    ----------
+    sections : dict of str to callable
+        Further sections of the report of a failure: title and function that returns the text.
     """
 
     def __enter__(self) -> Graph:
         super().__enter__()
         self._ends: list[tuple[str, Callable[[], int]]] = []
         self._records: dict[str, list[Any]] = {}
+        self.sections: dict[str, Callable[[], str]] = {'topics': self._topics}
         return self
 
     def report(self) -> list[tuple[str, str]]:
-        """Return the output of each process, and the last message of each topic."""
-        topics = '\n'.join(
+        """Return the output of each process and the texts of `sections`, with their titles."""
+        texts = ((title, text()) for title, text in self.sections.items())
+        return [*super().report(), *((title, text) for title, text in texts if text)]
+
+    def _topics(self) -> str:
+        """Return the last message of each topic that is recorded."""
+        return '\n'.join(
             f'{topic}: {len(messages)} messages, last: {_short(messages[-1:])}'
             for topic, messages in self._records.items()
         )
-        return [*super().report(), ('topics', topics or 'none recorded')]
 
     @cached_property
     def context(self) -> Context:
@@ -97,8 +107,7 @@ class Graph(Processes):
             If the node is not on the context of the graph.
         """
         if node.context is not self.context:
-            raise ValueError(
-                f'{node.get_name()} is not on the graph: create it with context=graph.context')
+            raise ValueError(f'{node.get_name()}: create the node with context=graph.context')
         self._ending.callback(node.destroy_node)
         self._ending.callback(self._let_go)
         self._executor.add_node(node)
