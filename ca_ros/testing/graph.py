@@ -80,7 +80,7 @@ class Graph(Processes):
             domain_id=self.domain,
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self._ending.callback(rclpy.shutdown, context=context)
+        self._ending.callback(self._close)
         return context
 
     @cached_property
@@ -94,9 +94,7 @@ class Graph(Processes):
 
     @cached_property
     def _executor(self) -> SingleThreadedExecutor:
-        executor = SingleThreadedExecutor(context=self.context)
-        self._ending.callback(executor.shutdown)
-        return executor
+        return SingleThreadedExecutor(context=self.context)
 
     def add_node(self, node: Node) -> Node:
         """Let a node in the process of the test work whenever the test waits; return the node.
@@ -108,19 +106,20 @@ class Graph(Processes):
         """
         if node.context is not self.context:
             raise ValueError(f'{node.get_name()}: create the node with context=graph.context')
-        self._ending.callback(node.destroy_node)
-        self._ending.callback(self._let_go)
         self._executor.add_node(node)
         return node
 
-    def _let_go(self) -> None:
-        """Wait until DDS knows that the processes have ended: it may block in `destroy_node`.
-
-        Killed processes do not say that they end.
-        """
+    def _close(self) -> None:
+        # DDS may block in `destroy_node` until it knows that the processes have ended, which
+        # killed processes do not announce.
         limit = Deadline(LETTING_GO_MAX)
         while any(matched() for _, matched in self._ends) and not limit.passed():
             self._executor.spin_once(timeout_sec=0.02)
+        nodes = self._executor.get_nodes()
+        self._executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+        rclpy.shutdown(context=self.context)
 
     def publisher(self, kind: type[Any], topic: str, qos: QoSProfile = RELIABLE) -> Publisher:
         """Return a publisher."""
