@@ -35,7 +35,7 @@ class Proxy:
         self.input = graph.publisher(kind, topic)
         self.received = graph.listen(kind, f'{PREFIX}{topic}')
         self.diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
-        self.parameters = graph.connect('fault_proxy', 'seed')
+        self.parameters = graph.connect('fault_proxy')
         self.topic = topic
 
     def send(self, messages):
@@ -217,7 +217,7 @@ class Pilot:
         self.poses = graph.listen(PoseStamped, 'local_position/pose')
         for node in ('simulator', 'allocator', 'controller'):
             graph.connect(node)
-        self.proxy = graph.connect('fault_proxy', 'seed')
+        self.proxy = graph.connect('fault_proxy')
 
     def set_faults(self, faults):
         """Make the links faulty in these ways and no others."""

@@ -18,13 +18,7 @@ Status = tuple[bytes, str, dict[str, str]]
 
 
 class Diagnostics:
-    """Records the diagnostics of the nodes of a graph.
-
-    Attributes
-    ----------
-    arrays : list of DiagnosticArray
-        All messages so far.
-    """
+    """Records the diagnostics of the nodes of a graph; `arrays` has the messages so far."""
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
@@ -42,20 +36,9 @@ class Diagnostics:
     def wait(
         self, node: str, condition: Callable[[bytes, str, dict[str, str]], bool], what: str
     ) -> Status:
-        """Wait until the newest status of a node fulfils a condition; return the status.
+        """Wait until level, message and values of the newest status of a node fulfil a condition.
 
-        Parameters
-        ----------
-        node : str
-        condition : callable
-            Called with level, message and values.
-        what : str
-            Description of the condition for the error.
-
-        Raises
-        ------
-        AssertionError
-            If that does not happen before the deadline.
+        Returns them; `what` describes the condition for the error, see `Graph.spin_until`.
         """
 
         def fulfilled() -> bool:

@@ -135,23 +135,14 @@ class Graph(Processes):
         self._records[topic] = messages
         return messages
 
-    def connect(self, name: str, parameter: str = 'use_sim_time') -> Parameters:
-        """Wait until both ends of all topics have matched; return the parameters of a node.
-
-        DDS announces the ends of a process in the order of their creation: a node that answers
-        the client of a service knows all ends that were created before the client.
-
-        Parameters
-        ----------
-        name : str
-            Name of the node, with its namespace if it has one.
-        parameter : str
-            A parameter of the node.
-        """
+    def connect(self, name: str) -> Parameters:
+        """Wait until both ends of all topics have matched; return the parameters of a node."""
+        # DDS announces the ends of a process in the order of their creation: a node that answers
+        # the client of a service knows all ends that were created before the client.
         parameters = Parameters(self.node, name, self.spin_until)
         for topic, matched in self._ends:
             self.spin_until(matched, f'{topic}: matched')
-        parameters.get(parameter)
+        parameters.get('use_sim_time')
         return parameters
 
     def spin_until(
@@ -167,7 +158,7 @@ class Graph(Processes):
         ----------
         condition : callable
         what : str
-            Description of the condition for the error.
+            Description of the condition, for the error.
         repeat : callable, optional
             Called at the start and then at growing intervals, for messages that may be lost.
         deadline : float

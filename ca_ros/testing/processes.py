@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import re
-import shutil
 import signal
 import subprocess
 import sys
-import sysconfig
 import tempfile
 import uuid
 from collections.abc import Sequence
@@ -20,8 +17,10 @@ import psutil
 
 from ca_ros.bringup import processes
 from ca_ros.bringup.deadline import Deadline
+from ca_ros.testing.blocked_end import blocked, excuse
 from ca_ros.testing.domain import claim
 from ca_ros.testing.environment import SETTINGS, applied
+from ca_ros.testing.executables import executable
 
 DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))
 """Time limit of a wait [s]."""
@@ -32,46 +31,9 @@ MARK = 'CA_ROS_TEST_GRAPH'
 LINES = 50
 """Number of lines of the output of a process that a report shows."""
 
-BLOCKED = re.compile(
-    r'Timeout \(.*\)!\nThread \S+ \(most recent call first\):\n'
-    r'  File ".*/rclpy/node\.py", line \d+ in destroy_node\n'
-)
-"""What our nodes print if Fast DDS blocks while they are destroyed (docs/reliability.md)."""
-
 STREAMS = 'stdout', 'stderr'
 
 Process = subprocess.Popen[Any]
-
-
-def executable(name: str) -> Path:
-    """Return the path of an executable: of this package, of another ROS package, on the PATH.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.  A name with a slash is a path, and not looked for.
-    """
-    if os.sep in name:
-        return Path(name)
-    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-    libraries = [Path(prefix, 'lib') for prefix in prefixes]
-    places = [
-        *(library / 'ca_ros' for library in libraries),
-        Path(sysconfig.get_path('scripts')),
-        *(package for library in libraries for package in library.glob('*')),
-    ]
-    found = [str(place / name) for place in places if (place / name).is_file()]
-    path = [*found, shutil.which(name)][0]
-    if path is None:
-        raise FileNotFoundError(f"no executable '{name}': is its package installed, or sourced?")
-    return Path(path)
-
-
-def excuse() -> None:
-    """Let a test end as an expected failure of Fast DDS."""
-    import pytest
-
-    pytest.xfail('Fast DDS blocked at the end of a node, after its last command: issue 6513')
 
 
 class Processes:
@@ -127,21 +89,22 @@ class Processes:
         for process in left:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
-        faults += [
-            f'{self._name(process)}, exit code {process.wait()} after SIGINT: expected '
-            f'{" or ".join(map(str, self._exit_codes[process]))}'
-            for process in running
-            if process.wait() not in self._exit_codes[process] and not self._blocked(process)
-        ]
+        wrong = [process for process in running if process.wait() not in self._exit_codes[process]]
         psutil.wait_procs(left, DEADLINE)
-        blocked = any(map(self._blocked, running))
+        excused = [p for p in wrong if blocked(p.returncode, self.output(p)[1])]
+        faults += [
+            f'{self._name(process)}, exit code {process.returncode} after SIGINT: expected '
+            f'{" or ".join(map(str, self._exit_codes[process]))}'
+            for process in wrong
+            if process not in excused
+        ]
         report = '\n'.join(f'--- {title}\n{text}' for title, text in self.report())
         self._ending.close()
         if fault is not None:
             print(report, file=sys.stderr)
         elif faults:
             raise AssertionError('\n'.join([*faults, report]))
-        elif blocked:
+        elif excused:
             excuse()
 
     def start(
@@ -217,13 +180,9 @@ class Processes:
         out, err = self.output(process)
         if late:
             raise AssertionError(f'{self._name(process)}: not ended in {deadline:g} s: {err}')
-        if self._blocked(process):
+        if blocked(process.returncode, err):
             excuse()
         return out, err
-
-    def _blocked(self, process: Process) -> bool:
-        """Return whether Fast DDS blocked at the end of a node, after its last command."""
-        return process.returncode == 1 and bool(BLOCKED.search(self.output(process)[1]))
 
     def alive(self) -> list[psutil.Process]:
         """Return the processes that run, and those that they have started."""
