@@ -91,8 +91,10 @@ def environment(place, graph):
     paths = [
         str(place / '.venv' / 'bin'), sysconfig.get_path('scripts'),
         str(Path(sys.executable).parent), os.environ['PATH']]
+    # The clone comes first; the entry point of the plugin may be where colcon has installed it.
+    modules = [str(place), *filter(None, [os.environ.get('PYTHONPATH')])]
     return os.environ | {
-        'PATH': os.pathsep.join(paths), 'PYTHONPATH': str(place),
+        'PATH': os.pathsep.join(paths), 'PYTHONPATH': os.pathsep.join(modules),
         'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg',
         'MYPY_CACHE_DIR': str(ROOT / '.mypy_cache')}
 

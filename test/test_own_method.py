@@ -92,7 +92,6 @@ def test_what_is_no_method_is_named(example, method, words):
 
 def test_it_flies_over_ros(example, graph, monkeypatch):
     monkeypatch.setattr(dynamic_study, 'draw', lambda *_: None)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     command = ['--methods', OWN, '-p', f'{RESERVE}:=0.75', '--duration', '1']
     assert dynamic_study.main([*command, '--out', 'offline']) == 0
     assert dynamic_study.main([*command, '--ros', '--out', 'ros']) == 0

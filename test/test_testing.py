@@ -49,6 +49,14 @@ def test_the_plugin_imports_nothing_that_a_run_of_pytest_without_it_does_not():
     assert run.stdout.split() == ['pytest_ca_ros']
 
 
+def test_the_fixture_names_what_is_not_installed(tmp_path):
+    (tmp_path / 'test_it.py').write_text('def test_it(graph): pass')
+    script = 'import sys, pytest; sys.modules["rclpy"] = None; pytest.main(["-q"])'
+    run = subprocess.run(
+        [PYTHON, '-c', script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert 'the fixture graph needs rclpy' in run.stdout
+
+
 # The environment
 
 def test_the_environment_is_that_of_the_graph_and_then_as_before(monkeypatch):
@@ -83,7 +91,7 @@ def test_an_executable_of_any_ros_package_is_found_by_its_name(tmp_path, monkeyp
     file = tmp_path / 'lib' / 'some_package' / 'some_node'
     file.parent.mkdir(parents=True)
     file.touch()
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=os.pathsep)
     assert executable('some_node') == file
     assert executable('allocator').name == 'allocator'
     assert executable('sh').is_file()
