@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 @pytest.fixture
 def graph() -> Iterator[Graph]:
     """Give a test a ROS graph of its own (`ca_ros.testing.Graph`)."""
-    from ca_ros.testing import Graph
-
+    try:
+        from ca_ros.testing import Graph
+    except ModuleNotFoundError as error:
+        hint = "pip install 'ca_ros[ros,testing]', or source ROS 2 Jazzy"
+        pytest.fail(f'the fixture graph needs {error.name}: {hint}', pytrace=False)
     with Graph() as graph:
         yield graph
 

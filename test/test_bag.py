@@ -62,7 +62,7 @@ def flight(tmp_path_factory):
     """Return the bag of a flight in lockstep, its flight.csv and what bringup said."""
     folder = tmp_path_factory.mktemp('flight')
     with Graph() as graph:
-        process = graph.start_silent(
+        process = graph.start(
             'bringup', '--mode', 'lockstep', '--duration', str(DURATION),
             '--out', str(folder), '--bag', str(folder / 'bag'), '--ros-args',
             '-p', 'simulator.publish_clock:=enabled', '-p', 'simulator.publish_odometry:=enabled')
@@ -177,7 +177,7 @@ def _number(recording, topic, path):
 # Bags that are not to be had, or not to be finished
 
 def test_an_interrupted_flight_leaves_a_bag_that_can_be_read(graph, tmp_path):
-    process = graph.start_silent(
+    process = graph.start(
         'bringup', '--mode', 'lockstep', '--duration', '1e6', '--namespace', 'uav1',
         '--out', str(tmp_path), '--bag', str(tmp_path / 'bag'))
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
@@ -194,7 +194,7 @@ def test_an_interrupted_flight_leaves_a_bag_that_can_be_read(graph, tmp_path):
 
 def test_a_folder_that_is_there_is_left_alone(graph, tmp_path):
     (tmp_path / 'bag').mkdir()
-    process = graph.start_silent(
+    process = graph.start(
         'bringup', '--out', str(tmp_path), '--bag', str(tmp_path / 'bag'))
     out, err = graph.outlive(process)
     assert (process.returncode, out) == (1, '')

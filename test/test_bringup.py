@@ -55,7 +55,7 @@ def read(folder):
 def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
     def flight(factor):
         # A stall of the machine is not a loss of commands.
-        process = graph.start_silent(
+        process = graph.start(
             'bringup', '--method', 'exact', '--out', str(tmp_path), '--duration', '8',
             '--ros-args', '-p', 'command_timeout:=1000.0',
             '-p', f'simulator.real_time_factor:={factor}')
@@ -100,7 +100,7 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
         'mode': 'realtime', 'allocation.method': 'exact'}}})
     short = ('--duration', '0.1')
     flights = [
-        graph.start_silent('bringup', *short, *arguments) for arguments in (
+        graph.start('bringup', *short, *arguments) for arguments in (
             ('--ros-args', '--params-file', keyed, '-r', '__ns:=/a', '-p', 'mode:=lockstep'),
             ('--vehicle', dump, '--namespace', 'b', '--mode', 'lockstep', '--out', 'b'),
             ('--mode', 'lockstep', '--namespace', '/c', '--ros-args',
@@ -150,7 +150,7 @@ def test_it_warns_of_nodes_with_different_vehicles_and_refuses_different_modes(g
     file = write(tmp_path / 'different.yaml', {'/**': hexarotor} | {
         name: {'ros__parameters': values} for name, values in changes.items()})
     flights = [
-        graph.start_silent(
+        graph.start(
             'bringup', '--duration', '0.1', '--out', str(tmp_path / name), '--vehicle', file,
             '--namespace', name) for name in ('a', 'b')]
     said = [graph.outlive(flight) for flight in flights]
@@ -174,7 +174,7 @@ def test_it_does_not_start_where_another_loop_is(graph, tmp_path, node, topic):
     graph.start(node, '--ros-args', '-r', '__ns:=/uav1', '-r', '__node:=mine')
     graph.spin_until(
         lambda: ('mine', '/uav1') in graph.node.get_node_names_and_namespaces(), node)
-    flight = graph.start_silent(
+    flight = graph.start(
         'bringup', '--namespace', 'uav1', '--out', str(tmp_path), '--faults', '')
     out, err = graph.outlive(flight)
     assert (flight.returncode, out) == (1, ''), err
@@ -188,7 +188,7 @@ def test_it_does_not_start_where_another_loop_is(graph, tmp_path, node, topic):
 
 def fly_on(graph, *arguments):
     """Start a flight that does not end, and return it when it has left the ground."""
-    flight = graph.start_silent(
+    flight = graph.start(
         'bringup', '--mode', 'lockstep', '--duration', '1e6', '--namespace', 'uav1', *arguments)
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
     graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.01, 'a flight')
@@ -218,7 +218,7 @@ def test_an_interrupt_ends_all_in_the_namespace_in_which_it_flies(graph, tmp_pat
 @pytest.mark.parametrize(
     ('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
-    flight = graph.start_silent('bringup', '--out', str(tmp_path))
+    flight = graph.start('bringup', '--out', str(tmp_path))
     graph.spin_until(lambda: len(graph.alive()) == 4, 'four processes')
     flight.send_signal(number)
     out, err = graph.outlive(flight)

@@ -63,7 +63,7 @@ class Node(Said):
 
     def __init__(self, graph, name, *options):
         super().__init__(graph, name)
-        self.process = graph.start_silent(name, '--vehicle', 'hexarotor', '--ros-args', *options)
+        self.process = graph.start(name, '--vehicle', 'hexarotor', '--ros-args', *options)
         self.stream = graph.publisher(*STREAMS[name])
         graph.connect(name)
 
@@ -366,7 +366,7 @@ sys.exit(allocator.run('curious', Curious, ''))
 
 
 def test_others_that_come_and_go_are_no_mismatch(graph):
-    process = graph.start_silent(
+    process = graph.start(
         sys.executable, '-c', CURIOUS, '--vehicle', 'hexarotor', '--ros-args',
         '-r', '__node:=allocator')
     graph.connect('allocator')

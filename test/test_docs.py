@@ -92,8 +92,10 @@ def environment(place, graph):
     paths = [
         str(place / '.venv' / 'bin'), sysconfig.get_path('scripts'),
         str(Path(sys.executable).parent), os.environ['PATH']]
+    # The clone comes first; the entry point of the plugin may be where colcon has installed it.
+    modules = [str(place), *filter(None, [os.environ.get('PYTHONPATH')])]
     return os.environ | {
-        'PATH': os.pathsep.join(paths), 'PYTHONPATH': str(place),
+        'PATH': os.pathsep.join(paths), 'PYTHONPATH': os.pathsep.join(modules),
         'ROS_DOMAIN_ID': str(graph.domain), 'MPLBACKEND': 'agg',
         'MYPY_CACHE_DIR': str(ROOT / '.mypy_cache')}
 
@@ -126,7 +128,10 @@ def test_the_commands_of_a_page_run_one_after_the_other(page, clone, graph):
         if block.mark.startswith(('file ', 'insert ')):
             write(clone, block)
         elif block.runs and block.kind == 'sh':
-            shell(clone, graph, block.text)
+            printed = shell(clone, graph, block.text)
+            if block.mark == 'shows':
+                shown = {*block.output.splitlines()} - {'...'}
+                assert not shown - {*printed.splitlines()}, printed
         elif block.runs:
             printed = shell(clone, graph, f"python - <<'END'\n{block.text}\nEND\n")
             assert block.output is None or printed == block.output
@@ -137,7 +142,8 @@ def test_marks_are_known_and_what_is_not_run_here_is_listed(record_property):
     for page in PAGES:
         for block in blocks(page):
             word = block.mark.split(' ')[0]
-            assert block.mark in NOT_HERE or word in ('', 'file', 'insert', 'prints'), block
+            known = ('', 'file', 'insert', 'prints', 'shows')
+            assert block.mark in NOT_HERE or word in known, block
             assert not (block.runs and re.search(r'^make\b', block.text, re.MULTILINE)), (
                 f'{page}: make in a copy would install anew: let .ci/run do it')
             if block.kind in ('sh', 'python') and block.mark in NOT_HERE:

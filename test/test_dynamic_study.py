@@ -328,9 +328,8 @@ def test_a_flight_is_read_back_to_the_last_bit(tmp_path):
 
 @pytest.mark.slow
 def test_over_ros_the_flights_are_the_same_to_the_last_bit(
-        graph, tmp_path, monkeypatch, plain):
+        graph, tmp_path, plain):
     pytest.importorskip('rclpy')
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     # A parameter other than in the file has to reach the nodes too.
     command = ['--duration', '1', '-p', 'controller.position_stiffness:=1.4']
     # Neither whole milliseconds nor a whole number of steps in a second.
@@ -356,8 +355,7 @@ def test_parameters_are_not_given_by_arguments_for_ros(given, tmp_path, capsys):
     assert 'give parameters by --vehicle and -p' in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_the_reason_for_no_flight_over_ros_is_told(graph, monkeypatch):
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+def test_the_reason_for_no_flight_over_ros_is_told(graph):
     case = Case.load('hexarotor')
     with pytest.raises(RosFlightError, match=r'exact: no flight over ROS: .*nonsense'):
         fly_over_ros(case, 'exact', 1.0, ['--nonsense'])

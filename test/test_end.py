@@ -33,7 +33,7 @@ class Motors:
 
     def __init__(self, graph, *options, namespace='uav', program=('allocator',)):
         self.graph, self.node = graph, f'/{namespace}/allocator'
-        self.process = graph.start_silent(
+        self.process = graph.start(
             *program, *OPTIONS, *options, '-r', f'__ns:=/{namespace}')
         self.command = graph.publisher(WrenchStamped, f'/{namespace}/command/wrench')
         self.heard = [

@@ -159,7 +159,7 @@ def test_joints_turn_clockwise_by_a_minus():
 def test_joint_velocities_arrive(graph):
     from std_msgs.msg import Float64MultiArray
 
-    process = graph.start_silent(
+    process = graph.start(
         sys.executable, str(FOLDER / 'ros2_control_velocities.py'), '--vehicle', 'quadrotor',
         '--ros-args', '-r', '~/commands:=/rotor_controller/commands')
     sender = graph.publisher(Float64MultiArray, 'command/motor_speed')

@@ -21,7 +21,7 @@ def test_the_help_of_every_executable_names_its_options(graph):
     scripts = entry_points(group='console_scripts')
     names = [script.name for script in scripts if script.module.startswith('ca_ros.')]
     assert sorted(names) == sorted(COMMANDS)
-    processes = {name: graph.start_silent(name, '--help') for name in names}
+    processes = {name: graph.start(name, '--help') for name in names}
     for name, process in processes.items():
         out, err = graph.outlive(process)
         assert (process.returncode, err) == (0, '')
@@ -33,7 +33,7 @@ def test_the_help_of_every_executable_names_its_options(graph):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_the_nodes_cleanly_in_full_flight(graph, number):
-    nodes = [graph.start_silent(name, '--vehicle', 'hexarotor') for name in NODES]
+    nodes = [graph.start(name, '--vehicle', 'hexarotor') for name in NODES]
     waypoint = graph.publisher(PoseStamped, 'command/pose')
     poses = graph.listen(PoseStamped, 'local_position/pose')
     for name in NODES:
@@ -113,7 +113,7 @@ WRONG_OPTIONS = [
 
 
 def test_a_wrong_option_is_refused_by_name(graph):
-    processes = [graph.start_silent(*way) for way in WRONG_OPTIONS]
+    processes = [graph.start(*way) for way in WRONG_OPTIONS]
     for (name, *options), process in zip(WRONG_OPTIONS, processes, strict=True):
         out, err = graph.outlive(process)
         assert process.returncode != 0, options
@@ -153,7 +153,7 @@ def test_a_wrong_value_on_the_command_line_is_refused_in_one_line(graph):
 
 def refused(graph, ways, words):
     """Each way ends with an exit code other than zero and one line with these words."""
-    processes = [graph.start_silent(*way) for way in ways]
+    processes = [graph.start(*way) for way in ways]
     for way, process in zip(ways, processes, strict=True):
         out, err = graph.outlive(process)
         assert process.returncode != 0, way

@@ -35,7 +35,7 @@ class Proxy:
         self.input = graph.publisher(kind, topic)
         self.received = graph.listen(kind, f'{PREFIX}{topic}')
         self.diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
-        self.parameters = graph.connect('fault_proxy', 'seed')
+        self.parameters = graph.connect('fault_proxy')
         self.topic = topic
 
     def send(self, messages):
@@ -157,7 +157,7 @@ def test_a_publisher_that_does_not_match_is_said(graph):
 
 @pytest.mark.parametrize('parameter', ['drop:=1.5', 'dorp:=0.1', 'corruptions:=[rust]'])
 def test_a_wrong_parameter_is_refused_in_one_line(graph, parameter):
-    proxy = graph.start_silent('fault_proxy', '--ros-args', '-p', parameter)
+    proxy = graph.start('fault_proxy', '--ros-args', '-p', parameter)
     out, err = graph.outlive(proxy)
     assert proxy.returncode == 1
     assert out == ''
@@ -166,7 +166,7 @@ def test_a_wrong_parameter_is_refused_in_one_line(graph, parameter):
 
 
 def test_its_help_names_every_parameter_and_the_remaps(graph):
-    out, err = graph.outlive(graph.start_silent('fault_proxy', '--help'))
+    out, err = graph.outlive(graph.start('fault_proxy', '--help'))
     assert err == ''
     assert [name for name in FAULTS if f'  {name} ' not in out] == []
     assert [topic for topic in LINK_CORRUPTIONS if f'-r {topic}:={PREFIX}{topic}' not in out] == []
@@ -217,7 +217,7 @@ class Pilot:
         self.poses = graph.listen(PoseStamped, 'local_position/pose')
         for node in ('simulator', 'allocator', 'controller'):
             graph.connect(node)
-        self.proxy = graph.connect('fault_proxy', 'seed')
+        self.proxy = graph.connect('fault_proxy')
 
     def set_faults(self, faults):
         """Make the links faulty in these ways and no others."""
@@ -284,7 +284,7 @@ def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
 
     def flight(factor):
         diagnostics.clear()
-        process = graph.start_silent(
+        process = graph.start(
             'bringup', '--faults', f'drop:=0.1 delay:={0.005 / factor} seed:=3',
             '--namespace', 'uav1', '--duration', '12', '--out', str(tmp_path),
             '--ros-args', '-p', 'command_timeout:=1000.0',

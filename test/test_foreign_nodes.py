@@ -150,7 +150,7 @@ while not stop:
 def test_a_plant_of_the_page_flies_as_our_simulator_does(graph, tmp_path):
     plant = tmp_path / 'plant.py'
     plant.write_text(PLANT, encoding='utf-8')
-    flight = graph.start_silent(
+    flight = graph.start(
         'bringup', '--plant', f"'{sys.executable}' '{plant}'", '--mode', 'lockstep',
         '--duration', '0.5', '--out', str(tmp_path))
     out, err = graph.outlive(flight)
@@ -237,7 +237,7 @@ def test_the_controller_gets_waypoints_kept_from_before_its_start_and_others_lat
 def test_the_controller_says_that_pose_and_velocity_need_the_same_stamp(graph):
     goals = graph.publisher(PoseStamped, 'command/pose')
     state, diagnostics = State(graph), Diagnostics(graph)
-    node = graph.start_silent(
+    node = graph.start(
         'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
     graph.connect('controller')
     goals.publish(waypoint(1.0))

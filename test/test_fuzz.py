@@ -71,7 +71,7 @@ class Allocator:
     def __init__(self, graph):
         self.graph, self.sent, self.expected = graph, 0, []
         self.twin, self.undisturbed = twin(), twin()
-        self.process = graph.start_silent(
+        self.process = graph.start(
             'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
         self.command = graph.publisher(WrenchStamped, 'command/wrench')
         self.speeds = graph.listen(Float64MultiArray, 'command/motor_speed')

@@ -49,7 +49,7 @@ class Flight:
 
     def __init__(self, graph, folder, *arguments):
         self.graph = graph
-        self.process = graph.start_silent(
+        self.process = graph.start(
             'bringup', '--respawn', '--out', str(folder), *arguments)
         self.poses = graph.listen(PoseStamped, 'local_position/pose')
         self.speeds = graph.listen(Float64MultiArray, 'motor_speed')
@@ -189,7 +189,7 @@ def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypa
     # As a user would start it: all that keeps Fast DDS from using it is bringup itself.
     monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS')
     monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE')
-    flight = graph.start_silent(
+    flight = graph.start(
         'bringup', '--respawn', '--mode', 'lockstep', *SHORT, '--out', str(tmp_path))
     victims = []
 
@@ -217,7 +217,7 @@ def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypa
 def test_nothing_flies_on_when_bringup_is_killed(graph, tmp_path):
     told = graph.listen(Float64MultiArray, 'command/motor_speed')
     for _ in range(KILLS):
-        flight = graph.start_silent(
+        flight = graph.start(
             'bringup', '--faults', '', '--duration', '1e6', '--out', str(tmp_path))
         told.clear()
         graph.spin_until(lambda: len(told) > 10, 'a flight')
@@ -226,7 +226,7 @@ def test_nothing_flies_on_when_bringup_is_killed(graph, tmp_path):
         graph.spin_until(lambda: graph.alive() == [], 'all nodes have ended')
         graph.spin_until(lambda: set(told[-1].data) == {IDLE}, 'the last command is idle')
     # The next flight is not among them.
-    flight = graph.start_silent(
+    flight = graph.start(
         'bringup', '--mode', 'lockstep', *SHORT, '--out', str(tmp_path))
     out, err = graph.outlive(flight)
     assert flight.returncode == 0, out + err
@@ -238,7 +238,7 @@ def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
         'from ca_ros.bringup import bringup, session; session.Processes.STARTING = 1e6; '
         'session.PROGRESS_TIMEOUT = 1e6; '
         'raise SystemExit(bringup.main())')
-    flight = graph.start_silent(
+    flight = graph.start(
         sys.executable, '-c', patient,
         '--respawn', '--out', str(tmp_path),
         '--ros-args', '-p', 'allocator:command_timeout:=-1.0')

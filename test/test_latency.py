@@ -27,7 +27,7 @@ except (latency.LatencyError, KeyboardInterrupt) as error:
 
 
 def start(graph, out):
-    return graph.start_silent(sys.executable, '-c', MEASURE, str(out))
+    return graph.start(sys.executable, '-c', MEASURE, str(out))
 
 
 @pytest.mark.slow

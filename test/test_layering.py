@@ -137,8 +137,7 @@ raise SystemExit(main(['--mode', 'lockstep', '--duration', '1', '--waypoint', '0
 
 
 def test_bringup_flies_without_the_studies_packages_and_says_that_there_is_no_plot(
-        graph, tmp_path, monkeypatch):
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+        graph, tmp_path):
     result = run(tmp_path, FLIGHT, STUDIES)
     assert result.returncode == 0, result.stderr
     assert "no plot       needs matplotlib: pip install 'ca_ros[studies]'" in result.stdout

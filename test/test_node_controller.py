@@ -25,7 +25,7 @@ class Client:
     def __init__(self, graph):
         self.graph, self.last = graph, 0
         # In lockstep it gets each message, in order.
-        self.process = graph.start_silent(
+        self.process = graph.start(
             'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
         self.waypoint = graph.publisher(PoseStamped, 'command/pose')
         self.pose = graph.publisher(PoseStamped, 'local_position/pose')

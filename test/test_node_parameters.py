@@ -88,7 +88,7 @@ def start_with(graph, folder, node, changes):
             yaml.safe_dump({'/**': {'ros__parameters': {**load('hexarotor'), **change}}}),
             encoding='utf-8')
         files.append(str(file))
-    process = graph.start_silent(sys.executable, '-c', STARTS, node, *files)
+    process = graph.start(sys.executable, '-c', STARTS, node, *files)
     out, err = graph.outlive(process)
     assert process.returncode == 0, err
     return json.loads(out)
@@ -141,7 +141,7 @@ def test_the_allocator_starts_from_a_file_without_an_inertia(graph, tmp_path):
     graph.start('allocator', '--vehicle', str(file))
     assert graph.connect('allocator').get('vehicle.mass') == [1.0]
     for node in ('controller', 'simulator'):
-        process = graph.start_silent(node, '--vehicle', str(file))
+        process = graph.start(node, '--vehicle', str(file))
         _, said = graph.outlive(process)
         check_line(node, process.returncode, said, ['onboard.yaml: vehicle.inertia: missing'])
 
@@ -151,14 +151,14 @@ def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path
     file.write_text(yaml.safe_dump({
         name: {'ros__parameters': {'vehicle.mass': 1.0}}
         for name in ('/uav1/simulator', '/uav2/allocator')}))
-    process = graph.start_silent(
+    process = graph.start(
         'allocator', '--ros-args', '-r', '__ns:=/uav1', '--params-file', str(file))
     _, said = graph.outlive(process)
     check_line('allocator', process.returncode, said, [
         'vehicle.mass: missing', 'looked for by the node /uav1/allocator in ', str(file),
         'sections: /uav1/simulator, /uav2/allocator'])
     file.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'vehicle.gravity': 9.81}}}))
-    process = graph.start_silent('allocator', '--vehicle', str(file))
+    process = graph.start('allocator', '--vehicle', str(file))
     _, said = graph.outlive(process)
     assert said == f'allocator: {file}: vehicle.mass: missing; it is the mass [kg]\n'
 
@@ -179,7 +179,7 @@ def test_each_node_of_the_loop_has_its_parameters():
 
 @pytest.mark.parametrize('node', DECLARED)
 def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
-    process = graph.start_silent(
+    process = graph.start(
         node, '--vehicle', 'hexarotor', '--ros-args', '-p', 'camera.exposure:=3',
         '-p', 'foo:=1.0', '-p', 'use_sim_time:=true',
         '-p', 'qos_overrides./clock.subscription.depth:=1',

@@ -36,7 +36,7 @@ class Client:
 
     def __init__(self, graph, mode, *arguments):
         self.graph = graph
-        self.process = graph.start_silent(
+        self.process = graph.start(
             'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
             '-p', 'timeout_action:=hold', *arguments)
         self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')

@@ -92,7 +92,6 @@ def test_what_is_no_method_is_named(example, method, words):
 
 def test_it_flies_over_ros(example, graph, monkeypatch):
     monkeypatch.setattr(dynamic_study, 'draw', lambda *_: None)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     command = ['--methods', OWN, '-p', f'{RESERVE}:=0.75', '--duration', '1']
     assert dynamic_study.main([*command, '--out', 'offline']) == 0
     assert dynamic_study.main([*command, '--ros', '--out', 'ros']) == 0
@@ -105,14 +104,14 @@ def test_it_flies_over_ros(example, graph, monkeypatch):
 
 def test_bringup_takes_it_and_its_options(example, graph):
     goal = ('--waypoint', '0', '0', '0', '--heading', '0', '--duration', '0.5', '--out', 'flight')
-    process = graph.start_silent(
+    process = graph.start(
         'bringup', '--mode', 'lockstep', '--method', OWN, *goal,
         '--ros-args', '-p', f'{RESERVE}:=0.2')
     out, err = graph.outlive(process)
     assert process.returncode == 0, out + err
     wrong = [('--method', 'nowhere:Mine'), ('--method', 'json:loads'), ('--method', 'magic')]
     for arguments in wrong:
-        process = graph.start_silent('bringup', *arguments)
+        process = graph.start('bringup', *arguments)
         out, err = graph.outlive(process)
         assert process.returncode == 2
         assert f'argument --method: {arguments[1]}' in err or 'no allocation method' in err

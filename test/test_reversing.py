@@ -94,7 +94,7 @@ def test_level_needs_the_sideways_force():
 
 @pytest.mark.slow
 def test_it_flies_over_ros_and_reverses(graph, tmp_path):
-    process = graph.start_silent(
+    process = graph.start(
         'bringup', '--vehicle', 'rov', '--mode', 'lockstep', '--waypoint', '1', '0', '0',
         '--heading', '90', '--duration', '15', '--out', str(tmp_path))
     out, err = graph.outlive(process)

@@ -188,7 +188,7 @@ def test_a_rotor_that_is_not_there_cannot_fail(graph, tmp_path, capsys):
     words = '--fail 7@1: the vehicle has 6 rotors'
     assert dynamic_study(['--fail', '7@1', '--out', str(tmp_path)]) == 1
     assert words in capsys.readouterr().err
-    process = graph.start_silent('bringup', '--fail', '7@1', '--out', str(tmp_path))
+    process = graph.start('bringup', '--fail', '7@1', '--out', str(tmp_path))
     _, err = graph.outlive(process)
     assert process.returncode == 1
     assert err.splitlines()[-1] == f'bringup: {words}'
@@ -212,7 +212,7 @@ def options_of(failures):
      ['MISSED', 'heading is given up', 'rotor 1 lost, rotor 2 at 50 %'])])
 def test_failures_over_dds_equal_those_offline_to_the_last_bit(
         graph, tmp_path, vehicle, failures, duration, words):
-    process = graph.start_silent(
+    process = graph.start(
         'bringup', '--mode', 'lockstep', '--vehicle', vehicle, '--duration', str(duration),
         '--out', str(tmp_path), '--waypoint', *map(str, NEXT.position), '--heading', '0',
         *arguments(failures))
@@ -229,7 +229,7 @@ def test_failures_over_dds_equal_those_offline_to_the_last_bit(
 
 @pytest.mark.slow
 def test_a_vehicle_that_starts_without_a_rotor_is_judged_by_what_it_has(graph, tmp_path):
-    process = graph.start_silent(
+    process = graph.start(
         'bringup', '--mode', 'lockstep', '--duration', '10', '--out', str(tmp_path),
         '--ros-args', '-p', 'rotors.health:=[0.0, 1.0, 1.0, 1.0, 1.0, 1.0]',
         '-p', 'allocation.lost_axes:=drop')

@@ -87,7 +87,7 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
             shlex.split(command), cwd=ROOT, capture_output=True, text=True, check=True).stdout
     permissions = allowed(ElementTree.fromstring(text))
     assert {key[0] for key in permissions} == {namespace}
-    bringup = graph.start_silent(
+    bringup = graph.start(
         'bringup', '--duration', '1e6', '--fail', '1@1e5', '--namespace', namespace,
         '--out', str(tmp_path), '--ros-args', '-p', 'simulator.publish_clock:=enabled',
         '-p', 'simulator.publish_odometry:=enabled')

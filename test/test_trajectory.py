@@ -57,7 +57,7 @@ def test_the_flight_follows_and_ends_at_the_last_one(square):
 
 @pytest.mark.slow
 def test_over_the_nodes_it_is_the_same_flight_to_the_last_bit(square, tmp_path, graph):
-    process = graph.start_silent(
+    process = graph.start(
         'bringup', '--mode', 'lockstep', '--duration', '8', '--trajectory', str(square),
         '--out', str(tmp_path / 'out'))
     out, err = graph.outlive(process)

@@ -1,17 +1,22 @@
 """Tests of nodes: a ROS graph per test, with processes and nodes, lockstep and faults."""
 
 from ca_ros.testing.diagnostics import Diagnostics, counts
+from ca_ros.testing.executables import executable
+from ca_ros.testing.faults import FaultProxy
 from ca_ros.testing.graph import BEST_EFFORT, RELIABLE, Graph
+from ca_ros.testing.lockstep import Lockstep
 from ca_ros.testing.messages import six, wrench
 from ca_ros.testing.parameters import Parameters
-from ca_ros.testing.processes import DEADLINE, executable
+from ca_ros.testing.processes import DEADLINE
 
 __all__ = [
     'BEST_EFFORT',
     'DEADLINE',
     'RELIABLE',
     'Diagnostics',
+    'FaultProxy',
     'Graph',
+    'Lockstep',
     'Parameters',
     'counts',
     'executable',

@@ -18,44 +18,27 @@ Status = tuple[bytes, str, dict[str, str]]
 
 
 class Diagnostics:
-    """Records the diagnostics of the nodes of a graph.
-
-    Attributes
-    ----------
-    arrays : list of DiagnosticArray
-        All messages so far.
-    """
+    """Records the diagnostics of the nodes of a graph; `arrays` has the messages so far."""
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
         self.arrays: list[DiagnosticArray] = graph.listen(DiagnosticArray, DIAGNOSTICS.name)
 
     def all(self, node: str) -> list[Status]:
-        """Return all statuses of a node so far."""
+        """Return all statuses of a node so far, or of one subject, ``'node: subject'``."""
         return [
             (status.level, status.message, {pair.key: pair.value for pair in status.values})
             for array in self.arrays
             for status in array.status
-            if status.name.startswith(f'{node.lstrip("/")}: ')
+            if f'{status.name}: '.startswith(f'{node.lstrip("/")}: ')
         ]
 
     def wait(
         self, node: str, condition: Callable[[bytes, str, dict[str, str]], bool], what: str
     ) -> Status:
-        """Wait until the newest status of a node fulfils a condition; return the status.
+        """Wait until level, message and values of the newest status of a node fulfil a condition.
 
-        Parameters
-        ----------
-        node : str
-        condition : callable
-            Called with level, message and values.
-        what : str
-            Description of the condition for the error.
-
-        Raises
-        ------
-        AssertionError
-            If that does not happen before the deadline.
+        Returns them; `what` describes the condition for the error, see `Graph.spin_until`.
         """
 
         def fulfilled() -> bool:

@@ -44,21 +44,31 @@ class Graph(Processes):
     ----------
     **environment : str
         See `Processes`.
+
+    Attributes
+    ----------
+    sections : dict of str to callable
+        Further sections of the report of a failure: title and function that returns the text.
     """
 
     def __enter__(self) -> Graph:
         super().__enter__()
         self._ends: list[tuple[str, Callable[[], int]]] = []
         self._records: dict[str, list[Any]] = {}
+        self.sections: dict[str, Callable[[], str]] = {'topics': self._topics}
         return self
 
     def report(self) -> list[tuple[str, str]]:
-        """Return the output of each process, and the last message of each topic."""
-        topics = '\n'.join(
+        """Return the output of each process and the texts of `sections`, with their titles."""
+        texts = ((title, text()) for title, text in self.sections.items())
+        return [*super().report(), *((title, text) for title, text in texts if text)]
+
+    def _topics(self) -> str:
+        """Return the last message of each topic that is recorded."""
+        return '\n'.join(
             f'{topic}: {len(messages)} messages, last: {_short(messages[-1:])}'
             for topic, messages in self._records.items()
         )
-        return [*super().report(), ('topics', topics or 'none recorded')]
 
     @cached_property
     def context(self) -> Context:
@@ -70,7 +80,7 @@ class Graph(Processes):
             domain_id=self.domain,
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self._ending.callback(rclpy.shutdown, context=context)
+        self._ending.callback(self._close)
         return context
 
     @cached_property
@@ -84,9 +94,7 @@ class Graph(Processes):
 
     @cached_property
     def _executor(self) -> SingleThreadedExecutor:
-        executor = SingleThreadedExecutor(context=self.context)
-        self._ending.callback(executor.shutdown)
-        return executor
+        return SingleThreadedExecutor(context=self.context)
 
     def add_node(self, node: Node) -> Node:
         """Let a node in the process of the test work whenever the test waits; return the node.
@@ -97,21 +105,21 @@ class Graph(Processes):
             If the node is not on the context of the graph.
         """
         if node.context is not self.context:
-            raise ValueError(
-                f'{node.get_name()} is not on the graph: create it with context=graph.context')
-        self._ending.callback(node.destroy_node)
-        self._ending.callback(self._let_go)
+            raise ValueError(f'{node.get_name()}: create the node with context=graph.context')
         self._executor.add_node(node)
         return node
 
-    def _let_go(self) -> None:
-        """Wait until DDS knows that the processes have ended: it may block in `destroy_node`.
-
-        Killed processes do not say that they end.
-        """
+    def _close(self) -> None:
+        # DDS may block in `destroy_node` until it knows that the processes have ended, which
+        # killed processes do not announce.
         limit = Deadline(LETTING_GO_MAX)
         while any(matched() for _, matched in self._ends) and not limit.passed():
             self._executor.spin_once(timeout_sec=0.02)
+        nodes = self._executor.get_nodes()
+        self._executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+        rclpy.shutdown(context=self.context)
 
     def publisher(self, kind: type[Any], topic: str, qos: QoSProfile = RELIABLE) -> Publisher:
         """Return a publisher."""
@@ -127,23 +135,14 @@ class Graph(Processes):
         self._records[topic] = messages
         return messages
 
-    def connect(self, name: str, parameter: str = 'use_sim_time') -> Parameters:
-        """Wait until both ends of all topics have matched; return the parameters of a node.
-
-        DDS announces the ends of a process in the order of their creation: a node that answers
-        the client of a service knows all ends that were created before the client.
-
-        Parameters
-        ----------
-        name : str
-            Name of the node, with its namespace if it has one.
-        parameter : str
-            A parameter of the node.
-        """
+    def connect(self, name: str) -> Parameters:
+        """Wait until both ends of all topics have matched; return the parameters of a node."""
+        # DDS announces the ends of a process in the order of their creation: a node that answers
+        # the client of a service knows all ends that were created before the client.
         parameters = Parameters(self.node, name, self.spin_until)
         for topic, matched in self._ends:
             self.spin_until(matched, f'{topic}: matched')
-        parameters.get(parameter)
+        parameters.get('use_sim_time')
         return parameters
 
     def spin_until(
@@ -159,7 +158,7 @@ class Graph(Processes):
         ----------
         condition : callable
         what : str
-            Description of the condition for the error.
+            Description of the condition, for the error.
         repeat : callable, optional
             Called at the start and then at growing intervals, for messages that may be lost.
         deadline : float

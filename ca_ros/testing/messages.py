@@ -5,34 +5,23 @@ from __future__ import annotations
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from numpy.typing import ArrayLike
+from std_msgs.msg import Header
 
 from ca_ros.arrays import Array
+from ca_ros.nodes.messages import stamp, wrench_message, wrench_numbers
 
 
 def wrench(numbers: ArrayLike, time: int = 0, frame: str = '') -> WrenchStamped:
-    """Return the message of a wrench.
+    """Return the message of a wrench (6,), force [N] before torque [N m], or of a thrust [N].
 
-    Parameters
-    ----------
-    numbers : (6,) array_like or float
-        Force [N] and torque [N m], or the thrust alone.
-    time : int
-        Stamp [ns].
-    frame : str
-        Frame of the header.
+    The message has the stamp `time` [ns] and the frame `frame`.
     """
     values = np.asarray(numbers, dtype=float)
-    message = WrenchStamped()
-    message.header.frame_id = frame
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time, 10**9)
-    f, t = message.wrench.force, message.wrench.torque
-    f.x, f.y, f.z, t.x, t.y, t.z = (
-        values.tolist() if values.ndim else (0.0, 0.0, values.item(), 0.0, 0.0, 0.0)
-    )
-    return message
+    if not values.ndim:
+        values = np.array([0.0, 0.0, values, 0.0, 0.0, 0.0])
+    return wrench_message(values, Header(stamp=stamp(time), frame_id=frame))
 
 
 def six(message: WrenchStamped) -> Array:
-    """Return the wrench (6,) of a message: force [N] and torque [N m]."""
-    f, t = message.wrench.force, message.wrench.torque
-    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
+    """Return the wrench (6,) of a message: force [N] before torque [N m]."""
+    return np.array(wrench_numbers(message))

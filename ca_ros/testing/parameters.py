@@ -11,45 +11,34 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 
 class Parameters:
-    """The parameters of a node; `Graph.connect` returns them.
-
-    Parameters
-    ----------
-    client : Node
-        The node of the test.
-    name : str
-        Name of the node with the parameters, with its namespace if it has one.
-    spin_until : callable
-        `Graph.spin_until`.
-    """
+    """The parameters of the node `name`, for the node `client`; `Graph.connect` returns them."""
 
     def __init__(self, client: Node, name: str, spin_until: Callable[..., None]) -> None:
         self._spin_until = spin_until
+        services = {
+            GetParameters: 'get_parameters',
+            SetParameters: 'set_parameters',
+            SetParametersAtomically: 'set_parameters_atomically',
+        }
         self._clients = {
             kind: client.create_client(kind, f'{name}/{service}')
-            for kind, service in (
-                (SetParameters, 'set_parameters'),
-                (SetParametersAtomically, 'set_parameters_atomically'),
-                (GetParameters, 'get_parameters'),
-            )
+            for kind, service in services.items()
         }
 
     def get(self, *names: str) -> list[Any]:
         """Return the values of parameters."""
-        answer = self._call(GetParameters, GetParameters.Request(names=names))
+        answer = self._call(GetParameters, names=names)
         return [parameter_value_to_python(value) for value in answer.values]
 
     def set(self, values: Mapping[str, Any]) -> Any:
         """Set parameters one by one; return the result of each, a SetParametersResult."""
-        request = SetParameters.Request(parameters=_messages(values))
-        return self._call(SetParameters, request).results
+        return self._call(SetParameters, parameters=_messages(values)).results
 
     def set_atomically(self, values: Mapping[str, Any]) -> Any:
         """Set all parameters or none; return the result, a SetParametersResult."""
-        request = SetParametersAtomically.Request(parameters=_messages(values))
-        return self._call(SetParametersAtomically, request).result
+        return self._call(SetParametersAtomically, parameters=_messages(values)).result
 
-    def _call(self, kind: Any, request: Any) -> Any:
+    def _call(self, kind: Any, **fields: Any) -> Any:
         client = self._clients[kind]
         futures: list[Any] = []
         self._spin_until(client.service_is_ready, f'{client.srv_name}: ready')
@@ -57,7 +46,7 @@ class Parameters:
         self._spin_until(
             lambda: any(future.done() for future in futures),
             f'{client.srv_name}: answered',
-            repeat=lambda: futures.append(client.call_async(request)),
+            repeat=lambda: futures.append(client.call_async(kind.Request(**fields))),
         )
         return next(future.result() for future in futures if future.done())
 

@@ -1,0 +1,58 @@
+"""Faults on the links between nodes: messages lost, delayed, duplicated, reordered, damaged."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ca_ros.bringup.fault_proxy import PREFIX
+from ca_ros.testing.diagnostics import Diagnostics, counts
+from ca_ros.testing.graph import Graph
+from ca_ros.testing.parameters import Parameters
+
+
+class FaultProxy:
+    """The node `fault_proxy` between the publishers and the subscribers of some topics.
+
+    Start the subscribers with the arguments of `remaps`.
+
+    Parameters
+    ----------
+    graph : Graph
+    *topics : str
+        Topics between the nodes of the loop, such as ``'command/wrench'``.
+    **faults : float
+        Faults by name, such as ``drop=0.1`` or ``delay=0.02``; ``fault_proxy --help`` lists them.
+    """
+
+    def __init__(self, graph: Graph, *topics: str, **faults: Any) -> None:
+        self._topics = topics
+        self._diagnostics = Diagnostics(graph)
+        values = {'topics': f'[{", ".join(topics)}]', **faults}
+        words = [f'{name}:={value}' for name, value in values.items()]
+        graph.start('fault_proxy', '--ros-args', *(w for word in words for w in ('-p', word)))
+        self._parameters = Parameters(graph.node, 'fault_proxy', graph.spin_until)
+        self._parameters.get('seed')
+
+    @property
+    def remaps(self) -> list[str]:
+        """The ROS arguments with which a node subscribes to the faulty topics."""
+        return [word for topic in self._topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
+
+    def set(self, **faults: Any) -> None:
+        """Change faults; those that are not named stay.
+
+        Raises
+        ------
+        ValueError
+            If a fault is unknown or out of its range.
+        """
+        result = self._parameters.set_atomically(faults)
+        if not result.successful:
+            raise ValueError(result.reason)
+
+    def counts(self, topic: str) -> dict[str, int]:
+        """Return the next counts of a topic: received, passed, dropped and so on."""
+        self._diagnostics.arrays.clear()
+        subject = f'fault_proxy: {topic}'
+        *_, values = self._diagnostics.wait(subject, lambda *_: True, 'counts')
+        return counts(values)

@@ -1,0 +1,147 @@
+"""Lockstep with the simulator: a record of each step, and single steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rclpy.publisher import Publisher
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.flight.record import Flight
+from ca_ros.nodes import topics
+from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.qos import offered
+from ca_ros.testing.graph import Graph
+from ca_ros.testing.messages import six, wrench
+
+POSE, VELOCITY, SPEEDS, WRENCH = topics.POSE, topics.VELOCITY, topics.SPEEDS, topics.WRENCH
+
+ROWS = 11
+"""Number of states in the table of a report."""
+
+HEAD = 't [s] position [m]               rates [rad/s]              thrust [N], torques [N m]'
+
+
+class Lockstep:
+    """A simulator in lockstep with the nodes under test, and a record of all its steps.
+
+    The simulator takes a step when rotor speeds answer its state, so a flight does not depend on
+    the speed of the machine.
+
+    Parameters
+    ----------
+    graph : Graph
+    vehicle : str
+        A shipped vehicle or a parameter file.
+    nodes : sequence of str
+        The nodes of this package to start after the simulator.
+    ros_arguments : sequence of str
+        ROS arguments of all these nodes, such as ``('-p', 'rotors.health:=0.9')``.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        vehicle: str = 'hexarotor',
+        nodes: Sequence[str] = ('allocator',),
+        ros_arguments: Sequence[str] = (),
+    ) -> None:
+        self._graph = graph
+        self._messages: dict[str, dict[int, Any]] = {}
+        self._newest: dict[str, int] = {}
+        for topic in (POSE, VELOCITY, SPEEDS, WRENCH):
+            self._messages[topic.name] = {}
+            receive = partial(self._receive, topic.name)
+            graph.node.create_subscription(topic.kind, topic.name, receive, offered('lockstep'))
+        graph.sections['lockstep'] = self.table
+        for node in ('simulator', *nodes):
+            arguments = ['--ros-args', '-p', 'mode:=lockstep', *ros_arguments]
+            graph.start(node, '--vehicle', vehicle, *arguments)
+            # Without an answer the simulator waits, so the record has the first step, too.
+            graph.spin_until(
+                lambda: {POSE.name, VELOCITY.name, SPEEDS.name} <= self._newest.keys(),
+                'lockstep: the first state',
+            )
+
+    @property
+    def time(self) -> int:
+        """The stamp of the present state [ns]."""
+        return min(self._newest[POSE.name], self._newest[VELOCITY.name])
+
+    def run(self, until: float) -> Flight:
+        """Return the flight up to a time [s], inclusive, after waiting for it.
+
+        Raises
+        ------
+        AssertionError
+            If a state is not answered.
+        """
+        end = round(until * 1e9)
+        while self.time <= end:
+            self._advance()
+        return self._flight(end)
+
+    def step(self, numbers: ArrayLike) -> Flight:
+        """Answer the present state with a wrench, see `wrench`; return the flight up to it.
+
+        Raises
+        ------
+        AssertionError
+            If the simulator does not take the step.
+        """
+        message, time = wrench(numbers, self.time), self.time
+        self._advance(repeat=lambda: self._command.publish(message))
+        return self._flight(time)
+
+    def table(self) -> str:
+        """Return states and commands of the flight as a table."""
+        flight, lines = self._flight(max(self._newest.values(), default=0)), [HEAD]
+        last = len(flight.time) - 1
+        for k in sorted({last * i // (ROWS - 1) for i in range(ROWS)} if last >= 0 else ()):
+            time, position, rates = flight.time[k], flight.position[k], flight.angular_velocity[k]
+            command = self._messages[WRENCH.name].get(round(time * 1e9))
+            numbers = [*position, *rates, *(six(command)[2:] if command else [])]
+            lines.append(f'{time:5.2f}{"".join(f" {x:8.3g}" for x in numbers)}')
+        return '\n'.join(lines)
+
+    @cached_property
+    def _command(self) -> Publisher:
+        return self._graph.publisher(WRENCH.kind, WRENCH.name)
+
+    def _advance(self, repeat: Callable[[], object] | None = None) -> None:
+        """Wait for the next state."""
+        time = self.time
+        self._graph.spin_until(
+            lambda: self.time > time and time in self._messages[SPEEDS.name],
+            f'lockstep: rotor speeds that answer the state at {time / 1e9:g} s',
+            repeat,
+        )
+
+    def _receive(self, topic: str, message: Any) -> None:
+        speeds = isinstance(message, Float64MultiArray)
+        time = speeds_stamp(message) if speeds else nanoseconds(message.header.stamp)
+        if time is None:
+            return
+        self._newest[topic] = time
+        # Until the first command the simulator publishes speeds of zero.
+        if not speeds or self._messages[topic] or any(message.data):
+            self._messages[topic][time] = message
+
+    def _flight(self, end: int) -> Flight:
+        """Return the flight up to a stamp [ns]."""
+        poses, velocities, speeds = (
+            self._messages[topic.name] for topic in (POSE, VELOCITY, SPEEDS)
+        )
+        times = sorted(t for t in poses.keys() & velocities.keys() & speeds.keys() if t <= end)
+        return Flight(
+            np.array(times) / 1e9,
+            np.array([pose_arrays(poses[t])[0] for t in times]),
+            np.array([pose_arrays(poses[t])[1] for t in times]),
+            np.array([twist_arrays(velocities[t])[0] for t in times]),
+            np.array([twist_arrays(velocities[t])[1] for t in times]),
+            np.array([speeds[t].data for t in times]),
+        )

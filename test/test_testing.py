@@ -1,0 +1,193 @@
+"""`ca_ros.testing` itself; the tests of the nodes and docs/testing.md use the rest of it."""
+
+import os
+import signal
+import subprocess
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+
+from ca_ros import Vehicle, control_allocation_matrix, make_allocator
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, NULL_STATE, POSITION, RigidBody
+from ca_ros.testing import FaultProxy, Graph, Lockstep, executable, processes, wrench
+from ca_ros.testing.environment import applied
+
+PYTHON = sys.executable
+
+DEAF = """
+import signal, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+print('deaf')
+time.sleep(1000.0)
+"""
+
+EXIT_3 = """
+import signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: sys.exit(3))
+print('ready')
+time.sleep(1000.0)
+"""
+
+
+def ready(graph, process):
+    """Wait until a process has printed something."""
+    graph.spin_until(lambda: graph.output(process)[0], 'output')
+    return process
+
+
+# The plugin
+
+def test_the_plugin_imports_nothing_that_a_run_of_pytest_without_it_does_not():
+    script = (
+        'import sys, pytest; before = {*sys.modules}; import pytest_ca_ros; '
+        'print(*{*sys.modules} - before)')
+    run = subprocess.run([PYTHON, '-c', script], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ['pytest_ca_ros']
+
+
+def test_the_fixture_names_what_is_not_installed(tmp_path):
+    (tmp_path / 'test_it.py').write_text('def test_it(graph): pass')
+    script = 'import sys, pytest; sys.modules["rclpy"] = None; pytest.main(["-q"])'
+    run = subprocess.run(
+        [PYTHON, '-c', script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert 'the fixture graph needs rclpy' in run.stdout
+
+
+# The environment
+
+def test_the_environment_is_that_of_the_graph_and_then_as_before(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '102')
+    monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS')
+    with Graph(OTHER='1') as graph:
+        assert os.environ['ROS_DOMAIN_ID'] == str(graph.domain) != '102'
+        assert os.environ['FASTDDS_BUILTIN_TRANSPORTS'] == 'UDPv4'
+        assert os.environ['OTHER'] == '1'
+    assert os.environ['ROS_DOMAIN_ID'] == '102'
+    assert not {'FASTDDS_BUILTIN_TRANSPORTS', 'OTHER'} & {*os.environ}
+
+
+def test_messages_that_were_imported_before_check_their_fields(monkeypatch):
+    message = ModuleType('message')
+    message.ros_python_check_fields = ''
+    monkeypatch.setitem(sys.modules, 'message', message)
+    with applied({'ROS_PYTHON_CHECK_FIELDS': '1'}):
+        assert message.ros_python_check_fields == '1'
+    assert message.ros_python_check_fields == ''
+
+
+def test_graphs_have_domains_of_their_own_unless_one_joins_another():
+    with Graph() as one, Graph() as two, Graph(ROS_DOMAIN_ID=str(one.domain)) as joined:
+        assert one.domain != two.domain
+        assert joined.domain == one.domain
+
+
+# Processes
+
+def test_an_executable_of_any_ros_package_is_found_by_its_name(tmp_path, monkeypatch):
+    file = tmp_path / 'lib' / 'some_package' / 'some_node'
+    file.parent.mkdir(parents=True)
+    file.touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=os.pathsep)
+    assert executable('some_node') == file
+    assert executable('allocator').name == 'allocator'
+    assert executable('sh').is_file()
+    with pytest.raises(FileNotFoundError, match="no executable 'no_node'"):
+        executable('no_node')
+
+
+def test_the_exit_code_after_the_test_is_checked():
+    with Graph() as graph:
+        ready(graph, graph.start(PYTHON, '-uc', EXIT_3, exit_codes=(0, 3)))
+    said = r'exit code 3 after SIGINT: expected 0\n(.*\n)*ready'
+    with pytest.raises(AssertionError, match=said), Graph() as graph:
+        ready(graph, graph.start(PYTHON, '-uc', EXIT_3))
+
+
+def test_a_process_that_survives_the_test_is_killed_and_named(monkeypatch):
+    monkeypatch.setattr(processes, 'DEADLINE', 0.3)
+    with pytest.raises(AssertionError, match='survived its end by SIGINT'), Graph() as graph:
+        process = ready(graph, graph.start(PYTHON, '-uc', DEAF))
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_the_end_of_a_process_ends_a_wait_with_its_last_words(graph):
+    process = graph.start(PYTHON, '-c', 'raise SystemExit("out of fuel")')
+    with pytest.raises(AssertionError, match=r'landed: .*, exit code 1: out of fuel'):
+        graph.spin_until(lambda: False, 'landed')
+    assert graph.outlive(process) == ('', 'out of fuel\n')
+
+
+KILLED = """
+import os, signal, sys
+from ca_ros.testing import Graph
+
+graph = Graph().__enter__()
+print(graph.start(sys.executable, '-c', 'import time; time.sleep(1000.0)').pid)
+sys.stdout.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_processes_of_a_killed_test_end(graph):
+    out, _ = graph.outlive(graph.start(PYTHON, '-c', KILLED))
+    graph.spin_until(lambda: not os.path.exists(f'/proc/{out.strip()}'), 'the end of the process')
+
+
+def test_a_fault_in_a_graph_shows_the_output_of_its_processes(capsys):
+    def failing():
+        with Graph() as graph:
+            ready(graph, graph.start(PYTHON, '-uc', EXIT_3, exit_codes=[3]))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        failing()
+    assert ', exit code 3\nready\n' in capsys.readouterr().err
+
+
+# Nodes
+
+def test_a_node_on_another_context_is_refused(graph):
+    with Graph() as other:
+        stranger = rclpy.create_node('stranger', context=other.context)
+        with pytest.raises(ValueError, match=r'stranger: create the node with context=graph\.'):
+            graph.add_node(stranger)
+        stranger.destroy_node()
+
+
+def test_steps_in_lockstep_equal_those_without_ros_to_the_last_bit(graph):
+    vehicle = Vehicle.load('quadrotor')
+    rng = np.random.default_rng(0)
+    thrusts = rng.uniform(vehicle.thrust_min, vehicle.thrust_max, (20, vehicle.n))
+    wrenches = thrusts @ control_allocation_matrix(vehicle).T
+    lockstep = Lockstep(graph, 'quadrotor')
+    for u in wrenches:
+        flight = lockstep.step([0.0, 0.0, *u])
+    allocator, body, state = make_allocator('exact', vehicle), RigidBody(vehicle), NULL_STATE
+    for k, u in enumerate(wrenches):
+        speeds = allocator.allocate(u).speeds
+        assert flight.speeds[k].tobytes() == speeds.tobytes()
+        assert flight.position[k].tobytes() == state[POSITION].tobytes()
+        assert flight.angular_velocity[k].tobytes() == state[ANGULAR_VELOCITY].tobytes()
+        state = body.step(state, speeds, 0.01)
+    np.testing.assert_array_equal(flight.time, np.arange(20) * 10_000_000 / 1e9)
+    assert len(lockstep.table().splitlines()) == 12
+
+
+def test_faults_between_two_nodes_can_be_switched(graph):
+    proxy = FaultProxy(graph, 'command/wrench', drop=1.0)
+    received = graph.listen(WrenchStamped, dict([proxy.remaps[1].split(':=')])['command/wrench'])
+    command = graph.publisher(WrenchStamped, 'command/wrench')
+    graph.connect('fault_proxy')
+    command.publish(wrench(1.0))
+    graph.spin_until(lambda: proxy.counts('command/wrench')['received'] == 1, 'one received')
+    assert proxy.counts('command/wrench')['dropped'] == 1
+    proxy.set(drop=0.0)
+    command.publish(wrench(2.0))
+    graph.spin_until(lambda: received, 'the second')
+    assert received == [wrench(2.0)]
+    with pytest.raises(ValueError, match='drop'):
+        proxy.set(drop=2.0)
