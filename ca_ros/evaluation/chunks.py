@@ -22,6 +22,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from ca_ros.allocation.exact import processors
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.environment import versions
 from ca_ros.evaluation.options import positive
@@ -147,7 +148,7 @@ def _results(
     """Yield the chunks as they are finished: a few in this process, then on the workers."""
     # Before the first call, which may leave in the task what cannot be pickled.
     pickled, end = pickle.dumps(task), perf_counter() + SERIAL_TIME
-    workers = options.workers or len(os.sched_getaffinity(0))
+    workers = options.workers or processors()
     while left and not options.scheduler and (workers == 1 or perf_counter() < end):
         yield left[0], task(left[0])
         del left[0]

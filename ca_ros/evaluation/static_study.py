@@ -48,8 +48,8 @@ def _study(options: argparse.Namespace) -> None:
     case, allocators = Case.of(options)
     batch = options.samples > SINGLE_MAX
     if not batch:
-        # Calls that are timed have a core for themselves.
-        options.workers = 1
+        # Calls that are timed run alone.
+        options.workers = options.workers or 1
     step = BATCH if batch else CHUNK
     size, rows = chunk_size(options.samples, step), options.rows or KEPT
     drawn = options.sampling, options.seed, options.samples
