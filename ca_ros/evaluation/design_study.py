@@ -177,7 +177,7 @@ def _write(
         'versions': versions(),
         'machine': machine(),
     }
-    axes = case.vehicle.axes
+    axes = case.parameters['allocation.axes']
     tables = {title: _table(own, axes, case.vehicle.n) for title, own in best.items()}
     text = render('design.md', **found, tables=tables, options=options)
     write(options.out / 'design', rows, found, text)
