@@ -70,7 +70,9 @@ def test_an_interrupted_study_continues_where_it_was(file, tmp_path, capsys):
     assert compute(task, COUNT, file, SERIAL) == EXPECTED
     assert task.computed() == list(range(COUNT))
     assert f'continues: 5 of 12 chunks are in {file.path}' in capsys.readouterr().err
-    file.remove()
+    with pytest.raises(KeyboardInterrupt, match='after 5 of 12 chunks, which are'):
+        file.conclude(5, COUNT, 'chunks')
+    file.conclude(COUNT, COUNT, 'chunks')
     assert compute(task, COUNT, file, SERIAL) == EXPECTED
     assert len(task.computed()) == 2 * COUNT
 

@@ -92,8 +92,13 @@ class ChunkFile:
         with self.path.open('a', encoding='utf-8') as file:
             file.write(json.dumps([number, result]) + '\n')
 
-    def remove(self) -> None:
-        """Remove the file of a study that is complete."""
+    def conclude(self, done: int, total: int, what: str) -> None:
+        """Remove the file of a study that is complete; otherwise raise a KeyboardInterrupt."""
+        if done < total:
+            written = ', which are written' if done else ''
+            raise KeyboardInterrupt(
+                f' after {done} of {total} {what}{written}; the same command continues'
+            )
         self.path.unlink(missing_ok=True)
 
 

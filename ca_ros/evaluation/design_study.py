@@ -60,12 +60,7 @@ def _study(options: argparse.Namespace) -> None:
     if done:
         print(_write(case, rows, count, options))
         print(f'written: design.csv, .json and .md in {options.out}')
-    if done < count:
-        written = ', which are written' if done else ''
-        raise KeyboardInterrupt(
-            f' after {done} of {count} designs{written}; the same command continues'
-        )
-    file.remove()
+    file.conclude(done, count, 'designs')
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:

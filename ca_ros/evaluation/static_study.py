@@ -62,12 +62,7 @@ def _study(options: argparse.Namespace) -> None:
         text = _write(case, allocators, parts, options)
         print(text.partition('\n## ')[0])
         print(f'written: static.csv, .json, .md and plots in {options.out}')
-    if done < options.samples:
-        written = ', which are written' if done else ''
-        raise KeyboardInterrupt(
-            f' after {done} of {options.samples} samples{written}; the same command continues'
-        )
-    file.remove()
+    file.conclude(done, options.samples, 'samples')
 
 
 def _inputs(
