@@ -81,6 +81,7 @@ readme: demo
 	.venv/bin/attainable --health 1:0 --out docs/attainable
 	.venv/bin/python docs/failure.py
 	.venv/bin/python docs/comparison.py
+	.venv/bin/python docs/studies.py
 	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \
 	    --animate --out out/animation
 	cp out/animation/animation.gif docs

@@ -23,6 +23,7 @@ COMMANDS = {
     'attainable': 'ca_ros.evaluation.attainable',
     'benchmark': 'ca_ros.evaluation.benchmark.benchmark',
     'bringup': 'ca_ros.bringup.bringup',
+    'design_study': 'ca_ros.evaluation.design_study',
     'dynamic_study': 'ca_ros.evaluation.dynamic_study',
     'fault_proxy': 'ca_ros.bringup.fault_proxy',
     'firmware': 'ca_ros.firmware.command',

@@ -22,6 +22,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from ca_ros.allocation.exact import processors
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.environment import versions
 from ca_ros.evaluation.options import positive
@@ -91,8 +92,13 @@ class ChunkFile:
         with self.path.open('a', encoding='utf-8') as file:
             file.write(json.dumps([number, result]) + '\n')
 
-    def remove(self) -> None:
-        """Remove the file of a study that is complete."""
+    def conclude(self, done: int, total: int, what: str) -> None:
+        """Remove the file of a study that is complete; otherwise raise a KeyboardInterrupt."""
+        if done < total:
+            written = ', which are written' if done else ''
+            raise KeyboardInterrupt(
+                f' after {done} of {total} {what}{written}; the same command continues'
+            )
         self.path.unlink(missing_ok=True)
 
 
@@ -147,7 +153,7 @@ def _results(
     """Yield the chunks as they are finished: a few in this process, then on the workers."""
     # Before the first call, which may leave in the task what cannot be pickled.
     pickled, end = pickle.dumps(task), perf_counter() + SERIAL_TIME
-    workers = options.workers or len(os.sched_getaffinity(0))
+    workers = options.workers or processors()
     while left and not options.scheduler and (workers == 1 or perf_counter() < end):
         yield left[0], task(left[0])
         del left[0]

@@ -26,21 +26,26 @@ NOT_REPEATED = (
 study adds itself."""
 
 
-def parser(prog: str, description: str) -> argparse.ArgumentParser:
-    """Return a parser with the options that the studies and the benchmark share."""
+def parser(prog: str, description: str, methods: bool = True) -> argparse.ArgumentParser:
+    """Return a parser with the options that the studies and the benchmark share.
+
+    A study without `methods` has no plots either.
+    """
     made = argparse.ArgumentParser(prog=prog, description=description)
     made.formatter_class = HelpFormatter
     add = made.add_argument
     add('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
-    methods = (
+    compared = (
         f'what to compare: {", ".join([*ALLOCATORS, *FOR_COMPARISON])}, module:Class for a '
         f"method of your own; paper for the paper's four, all for the first {len(ALLOCATORS)}"
     )
-    add('--methods', default='paper', metavar='A,B', help=methods)
+    if methods:
+        add('--methods', default='paper', metavar='A,B', help=compared)
     change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
     add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
     add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
-    add_options(made)
+    if methods:
+        add_options(made)
     return made
 
 

@@ -48,8 +48,8 @@ def _study(options: argparse.Namespace) -> None:
     case, allocators = Case.of(options)
     batch = options.samples > SINGLE_MAX
     if not batch:
-        # Calls that are timed have a core for themselves.
-        options.workers = 1
+        # Calls that are timed run alone.
+        options.workers = options.workers or 1
     step = BATCH if batch else CHUNK
     size, rows = chunk_size(options.samples, step), options.rows or KEPT
     drawn = options.sampling, options.seed, options.samples
@@ -62,12 +62,7 @@ def _study(options: argparse.Namespace) -> None:
         text = _write(case, allocators, parts, options)
         print(text.partition('\n## ')[0])
         print(f'written: static.csv, .json, .md and plots in {options.out}')
-    if done < options.samples:
-        written = ', which are written' if done else ''
-        raise KeyboardInterrupt(
-            f' after {done} of {options.samples} samples{written}; the same command continues'
-        )
-    file.remove()
+    file.conclude(done, options.samples, 'samples')
 
 
 def _inputs(
