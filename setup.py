@@ -9,6 +9,7 @@ solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
+mujoco = ['mujoco>=3.2']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
 cluster = ['distributed>=2024.1']
@@ -79,6 +80,8 @@ setup(
         'studies': studies,
         # Studies on a Dask cluster, `--scheduler`.
         'cluster': [*cluster, *studies],
+        # For examples/mujoco.
+        'mujoco': mujoco,
         # The solvers of others in `benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
         # For `make docs`.
@@ -100,6 +103,7 @@ setup(
             'wheel',
             *bag,
             *cluster,
+            *mujoco,
             *peers,
             *studies,
         ],
