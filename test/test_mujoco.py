@@ -1,14 +1,18 @@
 """The plant of examples/mujoco: it moves as our rigid body does, and flies with our nodes."""
 
 import os
+import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image, ImageSequence
 
 from ca_ros import Vehicle
+from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -27,16 +31,18 @@ FOLDER = Path(__file__).resolve().parent.parent / 'examples' / 'mujoco'
 if not FOLDER.is_dir():
     pytest.skip('examples/ is not beside the tests', allow_module_level=True)
 
-mjcf = runpy.run_path(str(FOLDER / 'plant.py'))['mjcf']
+mjcf = runpy.run_path(str(FOLDER / 'model.py'))['mjcf']
 
 SHIPPED = {name: Vehicle.load(path) for name, path in shipped_vehicles().items()}
 
 FULL_INERTIA = build(ring(6), 'PNPNPN', {'vehicle.inertia': [
     0.015, 0.002, -0.001, 0.002, 0.018, 0.003, -0.001, 0.003, 0.025]})
 
+CENTRAL = build([*ring(4), [0.0, 0.0, 0.0]], 'PNPNP')
+
 VEHICLES = {
     **FLEET, **{f'shipped {name}': vehicle for name, vehicle in SHIPPED.items()},
-    'full inertia': FULL_INERTIA}
+    'full inertia': FULL_INERTIA, 'central rotor': CENTRAL}
 
 
 def model_and_data(vehicle, time_step=0.01):
@@ -106,6 +112,32 @@ def test_the_hexarotor_loses_a_rotor_and_reaches_its_waypoint(graph, tmp_path):
     assert (flight['speed_1'][flight['t'] < 2.0995] >= 40.0).all()
     assert (flight['speed_1'][flight['t'] > 2.0995] == 0.0).all()
     assert flight['tilt'].max() > np.radians(5.0)
+
+
+def test_a_flight_is_rendered_without_a_display(tmp_path):
+    rest = np.zeros((2, 3))
+    speeds = np.full((2, 6), 300.0)
+    speeds[1, 0] = 0.0
+    Flight(np.array([0.0, 0.1]), rest, np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)), rest, rest, speeds
+           ).write_csv(tmp_path / 'flight.csv')
+    run = subprocess.run(
+        [sys.executable, str(FOLDER / 'render.py'), 'flight.csv', '--out', 'flight.gif'],
+        cwd=tmp_path, capture_output=True, text=True, env=os.environ | {'MUJOCO_GL': 'egl'})
+    if run.returncode and re.search('EGL|OpenGL', run.stderr):
+        pytest.skip('no EGL on this machine')
+    assert run.returncode == 0, run.stderr
+    with Image.open(tmp_path / 'flight.gif') as animation:
+        pictures = [
+            np.array(each.convert('RGB'), dtype=int) for each in ImageSequence.Iterator(animation)]
+
+    def count(color):
+        """Return how many pixels of each picture have about this color."""
+        return [(np.abs(picture - color).max(axis=-1) < 60).sum() for picture in pictures]
+
+    blue, orange = count([25, 90, 240]), count([240, 115, 0])
+    assert min(blue) > 200
+    assert orange[0] == 0
+    assert orange[1] > 200
 
 
 @pytest.mark.skipif('CA_ROS_LONG' not in os.environ, reason='a minute; CA_ROS_LONG=1 runs it')

@@ -15,6 +15,7 @@ import sys
 import mujoco
 import numpy as np
 import rclpy
+from model import mjcf
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -34,56 +35,6 @@ from ca_ros.vehicle.parameters import SIMULATED
 CHANGEABLE = 'rotors.health', 'simulator.hold_at'
 USED = {*SIMULATED, *CHANGEABLE, 'simulator.time_step', 'mode', 'world_frame', 'command_frame'}
 
-MJCF = """
-<mujoco>
-  <option timestep="{step}" gravity="0 0 -{gravity}" integrator="RK4">
-    <flag contact="disable"/>
-  </option>
-  <worldbody>
-    <body gravcomp="{buoyancy}">
-      <freejoint/>
-      <inertial pos="0 0 0" mass="{mass}" fullinertia="{inertia}"/>
-      {rotors}
-    </body>
-  </worldbody>
-  <actuator>{motors}</actuator>
-</mujoco>
-"""
-"""The origin of the body is the centre of mass; its buoyancy is given as a share of its weight."""
-
-ROTOR = """
-      <site name="{i}" pos="{arm}"/>
-      <geom type="capsule" size="0.01" fromto="0 0 0 {arm}" rgba="0.25 0.25 0.25 1"/>
-      <geom name="{i}" type="cylinder" size="0.12 0.004" pos="{arm}" zaxis="{axis}"/>"""
-
-MOTOR = '<motor site="{i}" gear="{axis} {torque}"/>'
-"""Its control is the thrust of the rotor [N]; the gear is force and torque per thrust."""
-
-
-def mjcf(vehicle: Vehicle, time_step: float) -> str:
-    """Return the MuJoCo model of a vehicle."""
-
-    def text(numbers: object) -> str:
-        return ' '.join(f'{number:.17g}' for number in np.ravel(numbers))
-
-    inertia = np.asarray(vehicle.inertia)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    reaction = vehicle.spins * vehicle.torque_coefficient / vehicle.thrust_coefficient
-    rotors = [
-        {'i': i, 'arm': text(arm), 'axis': text(axis), 'torque': text(share * axis)}
-        for i, (arm, axis, share) in enumerate(
-            zip(vehicle.arms, vehicle.rotor_axes, reaction, strict=True)
-        )
-    ]
-    return MJCF.format(
-        step=text(time_step),
-        gravity=text(vehicle.gravity),
-        buoyancy=text(vehicle.buoyancy / (vehicle.mass * vehicle.gravity)),
-        mass=text(vehicle.mass),
-        inertia=text(inertia),
-        rotors=''.join(ROTOR.format(**rotor) for rotor in rotors),
-        motors=''.join(MOTOR.format(**rotor) for rotor in rotors),
-    )
-
 
 class Plant(Node):
     """Steps the vehicle: by the clock in real time, once per answered state in lockstep."""
@@ -101,8 +52,6 @@ class Plant(Node):
             if value is not None:
                 self.parameters[name] = value
         self.vehicle = Vehicle.from_parameters(self.parameters)
-        if self.vehicle.inertia is None:
-            raise ParameterError('vehicle.inertia: missing')
         self.step_ns = round(self.parameters['simulator.time_step'] * 1e9)
         self.model = mujoco.MjModel.from_xml_string(mjcf(self.vehicle, self.step_ns / 1e9))
         self.data = mujoco.MjData(self.model)
