@@ -11,16 +11,20 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from ca_ros import Vehicle
+from ca_ros import Vehicle, make_allocator
+from ca_ros.flight import closed_loop
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.drag import Drag
+from ca_ros.flight.integrators import euler, rk4
+from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import (
-    ANGULAR_VELOCITY,
     ATTITUDE,
     NULL_STATE,
-    POSITION,
-    VELOCITY,
     RigidBody,
 )
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.nodes.parameters import load
 from ca_ros.vehicle.files import shipped_vehicles
 from strategies import FLEET, build, ring
 from test_bringup import read
@@ -31,7 +35,7 @@ FOLDER = Path(__file__).resolve().parent.parent / 'examples' / 'mujoco'
 if not FOLDER.is_dir():
     pytest.skip('examples/ is not beside the tests', allow_module_level=True)
 
-mjcf = runpy.run_path(str(FOLDER / 'model.py'))['mjcf']
+MujocoBody = runpy.run_path(str(FOLDER / 'body.py'))['MujocoBody']
 
 SHIPPED = {name: Vehicle.load(path) for name, path in shipped_vehicles().items()}
 
@@ -45,47 +49,88 @@ VEHICLES = {
     'full inertia': FULL_INERTIA, 'central rotor': CENTRAL}
 
 
-def model_and_data(vehicle, time_step=0.01):
-    """Return the MuJoCo model of a vehicle, and its state."""
-    model = mujoco.MjModel.from_xml_string(mjcf(vehicle, time_step))
-    return model, mujoco.MjData(model)
-
-
+@pytest.mark.parametrize('drag', [None, Drag(np.array([0.2, 0.3, 0.4]), 1e-4, 0.02)])
 @pytest.mark.parametrize('name', VEHICLES)
-def test_accelerations_are_those_of_the_rigid_body(name):
+def test_accelerations_are_those_of_the_rigid_body(name, drag):
     vehicle = VEHICLES[name]
-    body, (model, data) = RigidBody(vehicle), model_and_data(vehicle)
+    rigid = RigidBody(vehicle, drag)
+    body = MujocoBody(rigid)
     rng = np.random.default_rng(0)
-    for _ in range(20):
-        state = rng.normal(size=13)
+    for _ in range(10):
+        state, wind = rng.normal(size=13), rng.normal(size=3)
         state[ATTITUDE] /= np.linalg.norm(state[ATTITUDE])
         speeds = rng.uniform(vehicle.speed_min, vehicle.speed_max)
-        data.qpos[:] = *state[POSITION], *np.roll(state[ATTITUDE], 1)
-        data.qvel[:] = *state[VELOCITY], *state[ANGULAR_VELOCITY]
-        data.ctrl[:] = vehicle.thrusts(speeds)
-        mujoco.mj_forward(model, data)
-        expected = body.derivative(state, speeds)[[3, 4, 5, 10, 11, 12]]
+        body.set(state, speeds, wind)
+        mujoco.mj_forward(body.model, body.data)
+        expected = rigid.derivative(state, speeds, wind)[[3, 4, 5, 10, 11, 12]]
         np.testing.assert_allclose(
-            data.qacc, expected, rtol=0.0, atol=1e-12 * max(1.0, np.abs(expected).max()))
+            body.data.qacc, expected, rtol=0.0, atol=1e-12 * max(1.0, np.abs(expected).max()))
 
 
-def test_euler_steps_converge_to_its_motion_with_order_one():
-    vehicle, rng = SHIPPED['hexarotor_tilted'], np.random.default_rng(1)
-    commands = rng.uniform(250.0, 280.0, (50, 6))
-    model, data = model_and_data(vehicle)
-    for speeds in commands:
-        data.ctrl[:] = vehicle.thrusts(speeds)
-        mujoco.mj_step(model, data)
-    body, errors = RigidBody(vehicle), []
-    for steps in (4, 8, 16):
+@pytest.mark.parametrize(('integrate', 'order'), [(euler, 1), (rk4, 4)])
+def test_our_integrators_converge_to_its_motion_with_their_order(integrate, order):
+    rigid = RigidBody(SHIPPED['hexarotor_tilted'])
+    commands = np.random.default_rng(1).uniform(100.0, 400.0, (20, 6))
+
+    def move(body, steps):
         state = NULL_STATE
         for speeds in commands:
             for _ in range(steps):
-                state = body.step(state, speeds, 0.01 / steps)
-        errors.append([
-            np.linalg.norm(state[POSITION] - data.qpos[:3]),
-            np.linalg.norm(state[ATTITUDE] - np.roll(data.qpos[3:], -1))])
-    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2.0, rtol=0.05)
+                state = body.step(state, speeds, 0.01 / steps, np.zeros(3), integrate)
+        return state
+
+    exact = move(MujocoBody(rigid), 40)
+    coarse, fine = (np.linalg.norm(move(rigid, steps) - exact) for steps in (2, 4))
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.2)
+
+
+def test_a_motion_that_diverges_raises(tmp_path, monkeypatch):
+    # MuJoCo writes its log there.
+    monkeypatch.chdir(tmp_path)
+    vehicle = SHIPPED['hexarotor']
+    with pytest.raises(FloatingPointError, match='MuJoCo diverges'):
+        MujocoBody(RigidBody(vehicle)).step(NULL_STATE, np.full(6, 1e9), 0.01)
+
+
+def fly_offline(name, duration, kind=lambda rigid: rigid, **simulator):
+    """Return a flight without ROS to the default waypoint; `kind` makes the body of a plant."""
+    parameters = load(name) | {f'simulator.{key}': value for key, value in simulator.items()}
+    vehicle = Vehicle.from_parameters(parameters)
+    plant = Plant(kind(body_of(vehicle, parameters)), parameters)
+    return closed_loop.fly(
+        Controller.from_parameters(vehicle, parameters), make_allocator('exact', vehicle), plant,
+        Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0)), duration)
+
+
+long = pytest.mark.skipif(
+    'CA_ROS_LONG' not in os.environ, reason='minutes; CA_ROS_LONG=1 runs it')
+
+
+@pytest.mark.parametrize('name', [
+    each if each == 'hexarotor' else pytest.param(each, marks=long) for each in SHIPPED])
+def test_flights_differ_by_the_errors_of_the_integrators(name):
+    flight = fly_offline(name, 12.0, MujocoBody)
+    assert np.linalg.norm(flight.position[-1] - 1.0) < 1e-3
+    euler_steps = fly_offline(name, 12.0)
+    assert np.linalg.norm(euler_steps.position - flight.position, axis=1).max() < 8e-3
+    rk4_steps = fly_offline(name, 12.0, integrator='rk4')
+    assert np.linalg.norm(rk4_steps.position - flight.position, axis=1).max() < 1e-9
+
+
+def test_lag_delay_and_noise_cost_as_much_as_with_our_rigid_body():
+    def error(kind):
+        """Return how far the vehicle hovers from its waypoint, RMS [m]."""
+        flights = [
+            fly_offline(
+                'hexarotor', 10.0, kind, motor_time_constant=0.05, command_delay=0.01,
+                velocity_noise=0.2, attitude_noise=0.02, angular_velocity_noise=0.2, seed=seed)
+            for seed in range(2)]
+        late = np.concatenate([flight.position[flight.time > 5.0] for flight in flights])
+        return np.sqrt(np.mean(np.sum(np.square(late - 1.0), axis=1)))
+
+    ours, theirs = error(lambda rigid: rigid), error(MujocoBody)
+    assert ours == pytest.approx(0.055, rel=0.05)
+    assert theirs == pytest.approx(ours, rel=0.02)
 
 
 def fly(graph, folder, *arguments):
@@ -140,7 +185,7 @@ def test_a_flight_is_rendered_without_a_display(tmp_path):
     assert orange[1] > 200
 
 
-@pytest.mark.skipif('CA_ROS_LONG' not in os.environ, reason='a minute; CA_ROS_LONG=1 runs it')
+@long
 @pytest.mark.parametrize('name', SHIPPED)
 def test_each_shipped_vehicle_reaches_its_waypoint_faster_than_in_real_time(graph, tmp_path, name):
     out, flight = fly(graph, tmp_path, '--vehicle', name)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
@@ -14,6 +15,8 @@ from ca_ros.commands import NODES
 from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.topics import DIAGNOSTICS
+
+T = TypeVar('T')
 
 
 class Reports:
@@ -46,20 +49,22 @@ class Reports:
 
     def missing(self, since: int) -> list[str]:
         """Return the topic if the fault proxy has not reported since a time [ns]."""
-        times = [time for time, _ in self._of('fault_proxy')]
+        times = [time for time, _ in self._of('fault_proxy', self._newest)]
         return [] if times and min(times) >= since else [DIAGNOSTICS.name]
 
     def faults_of_nodes(self) -> str:
         """Return what the nodes report other than OK, in brackets; empty if there is nothing."""
-        found = '; '.join(f'{subject}: {text}' for subject, text in self._faults.items() if text)
-        return f' ({found})' if found else ''
+        found = [
+            f'{name}: {text}' for name in NODES for text in self._of(name, self._faults) if text
+        ]
+        return f' ({"; ".join(found)})' if found else ''
 
     def _sum(self, name: str, key: str) -> int:
-        return sum(int(values.get(key, 0)) for _, values in self._of(name))
+        return sum(int(values.get(key, 0)) for _, values in self._of(name, self._newest))
 
-    def _of(self, name: str) -> list[tuple[int, dict[str, str]]]:
+    def _of(self, name: str, reports: Mapping[str, T]) -> list[T]:
         start = f'{full_name(self._node.get_namespace(), name).lstrip("/")}: '
-        return [each for subject, each in self._newest.items() if subject.startswith(start)]
+        return [each for subject, each in reports.items() if subject.startswith(start)]
 
     def _receive(self, array: Any) -> None:
         time = nanoseconds(array.header.stamp)

@@ -3,8 +3,7 @@
 
     bringup --plant "python3 examples/mujoco/plant.py" --mode lockstep --vehicle x8
 
-The vehicle comes from the parameter file of the other nodes.  The rotors follow their commands at
-once.  Between two states MuJoCo takes one step of RK4, where `simulator` takes one of Euler.
+The parameters are those of `simulator`; MuJoCo moves the vehicle, by RK4.
 """
 
 from __future__ import annotations
@@ -12,10 +11,9 @@ from __future__ import annotations
 import signal
 import sys
 
-import mujoco
 import numpy as np
 import rclpy
-from model import mjcf
+from body import MujocoBody
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -26,56 +24,78 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle
+from ca_ros.flight.parameters import SIMULATION
+from ca_ros.flight.plant import Plant, body_of
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.parameters import SIMULATOR
 from ca_ros.nodes.qos import offered, requested
-from ca_ros.schema import REQUIRED
+from ca_ros.schema import REQUIRED, complete
 from ca_ros.vehicle.parameters import SIMULATED
 
+USED = {*SIMULATED, *SIMULATION, 'simulator.hold_at', 'mode', 'world_frame', 'command_frame'}
+TABLE = {name: SIMULATOR[name] for name in sorted(USED - {'simulator.integrator'})}
 CHANGEABLE = 'rotors.health', 'simulator.hold_at'
-USED = {*SIMULATED, *CHANGEABLE, 'simulator.time_step', 'mode', 'world_frame', 'command_frame'}
+
+REPEAT = 0.2
+"""Time after which an unanswered state is published again in lockstep [s]."""
 
 
-class Plant(Node):
+class MujocoPlant(Node):
     """Steps the vehicle: by the clock in real time, once per answered state in lockstep."""
 
     def __init__(self) -> None:
         super().__init__('simulator')
-        self.parameters = {}
-        for name in USED:
-            declared = SIMULATOR[name]
-            default = None if declared.default is REQUIRED else declared.default
+        given = {}
+        for name, each in TABLE.items():
+            default = None if each.default is REQUIRED else each.default
             descriptor = ParameterDescriptor(
-                dynamic_typing=True, read_only=name not in CHANGEABLE
+                description=each.description,
+                dynamic_typing=True,
+                read_only=name not in CHANGEABLE,
             )
-            value = self.declare_parameter(name, default, descriptor).value
-            if value is not None:
-                self.parameters[name] = value
-        self.vehicle = Vehicle.from_parameters(self.parameters)
-        self.step_ns = round(self.parameters['simulator.time_step'] * 1e9)
-        self.model = mujoco.MjModel.from_xml_string(mjcf(self.vehicle, self.step_ns / 1e9))
-        self.data = mujoco.MjData(self.model)
-        self.speeds, self.resting, self.held = np.zeros(self.vehicle.n), True, False
+            given[name] = self.declare_parameter(name, default, descriptor).value
+        self.parameters = complete(given, TABLE)
+        self.plant = Plant(self.build(self.parameters), self.parameters)
+        n, self.step_ns = self.plant.body.vehicle.n, self.plant.time_step_ns
+        self.speeds, self.resting, self.held = np.zeros(n), True, False
         mode = self.parameters['mode']
         self.lockstep = mode == 'lockstep'
         self.time = 0 if self.lockstep else self.get_clock().now().nanoseconds
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.now = lambda: steady.now().nanoseconds
-        self.due = self.now() + self.step_ns
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.due = self.steady.now().nanoseconds
         self.outputs = self.motor_speed, self.pose, self.velocity = [
             self.create_publisher(topic.kind, topic.name, offered(mode))
             for topic in (topics.SPEEDS, topics.POSE, topics.VELOCITY)
         ]
         command = topics.SPEED_COMMAND
         self.create_subscription(command.kind, command.name, self.receive, requested(mode))
-        period = 0.2 if self.lockstep else self.step_ns / 1e9
-        self.timer = self.create_timer(period, self.tick, clock=steady)
+        period = REPEAT if self.lockstep else self.step_ns / 1e9
+        self.timer = self.create_timer(
+            period, self.publish if self.lockstep else self.catch_up, clock=self.steady
+        )
         self.add_on_set_parameters_callback(self.change)
+
+    def build(self, parameters: dict) -> MujocoBody:
+        """Create the body of the vehicle."""
+        return MujocoBody(body_of(Vehicle.from_parameters(parameters), parameters))
+
+    def change(self, changes: list[Parameter]) -> SetParametersResult:
+        """Take over a new health of the rotors, or a new time to wait at."""
+        parameters = {**self.parameters, **{each.name: each.value for each in changes}}
+        try:
+            self.plant.body = self.build(parameters)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.parameters = parameters
+        if self.held:
+            self.publish()
+        return SetParametersResult(successful=True)
 
     def receive(self, command: Float64MultiArray) -> None:
         """Take rotor speeds; in lockstep only those that answer the present state."""
         speeds = np.array(command.data)
-        if speeds.shape != (self.vehicle.n,) or not np.isfinite(speeds).all():
+        if speeds.shape != self.speeds.shape or not np.isfinite(speeds).all():
             self.get_logger().warning(f'dropped: rotor speeds {speeds}', throttle_duration_sec=1.0)
         elif not self.lockstep:
             # A timeout action does not start the flight.
@@ -86,26 +106,30 @@ class Plant(Node):
             self.step()
             self.timer.reset()
             if self.time % (500 * self.step_ns) == 0:
-                # The recorder may lag behind by the depth of the queues, 2000 steps.
+                # Readers may lag behind by the depth of the queues, 2000 steps.
                 for output in self.outputs:
                     output.wait_for_all_acked(Duration(seconds=2.0))
 
-    def tick(self) -> None:
-        """Publish an unanswered state again in lockstep; take the steps that are due otherwise."""
-        if self.lockstep:
-            self.publish()
-        while not self.lockstep and self.due <= self.now():
+    def catch_up(self) -> None:
+        """Take the steps that are due in real time."""
+        while self.due <= self.steady.now().nanoseconds:
             self.due += self.step_ns
             self.step()
 
     def step(self) -> None:
         """Take one step, and publish the state after it."""
-        self.motor_speed.publish(messages.speeds_message(self.speeds, self.time))
         if not self.resting:
-            self.data.ctrl[:] = self.vehicle.thrusts(self.speeds)
-            mujoco.mj_step(self.model, self.data)
+            self.publish_speeds()
+            try:
+                self.plant.step(self.speeds)
+            except FloatingPointError as error:
+                self.get_logger().error(f'{error}: state held', throttle_duration_sec=1.0)
         self.time += self.step_ns
         self.publish()
+
+    def publish_speeds(self) -> None:
+        """Publish the speeds that count from the present state on."""
+        self.motor_speed.publish(messages.speeds_message(self.speeds, self.time))
 
     def publish(self) -> None:
         """Publish the state, unless lockstep is to wait here for a change of parameters."""
@@ -114,34 +138,19 @@ class Plant(Node):
         if self.held:
             return
         if self.resting:
-            self.motor_speed.publish(messages.speeds_message(self.speeds, self.time))
-        position, quaternion = self.data.qpos[:3], self.data.qpos[3:]
-        inverse, velocity = np.zeros(4), np.zeros(3)
-        mujoco.mju_negQuat(inverse, quaternion)
-        mujoco.mju_rotVecQuat(velocity, self.data.qvel[:3], inverse)
+            self.publish_speeds()
+        state = self.plant.measured
         pose, twist = messages.state_messages(
-            position,
-            np.roll(quaternion, -1),
-            velocity,
-            self.data.qvel[3:],
+            state[POSITION],
+            state[ATTITUDE],
+            velocity_in_body(state),
+            state[ANGULAR_VELOCITY],
             messages.stamp(self.time),
             self.parameters['world_frame'],
             self.parameters['command_frame'],
         )
         self.pose.publish(pose)
         self.velocity.publish(twist)
-
-    def change(self, changes: list[Parameter]) -> SetParametersResult:
-        """Take over a new health of the rotors, or a new time to wait at."""
-        parameters = {**self.parameters, **{each.name: each.value for each in changes}}
-        try:
-            self.vehicle = Vehicle.from_parameters(parameters)
-        except ParameterError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self.parameters = parameters
-        if self.held:
-            self.publish()
-        return SetParametersResult(successful=True)
 
 
 def main() -> int:
@@ -152,8 +161,8 @@ def main() -> int:
     # rclpy's own handlers sometimes leave an idle node hanging.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node = Plant()
-    except (ValueError, mujoco.FatalError) as error:
+        node = MujocoPlant()
+    except ValueError as error:
         print(f'plant: {error}', file=sys.stderr)
         return 1
     while not stop:

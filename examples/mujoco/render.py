@@ -15,7 +15,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from model import mjcf
+from body import mjcf
 from PIL import Image, ImageDraw
 
 from ca_ros import ParameterError, Vehicle
@@ -56,7 +56,7 @@ def frames(flight: np.ndarray, vehicle: Vehicle, rate: float, size: tuple[int, i
     """Yield the pictures of a flight, `rate` per second."""
     end = ' '.join(str(flight[axis][-1]) for axis in 'xyz')
     scene = SCENE.format(end=end)
-    model = mujoco.MjModel.from_xml_string(mjcf(vehicle, 0.01).replace('</mujoco>', scene))
+    model = mujoco.MjModel.from_xml_string(mjcf(vehicle).replace('</mujoco>', scene))
     data = mujoco.MjData(model)
     camera = mujoco.MjvCamera()
     camera.lookat, camera.distance = (0.6, 0.6, 0.5), 2.9
