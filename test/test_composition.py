@@ -208,6 +208,7 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
     seen = set()
     for node_class in (ControllerNode, AllocatorNode, SimulatorNode):
         values = load('hexarotor', table=node_class.declared) | {'mode': mode}
+        values |= {name: 'enabled' for name in values if name.startswith('simulator.publish_')}
         node = node_class(
             context=graph.node.context, use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
