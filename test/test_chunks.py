@@ -48,9 +48,9 @@ def on_workers(monkeypatch):
 
 
 @pytest.mark.parametrize(('total', 'least', 'size'), [
-    (300, 100, 100), (1, 100, 100), (10_000_000, 10_000, 10_000), (10_000_001, 10_000, 20_000),
-    (100_000_000, 10_000, 100_000)])
-def test_there_are_at_most_a_thousand_chunks(total, least, size):
+    (300, 100, 100), (1, 100, 100), (5_000_000, 10_000, 10_000), (5_000_001, 10_000, 20_000),
+    (100_000_000, 10_000, 200_000)])
+def test_there_are_at_most_500_chunks(total, least, size):
     assert chunk_size(total, least) == size
     assert -(-total // size) <= chunks.CHUNKS_MAX
 

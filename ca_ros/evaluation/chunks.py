@@ -30,8 +30,9 @@ from ca_ros.evaluation.options import positive
 Task = Callable[[int], Any]
 """Returns the result of a chunk, which depends on its number alone, as JSON has it."""
 
-CHUNKS_MAX = 1000
-"""Studies have at most this number of chunks, so that what waits for a worker is bounded."""
+CHUNKS_MAX = 500
+"""Greatest number of chunks of a study: what waits for a worker is bounded, and Dask's cost per
+chunk, some milliseconds, is small."""
 
 SERIAL_TIME = 2.0
 """A study that takes no longer than this starts no processes: their start takes as long [s]."""
