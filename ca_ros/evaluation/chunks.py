@@ -10,7 +10,7 @@ import signal
 import sys
 from asyncio import TimeoutError as AsyncTimeoutError
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from hashlib import sha256
@@ -161,18 +161,18 @@ def _results(
     if not left:
         return
     opened = _cluster(options.scheduler) if options.scheduler else _pool(workers)
-    with opened as executor:
-        futures = {executor.submit(call, pickled, code(), number): number for number in left}
+    with opened as submit:
+        futures = {submit(call, pickled, code(), number): number for number in left}
         for future in as_completed(list(futures)):
             yield futures.pop(future), future.result()
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[Executor]:
+def _pool(workers: int) -> Iterator[Callable[..., Future[Any]]]:
     """Open worker processes on this machine; after an error they are ended at once."""
     pool = ProcessPoolExecutor(workers, get_context('spawn'), initializer=_start)
     try:
-        yield pool
+        yield pool.submit
     except BrokenExecutor:
         raise ChunkError(
             'a worker process was killed, perhaps for want of memory; the same command continues'
@@ -199,7 +199,7 @@ def _follow() -> None:
 
 
 @contextmanager
-def _cluster(scheduler: str) -> Iterator[Executor]:
+def _cluster(scheduler: str) -> Iterator[Callable[..., Future[Any]]]:
     """Connect to a Dask cluster, which itself repeats the chunks of lost workers."""
     from distributed import Client
 
@@ -209,7 +209,9 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
     except (OSError, ValueError, AsyncTimeoutError) as error:
         raise ChunkError(f'--scheduler {scheduler}: {error}') from None
     with client:
-        yield client.get_executor(pure=False)
+        submit = client.get_executor(pure=False).submit
+        # Without a priority, chunks that are submitted together run in any order.
+        yield lambda *given: submit(*given, priority=-given[-1])
 
 
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
