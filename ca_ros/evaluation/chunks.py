@@ -26,6 +26,7 @@ from ca_ros.allocation.exact import processors
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.environment import versions
 from ca_ros.evaluation.options import positive
+from ca_ros.kernel import chosen
 
 Task = Callable[[int], Any]
 """Returns the result of a chunk, which depends on its number alone, as JSON has it."""
@@ -233,7 +234,7 @@ def _loaded(pickled: bytes) -> Task:
 
 @cache
 def code() -> dict[str, str]:
-    """Return the versions of the libraries on which digits depend, and a digest of ca_ros."""
+    """Return that of the code on which digits depend: a digest of ca_ros, kernel, versions."""
     digest, package = sha256(), Path(__file__).parents[1]
     for path in sorted(package.rglob('*')):
         if path.suffix in SOURCES:
@@ -241,5 +242,6 @@ def code() -> dict[str, str]:
     installed = versions()
     return {
         'ca_ros': digest.hexdigest(),
+        'kernel': 'NumPy' if chosen(1, 1) is None else 'C',
         **{name: installed[name] for name in ('numpy', 'scipy', 'osqp')},
     }
