@@ -10,7 +10,7 @@ import signal
 import sys
 from asyncio import TimeoutError as AsyncTimeoutError
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from hashlib import sha256
@@ -26,12 +26,14 @@ from ca_ros.allocation.exact import processors
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.environment import versions
 from ca_ros.evaluation.options import positive
+from ca_ros.kernel import chosen
 
 Task = Callable[[int], Any]
 """Returns the result of a chunk, which depends on its number alone, as JSON has it."""
 
-CHUNKS_MAX = 1000
-"""Studies have at most this number of chunks, so that what waits for a worker is bounded."""
+CHUNKS_MAX = 500
+"""Greatest number of chunks of a study: what waits for a worker is bounded, and Dask's cost per
+chunk, some milliseconds, is small."""
 
 SERIAL_TIME = 2.0
 """A study that takes no longer than this starts no processes: their start takes as long [s]."""
@@ -160,18 +162,18 @@ def _results(
     if not left:
         return
     opened = _cluster(options.scheduler) if options.scheduler else _pool(workers)
-    with opened as executor:
-        futures = {executor.submit(call, pickled, code(), number): number for number in left}
+    with opened as submit:
+        futures = {submit(call, pickled, code(), number): number for number in left}
         for future in as_completed(list(futures)):
             yield futures.pop(future), future.result()
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[Executor]:
+def _pool(workers: int) -> Iterator[Callable[..., Future[Any]]]:
     """Open worker processes on this machine; after an error they are ended at once."""
     pool = ProcessPoolExecutor(workers, get_context('spawn'), initializer=_start)
     try:
-        yield pool
+        yield pool.submit
     except BrokenExecutor:
         raise ChunkError(
             'a worker process was killed, perhaps for want of memory; the same command continues'
@@ -198,7 +200,7 @@ def _follow() -> None:
 
 
 @contextmanager
-def _cluster(scheduler: str) -> Iterator[Executor]:
+def _cluster(scheduler: str) -> Iterator[Callable[..., Future[Any]]]:
     """Connect to a Dask cluster, which itself repeats the chunks of lost workers."""
     from distributed import Client
 
@@ -208,7 +210,9 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
     except (OSError, ValueError, AsyncTimeoutError) as error:
         raise ChunkError(f'--scheduler {scheduler}: {error}') from None
     with client:
-        yield client.get_executor(pure=False)
+        submit = client.get_executor(pure=False).submit
+        # Without a priority, chunks that are submitted together run in any order.
+        yield lambda *given: submit(*given, priority=-given[-1])
 
 
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
@@ -230,7 +234,7 @@ def _loaded(pickled: bytes) -> Task:
 
 @cache
 def code() -> dict[str, str]:
-    """Return the versions of the libraries on which digits depend, and a digest of ca_ros."""
+    """Return that of the code on which digits depend: a digest of ca_ros, kernel, versions."""
     digest, package = sha256(), Path(__file__).parents[1]
     for path in sorted(package.rglob('*')):
         if path.suffix in SOURCES:
@@ -238,5 +242,6 @@ def code() -> dict[str, str]:
     installed = versions()
     return {
         'ca_ros': digest.hexdigest(),
+        'kernel': 'NumPy' if chosen(1, 1) is None else 'C',
         **{name: installed[name] for name in ('numpy', 'scipy', 'osqp')},
     }
