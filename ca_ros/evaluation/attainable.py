@@ -26,7 +26,8 @@ from ca_ros.schema import ParameterError
 from ca_ros.solver.polytope import Polytope
 from ca_ros.vehicle.vehicle import Vehicle
 
-HATCHES = ('', '////', '....')
+LOOKS: Any = (('-', 0.25), ((0, (4, 2)), 0.45), ((0, (1, 1)), 0.6))
+"""Dashes of the edges and opacity of each set. Some readers of PDF files do not draw hatches."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -219,8 +220,9 @@ def draw(
 
 def _look(i: int) -> dict[str, Any]:
     """Return the style of set i: sets differ in grey too."""
-    face = matplotlib.colors.to_rgba(COLORS[i], 0.25 if i == 0 else 0.35)
-    return {'facecolor': face, 'edgecolor': COLORS[i], 'hatch': HATCHES[i], 'linewidth': 1.4}
+    dashes, opacity = LOOKS[i % len(LOOKS)]
+    face = matplotlib.colors.to_rgba(COLORS[i], opacity)
+    return {'facecolor': face, 'edgecolor': COLORS[i], 'linestyle': dashes, 'linewidth': 1.4}
 
 
 def _polygon(plot: Axes, polytope: Polytope, look: dict[str, Any]) -> None:
