@@ -102,7 +102,8 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
     flights = [
         graph.start('bringup', *short, *arguments) for arguments in (
             ('--ros-args', '--params-file', keyed, '-r', '__ns:=/a', '-p', 'mode:=lockstep'),
-            ('--vehicle', dump, '--namespace', 'b', '--mode', 'lockstep', '--out', 'b'),
+            ('--vehicle', dump, '--namespace', 'b', '--mode', 'lockstep', '--out', 'b',
+             '--figures', 'pdf', '--figure-width', 'column'),
             ('--mode', 'lockstep', '--namespace', '/c', '--ros-args',
              '--params-file', str(find('x8')), '--params-file', other))]
     said = [graph.outlive(flight) for flight in flights]
@@ -116,6 +117,8 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
         'see the parameter files and the ROS arguments')
     # A folder for what was flown without --out, and none for what was not.
     assert (tmp_path / 'b' / 'flight.csv').is_file()
+    # A column has 88 mm: 249.4 points.
+    assert b'/MediaBox [ 0 0 249.4' in (tmp_path / 'b' / 'flight.pdf').read_bytes()
     [folder] = tmp_path.glob('flight_*')
     assert f'{folder.name}/flight.csv' in said[0][0]
     for flown in (folder, tmp_path / 'b'):

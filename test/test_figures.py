@@ -14,7 +14,7 @@ from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, animate
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.flight_metrics import judge_samples
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.figures import COLORS, FORMATS, formats, save
+from ca_ros.flight.figures import COLORS, FORMATS, formats, millimetres, save
 from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
@@ -78,6 +78,13 @@ def test_formats_are_a_list_of_known_ones():
     for wrong in ('', 'gif', 'png,'):
         with pytest.raises(argparse.ArgumentTypeError, match='png, svg, pdf'):
             formats(wrong)
+
+
+def test_a_width_is_a_name_or_millimetres():
+    assert [millimetres(text) for text in ('column', 'page', '120.5')] == [88.0, 181.0, 120.5]
+    for wrong in ('', 'wide', '79', '501', 'nan', '-100'):
+        with pytest.raises(argparse.ArgumentTypeError, match='column, page or 80 to 500 mm'):
+            millimetres(wrong)
 
 
 # The animation

@@ -10,13 +10,12 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
-from ca_ros.evaluation.sections import AXES, fixed, labels
+from ca_ros.evaluation.sections import fixed, labels, units
 from ca_ros.flight.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.files import read_problem
@@ -26,7 +25,8 @@ from ca_ros.schema import ParameterError
 from ca_ros.solver.polytope import Polytope
 from ca_ros.vehicle.vehicle import Vehicle
 
-HATCHES = ('', '////', '....')
+LOOKS: Any = (('-', 0.25), ((0, (4, 2)), 0.45), ((0, (1, 1)), 0.6))
+"""Dashes of the edges and opacity of each set. Some readers of PDF files do not draw hatches."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,7 +44,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             name: image.projection(axes) if options.projection else image.section(axes, at)
             for name, image in sets.items()
         }
-        known = AXES if isinstance(problem, VehicleProblem) else {}
         words = 'other axes: any value' if options.projection else fixed(problem, axes, at)
         reference = problem.reference[[names.index(axis) for axis in axes]]
         figure = draw(found, reference, labels(problem, axes), words, options.figure_width)
@@ -55,10 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     for name, polytope in found.items():
         ends = ', '.join(
-            f'{axis} {low:+.3g} to {high:+.3g}{unit and " "}{unit}'
-            for axis, (low, high), unit in zip(
-                axes, _ranges(polytope), (known.get(a, ('', ''))[1] for a in axes), strict=True
-            )
+            f'{axis} {low:+.3g} to {high:+.3g} {units(problem)[axis][1]}'.rstrip()
+            for axis, (low, high) in zip(axes, _ranges(polytope), strict=True)
         )
         print(f'{name}: {"nothing" if polytope.empty else ends}')
     print(f'written: {", ".join(map(str, files))}')
@@ -200,8 +197,10 @@ def draw(
         solid = len(labels) == 3
         plot: Any = body.add_subplot(projection='3d' if solid else None)
         for polytope, look in zip(polytopes.values(), looks, strict=True):
-            if not polytope.empty:
-                (_body if solid else _polygon)(plot, polytope, look)
+            if solid and not polytope.empty:
+                _draw_body(plot, polytope, look)
+            elif not polytope.empty:
+                plot.fill(*polytope.vertices.T, **look)
         plot.plot(*reference[:, None], '+', color='black', markersize=9, mew=1.6, zorder=9)
         plot.set(title=words, xlabel=labels[0], ylabel=labels[1])
         if solid:
@@ -219,15 +218,12 @@ def draw(
 
 def _look(i: int) -> dict[str, Any]:
     """Return the style of set i: sets differ in grey too."""
-    face = matplotlib.colors.to_rgba(COLORS[i], 0.25 if i == 0 else 0.35)
-    return {'facecolor': face, 'edgecolor': COLORS[i], 'hatch': HATCHES[i], 'linewidth': 1.4}
+    dashes, opacity = LOOKS[i % len(LOOKS)]
+    face = matplotlib.colors.to_rgba(COLORS[i], opacity)
+    return {'facecolor': face, 'edgecolor': COLORS[i], 'linestyle': dashes, 'linewidth': 1.4}
 
 
-def _polygon(plot: Axes, polytope: Polytope, look: dict[str, Any]) -> None:
-    plot.fill(*polytope.vertices.T, **look)
-
-
-def _body(plot: Any, polytope: Polytope, look: dict[str, Any]) -> None:
+def _draw_body(plot: Any, polytope: Polytope, look: dict[str, Any]) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     faces = [polytope.vertices[corners] for corners in polytope.corners()]

@@ -62,25 +62,25 @@ class Section:
         return wrenches
 
 
-def labels(problem: AllocationProblem, axes: Sequence[str]) -> list[str]:
-    """Return the names of axes with their units, which a problem without a vehicle has not."""
+def units(problem: AllocationProblem) -> dict[str, tuple[str, str]]:
+    """Return name and unit of each axis; without a vehicle, axes have no units."""
     known = AXES if isinstance(problem, VehicleProblem) else {}
-    return ['{} [{}]'.format(*known[axis]) if axis in known else axis for axis in axes]
+    return {axis: known.get(axis, (axis, '')) for axis in problem.axes}
+
+
+def labels(problem: AllocationProblem, axes: Sequence[str]) -> list[str]:
+    """Return the names of axes with their units."""
+    return ['{} [{}]'.format(*units(problem)[axis]).removesuffix(' []') for axis in axes]
 
 
 def fixed(problem: AllocationProblem, drawn: Sequence[str], at: Array) -> str:
     """Return in words the values (m,) that the axes have which are not drawn."""
-    known = AXES if isinstance(problem, VehicleProblem) else {}
-    others = {
-        axis: value for axis, value in zip(problem.axes, at, strict=True) if axis not in drawn
-    }
-    zero = ', '.join(axis for axis, value in others.items() if abs(value) <= 1e-9)
     words = [
-        f'{axis} {value:.3g} {known.get(axis, ("", ""))[1]}'.rstrip()
-        for axis, value in others.items()
-        if abs(value) > 1e-9
+        f'{axis} {value:.3g} {unit}'.strip() if abs(value) > 1e-9 else f'{axis} 0'
+        for (axis, (_, unit)), value in zip(units(problem).items(), at, strict=True)
+        if axis not in drawn
     ]
-    return ', '.join([*words, f'{zero} 0'] if zero else words).replace('_', ' ')
+    return ', '.join(words).replace('_', ' ')
 
 
 def sections(admissible: AdmissibleSet, *pairs: tuple[str, str]) -> list[Section]:

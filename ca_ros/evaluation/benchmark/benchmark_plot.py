@@ -29,18 +29,16 @@ def draw(results: pd.DataFrame, width: float = WIDTHS['page']) -> Figure:
     calls = pd.concat([calls, in_c.assign(contender=in_c['contender'] + ' in C')])
     with matplotlib.rc_context(style(width)):
         height = 1.4 + 0.26 * max(calls['contender'].nunique(), 9)
+        beside = across(2, 3.0) == 2
+        figure, body = sheet(height if beside or growth.empty else height + 3.2)
         if growth.empty:
-            figure, body = sheet(height)
             _draw_calls(body.subplots(), calls)
-        elif across(2, 3.0) == 2:
-            figure, body = sheet(height)
-            left, right = body.subplots(1, 2, width_ratios=(3, 2))
         else:
-            figure, body = sheet(height + 3.2)
-            left, right = body.subplots(2, 1, height_ratios=(height, 3.2))
-        if not growth.empty:
-            _draw_calls(left, calls)
-            _draw_growth(right, growth)
+            row: Any = {'ncols': 2, 'width_ratios': (3, 2)}
+            column: Any = {'nrows': 2, 'height_ratios': (height, 3.2)}
+            first, second = body.subplots(**(row if beside else column))
+            _draw_calls(first, calls)
+            _draw_growth(second, growth)
     return figure
 
 
