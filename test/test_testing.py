@@ -1,6 +1,7 @@
 """`ca_ros.testing` itself; the tests of the nodes and docs/testing.md use the rest of it."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -55,6 +56,25 @@ def test_the_fixture_names_what_is_not_installed(tmp_path):
     run = subprocess.run(
         [PYTHON, '-c', script], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert 'the fixture graph needs rclpy' in run.stdout
+
+
+FAILING = """
+import sys
+def test_it(graph):
+    process = graph.start(sys.executable, '-uc', '''EXIT_3''')
+    graph.spin_until(lambda: graph.output(process)[0], 'output')
+    raise ZeroDivisionError
+"""
+
+
+def test_the_report_of_a_failed_test_has_the_output_of_its_processes(graph, tmp_path):
+    file = tmp_path / 'test_it.py'
+    file.write_text(FAILING.replace('EXIT_3', EXIT_3))
+    out, _ = graph.outlive(graph.start(PYTHON, '-m', 'pytest', '-q', str(file)))
+    assert re.search(r'Captured python -uc \d+, running call -+\nready\n', out), out
+    # The exit code of the process does not matter any more.
+    assert '1 failed' in out
+    assert ' error' not in out
 
 
 # The environment

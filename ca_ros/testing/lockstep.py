@@ -80,6 +80,7 @@ class Lockstep:
         AssertionError
             If a state is not answered.
         """
+        __tracebackhide__ = True
         end = round(until * 1e9)
         while self.time <= end:
             self._advance()
@@ -93,15 +94,18 @@ class Lockstep:
         AssertionError
             If the simulator does not take the step.
         """
+        __tracebackhide__ = True
         message, time = wrench(numbers, self.time), self.time
         self._advance(repeat=lambda: self._command.publish(message))
         return self._flight(time)
 
     def table(self) -> str:
-        """Return states and commands of the flight as a table."""
+        """Return states and commands of the flight as a table; empty before the first step."""
         flight, lines = self._flight(max(self._newest.values(), default=0)), [HEAD]
         last = len(flight.time) - 1
-        for k in sorted({last * i // (ROWS - 1) for i in range(ROWS)} if last >= 0 else ()):
+        if last < 0:
+            return ''
+        for k in sorted({last * i // (ROWS - 1) for i in range(ROWS)}):
             time, position, rates = flight.time[k], flight.position[k], flight.angular_velocity[k]
             command = self._messages[WRENCH.name].get(round(time * 1e9))
             numbers = [*position, *rates, *(six(command)[2:] if command else [])]
@@ -114,6 +118,7 @@ class Lockstep:
 
     def _advance(self, repeat: Callable[[], object] | None = None) -> None:
         """Wait for the next state."""
+        __tracebackhide__ = True
         time = self.time
         self._graph.spin_until(
             lambda: self.time > time and time in self._messages[SPEEDS.name],
