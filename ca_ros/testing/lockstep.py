@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.arrays import Array
 from ca_ros.flight.record import Flight
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
@@ -73,7 +74,7 @@ class Lockstep:
         return min(self._newest[POSE.name], self._newest[VELOCITY.name])
 
     def run(self, until: float) -> Flight:
-        """Return the flight up to a time [s], inclusive, after waiting for it.
+        """Return the flight up to a time [s], inclusive; wait for it if need be.
 
         Raises
         ------
@@ -86,8 +87,13 @@ class Lockstep:
             self._advance()
         return self._flight(end)
 
-    def step(self, numbers: ArrayLike) -> Flight:
-        """Answer the present state with a wrench, see `wrench`; return the flight up to it.
+    def step(self, numbers: ArrayLike) -> tuple[Array, Array, Array, Array]:
+        """Answer the present state with a wrench, see `wrench`; return the next state.
+
+        Returns
+        -------
+        position, attitude, velocity, angular_velocity : (3,), (4,), (3,), (3,) arrays
+            As in `Flight`.
 
         Raises
         ------
@@ -95,9 +101,10 @@ class Lockstep:
             If the simulator does not take the step.
         """
         __tracebackhide__ = True
-        message, time = wrench(numbers, self.time), self.time
+        message = wrench(numbers, self.time)
         self._advance(repeat=lambda: self._command.publish(message))
-        return self._flight(time)
+        pose, velocity = (self._messages[topic.name][self.time] for topic in (POSE, VELOCITY))
+        return *pose_arrays(pose), *twist_arrays(velocity)
 
     def table(self) -> str:
         """Return states and commands of the flight as a table; empty before the first step."""
