@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 from types import ModuleType
@@ -15,6 +16,7 @@ from geometry_msgs.msg import WrenchStamped
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, NULL_STATE, POSITION, RigidBody
 from ca_ros.testing import FaultProxy, Graph, Lockstep, executable, processes, wrench
+from ca_ros.testing.domain import used
 from ca_ros.testing.environment import applied
 
 PYTHON = sys.executable
@@ -103,6 +105,14 @@ def test_graphs_have_domains_of_their_own_unless_one_joins_another():
     with Graph() as one, Graph() as two, Graph(ROS_DOMAIN_ID=str(one.domain)) as joined:
         assert one.domain != two.domain
         assert joined.domain == one.domain
+
+
+def test_a_domain_in_use_is_not_claimed(graph):
+    assert graph.node.get_name() == 'test'
+    assert graph.domain in used()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(('127.0.0.1', 7400 + 250 * 7 + 249))
+        assert 7 in used()
 
 
 # Processes

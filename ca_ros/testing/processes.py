@@ -11,7 +11,7 @@ import uuid
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import IO, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import psutil
 
@@ -62,11 +62,10 @@ class Processes:
 
     def __enter__(self) -> Any:
         self._ending = ExitStack()
-        self._locks: list[IO[str]] = []
         if 'ROS_DOMAIN_ID' not in self._settings:
             domain, lock = claim()
             self._settings['ROS_DOMAIN_ID'] = str(domain)
-            self._locks.append(self._ending.enter_context(lock))
+            self._ending.enter_context(lock)
         self.failed = False
         self.domain = int(self._settings['ROS_DOMAIN_ID'])
         self._folder = Path(self._ending.enter_context(tempfile.TemporaryDirectory()))
@@ -135,8 +134,6 @@ class Processes:
             process = processes.start(
                 [str(executable(name)), *arguments],
                 env=os.environ | self._settings | {MARK: self._mark},
-                # The domain stays claimed while the process lives, even if the test is killed.
-                pass_fds=[lock.fileno() for lock in self._locks],
                 **streams,
                 **options,
             )
