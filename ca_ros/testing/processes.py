@@ -141,8 +141,6 @@ class Processes:
         self._exit_codes[process] = exit_codes
         return process
 
-    start_silent = start
-
     def output(self, process: Process) -> tuple[str, str]:
         """Return what a process has written so far to standard output and to standard error."""
         logs = [self._log(self._started.index(process), stream) for stream in STREAMS]
