@@ -31,7 +31,8 @@ class Lockstep:
     """A simulator in lockstep with the nodes under test, and a record of all its steps.
 
     The simulator takes a step when rotor speeds answer its state, so a flight does not depend on
-    the speed of the machine.
+    the speed of the machine.  To test a plant of one's own, start it first, and leave the
+    simulator out of `nodes`.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ class Lockstep:
     vehicle : str
         A shipped vehicle or a parameter file.
     nodes : sequence of str
-        The nodes of this package to start after the simulator.
+        The nodes of this package to start.
     ros_arguments : sequence of str
         ROS arguments of all these nodes, such as ``('-p', 'rotors.health:=0.9')``.
     """
@@ -48,7 +49,7 @@ class Lockstep:
         self,
         graph: Graph,
         vehicle: str = 'hexarotor',
-        nodes: Sequence[str] = ('allocator',),
+        nodes: Sequence[str] = ('simulator', 'allocator'),
         ros_arguments: Sequence[str] = (),
     ) -> None:
         self._graph = graph
@@ -59,14 +60,17 @@ class Lockstep:
             receive = partial(self._receive, topic.name)
             graph.node.create_subscription(topic.kind, topic.name, receive, offered('lockstep'))
         graph.sections['lockstep'] = self.table
-        for node in ('simulator', *nodes):
-            arguments = ['--ros-args', '-p', 'mode:=lockstep', *ros_arguments]
-            graph.start(node, '--vehicle', vehicle, *arguments)
-            # Without an answer the simulator waits, so the record has the first step, too.
-            graph.spin_until(
-                lambda: {POSE.name, VELOCITY.name, SPEEDS.name} <= self._newest.keys(),
-                'lockstep: the first state',
-            )
+        arguments = ['--vehicle', vehicle, '--ros-args', '-p', 'mode:=lockstep', *ros_arguments]
+        if 'simulator' in nodes:
+            graph.start('simulator', *arguments)
+        # Without an answer the simulator waits, so the record has the first step, too.
+        graph.spin_until(
+            lambda: {POSE.name, VELOCITY.name, SPEEDS.name} <= self._newest.keys(),
+            'lockstep: the first state',
+        )
+        for node in nodes:
+            if node != 'simulator':
+                graph.start(node, *arguments)
 
     @property
     def time(self) -> int:
