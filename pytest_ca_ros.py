@@ -33,5 +33,6 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
     testing = sys.modules.get('ca_ros.testing.graph')
     failed = call.excinfo is not None and not call.excinfo.errisinstance(pytest.skip.Exception)
     for graph in testing.Graph.opened if failed and testing else ():
+        graph.failed = True
         for title, text in graph.report():
             item.add_report_section(call.when, title, text)

@@ -87,7 +87,7 @@ def test_actuators_arrive(graph):
 
     from ca_ros.nodes.messages import speeds_message
 
-    process = graph.start_silent(sys.executable, str(FOLDER / 'gazebo_actuators.py'))
+    process = graph.start(sys.executable, str(FOLDER / 'gazebo_actuators.py'))
     sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
     received = graph.listen(Actuators, 'command/motors')
     speeds = speeds_message(np.array([100.0, 200.0]), 1_500_000_000)

@@ -135,7 +135,7 @@ def test_lag_delay_and_noise_cost_as_much_as_with_our_rigid_body():
 
 def fly(graph, folder, *arguments):
     """Fly for 12 s in lockstep with the plant in place of the simulator; return output, flight."""
-    flight = graph.start_silent(
+    flight = graph.start(
         'bringup', '--plant', f"'{sys.executable}' '{FOLDER / 'plant.py'}'", '--mode', 'lockstep',
         '--duration', '12', '--out', str(folder), *arguments)
     out, err = graph.outlive(flight)

@@ -317,7 +317,7 @@ def as_px4():
 
 def start(graph, name, *arguments):
     """Start an adapter."""
-    return graph.start_silent(sys.executable, str(FOLDER / f'{name}.py'), *arguments)
+    return graph.start(sys.executable, str(FOLDER / f'{name}.py'), *arguments)
 
 
 @needs_px4_msgs

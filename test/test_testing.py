@@ -1,7 +1,9 @@
 """`ca_ros.testing` itself; the tests of the nodes and docs/testing.md use the rest of it."""
 
 import os
+import re
 import signal
+import socket
 import subprocess
 import sys
 from types import ModuleType
@@ -14,6 +16,7 @@ from geometry_msgs.msg import WrenchStamped
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, NULL_STATE, POSITION, RigidBody
 from ca_ros.testing import FaultProxy, Graph, Lockstep, executable, processes, wrench
+from ca_ros.testing.domain import used
 from ca_ros.testing.environment import applied
 
 PYTHON = sys.executable
@@ -57,6 +60,25 @@ def test_the_fixture_names_what_is_not_installed(tmp_path):
     assert 'the fixture graph needs rclpy' in run.stdout
 
 
+FAILING = """
+import sys
+def test_it(graph):
+    process = graph.start(sys.executable, '-uc', '''EXIT_3''')
+    graph.spin_until(lambda: graph.output(process)[0], 'output')
+    raise ZeroDivisionError
+"""
+
+
+def test_the_report_of_a_failed_test_has_the_output_of_its_processes(graph, tmp_path):
+    file = tmp_path / 'test_it.py'
+    file.write_text(FAILING.replace('EXIT_3', EXIT_3))
+    out, _ = graph.outlive(graph.start(PYTHON, '-m', 'pytest', '-q', str(file)))
+    assert re.search(r'Captured python -uc \d+, running call -+\nready\n', out), out
+    # The exit code of the process does not matter any more.
+    assert '1 failed' in out
+    assert ' error' not in out
+
+
 # The environment
 
 def test_the_environment_is_that_of_the_graph_and_then_as_before(monkeypatch):
@@ -83,6 +105,14 @@ def test_graphs_have_domains_of_their_own_unless_one_joins_another():
     with Graph() as one, Graph() as two, Graph(ROS_DOMAIN_ID=str(one.domain)) as joined:
         assert one.domain != two.domain
         assert joined.domain == one.domain
+
+
+def test_a_domain_in_use_is_not_claimed(graph):
+    assert graph.node.get_name() == 'test'
+    assert graph.domain in used()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(('127.0.0.1', 7400 + 250 * 7 + 249))
+        assert 7 in used()
 
 
 # Processes
@@ -164,15 +194,14 @@ def test_steps_in_lockstep_equal_those_without_ros_to_the_last_bit(graph):
     thrusts = rng.uniform(vehicle.thrust_min, vehicle.thrust_max, (20, vehicle.n))
     wrenches = thrusts @ control_allocation_matrix(vehicle).T
     lockstep = Lockstep(graph, 'quadrotor')
-    for u in wrenches:
-        flight = lockstep.step([0.0, 0.0, *u])
     allocator, body, state = make_allocator('exact', vehicle), RigidBody(vehicle), NULL_STATE
-    for k, u in enumerate(wrenches):
-        speeds = allocator.allocate(u).speeds
-        assert flight.speeds[k].tobytes() == speeds.tobytes()
-        assert flight.position[k].tobytes() == state[POSITION].tobytes()
-        assert flight.angular_velocity[k].tobytes() == state[ANGULAR_VELOCITY].tobytes()
-        state = body.step(state, speeds, 0.01)
+    for u in wrenches:
+        position, _, _, rates = lockstep.step([0.0, 0.0, *u])
+        state = body.step(state, allocator.allocate(u).speeds, 0.01)
+        assert position.tobytes() == state[POSITION].tobytes()
+        assert rates.tobytes() == state[ANGULAR_VELOCITY].tobytes()
+    flight = lockstep.run(until=0.19)
+    assert flight.speeds[-1].tobytes() == allocator.allocate(wrenches[-1]).speeds.tobytes()
     np.testing.assert_array_equal(flight.time, np.arange(20) * 10_000_000 / 1e9)
     assert len(lockstep.table().splitlines()) == 12
 

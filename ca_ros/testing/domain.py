@@ -1,4 +1,4 @@
-"""A ROS domain that no other test on the machine uses."""
+"""A ROS domain that nothing else on the machine uses."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from typing import IO
 DOMAINS = range(1, 102)
 """The domains for which DDS has ports on every machine, without 0, the default of ROS."""
 
+FIRST_PORT, PORTS = 7400, 250
+"""The ports of domain d begin at FIRST_PORT + PORTS d (OMG DDSI-RTPS 2.5, section 9.6.1.1)."""
+
 
 def claim() -> tuple[int, IO[str]]:
     """Claim a domain; return its number, and the lock file: closing it releases the domain.
@@ -18,9 +21,10 @@ def claim() -> tuple[int, IO[str]]:
     Raises
     ------
     RuntimeError
-        If other tests have claimed all domains.
+        If all domains are in use.
     """
-    for domain in random.sample(DOMAINS, len(DOMAINS)):
+    free = [*{*DOMAINS} - used()]
+    for domain in random.sample(free, len(free)):
         path = Path(tempfile.gettempdir(), f'ca_ros_domain_{domain}')
         try:
             path.touch()
@@ -34,4 +38,14 @@ def claim() -> tuple[int, IO[str]]:
             lock.close()
         else:
             return domain, lock
-    raise RuntimeError(f'no free ROS domain: tests have claimed all {len(DOMAINS)}')
+    raise RuntimeError(f'no free ROS domain: all {len(DOMAINS)} are in use')
+
+
+def used() -> set[int]:
+    """Return the domains of which a process has a port, a running robot for instance."""
+    found = set()
+    for table in filter(Path.exists, (Path('/proc/net/udp'), Path('/proc/net/udp6'))):
+        for line in table.read_text().splitlines()[1:]:
+            _, address, *_ = line.split()
+            found.add((int(address.rpartition(':')[2], 16) - FIRST_PORT) // PORTS)
+    return found

@@ -18,16 +18,16 @@ class FaultProxy:
     Parameters
     ----------
     graph : Graph
-    *topics : str
+    topic, *others : str
         Topics between the nodes of the loop, such as ``'command/wrench'``.
     **faults : float
         Faults by name, such as ``drop=0.1`` or ``delay=0.02``; ``fault_proxy --help`` lists them.
     """
 
-    def __init__(self, graph: Graph, *topics: str, **faults: Any) -> None:
-        self._topics = topics
+    def __init__(self, graph: Graph, topic: str, *others: str, **faults: Any) -> None:
+        self._topics = topic, *others
         self._diagnostics = Diagnostics(graph)
-        values = {'topics': f'[{", ".join(topics)}]', **faults}
+        values = {'topics': f'[{", ".join(self._topics)}]', **faults}
         words = [f'{name}:={value}' for name, value in values.items()]
         graph.start('fault_proxy', '--ros-args', *(w for word in words for w in ('-p', word)))
         self._parameters = Parameters(graph.node, 'fault_proxy', graph.spin_until)

@@ -169,6 +169,7 @@ class Graph(Processes):
         AssertionError
             If the condition does not hold in time, or if a process ends meanwhile.
         """
+        __tracebackhide__ = True
         limit, again, pause = Deadline(deadline), time.monotonic(), FIRST_PAUSE
         while not condition():
             if ended := self.ended():

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.arrays import Array
 from ca_ros.flight.record import Flight
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
@@ -30,7 +31,8 @@ class Lockstep:
     """A simulator in lockstep with the nodes under test, and a record of all its steps.
 
     The simulator takes a step when rotor speeds answer its state, so a flight does not depend on
-    the speed of the machine.
+    the speed of the machine.  To test a plant of one's own, start it first, and leave the
+    simulator out of `nodes`.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ class Lockstep:
     vehicle : str
         A shipped vehicle or a parameter file.
     nodes : sequence of str
-        The nodes of this package to start after the simulator.
+        The nodes of this package to start.
     ros_arguments : sequence of str
         ROS arguments of all these nodes, such as ``('-p', 'rotors.health:=0.9')``.
     """
@@ -47,7 +49,7 @@ class Lockstep:
         self,
         graph: Graph,
         vehicle: str = 'hexarotor',
-        nodes: Sequence[str] = ('allocator',),
+        nodes: Sequence[str] = ('simulator', 'allocator'),
         ros_arguments: Sequence[str] = (),
     ) -> None:
         self._graph = graph
@@ -58,14 +60,17 @@ class Lockstep:
             receive = partial(self._receive, topic.name)
             graph.node.create_subscription(topic.kind, topic.name, receive, offered('lockstep'))
         graph.sections['lockstep'] = self.table
-        for node in ('simulator', *nodes):
-            arguments = ['--ros-args', '-p', 'mode:=lockstep', *ros_arguments]
-            graph.start(node, '--vehicle', vehicle, *arguments)
-            # Without an answer the simulator waits, so the record has the first step, too.
-            graph.spin_until(
-                lambda: {POSE.name, VELOCITY.name, SPEEDS.name} <= self._newest.keys(),
-                'lockstep: the first state',
-            )
+        arguments = ['--vehicle', vehicle, '--ros-args', '-p', 'mode:=lockstep', *ros_arguments]
+        if 'simulator' in nodes:
+            graph.start('simulator', *arguments)
+        # Without an answer the simulator waits, so the record has the first step, too.
+        graph.spin_until(
+            lambda: {POSE.name, VELOCITY.name, SPEEDS.name} <= self._newest.keys(),
+            'lockstep: the first state',
+        )
+        for node in nodes:
+            if node != 'simulator':
+                graph.start(node, *arguments)
 
     @property
     def time(self) -> int:
@@ -73,35 +78,45 @@ class Lockstep:
         return min(self._newest[POSE.name], self._newest[VELOCITY.name])
 
     def run(self, until: float) -> Flight:
-        """Return the flight up to a time [s], inclusive, after waiting for it.
+        """Return the flight up to a time [s], inclusive; wait for it if need be.
 
         Raises
         ------
         AssertionError
             If a state is not answered.
         """
+        __tracebackhide__ = True
         end = round(until * 1e9)
         while self.time <= end:
             self._advance()
         return self._flight(end)
 
-    def step(self, numbers: ArrayLike) -> Flight:
-        """Answer the present state with a wrench, see `wrench`; return the flight up to it.
+    def step(self, numbers: ArrayLike) -> tuple[Array, Array, Array, Array]:
+        """Answer the present state with a wrench, see `wrench`; return the next state.
+
+        Returns
+        -------
+        position, attitude, velocity, angular_velocity : (3,), (4,), (3,), (3,) arrays
+            As in `Flight`.
 
         Raises
         ------
         AssertionError
             If the simulator does not take the step.
         """
-        message, time = wrench(numbers, self.time), self.time
+        __tracebackhide__ = True
+        message = wrench(numbers, self.time)
         self._advance(repeat=lambda: self._command.publish(message))
-        return self._flight(time)
+        pose, velocity = (self._messages[topic.name][self.time] for topic in (POSE, VELOCITY))
+        return *pose_arrays(pose), *twist_arrays(velocity)
 
     def table(self) -> str:
-        """Return states and commands of the flight as a table."""
+        """Return states and commands of the flight as a table; empty before the first step."""
         flight, lines = self._flight(max(self._newest.values(), default=0)), [HEAD]
         last = len(flight.time) - 1
-        for k in sorted({last * i // (ROWS - 1) for i in range(ROWS)} if last >= 0 else ()):
+        if last < 0:
+            return ''
+        for k in sorted({last * i // (ROWS - 1) for i in range(ROWS)}):
             time, position, rates = flight.time[k], flight.position[k], flight.angular_velocity[k]
             command = self._messages[WRENCH.name].get(round(time * 1e9))
             numbers = [*position, *rates, *(six(command)[2:] if command else [])]
@@ -114,6 +129,7 @@ class Lockstep:
 
     def _advance(self, repeat: Callable[[], object] | None = None) -> None:
         """Wait for the next state."""
+        __tracebackhide__ = True
         time = self.time
         self._graph.spin_until(
             lambda: self.time > time and time in self._messages[SPEEDS.name],

@@ -11,7 +11,7 @@ import uuid
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import IO, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import psutil
 
@@ -49,6 +49,8 @@ class Processes:
     ----------
     domain : int
         The ROS domain.
+    failed : bool
+        Whether the test has failed; then the exit codes do not matter.
     opened : list of Processes
         All that are open, for the report of a failed test.
     """
@@ -60,11 +62,11 @@ class Processes:
 
     def __enter__(self) -> Any:
         self._ending = ExitStack()
-        self._locks: list[IO[str]] = []
         if 'ROS_DOMAIN_ID' not in self._settings:
             domain, lock = claim()
             self._settings['ROS_DOMAIN_ID'] = str(domain)
-            self._locks.append(self._ending.enter_context(lock))
+            self._ending.enter_context(lock)
+        self.failed = False
         self.domain = int(self._settings['ROS_DOMAIN_ID'])
         self._folder = Path(self._ending.enter_context(tempfile.TemporaryDirectory()))
         self._settings['ROS_LOG_DIR'] = str(self._folder)
@@ -78,6 +80,7 @@ class Processes:
         return self
 
     def __exit__(self, fault: type[BaseException] | None, *_: object) -> None:
+        __tracebackhide__ = True
         running = [process for process in self._started if process.poll() is None]
         for process in running:
             process.send_signal(signal.SIGINT)
@@ -102,7 +105,7 @@ class Processes:
         self._ending.close()
         if fault is not None:
             print(report, file=sys.stderr)
-        elif faults:
+        elif faults and not self.failed:
             raise AssertionError('\n'.join([*faults, report]))
         elif excused:
             excuse()
@@ -131,16 +134,12 @@ class Processes:
             process = processes.start(
                 [str(executable(name)), *arguments],
                 env=os.environ | self._settings | {MARK: self._mark},
-                # The domain stays claimed while the process lives, even if the test is killed.
-                pass_fds=[lock.fileno() for lock in self._locks],
                 **streams,
                 **options,
             )
         self._started.append(process)
         self._exit_codes[process] = exit_codes
         return process
-
-    start_silent = start
 
     def output(self, process: Process) -> tuple[str, str]:
         """Return what a process has written so far to standard output and to standard error."""
@@ -164,6 +163,7 @@ class Processes:
             If Fast DDS blocks at the end of one of our nodes; the test then counts as an expected
             failure.
         """
+        __tracebackhide__ = True
         limit = Deadline(deadline)
         self._awaited.add(process)
         while process.poll() is None and not limit.passed():
@@ -211,7 +211,9 @@ class Processes:
         ]
 
     def _name(self, process: Process) -> str:
-        return f'{Path(cast("list[str]", process.args)[0]).name} {process.pid}'
+        program, *arguments = (Path(word).name for word in cast('list[str]', process.args))
+        script = arguments[:1] if program.startswith('python') else []
+        return ' '.join([program, *script, str(process.pid)])
 
     def _log(self, number: int, stream: str) -> Path:
         return self._folder / f'{number}.{stream}'
