@@ -80,6 +80,7 @@ readme: demo
 	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
 	.venv/bin/attainable --health 1:0 --out docs/attainable
 	.venv/bin/python docs/failure.py
+	.venv/bin/python docs/plant_effects.py
 	.venv/bin/python docs/comparison.py
 	.venv/bin/python docs/studies.py
 	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \

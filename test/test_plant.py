@@ -210,6 +210,8 @@ def test_gusts_have_their_variance_and_correlation_at_any_step(step):
 def test_wind_without_drag_is_refused():
     with pytest.raises(ParameterError, match=r'simulator\.wind .* set simulator\.linear_drag'):
         plant(wind=[1.0, 0.0, 0.0])
+    with pytest.raises(ParameterError, match=r'simulator\.gust_intensity act through the drag'):
+        plant(gust_intensity=1.0, rotational_drag=1e-3)
 
 
 # Ground

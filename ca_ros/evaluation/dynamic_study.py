@@ -20,11 +20,12 @@ from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.flight_metrics import judge_samples, metrics
 from ca_ros.evaluation.observations import findings, observe
 from ca_ros.evaluation.options import command, concluded, parser, positive, write
-from ca_ros.evaluation.paper import of_the_paper
+from ca_ros.evaluation.paper import flown_as_in_the_paper
 from ca_ros.evaluation.ros_flight import check, fly_over_ros
 from ca_ros.flight import trajectory
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
+from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.flight.rotor_failures import add_options, arguments, failures_of
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -107,20 +108,25 @@ def _write(
 ) -> str:
     """Write all files; return dynamic.md."""
     goal = options.goals.last
-    out, failures, paper = options.out, failures_of(options), of_the_paper(case.parameters)
+    out, failures = options.out, failures_of(options)
     last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
     samples = {
-        name: judge_samples(flight, case.controller(), options.goals.first, changes[name])
+        name: judge_samples(
+            flight, case.controller(), options.goals.first, changes[name], case.body().vehicle
+        )
         for name, flight in flights.items()
     }
+    resting = bool((case.plant().state == NULL_STATE).all())
     # The observations are about the paper's flight without failures.
     own_goal = bool(trajectory.arguments(options))
     problem = VehicleProblem(case.vehicle)
+    paper = flown_as_in_the_paper(case.parameters)
     checked = paper and not options.fail and not own_goal
     observations = list(observe(flights, problem, goal)) if checked else []
     found = {
         'vehicle': case.name,
         'duration': options.duration,
+        'start': 'rest at the origin' if resting else 'the initial state of the parameters',
         'goal': str(options.goals),
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
         'command': [

@@ -48,12 +48,17 @@ def at_bounds(speeds: Array, problem: VehicleProblem) -> tuple[BoolArray, BoolAr
 
 
 def judge_samples(
-    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = ()
+    flight: Flight,
+    controller: Controller,
+    waypoint: Waypoint,
+    changes: Sequence[Change] = (),
+    vehicle: Vehicle | None = None,
 ) -> pd.DataFrame:
     """Compare the commanded wrenches of a flight with the delivered ones.
 
     The controller recomputes the commands from the samples.  The flight begins with the waypoint;
-    the changes are later waypoints, rotor failures and their announcements.
+    the changes are later waypoints, rotor failures and their announcements.  The vehicle is the
+    one that flies, by default that of the controller.
 
     Returns
     -------
@@ -67,7 +72,8 @@ def judge_samples(
         bound.
     """
     parts, given = [], []
-    for part, pilot, vehicle, goal in _legs(flight, controller, waypoint, changes):
+    start = vehicle or controller.vehicle
+    for part, pilot, vehicle, goal in _legs(flight, controller, start, waypoint, changes):
         states = zip(
             flight.position[part],
             flight.attitude[part],
@@ -150,10 +156,14 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
 
 
 def _legs(
-    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change]
+    flight: Flight,
+    controller: Controller,
+    vehicle: Vehicle,
+    waypoint: Waypoint,
+    changes: Sequence[Change],
 ) -> Iterator[tuple[slice, Controller, Vehicle, Waypoint]]:
     """Yield the samples between changes, controller, vehicle as it physically is, and waypoint."""
-    vehicle, start = controller.vehicle, 0
+    start = 0
     times = np.round(flight.time * 1e9)
     for change in [*sorted(changes, key=lambda change: change.time), None]:
         end = len(times) if change is None else int(np.searchsorted(times, change.time))

@@ -31,6 +31,11 @@ class Drag:
     rotor: float = 0.0
     rotational: float = 0.0
 
+    @property
+    def takes_wind(self) -> bool:
+        """Whether the drag depends on the airspeed."""
+        return bool(self.linear.any() or self.rotor)
+
     def wrench(
         self, vehicle: Vehicle, airspeed: Array, omega: Array, speeds: Array
     ) -> tuple[Array, Array]:

@@ -86,19 +86,15 @@ SIMULATION = {
     'simulator.seed': Parameter(
         'seed of gusts and noise, a whole number', default=0.0, minimum=0.0
     ),
-    'simulator.initial_position': Parameter(
-        'initial position in the world frame [m]', array=True, default=[0.0, 0.0, 0.0]
-    ),
-    'simulator.initial_velocity': Parameter(
-        'initial velocity in the world frame [m/s]', array=True, default=[0.0, 0.0, 0.0]
-    ),
+    **{
+        f'simulator.initial_{part}': Parameter(f'initial {words}', array=True, default=0.0)
+        for part, words in MEASURED.items()
+        if part != 'attitude'
+    },
     'simulator.initial_attitude': Parameter(
         'initial attitude, a quaternion x, y, z, w, body to world',
         array=True,
         default=[0.0, 0.0, 0.0, 1.0],
-    ),
-    'simulator.initial_angular_velocity': Parameter(
-        'initial angular velocity in the body frame [rad/s]', array=True, default=[0.0, 0.0, 0.0]
     ),
     'simulator.motor_time_constant': Parameter(
         'time constant of the first-order lag from commanded to actual rotor speed [s]',
@@ -135,12 +131,12 @@ SIMULATION = {
         minimum=0.0,
     ),
     'simulator.wind': Parameter(
-        'mean wind in the world frame, which acts through the drag [m/s]',
+        'mean wind, x, y, z in the world frame, which acts through the drag [m/s]',
         array=True,
-        default=[0.0, 0.0, 0.0],
+        default=0.0,
     ),
     'simulator.gust_intensity': Parameter(
-        'standard deviation of the gusts along x, y, z of the world frame [m/s]',
+        'standard deviation of the gusts, x, y, z in the world frame [m/s]',
         array=True,
         default=0.0,
         minimum=0.0,

@@ -62,8 +62,8 @@ class Plant:
     ----------
     body : RigidBody
         May be replaced between two steps, for instance by one with other rotor health.
-    time_step : float
-        [s]
+    time_step, time_step_ns : float, int
+        [s] and [ns]
     state : (13,) array
         The true state.
     measured : (13,) array
@@ -96,7 +96,8 @@ class Plant:
             p['simulator.gust_time'],
             gusts,
         )
-        if body.drag is None and (self._wind.mean.any() or self._wind.intensity.any()):
+        windy = self._wind.mean.any() or self._wind.intensity.any()
+        if windy and not (body.drag and body.drag.takes_wind):
             raise ParameterError(
                 'simulator.wind and simulator.gust_intensity act through the drag: set '
                 'simulator.linear_drag or simulator.rotor_drag'

@@ -1,0 +1,128 @@
+"""Fly with the effects of the plant; fill the tables of docs/plant_effects.md.
+
+Takes some minutes.
+"""
+
+import warnings
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import inf
+from pathlib import Path
+
+import numpy as np
+from marks import filled
+
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.tables import table
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.record import Flight
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.vehicle.files import config_directory
+
+PAGE = Path(__file__).resolve().parent / 'plant_effects.md'
+
+GOAL = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
+"""The waypoint of the paper's flight."""
+
+DURATION, HELD = 20.0, 5.0
+"""Time of a flight, and its end in which the vehicle has to stay at the waypoint [s]."""
+
+THERE = 0.01
+"""Greatest distance from the waypoint in that time [m]."""
+
+GAINS = 0.0, 0.5, 1.0
+"""Values of `controller.integral_gain` [1/s]."""
+
+Effects = Callable[[int], dict[str, int]]
+
+LIMITS: dict[str, Effects] = {
+    'motor lag': lambda ms: {'motor_time_constant': ms},
+    'delay': lambda ms: {'command_delay': ms},
+    'delay with a lag of 50 ms': lambda ms: {'command_delay': ms, 'motor_time_constant': 50},
+}
+"""Parameters of the simulator [ms] for each of the limits."""
+
+LONGEST = 512
+"""A time that no vehicle tolerates [ms]."""
+
+ERRORS = {
+    'wind of 3 m/s, a force of 0.9 N': {'linear_drag': 0.3, 'wind': [3.0, 0.0, 0.0]},
+    'k_f 10 % low': {'thrust_factor': 0.9},
+    'mass 10 % high': {'mass_factor': 1.1},
+    'k_f of each rotor off by up to 5 %': {'thrust_factor': [0.95, 1.0, 1.03, 0.97, 1.0, 1.02]},
+    'k_tau of rotor 1 20 % low': {'torque_factor': [0.8, 1.0, 1.0, 1.0, 1.0, 1.0]},
+}
+"""Constant errors: parameters of the simulator."""
+
+
+def flown(vehicle: str, gain: float, effects: Mapping[str, object]) -> Flight | None:
+    """Fly to the waypoint; return None if the flight diverges."""
+    changes = [f'simulator.{name}:={value}' for name, value in effects.items()]
+    case = Case.load(vehicle, [*changes, f'controller.integral_gain:={gain}'])
+    try:
+        return fly(case.controller(), case.allocator('exact'), case.plant(), GOAL, DURATION)
+    except FloatingPointError:
+        return None
+
+
+def tolerates(vehicle: str, gain: float, effects: Effects, time: int) -> bool:
+    """Return whether a vehicle reaches the waypoint with a lag or delay [ms] and stays there."""
+    seconds = {name: ms / 1000.0 for name, ms in effects(time).items()}
+    flight = flown(vehicle, gain, {**seconds, 'sub_steps': 10})
+    if flight is None:
+        return False
+    late = flight.position[flight.time >= DURATION - HELD]
+    return float(np.linalg.norm(late - GOAL.position, axis=1).max(initial=0.0)) <= THERE
+
+
+def limit(good: Callable[[int], bool]) -> int:
+    """Return the greatest whole number that is good, by bisection."""
+    low, high = 0, LONGEST
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if good(middle) else (low, middle)
+    return low
+
+
+def limits_table() -> str:
+    """Return the greatest lag and delays [ms] of each vehicle for each of the gains."""
+    rows = []
+    for vehicle in sorted(file.stem for file in config_directory().glob('*.yaml')):
+        if Case.load(vehicle).vehicle.buoyancy:
+            # A vehicle in water has other gains.
+            continue
+        cells = []
+        for effects in LIMITS.values():
+            found = [limit(partial(tolerates, vehicle, gain, effects)) for gain in GAINS]
+            cells.append(' / '.join(map(str, found)))
+        rows.append((f'`{vehicle}`', *cells))
+    return table(('vehicle', *(f'{name} [ms]' for name in LIMITS)), rows)
+
+
+def offsets_table() -> str:
+    """Return the errors at the end of flights with constant errors of the model."""
+    rows = []
+    for name, effects in ERRORS.items():
+        flights = [flown('hexarotor', gain, effects) for gain in GAINS]
+        errors = [
+            (each.position_error(GOAL), each.heading_error(GOAL)) if each else (inf, inf)
+            for each in flights
+        ]
+        cells = (f'{1e3 * there:.1f} mm, {np.degrees(turned):.1f}°' for there, turned in errors)
+        rows.append((name, *cells))
+    return table(('error', *(f'gain {gain:g}' for gain in GAINS)), rows)
+
+
+def main() -> None:
+    """Fill the page."""
+    text = PAGE.read_text(encoding='utf-8')
+    with warnings.catch_warnings():
+        # The state of a tumbling vehicle overflows.
+        warnings.simplefilter('ignore', RuntimeWarning)
+        text = filled(text, 'offsets', offsets_table())
+        text = filled(text, 'limits', limits_table())
+    PAGE.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()
