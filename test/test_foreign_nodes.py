@@ -84,6 +84,16 @@ def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lac
         Timeline(None, trajectory, failing, parameters)
 
 
+def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys):
+    parameters = {node: load('hexarotor', table=DECLARED[node]) for node in NODES}
+    del parameters['controller']['rotors.health']
+    failing = RotorFailures((RotorFailure(1, 1.0),))
+    Timeline(graph.node, Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0)), failing, parameters)
+    assert capsys.readouterr().err == (
+        'bringup: warning: the controller does not declare rotors.health: it is not told of rotor '
+        'failures\n')
+
+
 # Flights
 
 PLANT = """

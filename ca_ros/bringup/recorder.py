@@ -33,7 +33,7 @@ REQUEST_REPEAT = 2.0
 """Period of requests for the parameters [s]: DDS may lose an early answer."""
 
 PARAMETERS_MAX = 5.0
-"""Longest wait for the parameters of a program that may have none, after all else is there [s]."""
+"""Longest wait for a program's service of parameters, after everything else is there [s]."""
 
 
 class Recorder(Node):
@@ -55,7 +55,7 @@ class Recorder(Node):
         **kwargs: Any,
     ) -> None:
         super().__init__(node_name, **kwargs)
-        self._links, self._foreign = links, foreign
+        self._links = links
         self._waypoint = self._offer_waypoint()
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._parameter_clients = {
@@ -126,10 +126,15 @@ class Recorder(Node):
         silent = [node for node in DECLARED if node not in self.parameters]
         for node in silent:
             self._ask(node)
-        if lacking or not {*silent} <= {*self._foreign}:
+        absent = [
+            node
+            for node, client in self._list_clients.items()
+            if node in silent and not client.service_is_ready()
+        ]
+        if lacking or {*absent} != {*silent}:
             self._patience = Deadline(PARAMETERS_MAX)
         elif self._patience.passed():
-            self.parameters |= {node: {} for node in silent}
+            self.parameters |= {node: {} for node in absent}
             return []
         return lacking + [f'{node}/get_parameters' for node in silent]
 

@@ -91,8 +91,7 @@ class Session:
         links = [*LINK_NAMES]
         if options.faults is not None:
             links += [f'{PREFIX}{topic}' for topic in LINK_NAMES]
-        self._foreign = foreign(options)
-        self._recorder = Recorder(links, self._foreign, namespace=options.namespace)
+        self._recorder = Recorder(links, foreign(options), namespace=options.namespace)
         self._reports = Reports(self._recorder)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._recorder)

@@ -83,7 +83,11 @@ class Timeline:
         }
         for name in NODES:
             if failures.times() and name not in self._health:
-                print(f'bringup: warning: the {name} cannot be told of failures', file=sys.stderr)
+                print(
+                    f'bringup: warning: the {name} does not declare rotors.health: it is not told '
+                    'of rotor failures',
+                    file=sys.stderr,
+                )
         self._set_to = {name: health.tolist() for name, health in self._health.items()}
         self._ahead = round(common.get('simulator.time_step', 0.0) * 1e9) if self._lockstep else 0
         self._clients = (

@@ -24,7 +24,7 @@ MJCF = """
   <worldbody>
     <body gravcomp="{buoyancy}">
       <freejoint/>
-      <inertial pos="0 0 0" mass="{mass}" fullinertia="{inertia}"/>
+      <inertial pos="0 0 0" quat="{principal}" mass="{mass}" diaginertia="{moments}"/>
       {rotors}
     </body>
   </worldbody>
@@ -52,7 +52,11 @@ def mjcf(vehicle: Vehicle) -> str:
     def text(numbers: object) -> str:
         return ' '.join(f'{number:.17g}' for number in np.ravel(numbers))
 
-    inertia = vehicle.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    # MuJoCo before 3.17 would find the principal axes to 1e-9 only.
+    moments, axes = np.linalg.eigh(vehicle.inertia)
+    axes[:, 2] *= np.linalg.det(axes)
+    principal = np.zeros(4)
+    mujoco.mju_mat2Quat(principal, axes.ravel())
     reaction = vehicle.spins * vehicle.torque_coefficient / vehicle.thrust_coefficient
     # For pictures only: without mass and contacts.
     radius = text(0.3 * np.linalg.norm(vehicle.arms, axis=1).mean())
@@ -73,7 +77,8 @@ def mjcf(vehicle: Vehicle) -> str:
         gravity=text(vehicle.gravity),
         buoyancy=text(vehicle.buoyancy / (vehicle.mass * vehicle.gravity)),
         mass=text(vehicle.mass),
-        inertia=text(inertia),
+        moments=text(moments),
+        principal=text(principal),
         rotors=''.join(ROTOR.format(**rotor) for rotor in rotors),
         motors=''.join(MOTOR.format(**rotor) for rotor in rotors),
     )
