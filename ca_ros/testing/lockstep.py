@@ -130,9 +130,12 @@ class Lockstep:
     def _advance(self, repeat: Callable[[], object] | None = None) -> None:
         """Wait for the next state."""
         __tracebackhide__ = True
-        time = self.time
+        time, wrenches = self.time, self._messages[WRENCH.name]
+        # The messages of a step may arrive in any order.
         self._graph.spin_until(
-            lambda: self.time > time and time in self._messages[SPEEDS.name],
+            lambda: self.time > time
+            and time in self._messages[SPEEDS.name]
+            and (time in wrenches or not wrenches),
             f'lockstep: rotor speeds that answer the state at {time / 1e9:g} s',
             repeat,
         )
