@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -13,8 +13,13 @@ from ca_ros.nodes.topics import DIAGNOSTICS
 if TYPE_CHECKING:
     from ca_ros.testing.graph import Graph
 
-Status = tuple[bytes, str, dict[str, str]]
-"""Level, message and values of a diagnostic status."""
+
+class Status(NamedTuple):
+    """A diagnostic status of a node."""
+
+    level: bytes
+    message: str
+    values: dict[str, str]
 
 
 class Diagnostics:
@@ -27,7 +32,7 @@ class Diagnostics:
     def all(self, node: str) -> list[Status]:
         """Return all statuses of a node so far, or of one subject, ``'node: subject'``."""
         return [
-            (status.level, status.message, {pair.key: pair.value for pair in status.values})
+            Status(status.level, status.message, {pair.key: pair.value for pair in status.values})
             for array in self.arrays
             for status in array.status
             if f'{status.name}: '.startswith(f'{node.lstrip("/")}: ')
