@@ -196,7 +196,7 @@ class SimulatorNode(VehicleNode):
 
     def _skip(self, now: int) -> int:
         """Skip the steps that are due, except for their stamps; return how many."""
-        steps = (now - self._due) // self._period_ns
+        steps = max(0, (now - self._due) // self._period_ns)
         self._due += steps * self._period_ns
         self._time += steps * self._step_ns
         return steps
