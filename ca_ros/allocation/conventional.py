@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
-from ca_ros.problem.problem import AllocationProblem, numbers
+from ca_ros.problem.numbers import numbers
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import Parameter
 from ca_ros.vehicle.vehicle import Vehicle

@@ -12,7 +12,8 @@ from ca_ros.allocation import make_allocator
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.audit import accept
-from ca_ros.problem.problem import AllocationProblem, lengths, numbers
+from ca_ros.problem.numbers import numbers
+from ca_ros.problem.problem import AllocationProblem, lengths
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -16,7 +16,8 @@ from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
-from ca_ros.problem.problem import ABSURD, AllocationProblem
+from ca_ros.problem.numbers import ABSURD
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
 

@@ -31,7 +31,7 @@ from ca_ros.nodes.qos import offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.audit import Audit
-from ca_ros.problem.problem import ABSURD
+from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.parameters import AXES

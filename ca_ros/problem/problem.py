@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant
+from ca_ros.problem.numbers import ABSURD, different_names, numbers
 from ca_ros.solver.dual_newton import DualNewton
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
@@ -20,10 +21,6 @@ EXACT_TOLERANCE = 1e-12
 UNITS_MIN = 1e-6
 """Least range of an axis, and least share of the greatest range, where errors are judged."""
 
-ABSURD = 1e100
-"""Greatest number that a wrench may have; larger ones are errors of the caller [N, N m]."""
-
-
 REFERENCE_ROUNDING = 1e-12
 """Distance of the reference to the boundary that counts as inside, as a share of the range."""
 
@@ -33,46 +30,6 @@ def lengths(vectors: Array) -> Array:
     if vectors.ndim == 1:
         return np.sqrt(vectors.dot(vectors))
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
-
-
-def numbers(
-    name: str, given: ArrayLike, size: int | None = None, scalar: bool = True
-) -> Array:
-    """Return finite numbers as an array; raise a ValueError that names them if they are wrong.
-
-    Parameters
-    ----------
-    name : str
-    given : array_like
-    size : int, optional
-        Expect (size,) numbers; without it, any shape.
-    scalar : bool
-        Whether one number may stand for all `size` numbers.
-    """
-    try:
-        array = np.array(given)
-    except (TypeError, ValueError):
-        array = np.array('')
-    if array.dtype.kind not in 'iuf':
-        raise ValueError(f'{name}: expected numbers, got {given!r}')
-    found: Array = array.astype(float)
-    if size is not None:
-        if found.shape != (size,) and not (scalar and found.ndim == 0):
-            raise ValueError(f'{name}: expected {size} numbers, got shape {found.shape}')
-        if found.ndim == 0:
-            found = np.full(size, found)
-    if not (np.abs(found) <= ABSURD).all():
-        raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {given!r}')
-    return found
-
-
-def _names(name: str, given: Sequence[str], size: int) -> tuple[str, ...]:
-    """Return names, as many as `size` and all different; else raise a ValueError."""
-    listed = isinstance(given, (list, tuple)) and all(isinstance(each, str) for each in given)
-    names = tuple(given) if listed else ()
-    if len(names) != size or len(set(names)) < size:
-        raise ValueError(f'{name}: expected {size} different names, got {given!r}')
-    return names
 
 
 class AllocationProblem:
@@ -158,8 +115,8 @@ class AllocationProblem:
             )
         m, n = gamma.shape
         numbered = [f'axis_{k + 1}' for k in range(m)], [str(i + 1) for i in range(n)]
-        self.axes = _names('axes', numbered[0] if axes is None else axes, m)
-        self.names = _names('names', numbered[1] if names is None else names, n)
+        self.axes = different_names('axes', numbered[0] if axes is None else axes, m)
+        self.names = different_names('names', numbered[1] if names is None else names, n)
         low, high = numbers('lower', lower, n), numbers('upper', upper, n)
         if (low > high).any():
             i = int(np.argmax(low > high))
