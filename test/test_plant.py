@@ -356,6 +356,8 @@ def test_the_initial_state_is_that_of_the_parameters():
         initial_attitude=[0.0, 0.0, 2.0, 2.0], initial_angular_velocity=[7.0, 8.0, 9.0])
     np.testing.assert_allclose(
         flown.measured, [1, 2, 3, 4, 5, 6, 0, 0, np.sqrt(0.5), np.sqrt(0.5), 7, 8, 9], rtol=1e-15)
+    # The square of this number is zero.
+    assert plant(initial_attitude=[0.0, 0.0, 1e-200, 0.0]).measured[8] == 1.0
 
 
 @pytest.mark.parametrize(('name', 'value', 'fault'), [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -148,7 +149,7 @@ def initial_state(parameters: Mapping[str, Any]) -> Array:
             f'simulator.initial_attitude: expected a quaternion x, y, z, w, got {attitude}'
         )
     state = np.concatenate([position, velocity, attitude, omega])
-    state[ATTITUDE] /= np.linalg.norm(attitude)
+    state[ATTITUDE] /= hypot(*attitude.tolist())
     return state
 
 
