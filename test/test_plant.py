@@ -374,6 +374,12 @@ def test_a_wrong_parameter_is_named(name, value, fault):
         plant(**{name: value})
 
 
+def test_a_delay_of_too_many_steps_is_refused():
+    with pytest.raises(ValueError, match=r'command_delay: expected up to 0.01 s, got 10 s'):
+        plant(time_step=1e-5, sub_steps=1000.0, command_delay=10.0)
+
+
+
 def test_a_flight_leaves_its_plant_alone():
     case = Case.load('hexarotor', ['simulator.position_noise:=0.01'])
     flown = case.plant()
