@@ -165,6 +165,13 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
     assert {tuple(message.data) for message in client.speeds} == {(0.0,) * 6, (300.0,) * 6}
 
 
+def test_each_state_of_a_vehicle_at_rest_has_noise_of_its_own(graph):
+    client = Client(graph, 'realtime', '-p', 'simulator.position_noise:=0.1')
+    graph.spin_until(lambda: len(client.poses) >= 20, 'states at rest')
+    heights = [pose.pose.position.z for pose in client.poses]
+    assert len({*heights}) == len(heights)
+
+
 @pytest.mark.parametrize('speed', [None, 300.0], ids=['at rest', 'in flight'])
 def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph, speed):
     client = Client(graph, 'realtime')

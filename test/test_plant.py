@@ -356,6 +356,8 @@ def test_the_initial_state_is_that_of_the_parameters():
         initial_attitude=[0.0, 0.0, 2.0, 2.0], initial_angular_velocity=[7.0, 8.0, 9.0])
     np.testing.assert_allclose(
         flown.measured, [1, 2, 3, 4, 5, 6, 0, 0, np.sqrt(0.5), np.sqrt(0.5), 7, 8, 9], rtol=1e-15)
+    # The square of this number is zero.
+    assert plant(initial_attitude=[0.0, 0.0, 1e-200, 0.0]).measured[8] == 1.0
 
 
 @pytest.mark.parametrize(('name', 'value', 'fault'), [
@@ -370,6 +372,12 @@ def test_the_initial_state_is_that_of_the_parameters():
 def test_a_wrong_parameter_is_named(name, value, fault):
     with pytest.raises(ValueError, match=f'simulator.{name}: .*{fault}'):
         plant(**{name: value})
+
+
+def test_a_delay_of_too_many_steps_is_refused():
+    with pytest.raises(ValueError, match=r'command_delay: expected up to 0.01 s, got 10 s'):
+        plant(time_step=1e-5, sub_steps=1000.0, command_delay=10.0)
+
 
 
 def test_a_flight_leaves_its_plant_alone():

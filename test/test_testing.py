@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -16,7 +17,7 @@ from geometry_msgs.msg import WrenchStamped
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, NULL_STATE, POSITION, RigidBody
 from ca_ros.testing import FaultProxy, Graph, Lockstep, executable, processes, wrench
-from ca_ros.testing.domain import used
+from ca_ros.testing.domain import DOMAINS, claim, used
 from ca_ros.testing.environment import applied
 
 PYTHON = sys.executable
@@ -115,6 +116,20 @@ def test_a_domain_in_use_is_not_claimed(graph):
         assert 7 in used()
 
 
+def test_the_files_of_other_users_do_not_use_up_the_domains(monkeypatch, tmp_path):
+    for domain in DOMAINS:
+        (tmp_path / f'ca_ros_domain_{domain}').touch(0o444)
+    monkeypatch.setattr('tempfile.gettempdir', lambda: str(tmp_path))
+
+    def refuse(*_, **__):
+        raise PermissionError
+
+    monkeypatch.setattr(Path, 'touch', refuse)
+    domain, lock = claim()
+    lock.close()
+    assert domain in DOMAINS
+
+
 # Processes
 
 def test_an_executable_of_any_ros_package_is_found_by_its_name(tmp_path, monkeypatch):
@@ -142,6 +157,21 @@ def test_a_process_that_survives_the_test_is_killed_and_named(monkeypatch):
     with pytest.raises(AssertionError, match='survived its end by SIGINT'), Graph() as graph:
         process = ready(graph, graph.start(PYTHON, '-uc', DEAF))
     assert process.returncode == -signal.SIGKILL
+
+
+def test_a_process_without_the_environment_of_the_test_is_killed(monkeypatch):
+    monkeypatch.setattr(processes, 'DEADLINE', 0.3)
+    with pytest.raises(AssertionError, match='exit code -9 after SIGINT'), Graph() as graph:
+        ready(graph, graph.start('env', '-i', PYTHON, '-uc', DEAF))
+
+
+def test_a_process_that_fails_before_the_end_of_the_test_fails_the_test():
+    said = r'ended by itself, exit code 7\n(.*\n)*out of fuel'
+    crash = 'print("out of fuel"); raise SystemExit(7)'
+    with pytest.raises(AssertionError, match=said), Graph() as graph:
+        graph.start(PYTHON, '-c', crash).wait()
+    with Graph() as graph:
+        graph.start(PYTHON, '-c', crash, exit_codes=(0, 7)).wait()
 
 
 def test_the_end_of_a_process_ends_a_wait_with_its_last_words(graph):

@@ -9,6 +9,9 @@ from ca_ros.schema import ParameterError
 
 T = TypeVar('T')
 
+STEPS_MAX = 1_000_000
+"""Greatest delay in steps; each step takes memory."""
+
 
 class Delay(Generic[T]):
     """Returns what it was given some steps ago.
@@ -31,8 +34,13 @@ class Delay(Generic[T]):
 
 
 def delay_steps(name: str, delay: float, step: float) -> int:
-    """Return a delay in steps [s]; raise a `ParameterError` if it is no whole number of steps."""
+    """Return a delay in steps [s]; raise a `ParameterError` if it is no whole number of steps.
+
+    More than `STEPS_MAX` steps are an error, too.
+    """
     steps = round(delay / step)
+    if steps > STEPS_MAX:
+        raise ParameterError(f'{name}: expected up to {STEPS_MAX * step:g} s, got {delay:g} s')
     if abs(steps * step - delay) > 1e-6 * step:
         raise ParameterError(
             f'{name}: expected a multiple of simulator.time_step / simulator.sub_steps, '

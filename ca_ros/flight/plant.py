@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -107,7 +108,8 @@ class Plant:
         self._commands = self._delay('simulator.command_delay', self.speeds)
         self._states = self._delay('simulator.state_delay', self.state)
         self._sensors = Sensors(_errors(p, 'noise'), _errors(p, 'bias'), noise)
-        self.measured = self._sensors(self.state)
+        self._late = self.state
+        self.measure()
 
     def restarted(self, state: Array | None = None) -> Plant:
         """Return a plant with the same body and parameters in the initial state, or another."""
@@ -128,8 +130,12 @@ class Plant:
             if self._grounded:
                 state = stopped_by_ground(state)
             late = self._states(state)
-        self.state = state
-        self.measured = self._sensors(late)
+        self.state, self._late = state, late
+        return self.measure()
+
+    def measure(self) -> Array:
+        """Measure the state with new noise, as each step does; return the measured state (13,)."""
+        self.measured = self._sensors(self._late)
         return self.measured
 
     def _delay(self, name: str, first: Array) -> Delay[Array]:
@@ -148,7 +154,7 @@ def initial_state(parameters: Mapping[str, Any]) -> Array:
             f'simulator.initial_attitude: expected a quaternion x, y, z, w, got {attitude}'
         )
     state = np.concatenate([position, velocity, attitude, omega])
-    state[ATTITUDE] /= np.linalg.norm(attitude)
+    state[ATTITUDE] /= hypot(*attitude.tolist())
     return state
 
 

@@ -184,6 +184,7 @@ class SimulatorNode(VehicleNode):
         behind = now - self._due
         if self._resting:
             if self._skip(now):
+                self.plant.measure()
                 self._repeat()
         elif behind > BEHIND_MAX * 1e9:
             self.get_logger().warning(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import random
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -27,10 +28,11 @@ def claim() -> tuple[int, IO[str]]:
     for domain in random.sample(free, len(free)):
         path = Path(tempfile.gettempdir(), f'ca_ros_domain_{domain}')
         try:
-            path.touch()
+            # The file of another user cannot be written, but read and locked.
+            with suppress(PermissionError):
+                path.touch()
             lock = path.open()
         except PermissionError:
-            # The file of another user.
             continue
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

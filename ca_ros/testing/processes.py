@@ -75,6 +75,8 @@ class Processes:
         self._started: list[Process] = []
         self._exit_codes: dict[Process, Sequence[int]] = {}
         self._awaited: set[Process] = set()
+        # Those whose end has failed a wait already.
+        self._reported: set[Process] = set()
         self.opened.append(self)
         self._ending.callback(self.opened.remove, self)
         return self
@@ -92,6 +94,9 @@ class Processes:
         for process in left:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
+        for process in running:
+            # A process that cleared its environment is not in `left`.
+            process.kill()
         wrong = [process for process in running if process.wait() not in self._exit_codes[process]]
         psutil.wait_procs(left, DEADLINE)
         excused = [p for p in wrong if blocked(p.returncode, self.output(p)[1])]
@@ -100,6 +105,12 @@ class Processes:
             f'{" or ".join(map(str, self._exit_codes[process]))}'
             for process in wrong
             if process not in excused
+        ]
+        faults += [
+            f'{self._name(process)} ended by itself, exit code {process.returncode}'
+            for process in self._started
+            if process not in self._awaited.union(self._reported, running)
+            and process.returncode not in self._exit_codes[process]
         ]
         report = '\n'.join(f'--- {title}\n{text}' for title, text in self.report())
         self._ending.close()
@@ -121,7 +132,8 @@ class Processes:
             See `executable`.
         *arguments : str
         exit_codes : sequence of int
-            Exit codes that are right at the end of the test, where each process gets SIGINT.
+            Exit codes that are right at the end of the test, where each process gets SIGINT, and
+            before it, unless the test ends the process.
         **options
             As for `subprocess.Popen`.
         """
@@ -195,10 +207,15 @@ class Processes:
 
     def ended(self) -> list[str]:
         """Return the last words of the processes that ended while the test did not expect it."""
-        return [
-            f'{self._name(process)}, exit code {process.returncode}: {self._tail(process, 3)}'
+        found = [
+            process
             for process in self._started
             if process not in self._awaited and process.poll() is not None
+        ]
+        self._reported.update(found)
+        return [
+            f'{self._name(process)}, exit code {process.returncode}: {self._tail(process, 3)}'
+            for process in found
         ]
 
     def report(self) -> list[tuple[str, str]]:

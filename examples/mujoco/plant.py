@@ -118,7 +118,9 @@ class MujocoPlant(Node):
 
     def step(self) -> None:
         """Take one step, and publish the state after it."""
-        if not self.resting:
+        if self.resting:
+            self.plant.measure()
+        else:
             self.publish_speeds()
             try:
                 self.plant.step(self.speeds)
