@@ -9,20 +9,22 @@ import pickle
 import signal
 import sys
 from asyncio import TimeoutError as AsyncTimeoutError
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from functools import cache, lru_cache
+from functools import cache
 from hashlib import sha256
+from inspect import getsource
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
-from threading import Thread
+from threading import Thread, local
 from time import perf_counter
 from typing import Any
 
 from tqdm import tqdm
 
 from ca_ros.allocation.exact import processors
+from ca_ros.allocation.own_method import own_class
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.environment import versions
 from ca_ros.evaluation.options import positive
@@ -71,11 +73,21 @@ class ChunkFile:
     ----------
     folder : Path
     inputs : mapping
-        All on which the results depend, apart from the code of this package.
+        All on which the results depend, apart from code.
+    methods : sequence of str
+        Methods of the user's own, ``module:Class``, on whose code the results depend too.
+
+    Attributes
+    ----------
+    code : dict
+        See the function `code`.
     """
 
-    def __init__(self, folder: Path, inputs: Mapping[str, Any]) -> None:
-        self._head = json.dumps({**inputs, 'code': code()}) + '\n'
+    def __init__(
+        self, folder: Path, inputs: Mapping[str, Any], methods: Sequence[str] = ()
+    ) -> None:
+        self.code = code(*methods)
+        self._head = json.dumps({**inputs, 'code': self.code}) + '\n'
         digest = sha256(self._head.encode()).hexdigest()
         self.path = folder / f'chunks-{digest[:12]}.jsonl'
 
@@ -139,7 +151,7 @@ def compute(
     # Without a terminal no bar is shown.
     with tqdm(total=count, initial=len(done), disable=None, **bar) as shown:
         try:
-            for number, result in _results(task, left, options):
+            for number, result in _results(task, left, file.code, options):
                 file.append(number, result)
                 done[number] = result
                 shown.update()
@@ -150,7 +162,7 @@ def compute(
 
 
 def _results(
-    task: Task, left: list[int], options: argparse.Namespace
+    task: Task, left: list[int], expected: Mapping[str, str], options: argparse.Namespace
 ) -> Iterator[tuple[int, Any]]:
     """Yield the chunks as they are finished: a few in this process, then on the workers."""
     # Before the first call, which may leave in the task what cannot be pickled.
@@ -163,7 +175,7 @@ def _results(
         return
     opened = _cluster(options.scheduler) if options.scheduler else _pool(workers)
     with opened as submit:
-        futures = {submit(call, pickled, code(), number): number for number in left}
+        futures = {submit(call, pickled, expected, number): number for number in left}
         for future in as_completed(list(futures)):
             yield futures.pop(future), future.result()
 
@@ -220,21 +232,50 @@ def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
 
     Raises a ChunkError if the worker has other code than `expected`: its results might differ.
     """
-    found = code()
+    found = code(*(name for name in expected if ':' in name))
     if found != expected:
         names = ', '.join(name for name in expected if found.get(name) != expected[name])
         raise ChunkError(f'a worker has another version of {names} than this process')
     return _loaded(pickled)(number)
 
 
-@lru_cache(maxsize=1)
+class _Last(local):
+    """The last task of a thread: solvers such as OSQP must not be shared by threads."""
+
+    pickled: bytes = b''
+    task: Task
+
+
+_last = _Last()
+
+
 def _loaded(pickled: bytes) -> Task:
-    return pickle.loads(pickled)
+    if _last.pickled != pickled:
+        _last.task = pickle.loads(pickled)
+        _last.pickled = pickled
+    return _last.task
+
+
+def code(*methods: str) -> dict[str, str]:
+    """Return that of the code on which digits depend: digests, kernel, versions.
+
+    The methods are the user's own, ``module:Class``.
+    """
+    return {**_code(), **{method: _source(method) for method in methods}}
 
 
 @cache
-def code() -> dict[str, str]:
-    """Return that of the code on which digits depend: a digest of ca_ros, kernel, versions."""
+def _source(method: str) -> str:
+    """Return a digest of the module of a method as it was when this process imported it."""
+    try:
+        module = sys.modules[own_class(method).__module__]
+    except ValueError as error:
+        raise ChunkError(str(error)) from None
+    return sha256(getsource(module).encode()).hexdigest()
+
+
+@cache
+def _code() -> dict[str, str]:
     digest, package = sha256(), Path(__file__).parents[1]
     for path in sorted(package.rglob('*')):
         if path.suffix in SOURCES:
