@@ -70,6 +70,8 @@ def test_a_body_has_the_faces_of_its_hull():
     (['--axes', 'roll,up'], 'axes: expected different ones of'),
     (['--at', 'up=3'], "--at: no axis 'up'"),
     (['--at', 'thrust'], 'expected NAME=NUMBER'),
+    (['--at', 'roll=1'], '--at: roll is drawn'),
+    (['--at', 'thrust=5', '--projection'], '--at: in a projection'),
     (['--health', '9:0'], '--health: no rotor 9'),
     (['--health', '3:2'], 'expected shares from 0 to 1'),
     (['--vehicle', 'admire', '--health', '1:0'], 'effectors of a problem have no health'),

@@ -101,6 +101,17 @@ def test_a_line_cut_off_by_a_kill_is_computed_again(cut, file, tmp_path):
     assert file.path.read_bytes() == whole
 
 
+@pytest.mark.parametrize('damage', [b'', b'\0\0', b'[4, {"a', b'\xff', b'4'])
+def test_a_damaged_line_is_computed_again(damage, file, tmp_path):
+    compute(Thirds(tmp_path), COUNT, file, SERIAL)
+    lines = file.path.read_bytes().splitlines()
+    assert json.loads(lines[5])[0] == 4
+    lines[5] = damage
+    file.path.write_bytes(b'\n'.join(lines) + b'\n')
+    assert file.read().keys() == set(range(COUNT)) - {4}
+    assert compute(Thirds(tmp_path), COUNT, file, SERIAL) == EXPECTED
+
+
 def test_another_study_or_other_code_starts_anew_and_keeps_the_chunks_of_the_first(
         file, tmp_path, monkeypatch):
     compute(Thirds(tmp_path), COUNT, file, SERIAL)

@@ -11,7 +11,7 @@ import sys
 from asyncio import TimeoutError as AsyncTimeoutError
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from inspect import getsource
@@ -52,10 +52,11 @@ class ChunkError(CaRosError):
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `compute` to a command line."""
+    where = parser.add_mutually_exclusive_group()
     cores = 'processes that compute (default: one for each core)'
-    parser.add_argument('--workers', type=positive(int), metavar='N', help=cores)
+    where.add_argument('--workers', type=positive(int), metavar='N', help=cores)
     cluster = 'compute on a Dask cluster: the address of its scheduler'
-    parser.add_argument('--scheduler', metavar='tcp://HOST:PORT', help=cluster)
+    where.add_argument('--scheduler', metavar='tcp://HOST:PORT', help=cluster)
 
 
 def chunk_size(total: int, least: int) -> int:
@@ -92,14 +93,19 @@ class ChunkFile:
         self.path = folder / f'chunks-{digest[:12]}.jsonl'
 
     def read(self) -> dict[int, Any]:
-        """Return the results by number; a line that was cut off by a kill is removed."""
-        text = self.path.read_text(encoding='utf-8') if self.path.exists() else ''
-        whole = text[: text.rfind('\n') + 1]
-        if not whole.startswith(self._head):
-            whole = self._head
-        if whole != text:
-            self.path.write_text(whole, encoding='utf-8')
-        return dict(json.loads(line) for line in whole.splitlines()[1:])
+        """Return the results by number; damaged lines, as one cut off by a kill, are removed."""
+        text = self.path.read_bytes() if self.path.exists() else b''
+        head, *lines = text.splitlines(keepends=True) or [b'']
+        whole, found = [self._head.encode()], {}
+        for line in lines if head == whole[0] else []:
+            with suppress(ValueError, TypeError):
+                number, result = json.loads(line)
+                if line.endswith(b'\n'):
+                    whole.append(line)
+                    found[number] = result
+        if b''.join(whole) != text:
+            self.path.write_bytes(b''.join(whole))
+        return found
 
     def append(self, number: int, result: Any) -> None:
         """Add the result of a chunk."""
