@@ -223,8 +223,9 @@ def draw(
 def _look(i: int) -> dict[str, Any]:
     """Return the style of set i: sets differ in grey too."""
     dashes, opacity = LOOKS[i % len(LOOKS)]
-    face = matplotlib.colors.to_rgba(COLORS[i], opacity)
-    return {'facecolor': face, 'edgecolor': COLORS[i], 'linestyle': dashes, 'linewidth': 1.4}
+    color = COLORS[i % len(COLORS)]
+    face = matplotlib.colors.to_rgba(color, opacity)
+    return {'facecolor': face, 'edgecolor': color, 'linestyle': dashes, 'linewidth': 1.4}
 
 
 def _draw_body(plot: Any, polytope: Polytope, look: dict[str, Any]) -> None:
