@@ -39,6 +39,15 @@ class Thirds:
         return [int(line) for line in self.log.read_text().split()]
 
 
+class Deadly(Thirds):
+    """A task that kills its process in chunk 5, whenever that is computed."""
+
+    def __call__(self, chunk):
+        if chunk == 5:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(chunk)
+
+
 class Who:
     """A task that tells which copy of it computes, once two threads do."""
 
@@ -254,3 +263,14 @@ def test_a_scheduler_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
     assert distributed
     assert main([*STUDY, str(tmp_path), '--scheduler', 'nowhere']) == 1
     assert capsys.readouterr().err.startswith('static_study: --scheduler nowhere: ')
+
+
+def test_a_cluster_that_goes_away_is_reported_and_the_study_continues(file, tmp_path):
+    distributed = pytest.importorskip('distributed')
+    with distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=':0') as cluster:
+        options = Namespace(workers=None, scheduler=cluster.scheduler_address)
+        # A chunk that kills each worker that tries it.
+        with pytest.raises(ChunkError, match='too many workers went away; the same command cont'):
+            compute(Deadly(tmp_path), COUNT, file, options)
+    assert compute(Thirds(tmp_path), COUNT, file, SERIAL) == EXPECTED

@@ -10,7 +10,13 @@ import signal
 import sys
 from asyncio import TimeoutError as AsyncTimeoutError
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+)
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
@@ -220,7 +226,7 @@ def _follow() -> None:
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[Callable[..., Future[Any]]]:
     """Connect to a Dask cluster, which itself repeats the chunks of lost workers."""
-    from distributed import Client
+    from distributed import Client, KilledWorker
 
     try:
         client = Client(scheduler)
@@ -230,7 +236,13 @@ def _cluster(scheduler: str) -> Iterator[Callable[..., Future[Any]]]:
     with client:
         submit = client.get_executor(pure=False).submit
         # Without a priority, chunks that are submitted together run in any order.
-        yield lambda *given: submit(*given, priority=-given[-1])
+        try:
+            yield lambda *given: submit(*given, priority=-given[-1])
+        except (CancelledError, KilledWorker) as error:
+            lost = 'too many workers' if isinstance(error, KilledWorker) else 'the scheduler'
+            raise ChunkError(
+                f'--scheduler {scheduler}: {lost} went away; the same command continues'
+            ) from None
 
 
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
