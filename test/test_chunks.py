@@ -2,8 +2,12 @@
 
 import json
 import os
+import pickle
 import signal
 from argparse import Namespace
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
+from threading import Barrier
 
 import pytest
 
@@ -33,6 +37,26 @@ class Thirds:
     def computed(self):
         """Return the chunks that were computed, in their order."""
         return [int(line) for line in self.log.read_text().split()]
+
+
+class Deadly(Thirds):
+    """A task that kills its process in chunk 5, whenever that is computed."""
+
+    def __call__(self, chunk):
+        if chunk == 5:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(chunk)
+
+
+class Who:
+    """A task that tells which copy of it computes, once two threads do."""
+
+    met = None
+
+    def __call__(self, chunk):
+        if chunk >= 0:
+            self.met.wait()
+        return id(self)
 
 
 @pytest.fixture
@@ -86,6 +110,17 @@ def test_a_line_cut_off_by_a_kill_is_computed_again(cut, file, tmp_path):
     assert file.path.read_bytes() == whole
 
 
+@pytest.mark.parametrize('damage', [b'', b'\0\0', b'[4, {"a', b'\xff', b'4'])
+def test_a_damaged_line_is_computed_again(damage, file, tmp_path):
+    compute(Thirds(tmp_path), COUNT, file, SERIAL)
+    lines = file.path.read_bytes().splitlines()
+    assert json.loads(lines[5])[0] == 4
+    lines[5] = damage
+    file.path.write_bytes(b'\n'.join(lines) + b'\n')
+    assert file.read().keys() == set(range(COUNT)) - {4}
+    assert compute(Thirds(tmp_path), COUNT, file, SERIAL) == EXPECTED
+
+
 def test_another_study_or_other_code_starts_anew_and_keeps_the_chunks_of_the_first(
         file, tmp_path, monkeypatch):
     compute(Thirds(tmp_path), COUNT, file, SERIAL)
@@ -108,6 +143,37 @@ def test_a_killed_worker_process_is_reported_and_the_study_continues(
 def test_a_worker_with_other_code_is_refused():
     with pytest.raises(ChunkError, match='another version of numpy than this process'):
         chunks.call(b'', {**chunks.code(), 'numpy': '0'}, 0)
+
+
+def test_a_worker_with_another_source_of_ones_own_method_is_refused(tmp_path, monkeypatch):
+    """A Dask worker keeps the module that it imported for an earlier study."""
+    module, head = tmp_path / 'own_of_chunks.py', 'from ca_ros.allocation import Direct\n'
+    module.write_text(f'{head}class Own(Direct):\n    version = 1\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    method = 'own_of_chunks:Own'
+    file = ChunkFile(tmp_path, {}, [method])
+    task = pickle.dumps(Thirds(tmp_path))
+    assert chunks.call(task, file.code, 0) == EXPECTED[0]
+    # What another process finds after a change of the file.
+    module.write_text(f'{head}class Own(Direct):\n    version = 2\n')
+    changed = {**file.code, method: sha256(module.read_bytes()).hexdigest()}
+    with pytest.raises(ChunkError, match=f'another version of {method} than this process'):
+        chunks.call(task, changed, 0)
+    with pytest.raises(ChunkError, match='No module named'):
+        chunks.call(task, {**chunks.code(), 'absent_of_chunks:Own': ''}, 0)
+
+
+def test_threads_of_a_worker_do_not_share_a_task(monkeypatch):
+    """OSQP's workspace, for one, holds the wrench that is being solved for."""
+    both = Barrier(2, timeout=30.0)
+    monkeypatch.setattr(Who, 'met', both)
+    pickled = pickle.dumps(Who())
+    with ThreadPoolExecutor(2) as pool:
+        for _ in range(2):
+            made = [pool.submit(chunks.call, pickled, chunks.code(), i) for i in (0, 1)]
+            found = [each.result() for each in made]
+            assert found[0] != found[1]
+    assert chunks.call(pickled, chunks.code(), -1) == chunks.call(pickled, chunks.code(), -1)
 
 
 # The static study
@@ -197,3 +263,14 @@ def test_a_scheduler_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
     assert distributed
     assert main([*STUDY, str(tmp_path), '--scheduler', 'nowhere']) == 1
     assert capsys.readouterr().err.startswith('static_study: --scheduler nowhere: ')
+
+
+def test_a_cluster_that_goes_away_is_reported_and_the_study_continues(file, tmp_path):
+    distributed = pytest.importorskip('distributed')
+    with distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=':0') as cluster:
+        options = Namespace(workers=None, scheduler=cluster.scheduler_address)
+        # A chunk that kills each worker that tries it.
+        with pytest.raises(ChunkError, match='too many workers went away; the same command cont'):
+            compute(Deadly(tmp_path), COUNT, file, options)
+    assert compute(Thirds(tmp_path), COUNT, file, SERIAL) == EXPECTED

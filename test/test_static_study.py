@@ -403,7 +403,8 @@ class NoVehicle(Allocator):
     (['-p', 'vehicle.mass:=-1'], 1, 'vehicle.mass: must be positive'),
     (['-p', 'vehicle.mas:=1'], 1, 'vehicle.mas: no such parameter'),
     (['-p', 'vehicle.mass=1'], 1, 'expected NAME:=VALUE'),
-    (['--samples', '0'], 2, 'not a positive number'),
+    (['--samples', '0'], 2, 'not a positive whole number'),
+    (['--workers', '2', '--scheduler', 'tcp://h:1'], 2, 'not allowed with'),
     (['--seed', '-1'], 2, 'whole number'),
     (['--sampling', 'cube'], 2, 'invalid choice'),
 ])

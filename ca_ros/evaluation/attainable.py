@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if len(names) < 2:
             raise ValueError(f'expected at least two axes, the problem has {names[0]}')
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
-        at = _at(problem, options)
+        at = _at(problem, axes, options)
         found = {
             name: image.projection(axes) if options.projection else image.section(axes, at)
             for name, image in sets.items()
@@ -146,12 +146,16 @@ def _sets(options: argparse.Namespace) -> dict[str, AdmissibleSet]:
     return {name: AdmissibleSet(VehicleProblem(each)) for name, each in found.items()}
 
 
-def _at(problem: AllocationProblem, options: argparse.Namespace) -> Array:
+def _at(problem: AllocationProblem, axes: Sequence[str], options: argparse.Namespace) -> Array:
     """Return the wrench (m,) through which the section is."""
     at = problem.reference.copy()
+    if options.at and options.projection:
+        raise ValueError('--at: in a projection the other axes have any attainable value')
     for axis, value in options.at.items():
         if axis not in problem.axes:
             raise ValueError(f'--at: no axis {axis!r}; there are {", ".join(problem.axes)}')
+        if axis in axes:
+            raise ValueError(f'--at: {axis} is drawn, and has no single value')
         at[problem.axes.index(axis)] = value
     return at
 
@@ -219,8 +223,9 @@ def draw(
 def _look(i: int) -> dict[str, Any]:
     """Return the style of set i: sets differ in grey too."""
     dashes, opacity = LOOKS[i % len(LOOKS)]
-    face = matplotlib.colors.to_rgba(COLORS[i], opacity)
-    return {'facecolor': face, 'edgecolor': COLORS[i], 'linestyle': dashes, 'linewidth': 1.4}
+    color = COLORS[i % len(COLORS)]
+    face = matplotlib.colors.to_rgba(color, opacity)
+    return {'facecolor': face, 'edgecolor': color, 'linestyle': dashes, 'linewidth': 1.4}
 
 
 def _draw_body(plot: Any, polytope: Polytope, look: dict[str, Any]) -> None:

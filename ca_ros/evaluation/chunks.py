@@ -9,20 +9,28 @@ import pickle
 import signal
 import sys
 from asyncio import TimeoutError as AsyncTimeoutError
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from functools import cache, lru_cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+)
+from contextlib import contextmanager, suppress
+from functools import cache
 from hashlib import sha256
+from inspect import getsource
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
-from threading import Thread
+from threading import Thread, local
 from time import perf_counter
 from typing import Any
 
 from tqdm import tqdm
 
 from ca_ros.allocation.exact import processors
+from ca_ros.allocation.own_method import own_class
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.environment import versions
 from ca_ros.evaluation.options import positive
@@ -50,10 +58,11 @@ class ChunkError(CaRosError):
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `compute` to a command line."""
+    where = parser.add_mutually_exclusive_group()
     cores = 'processes that compute (default: one for each core)'
-    parser.add_argument('--workers', type=positive(int), metavar='N', help=cores)
+    where.add_argument('--workers', type=positive(int), metavar='N', help=cores)
     cluster = 'compute on a Dask cluster: the address of its scheduler'
-    parser.add_argument('--scheduler', metavar='tcp://HOST:PORT', help=cluster)
+    where.add_argument('--scheduler', metavar='tcp://HOST:PORT', help=cluster)
 
 
 def chunk_size(total: int, least: int) -> int:
@@ -71,23 +80,38 @@ class ChunkFile:
     ----------
     folder : Path
     inputs : mapping
-        All on which the results depend, apart from the code of this package.
+        All on which the results depend, apart from code.
+    methods : sequence of str
+        Methods of the user's own, ``module:Class``, on whose code the results depend too.
+
+    Attributes
+    ----------
+    code : dict
+        See the function `code`.
     """
 
-    def __init__(self, folder: Path, inputs: Mapping[str, Any]) -> None:
-        self._head = json.dumps({**inputs, 'code': code()}) + '\n'
+    def __init__(
+        self, folder: Path, inputs: Mapping[str, Any], methods: Sequence[str] = ()
+    ) -> None:
+        self.code = code(*methods)
+        self._head = json.dumps({**inputs, 'code': self.code}) + '\n'
         digest = sha256(self._head.encode()).hexdigest()
         self.path = folder / f'chunks-{digest[:12]}.jsonl'
 
     def read(self) -> dict[int, Any]:
-        """Return the results by number; a line that was cut off by a kill is removed."""
-        text = self.path.read_text(encoding='utf-8') if self.path.exists() else ''
-        whole = text[: text.rfind('\n') + 1]
-        if not whole.startswith(self._head):
-            whole = self._head
-        if whole != text:
-            self.path.write_text(whole, encoding='utf-8')
-        return dict(json.loads(line) for line in whole.splitlines()[1:])
+        """Return the results by number; damaged lines, as one cut off by a kill, are removed."""
+        text = self.path.read_bytes() if self.path.exists() else b''
+        head, *lines = text.splitlines(keepends=True) or [b'']
+        whole, found = [self._head.encode()], {}
+        for line in lines if head == whole[0] else []:
+            with suppress(ValueError, TypeError):
+                number, result = json.loads(line)
+                if line.endswith(b'\n'):
+                    whole.append(line)
+                    found[number] = result
+        if b''.join(whole) != text:
+            self.path.write_bytes(b''.join(whole))
+        return found
 
     def append(self, number: int, result: Any) -> None:
         """Add the result of a chunk."""
@@ -139,7 +163,7 @@ def compute(
     # Without a terminal no bar is shown.
     with tqdm(total=count, initial=len(done), disable=None, **bar) as shown:
         try:
-            for number, result in _results(task, left, options):
+            for number, result in _results(task, left, file.code, options):
                 file.append(number, result)
                 done[number] = result
                 shown.update()
@@ -150,7 +174,7 @@ def compute(
 
 
 def _results(
-    task: Task, left: list[int], options: argparse.Namespace
+    task: Task, left: list[int], expected: Mapping[str, str], options: argparse.Namespace
 ) -> Iterator[tuple[int, Any]]:
     """Yield the chunks as they are finished: a few in this process, then on the workers."""
     # Before the first call, which may leave in the task what cannot be pickled.
@@ -163,7 +187,7 @@ def _results(
         return
     opened = _cluster(options.scheduler) if options.scheduler else _pool(workers)
     with opened as submit:
-        futures = {submit(call, pickled, code(), number): number for number in left}
+        futures = {submit(call, pickled, expected, number): number for number in left}
         for future in as_completed(list(futures)):
             yield futures.pop(future), future.result()
 
@@ -202,7 +226,7 @@ def _follow() -> None:
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[Callable[..., Future[Any]]]:
     """Connect to a Dask cluster, which itself repeats the chunks of lost workers."""
-    from distributed import Client
+    from distributed import Client, KilledWorker
 
     try:
         client = Client(scheduler)
@@ -212,7 +236,13 @@ def _cluster(scheduler: str) -> Iterator[Callable[..., Future[Any]]]:
     with client:
         submit = client.get_executor(pure=False).submit
         # Without a priority, chunks that are submitted together run in any order.
-        yield lambda *given: submit(*given, priority=-given[-1])
+        try:
+            yield lambda *given: submit(*given, priority=-given[-1])
+        except (CancelledError, KilledWorker) as error:
+            lost = 'too many workers' if isinstance(error, KilledWorker) else 'the scheduler'
+            raise ChunkError(
+                f'--scheduler {scheduler}: {lost} went away; the same command continues'
+            ) from None
 
 
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
@@ -220,21 +250,50 @@ def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
 
     Raises a ChunkError if the worker has other code than `expected`: its results might differ.
     """
-    found = code()
+    found = code(*(name for name in expected if ':' in name))
     if found != expected:
         names = ', '.join(name for name in expected if found.get(name) != expected[name])
         raise ChunkError(f'a worker has another version of {names} than this process')
     return _loaded(pickled)(number)
 
 
-@lru_cache(maxsize=1)
+class _Last(local):
+    """The last task of a thread: solvers such as OSQP must not be shared by threads."""
+
+    pickled: bytes = b''
+    task: Task
+
+
+_last = _Last()
+
+
 def _loaded(pickled: bytes) -> Task:
-    return pickle.loads(pickled)
+    if _last.pickled != pickled:
+        _last.task = pickle.loads(pickled)
+        _last.pickled = pickled
+    return _last.task
+
+
+def code(*methods: str) -> dict[str, str]:
+    """Return that of the code on which digits depend: digests, kernel, versions.
+
+    The methods are the user's own, ``module:Class``.
+    """
+    return {**_code(), **{method: _source(method) for method in methods}}
 
 
 @cache
-def code() -> dict[str, str]:
-    """Return that of the code on which digits depend: a digest of ca_ros, kernel, versions."""
+def _source(method: str) -> str:
+    """Return a digest of the module of a method as it was when this process imported it."""
+    try:
+        module = sys.modules[own_class(method).__module__]
+    except ValueError as error:
+        raise ChunkError(str(error)) from None
+    return sha256(getsource(module).encode()).hexdigest()
+
+
+@cache
+def _code() -> dict[str, str]:
     digest, package = sha256(), Path(__file__).parents[1]
     for path in sorted(package.rglob('*')):
         if path.suffix in SOURCES:

@@ -73,7 +73,8 @@ def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
             number = float(text)
             if 0 < number < float('inf') and kind(number) == number:
                 return kind(number)
-        raise argparse.ArgumentTypeError(f'{text!r} is not a positive number')
+        what = 'positive whole number' if kind is int else 'positive number'
+        raise argparse.ArgumentTypeError(f'{text!r} is not a {what}')
 
     return read
 

@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
-from inspect import getsource
 from math import isfinite
 from typing import Any
 
@@ -54,7 +53,8 @@ def _study(options: argparse.Namespace) -> None:
     size, rows = chunk_size(options.samples, step), options.rows or KEPT
     drawn = options.sampling, options.seed, options.samples
     task = StaticChunks(case, list(allocators), *drawn, size, step, batch, rows)
-    file = ChunkFile(options.out, _inputs(case, allocators, options))
+    own = [name for name in allocators if ':' in name]
+    file = ChunkFile(options.out, _inputs(case, options), own)
     count = -(-options.samples // size)
     parts = compute(task, count, file, options, unit=' samples', unit_scale=size)
     done = sum(part['samples'] for part in parts)
@@ -65,19 +65,12 @@ def _study(options: argparse.Namespace) -> None:
     file.conclude(done, options.samples, 'samples')
 
 
-def _inputs(
-    case: Case, allocators: Mapping[str, Allocator], options: argparse.Namespace
-) -> dict[str, Any]:
-    """Return all that the results depend on, apart from the code of this package."""
+def _inputs(case: Case, options: argparse.Namespace) -> dict[str, Any]:
+    """Return all that the results depend on, apart from code."""
     return {
         'command': command('static_study', options),
         'parameters': case.parameters,
         'problem': [getattr(case.problem, name).tolist() for name in ('gamma', 'lower', 'upper')],
-        'methods': {
-            name: getsource(sys.modules[type(allocator).__module__])
-            for name, allocator in allocators.items()
-            if ':' in name
-        },
     }
 
 

@@ -91,7 +91,8 @@ class AdmissibleSet:
         Returns
         -------
         Polytope
-            Empty if no wrench of the set has these values.
+            Empty if no wrench of the set has these values; of three or more axes, also without
+            volume.
 
         Raises
         ------
