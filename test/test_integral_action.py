@@ -106,6 +106,8 @@ def observed(gain, steps, step_ns, disturbance=(0.5, 0.0, 0.0), observer=None, s
     observer = observer or DisturbanceObserver(HEXAROTOR, gain)
     weight = np.array([0.0, 0.0, 9.81])
     velocity = VELOCITY.copy()
+    # It starts with a change of velocity.
+    observer.observe(start - step_ns, velocity + 0.5, np.zeros(3))
     for i in range(steps + 1):
         observer.observe(start + i * step_ns, velocity, np.zeros(3))
         observer.expect(weight, np.zeros(3), np.zeros(3))
@@ -122,6 +124,7 @@ def test_the_estimate_approaches_the_disturbance_exponentially():
 def test_a_torque_is_estimated_in_the_body_frame():
     # J domega/dt = d - omega x J omega, from the rates of a rigid body that spins.
     observer, omega = DisturbanceObserver(HEXAROTOR, 1.0), OMEGA.copy()
+    observer.observe(-1, np.ones(3), omega)
     torque, inertia = np.array([0.01, -0.02, 0.005]), HEXAROTOR.inertia
     for i in range(1000):
         observer.observe(i * 10_000_000, np.zeros(3), omega)
@@ -129,6 +132,17 @@ def test_a_torque_is_estimated_in_the_body_frame():
         omega = omega + 0.01 * np.linalg.solve(
             inertia, torque - np.cross(omega, inertia @ omega) - 1e-3 * observer.estimate[3:])
     np.testing.assert_allclose(observer.estimate[3:] * 1.001, torque, rtol=1e-3)
+
+
+def test_a_vehicle_that_has_not_started_has_no_estimate():
+    # Noise of 0.02 m/s and rad/s, a waypoint, and motors that do not run yet.
+    loop = case(1.0)
+    controller, rng = loop.controller(), np.random.default_rng(0)
+    level = np.array([0.0, 0.0, 0.0, 1.0])
+    for i in range(2000):
+        noise = 0.02 * rng.standard_normal(6)
+        controller.wrench(np.zeros(3), level, noise[:3], noise[3:], WAYPOINT, i * 10_000_000)
+    np.testing.assert_array_equal(controller.disturbances.estimate, 0.0)
 
 
 def test_a_repeated_state_changes_nothing_and_an_earlier_one_starts_again():

@@ -12,6 +12,9 @@ JUMP_MAX = np.repeat([1.0, 10.0], 3)
 """Greatest changes of velocity [m/s] and angular velocity [rad/s] between two states that the
 estimate uses: greater ones, as of a corrupted state, leave it as it is."""
 
+START = np.repeat(0.2, 6)
+"""Change of velocity [m/s] or angular velocity [rad/s] with which a vehicle at rest has started."""
+
 
 class DisturbanceObserver:
     """Estimates the disturbance d of the momentum p of a vehicle, dp/dt = w + d.
@@ -21,7 +24,8 @@ class DisturbanceObserver:
     1 - exp(-L t) (De Luca and Mattone, Actuator failure detection and isolation using generalized
     momenta, ICRA 2003).  A controller that subtracts the estimate from its demand has integral
     action.  The wrench of the rotors is the attainable one, not the demand, so the estimate does
-    not wind up while the demand is unattainable.
+    not wind up while the demand is unattainable.  It stays zero until the vehicle has started, so
+    it does not wind up while the motors do not run yet.
 
     Parameters
     ----------
@@ -42,6 +46,7 @@ class DisturbanceObserver:
         self._inertia = inertia_of(vehicle)
         self._jump_max = JUMP_MAX * np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
         self._time: int | None = None
+        self._at_rest: Array | None = None
         self._expected = self._rate = np.zeros(6)
 
     def observe(self, time: int, velocity: Array, angular_velocity: Array) -> None:
@@ -61,9 +66,14 @@ class DisturbanceObserver:
         """
         if time == self._time:
             return
+        motion = np.concatenate([velocity, angular_velocity])
         momentum = np.concatenate([self._mass * velocity, self._inertia @ angular_velocity])
         if self._time is None or time < self._time:
+            self._at_rest = motion
+        if self._at_rest is not None:
             self.estimate, self._expected = np.zeros(6), momentum
+            if (abs(motion - self._at_rest) > START).any():
+                self._at_rest = None
         else:
             expected = self._expected + (time - self._time) / 1e9 * self._rate
             offset = self.estimate / self.gain
