@@ -20,7 +20,7 @@ import sys
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from ca_ros import ParameterError, Vehicle
+from ca_ros import Vehicle
 
 TOPIC = 'command/motors'
 
@@ -34,6 +34,8 @@ def velocities(speeds: Sequence[float]) -> list[float]:
 
 def motor_models(vehicle: Vehicle) -> str:
     """Return the plugins of a vehicle's rotors in SDF; joints and links are rotor_1 and so on."""
+    if (vehicle.speed_min < 0.0).any():
+        raise ValueError('rotors reverse (rotors.speed_min < 0), which is not supported')
     blocks = []
     for i in range(vehicle.n):
         plugin = ElementTree.Element(
@@ -77,7 +79,7 @@ def main() -> None:
     if vehicle := parser.parse_args(own).sdf:
         try:
             print(motor_models(Vehicle.load(vehicle)))
-        except ParameterError as error:
+        except ValueError as error:
             sys.exit(f'gazebo_actuators: {error}')
         return
     try:

@@ -166,6 +166,9 @@ def parse(words: Sequence[str]) -> tuple[argparse.Namespace, Vehicle]:
         sys.exit(f'px4_actuator_motors: {error}')
     if vehicle.n > CONTROLS:
         sys.exit(f'px4_actuator_motors: {vehicle.n} rotors, but PX4 has {CONTROLS} motors at most')
+    if (vehicle.speed_min < 0.0).any():
+        words = 'rotors reverse (rotors.speed_min < 0), which is not supported'
+        sys.exit(f'px4_actuator_motors: {words}')
     if options.order and len(options.order) != vehicle.n:
         parser.error(f'--order: expected {vehicle.n} rotors, got {len(options.order)}')
     if not 0.0 <= options.thrust_factor <= 1.0:

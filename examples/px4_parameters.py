@@ -128,8 +128,13 @@ def from_px4(
             raise ValueError(f'rotor {i} has no axis or no thrust: PX4 would ignore it')
         if km[i] == 0.0:
             raise ValueError(f'CA_ROTOR{i}_KM is 0: expected its sign, the sense of rotation')
-    if given.get('CA_R_REV') and speeds[0] >= 0.0:
+    reverse, all_reverse = int(given.get('CA_R_REV', 0)), 2**n - 1
+    if reverse and speeds[0] >= 0.0:
         raise ValueError('CA_R_REV: motors reverse, so expected a --speed-min below 0')
+    if speeds[0] < 0.0 and reverse != all_reverse:
+        raise ValueError(
+            f'CA_R_REV is {reverse}: one --speed-min below 0 expects {all_reverse}, all motors'
+        )
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     thrust = thrust_coefficient * ct / ct.max()
     torque = thrust * (np.abs(km) if moment_constant is None else moment_constant)

@@ -264,6 +264,24 @@ def test_a_wrong_number_for_the_file_is_refused_by_its_name():
         parameters.from_px4(given, 1.0, (500.0, 400.0), 2.5e-5)
 
 
+@pytest.mark.parametrize(('reverse', 'found'), [('', 0), ('param set-default CA_R_REV 3\n', 3)])
+def test_one_least_speed_is_for_motors_that_all_reverse(reverse, found):
+    speeds = -300.0, 400.0
+    with pytest.raises(ValueError, match=f'^CA_R_REV is {found}: .* expects 15, all motors'):
+        parameters.from_px4(parameters.read(QUAD_X + reverse), 1.0, speeds, 2.5e-5)
+    given = parameters.read(QUAD_X + 'param set-default CA_R_REV 15\n')
+    assert 'speed_min: -300.0' in parameters.from_px4(given, 1.0, speeds, 2.5e-5)
+
+
+@pytest.mark.parametrize('name', ['px4_actuator_motors', 'gazebo_actuators'])
+def test_adapters_without_reverse_refuse_vehicles_with_it(name):
+    option = '--sdf' if name == 'gazebo_actuators' else '--vehicle'
+    command = [sys.executable, str(FOLDER / f'{name}.py'), option, 'rov']
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (1, '')
+    assert run.stderr == f'{name}: rotors reverse (rotors.speed_min < 0), which is not supported\n'
+
+
 def test_motors_that_reverse_are_marked():
     assert parameters.to_px4(Vehicle.load('rov'))['CA_R_REV'] == 2**8 - 1
     assert 'CA_R_REV' not in parameters.to_px4(Vehicle.load('quadrotor'))

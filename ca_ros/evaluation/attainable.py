@@ -40,13 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise ValueError(f'expected at least two axes, the problem has {names[0]}')
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
         at = _at(problem, axes, options)
-        found = {
-            name: image.projection(axes) if options.projection else image.section(axes, at)
-            for name, image in sets.items()
-        }
-        words = 'other axes: any value' if options.projection else fixed(problem, axes, at)
-        reference = problem.reference[[names.index(axis) for axis in axes]]
-        figure = draw(found, reference, labels(problem, axes), words, options.figure_width)
+        found = _shapes(sets, axes, at, options.projection)
+        figure = plot(sets, axes, at, options.projection, options.figure_width)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
@@ -60,6 +55,51 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'{name}: {"nothing" if polytope.empty else ends}')
     print(f'written: {", ".join(map(str, files))}')
     return 0
+
+
+def plot(
+    sets: Mapping[str, AdmissibleSet],
+    axes: Sequence[str],
+    at: Array | None = None,
+    projection: bool = False,
+    width: float = WIDTHS['page'],
+) -> Figure:
+    """Plot admissible sets: a section of two axes is a filled polygon, of three axes a body.
+
+    Parameters
+    ----------
+    sets : mapping of str to AdmissibleSet
+        By their names in the legend; all with the same axes.
+    axes : sequence of str
+        The two or three axes to draw.
+    at : (m,) array, optional
+        A wrench with the values of the other axes, the same for all sets; by default the
+        reference of the first problem, hover for a vehicle [N, N m].
+    projection : bool
+        Draw projections instead: the other axes have any attainable value.
+    width : float
+        Width of the figure [mm].
+
+    Raises
+    ------
+    ValueError
+        If an axis is unknown or repeated, or `at` is not a wrench.
+    """
+    problem = next(iter(sets.values())).problem
+    wrench = problem.reference if at is None else problem.check(at)
+    shapes = _shapes(sets, axes, wrench, projection)
+    words = 'other axes: any value' if projection else fixed(problem, axes, wrench)
+    reference = problem.reference[[problem.axes.index(axis) for axis in axes]]
+    return draw(shapes, reference, labels(problem, axes), words, width)
+
+
+def _shapes(
+    sets: Mapping[str, AdmissibleSet], axes: Sequence[str], at: Array, projection: bool
+) -> dict[str, Polytope]:
+    return {
+        name: image.projection(axes) if projection else image.section(axes, at)
+        for name, image in sets.items()
+    }
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:

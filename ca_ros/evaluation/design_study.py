@@ -28,6 +28,9 @@ RANDOM = 1000
 VALUES = 5
 """Number of values of a range in a grid, if it is not given."""
 
+DESIGNS_MAX = 100_000
+"""Greatest number of designs: the rows of a hundred thousand take 2 GB."""
+
 RANKS = {
     'Greatest hover margin': ['hover_margin'],
     'Most failures with hover on all axes': ['hovers', 'tilting_after'],
@@ -49,6 +52,8 @@ def _study(options: argparse.Namespace) -> None:
     case, _ = Case.of(vehicle, flying=True)
     designs = _designs(options, case.vehicle.n)
     count = designs.combinations if options.grid else options.random
+    if count > DESIGNS_MAX:
+        raise CaseError(f'{count} designs: expected at most {DESIGNS_MAX}')
     size = chunk_size(count, CHUNK)
     task = DesignChunks(case.parameters, designs, count, size)
     inputs = {'command': command('design_study', options), 'parameters': case.parameters}
@@ -79,7 +84,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     form = f'; or one value; for --grid also LOW:HIGH:COUNT, COUNT is {VALUES} otherwise'
     arm, tilt = 'distance of the rotors from the centre [m]', 'angle about their arms [deg]'
     add('--arm', default='0.2:0.6', metavar='LOW:HIGH', help=arm + form)
-    add('--tilt', default='0:30', metavar='LOW:HIGH', help=tilt + form)
+    add('--tilt', default='0:30', metavar='LOW:HIGH', help=f'{tilt}{form}; --tilt=-20:20')
     orders = 'for each rotor P (clockwise) or N; all: each order of as many P as N'
     add('--spin', default='all', metavar='ORDER,...', help=orders)
     add('--seed', type=natural, default=0, help='of the random designs')
@@ -115,7 +120,7 @@ def _values(name: str, text: str, grid: bool) -> tuple[float, ...]:
         if grid:
             steps = natural(ends.pop()) if len(ends) == 3 else VALUES if len(ends) == 2 else 1
         low, high = finite(ends[0]), finite(ends[-1])
-        if len(ends) > 2 or low > high or not steps:
+        if len(ends) > 2 or low > high or not 1 <= steps <= DESIGNS_MAX:
             raise ValueError
     except (ValueError, argparse.ArgumentTypeError):
         form = 'LOW:HIGH, LOW:HIGH:COUNT' if grid else 'LOW:HIGH'

@@ -13,7 +13,7 @@ JUMP_MAX = np.repeat([1.0, 10.0], 3)
 estimate uses: greater ones, as of a corrupted state, leave it as it is."""
 
 START = np.repeat(0.2, 6)
-"""Change of velocity [m/s] or angular velocity [rad/s] with which a vehicle at rest has started."""
+"""Changes of velocity [m/s] and angular velocity [rad/s] with which a vehicle at rest starts."""
 
 
 class DisturbanceObserver:
@@ -70,9 +70,9 @@ class DisturbanceObserver:
         momentum = np.concatenate([self._mass * velocity, self._inertia @ angular_velocity])
         if self._time is None or time < self._time:
             self._at_rest = motion
-        if self._at_rest is not None:
+        if self._time is None or self._at_rest is not None:
             self.estimate, self._expected = np.zeros(6), momentum
-            if (abs(motion - self._at_rest) > START).any():
+            if self._at_rest is not None and (abs(motion - self._at_rest) > START).any():
                 self._at_rest = None
         else:
             expected = self._expected + (time - self._time) / 1e9 * self._rate
