@@ -207,6 +207,7 @@ def serial(tmp_path_factory):
     return written(out)
 
 
+@pytest.mark.slow
 def test_the_static_study_has_the_same_bits_on_workers(
         serial, tmp_path, on_workers, capsys, monkeypatch):
     assert main([*STUDY, str(tmp_path), '--workers', '2']) == 0
@@ -244,6 +245,7 @@ def cluster():
         yield cluster
 
 
+@pytest.mark.slow
 def test_dask_repeats_the_chunk_of_a_killed_worker(cluster, file, tmp_path):
     task = Thirds(tmp_path, 5, signal.SIGKILL)
     options = Namespace(workers=None, scheduler=cluster.scheduler_address)
@@ -253,11 +255,13 @@ def test_dask_repeats_the_chunk_of_a_killed_worker(cluster, file, tmp_path):
     assert {0, 1, 2, 3} <= set(task.computed()[:7])
 
 
+@pytest.mark.slow
 def test_the_static_study_has_the_same_bits_on_a_cluster(cluster, serial, tmp_path):
     assert main([*STUDY, str(tmp_path), '--scheduler', cluster.scheduler_address]) == 0
     assert written(tmp_path) == serial
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
     distributed = pytest.importorskip('distributed')
     assert distributed
@@ -265,6 +269,7 @@ def test_a_scheduler_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
     assert capsys.readouterr().err.startswith('static_study: --scheduler nowhere: ')
 
 
+@pytest.mark.slow
 def test_a_cluster_that_goes_away_is_reported_and_the_study_continues(file, tmp_path):
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(

@@ -21,6 +21,8 @@ from ca_ros.flight.plots import draw_flight  # noqa: E402
 from ca_ros.flight.trajectory import Trajectory  # noqa: E402
 from ca_ros.flight.waypoint import Waypoint  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 FONT_MIN = 7.0
 """Smallest font [pt]."""
 

@@ -93,6 +93,7 @@ def reproduced(text):
 
 # Firmware
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('compiler', 'precision'), [('gcc', 'single'), ('gcc', 'double'), ('clang', 'single')])
 @pytest.mark.parametrize('name', VEHICLES)
@@ -111,6 +112,7 @@ def test_golden_vectors_are_reproduced_on_emulated_boards(name, precision, expor
     assert len(reproduced(make(exported(name, precision), 'qemu'))) == 2
 
 
+@pytest.mark.slow
 def test_a_difference_in_one_bit_is_found(exported, tmp_path):
     needs('make', 'gcc')
     folder = tmp_path / 'changed'

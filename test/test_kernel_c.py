@@ -13,6 +13,8 @@ import pytest
 
 import ca_ros
 
+pytestmark = pytest.mark.slow
+
 INPUTS = os.environ.get('CA_ROS_HOSTILE', '20000')
 
 KERNEL = Path(ca_ros.__file__).parent / 'kernel'
@@ -47,7 +49,6 @@ def run(*command):
     return done.stdout
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('build', BUILDS)
 def test_sanitizers_find_nothing_in_hostile_inputs(build, tmp_path, record_property):
     needs('gcc')
