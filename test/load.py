@@ -5,20 +5,21 @@ import subprocess
 import sys
 from contextlib import contextmanager
 
-SLOW_MOTION = 0.1
-"""Real time factor at which a loop of nodes keeps up even where it is starved of processors."""
+PACES = 1.0, 0.3, 0.1
+"""Real time factors; with the last a loop of nodes keeps up even where it is starved."""
 
 
 def fly_in_real_time(flight):
-    """Fly, and once more in slow motion if that fails: `flight` takes the real time factor.
+    """Fly, and more slowly if that fails: `flight` takes the real time factor.
 
     A vehicle whose loop is starved of processors falls, in real time.
     """
-    try:
-        return flight(1.0)
-    except AssertionError as error:
-        print(f'in slow motion once more, after: {error}')
-        return flight(SLOW_MOTION)
+    for factor in PACES[:-1]:
+        try:
+            return flight(factor)
+        except AssertionError as error:
+            print(f'more slowly once more, after: {error}')
+    return flight(PACES[-1])
 
 
 FLOOD = """
