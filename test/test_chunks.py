@@ -11,8 +11,9 @@ from threading import Barrier
 
 import pytest
 
-from ca_ros.evaluation import chunks, static_study
-from ca_ros.evaluation.chunks import ChunkError, ChunkFile, chunk_size, compute
+from ca_ros.evaluation import chunk_file, chunks, static_study
+from ca_ros.evaluation.chunk_file import ChunkError, ChunkFile, code
+from ca_ros.evaluation.chunks import chunk_size, compute
 from ca_ros.evaluation.static_study import main
 
 COUNT = 12
@@ -126,7 +127,7 @@ def test_another_study_or_other_code_starts_anew_and_keeps_the_chunks_of_the_fir
     compute(Thirds(tmp_path), COUNT, file, SERIAL)
     assert len(file.read()) == COUNT
     assert ChunkFile(tmp_path, {'study': 'halves'}).read() == {}
-    monkeypatch.setattr(chunks, 'code', lambda: {'numpy': '0'})
+    monkeypatch.setattr(chunk_file, 'code', lambda: {'numpy': '0'})
     assert ChunkFile(tmp_path, {'study': 'thirds'}).read() == {}
     assert len(file.read()) == COUNT
 
@@ -142,7 +143,7 @@ def test_a_killed_worker_process_is_reported_and_the_study_continues(
 
 def test_a_worker_with_other_code_is_refused():
     with pytest.raises(ChunkError, match='another version of numpy than this process'):
-        chunks.call(b'', {**chunks.code(), 'numpy': '0'}, 0)
+        chunks.call(b'', {**code(), 'numpy': '0'}, 0)
 
 
 def test_a_worker_with_another_source_of_ones_own_method_is_refused(tmp_path, monkeypatch):
@@ -160,7 +161,7 @@ def test_a_worker_with_another_source_of_ones_own_method_is_refused(tmp_path, mo
     with pytest.raises(ChunkError, match=f'another version of {method} than this process'):
         chunks.call(task, changed, 0)
     with pytest.raises(ChunkError, match='No module named'):
-        chunks.call(task, {**chunks.code(), 'absent_of_chunks:Own': ''}, 0)
+        chunks.call(task, {**code(), 'absent_of_chunks:Own': ''}, 0)
 
 
 def test_threads_of_a_worker_do_not_share_a_task(monkeypatch):
@@ -170,10 +171,10 @@ def test_threads_of_a_worker_do_not_share_a_task(monkeypatch):
     pickled = pickle.dumps(Who())
     with ThreadPoolExecutor(2) as pool:
         for _ in range(2):
-            made = [pool.submit(chunks.call, pickled, chunks.code(), i) for i in (0, 1)]
+            made = [pool.submit(chunks.call, pickled, code(), i) for i in (0, 1)]
             found = [each.result() for each in made]
             assert found[0] != found[1]
-    assert chunks.call(pickled, chunks.code(), -1) == chunks.call(pickled, chunks.code(), -1)
+    assert chunks.call(pickled, code(), -1) == chunks.call(pickled, code(), -1)
 
 
 # The static study

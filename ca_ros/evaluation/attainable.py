@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
         at = _at(problem, axes, options)
         found = _shapes(sets, axes, at, options.projection)
-        figure = plot(sets, axes, at, options.projection, options.figure_width)
+        figure = _titled(problem, found, axes, at, options.projection, options.figure_width)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
@@ -88,9 +88,7 @@ def plot(
     problem = next(iter(sets.values())).problem
     wrench = problem.reference if at is None else problem.check(at)
     shapes = _shapes(sets, axes, wrench, projection)
-    words = 'other axes: any value' if projection else fixed(problem, axes, wrench)
-    reference = problem.reference[[problem.axes.index(axis) for axis in axes]]
-    return draw(shapes, reference, labels(problem, axes), words, width)
+    return _titled(problem, shapes, axes, wrench, projection, width)
 
 
 def _shapes(
@@ -100,6 +98,20 @@ def _shapes(
         name: image.projection(axes) if projection else image.section(axes, at)
         for name, image in sets.items()
     }
+
+
+def _titled(
+    problem: AllocationProblem,
+    shapes: Mapping[str, Polytope],
+    axes: Sequence[str],
+    at: Array,
+    projection: bool,
+    width: float,
+) -> Figure:
+    """Draw shapes with their reference, and what is fixed as the title."""
+    words = 'other axes: any value' if projection else fixed(problem, axes, at)
+    reference = problem.reference[[problem.axes.index(axis) for axis in axes]]
+    return draw(shapes, reference, labels(problem, axes), words, width)
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:

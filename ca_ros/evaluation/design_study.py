@@ -12,7 +12,8 @@ import pandas as pd
 
 from ca_ros.arguments import finite, split
 from ca_ros.evaluation.cases import Case, CaseError
-from ca_ros.evaluation.chunks import ChunkFile, add_options, chunk_size, compute
+from ca_ros.evaluation.chunk_file import ChunkFile
+from ca_ros.evaluation.chunks import add_options, chunk_size, compute
 from ca_ros.evaluation.designs import DesignChunks, DesignSpace, spin_orders
 from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write

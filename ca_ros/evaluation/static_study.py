@@ -15,7 +15,8 @@ import pandas as pd
 from ca_ros.allocation import AllocationProblem, Allocator
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.chunks import ChunkFile, add_options, chunk_size, compute
+from ca_ros.evaluation.chunk_file import ChunkFile
+from ca_ros.evaluation.chunks import add_options, chunk_size, compute
 from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.judge import ERRORS, columns
 from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
