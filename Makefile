@@ -74,15 +74,14 @@ soak: .venv/.test
 	.venv/bin/python test/soak.py --seconds $(SOAK)
 
 readme: demo
-	.venv/bin/python docs/readme.py
-	.venv/bin/python docs/architecture.py
+	.venv/bin/python docs/scripts/readme.py
 	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
 	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
 	.venv/bin/attainable --health 1:0 --out docs/attainable
-	.venv/bin/python docs/failure.py
-	.venv/bin/python docs/plant_effects.py
-	.venv/bin/python docs/comparison.py
-	.venv/bin/python docs/studies.py
+	.venv/bin/python docs/scripts/failure.py
+	.venv/bin/python docs/scripts/plant_effects.py
+	.venv/bin/python docs/scripts/comparison.py
+	.venv/bin/python docs/scripts/studies.py
 	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \
 	    --animate --out out/animation
 	cp out/animation/animation.gif docs

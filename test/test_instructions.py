@@ -1,4 +1,4 @@
-"""The instructions that the kernel takes on an emulated microcontroller; see docs/firmware.py."""
+"""The instructions of the kernel on an emulated microcontroller: docs/scripts/firmware.py."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs' / 'scripts'))
 firmware = pytest.importorskip('firmware', reason='needs packages that rosdep does not know')
 
 pytestmark = [

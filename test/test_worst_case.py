@@ -1,4 +1,4 @@
-"""The steps and pivots of the kernel, and the bounds of its loops; see docs/worst_case.py."""
+"""The steps and pivots of the kernel, and the bounds of its loops: docs/scripts/worst_case.py."""
 
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ from ca_ros.kernel import load
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs' / 'scripts'))
 import worst_case
 
 pytestmark = [

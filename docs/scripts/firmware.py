@@ -18,7 +18,7 @@ from pathlib import Path
 from shutil import which
 
 import numpy as np
-from marks import filled
+from pages import fill
 
 import ca_ros
 from ca_ros.arrays import Array
@@ -31,8 +31,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
-DOCS = Path(__file__).resolve().parent
-PAGE, PROGRAM = DOCS / 'firmware.md', DOCS / 'instructions.c'
+PROGRAM = Path(__file__).with_name('instructions.c')
 KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 
 VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
@@ -203,8 +202,7 @@ def main() -> None:
         print(content)
     else:
         content += f'\n\n{settings(arguments.size)}'
-        page = PAGE.read_text(encoding='utf-8')
-        PAGE.write_text(filled(page, 'instructions', content), encoding='utf-8')
+        fill('firmware.md', instructions=content)
 
 
 if __name__ == '__main__':

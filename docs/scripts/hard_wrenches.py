@@ -1,4 +1,4 @@
-"""Wrenches that may take the kernel many steps, for docs/worst_case.py."""
+"""Wrenches that may take the kernel many steps, for worst_case.py."""
 
 from __future__ import annotations
 

@@ -3,11 +3,9 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from marks import filled
+from pages import fill
 
 from ca_ros.evaluation.design_study import main
-
-PAGE = Path(__file__).resolve().parent / 'studies.md'
 
 if __name__ == '__main__':
     with TemporaryDirectory() as folder:
@@ -15,6 +13,4 @@ if __name__ == '__main__':
             raise SystemExit(code)
         study = (Path(folder) / 'design.md').read_text(encoding='utf-8')
     tables = study[study.index('## ') : study.index('Two numbers')]
-    text = PAGE.read_text(encoding='utf-8')
-    content = tables.replace('## ', '### ').strip()
-    PAGE.write_text(filled(text, 'designs', content), encoding='utf-8')
+    fill('studies.md', designs=tables.replace('## ', '### ').strip())

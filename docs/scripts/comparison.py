@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
 from time import perf_counter_ns
 from typing import Any
 
 import matplotlib
 import numpy as np
 from comparison_flights import Outcomes, outcomes, slalom
-from marks import filled
 from matplotlib.figure import Figure
+from pages import DOCS, fill
 
 from ca_ros import AdmissibleSet
 from ca_ros.allocation import ALLOCATORS
@@ -26,9 +25,6 @@ from ca_ros.evaluation.sampling import samples
 from ca_ros.evaluation.tables import number, table
 from ca_ros.evaluation.wrench_metrics import NOTED, metrics
 from ca_ros.flight.figures import save, sheet, style
-
-DOCS = Path(__file__).resolve().parent
-PAGE, FIGURE = DOCS / 'comparison.md', DOCS / 'comparison'
 
 AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'
 BETAFLIGHT = 'betaflight_mixer'
@@ -175,11 +171,8 @@ def main() -> None:
         warnings.simplefilter('ignore', RuntimeWarning)
         found = {label: outcomes(*own) for label, own in CONTENDERS.items()}
     wrenches = static('hexarotor')
-    text = PAGE.read_text(encoding='utf-8')
-    text = filled(text, 'wrenches', wrenches_table(wrenches))
-    text = filled(text, 'flights', flights_table(found))
-    PAGE.write_text(text, encoding='utf-8')
-    save(draw(wrenches, found), FIGURE, ['png'])
+    fill('comparison.md', wrenches=wrenches_table(wrenches), flights=flights_table(found))
+    save(draw(wrenches, found), DOCS / 'comparison', ['png'])
 
 
 if __name__ == '__main__':

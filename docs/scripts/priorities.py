@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import pi
-from pathlib import Path
 
 import numpy as np
 from manoeuvres import MANOEUVRES, Unlimited, heavy
-from marks import filled
+from pages import DOCS, fill, shipped
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import Allocation
@@ -24,10 +23,8 @@ from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.prioritization import REVERSALS
-from ca_ros.vehicle.files import config_directory
 
-DOCS = Path(__file__).resolve().parent
-PAGE, ROWS = DOCS / 'priorities.md', DOCS.parent / 'test' / 'px4_desaturation.csv'
+ROWS = DOCS.parent / 'test' / 'px4_desaturation.csv'
 
 DURATION = 8.0
 """Of each flight [s]."""
@@ -91,20 +88,20 @@ class Outcome:
 def flights_table() -> str:
     """Return the results of the flights with each value of `reversal`."""
     rows = []
-    for file in sorted(config_directory().glob('*.yaml')):
-        sound, gains = Vehicle.load(file.stem), Gains.from_parameters(load(file.stem))
+    for plain in shipped():
+        sound, gains = Vehicle.load(plain), Gains.from_parameters(load(plain))
         if sound.buoyancy:
             # A vehicle in water neither falls nor has a heavy variant.
             continue
         weighty = replace(sound, mass=heavy(sound))
-        for vehicle, name in ((sound, file.stem), (weighty, 'the same, heavy')):
+        for vehicle, name in ((sound, plain), (weighty, 'the same, heavy')):
             for reversal in REVERSALS:
                 found = Outcome()
                 for state, to in MANOEUVRES.values():
                     found.add(vehicle, gains, reversal, state, to)
                 rows.append(
                     (
-                        f'`{name}`' if name == file.stem else name,
+                        f'`{name}`' if name == plain else name,
                         f'`{reversal}`',
                         f'{found.recovered} of {len(MANOEUVRES)}',
                         f'{found.drop:.2f}',
@@ -169,10 +166,7 @@ def rows_table() -> str:
 
 def main() -> None:
     """Fill the page."""
-    text = PAGE.read_text(encoding='utf-8')
-    text = filled(text, 'rows', rows_table())
-    text = filled(text, 'flights', flights_table())
-    PAGE.write_text(text, encoding='utf-8')
+    fill('priorities.md', rows=rows_table(), flights=flights_table())
 
 
 if __name__ == '__main__':

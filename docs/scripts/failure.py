@@ -11,7 +11,7 @@ from math import degrees, inf
 from pathlib import Path
 
 import numpy as np
-from marks import filled
+from pages import DOCS, fill, shipped
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_study import main as dynamic_study
@@ -20,10 +20,6 @@ from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
-from ca_ros.vehicle.files import config_directory
-
-DOCS = Path(__file__).resolve().parent
-PAGE, FIGURE = DOCS / 'failure.md', DOCS / 'failure.png'
 
 METHODS = ('exact', 'pseudo_inverse', 'fixed_pseudo_inverse')
 
@@ -86,8 +82,8 @@ def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> O
 def rotors_table() -> str:
     """Return the lost axes of each vehicle without each rotor, and whether it flies."""
     rows: dict[tuple[str, ...], list[int]] = {}
-    for file in sorted(config_directory().glob('*.yaml')):
-        sound = Case.load(file.stem)
+    for name in shipped():
+        sound = Case.load(name)
         if sound.vehicle.buoyancy:
             # A vehicle in water does not fall.
             continue
@@ -97,10 +93,10 @@ def rotors_table() -> str:
             report = audit(sound.vehicle.with_health(health))
             drags = [0.0, DRAG] if report.lost == ('yaw',) else [0.0]
             for drag in drags:
-                case = Case.load(file.stem, [f'simulator.rotational_drag:={drag}'])
+                case = Case.load(name, [f'simulator.rotational_drag:={drag}'])
                 exact, *others = (lose(case, method, rotor) for method in METHODS)
                 key = (
-                    f'`{file.stem}`',
+                    f'`{name}`',
                     ', '.join(report.lost) or 'none',
                     f'{abs(report.spin_torque):.2g}' if report.spin_torque else '0',
                     f'{drag:g}',
@@ -161,16 +157,13 @@ def delays_table() -> str:
 
 def main() -> None:
     """Fill the page and draw the plot."""
-    text = PAGE.read_text(encoding='utf-8')
     with warnings.catch_warnings():
         # The state of a tumbling vehicle overflows.
         warnings.simplefilter('ignore', RuntimeWarning)
-        text = filled(text, 'rotors', rotors_table())
-        text = filled(text, 'delays', delays_table())
-    PAGE.write_text(text, encoding='utf-8')
+        fill('failure.md', rotors=rotors_table(), delays=delays_table())
     with tempfile.TemporaryDirectory() as folder:
         dynamic_study([*STUDY.split(), '--out', folder])
-        shutil.copyfile(Path(folder) / 'failure.png', FIGURE)
+        shutil.copyfile(Path(folder) / 'failure.png', DOCS / 'failure.png')
 
 
 if __name__ == '__main__':

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from hard_wrenches import mutated, sampled
-from marks import filled
+from pages import fill, shipped
 
 import ca_ros.kernel
 from ca_ros.allocation.result import Status
@@ -26,10 +26,8 @@ from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.problem.problem import lengths
-from ca_ros.vehicle.files import config_directory, read
+from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
-
-PAGE = Path(__file__).resolve().parent / 'firmware.md'
 
 CHUNK = 60_000
 """Wrenches of one call of the kernel."""
@@ -217,8 +215,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--size', type=int, default=10_000_000, help='wrenches for each row')
     parser.add_argument('--generations', type=int, default=100, help='of the search')
-    shipped = [file.stem for file in sorted(config_directory().glob('*.yaml'))]
-    parser.add_argument('--vehicles', nargs='+', default=shipped, help='default: all')
+    parser.add_argument('--vehicles', nargs='+', default=shipped(), help='default: all')
     parser.add_argument('--print-only', action='store_true', help='leave the page as it is')
     options = parser.parse_args()
     tasks = [
@@ -234,8 +231,7 @@ def main() -> None:
     found = table(TITLES, rows, words=2)
     print(found)
     if not options.print_only:
-        text = PAGE.read_text(encoding='utf-8')
-        PAGE.write_text(filled(text, 'worst case', found), encoding='utf-8')
+        fill('firmware.md', worst_case=found)
 
 
 if __name__ == '__main__':

@@ -7,19 +7,15 @@ import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
-from pathlib import Path
 
 import numpy as np
-from marks import filled
+from pages import fill, shipped
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.vehicle.files import config_directory
-
-PAGE = Path(__file__).resolve().parent / 'plant_effects.md'
 
 GOAL = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
 """The waypoint of the paper's flight."""
@@ -87,7 +83,7 @@ def limit(good: Callable[[int], bool]) -> int:
 def limits_table() -> str:
     """Return the greatest lag and delays [ms] of each vehicle for each of the gains."""
     rows = []
-    for vehicle in sorted(file.stem for file in config_directory().glob('*.yaml')):
+    for vehicle in shipped():
         if Case.load(vehicle).vehicle.buoyancy:
             # A vehicle in water has other gains.
             continue
@@ -115,13 +111,10 @@ def offsets_table() -> str:
 
 def main() -> None:
     """Fill the page."""
-    text = PAGE.read_text(encoding='utf-8')
     with warnings.catch_warnings():
         # The state of a tumbling vehicle overflows.
         warnings.simplefilter('ignore', RuntimeWarning)
-        text = filled(text, 'offsets', offsets_table())
-        text = filled(text, 'limits', limits_table())
-    PAGE.write_text(text, encoding='utf-8')
+        fill('plant_effects.md', offsets=offsets_table(), limits=limits_table())
 
 
 if __name__ == '__main__':

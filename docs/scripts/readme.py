@@ -6,15 +6,13 @@ With --check nothing is written, and the exit code is 1 if a page is not up to d
 import re
 import subprocess
 import sys
-from pathlib import Path
 
-from marks import filled
+from pages import DOCS, filled
 
 from ca_ros import ALLOCATORS
 from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.schema import REQUIRED, Parameter
 
-DOCS = Path(__file__).resolve().parent
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
 ALLOWED = {'allocation.method': 'a [method](#methods)'}

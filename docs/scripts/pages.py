@@ -1,0 +1,37 @@
+"""The pages that scripts fill, and the vehicles that they are filled for."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ca_ros.vehicle.files import config_directory
+
+DOCS = Path(__file__).resolve().parents[1]
+
+
+def filled(text: str, mark: str, content: str) -> str:
+    """Return a page with the text between `<!-- MARK -->` and `<!-- end of MARK -->` replaced."""
+    new, count = re.subn(
+        rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
+        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
+        text,
+        flags=re.DOTALL,
+    )
+    if count != 1:
+        raise ValueError(f'expected one place that is marked for {mark}, got {count}')
+    return new
+
+
+def fill(name: str, **contents: str) -> None:
+    """Replace the marked parts of a page; an underscore in a name stands for a blank."""
+    page = DOCS / name
+    text = page.read_text(encoding='utf-8')
+    for mark, content in contents.items():
+        text = filled(text, mark.replace('_', ' '), content)
+    page.write_text(text, encoding='utf-8')
+
+
+def shipped() -> list[str]:
+    """Return the names of the shipped vehicles."""
+    return sorted(file.stem for file in config_directory().glob('*.yaml'))
