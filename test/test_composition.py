@@ -99,7 +99,7 @@ class Composition:
         return [recorder.flight(DURATION) for recorder in self.recorders]
 
 
-HOOKS = ('build', 'adopt', 'audited', 'note', 'levels', 'values', 'watch', 'start', 'close')
+HOOKS = ('build', 'adopt', 'audited', 'adopt_audit', 'levels', 'values', 'watch', 'start', 'close')
 """Methods that a subclass may override."""
 
 

@@ -356,8 +356,8 @@ import sys
 from ca_ros.nodes import allocator
 
 class Curious(allocator.AllocatorNode):
-    def observe(self, subject):
-        super().observe(subject)
+    def start_diagnostics(self, subject):
+        super().start_diagnostics(subject)
         self.create_timer(0.0002, self._look_around, clock=self.steady)
 
 sys.exit(allocator.run('curious', Curious, ''))

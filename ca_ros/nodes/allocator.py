@@ -64,13 +64,13 @@ class AllocatorNode(VehicleNode):
     def start(self) -> None:
         """Create the method, and begin to answer."""
         super().start()
-        self._speeds = self.offer(topics.SPEED_COMMAND)
+        self._speeds = self.publish_stream(topics.SPEED_COMMAND)
         self._allocated, self._residual, self._saturation = (
             self.create_publisher(topic.kind, topic.name, offered(self.mode))
             for topic in (topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION)
         )
-        self.listen(topics.WRENCH, self._serve, read_wrench)
-        self.observe('allocation')
+        self.subscribe_stream(topics.WRENCH, self._serve, read_wrench)
+        self.start_diagnostics('allocation')
         if find_spec('osqp') is None:
             self.get_logger().info(
                 'osqp is not installed: allocation.exact.solver can only be newton, '
@@ -85,7 +85,7 @@ class AllocatorNode(VehicleNode):
     def adopt(self, built: tuple[Audit, Allocator]) -> None:
         """Use this method from the next command on."""
         report, self.method = built
-        self.note(report)
+        self.adopt_audit(report)
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]

@@ -49,14 +49,14 @@ class ControllerNode(VehicleNode):
     def start(self) -> None:
         """Create the controller, and begin to answer."""
         super().start()
-        self._wrench = self.offer(topics.WRENCH)
+        self._wrench = self.publish_stream(topics.WRENCH)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
         self._listen_to_waypoints(
             COMMAND, SubscriptionEventCallbacks(matched=self._ask_for_waypoint)
         )
-        self.listen(topics.POSE, self._receive_pose)
-        self.listen(topics.VELOCITY, self._receive_velocity)
-        self.observe('control')
+        self.subscribe_stream(topics.POSE, self._receive_pose)
+        self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
+        self.start_diagnostics('control')
 
     def _listen_to_waypoints(
         self, quality: QoSProfile, events: SubscriptionEventCallbacks
@@ -91,7 +91,7 @@ class ControllerNode(VehicleNode):
             # In flight the integral action continues.
             controller.disturbances = self.controller.disturbances
         self.controller = controller
-        self.note(report)
+        self.adopt_audit(report)
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
         self._watchdog.timeout = self.parameters['command_timeout']
 
@@ -113,7 +113,7 @@ class ControllerNode(VehicleNode):
             fault = f'that is not a pose: {position} m, quaternion {attitude}'
         if fault:
             self.counts['refused waypoints'] += 1
-            self.complain('waypoint', f'refused a waypoint {fault}')
+            self.warn_throttled('waypoint', f'refused a waypoint {fault}')
             return
         last, new = self._waypoint, Waypoint(position, attitude)
         self._waypoint = new
@@ -130,7 +130,7 @@ class ControllerNode(VehicleNode):
         if self.mode == 'lockstep' and self._open and self._waypoint:
             stamps = self._stamps()
             if len({*stamps}) == 2:
-                self.complain(
+                self.warn_throttled(
                     'stamp', 'no answer to pose and velocity with the stamps '
                     f'{stamps[0]} and {stamps[1]}: expected equal stamps'
                 )

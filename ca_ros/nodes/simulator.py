@@ -63,15 +63,15 @@ class SimulatorNode(VehicleNode):
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
         self._states = StatePublisher(self)
-        self._speeds = self.offer(topics.SPEEDS)
+        self._speeds = self.publish_stream(topics.SPEEDS)
         self.create_service(Trigger, '~/reset', self._reset)
-        self.listen(topics.SPEED_COMMAND, self._receive)
+        self.subscribe_stream(topics.SPEED_COMMAND, self._receive)
         self._timer = self.create_timer(
             STATE_REPEAT if lockstep else self._period_ns / 1e9,
             self._repeat if lockstep else self._catch_up,
             clock=self.steady,
         )
-        self.observe('simulation')
+        self.start_diagnostics('simulation')
 
     def build(self, parameters: dict[str, Any]) -> Plant:
         """Create the plant in its initial state."""
@@ -172,7 +172,7 @@ class SimulatorNode(VehicleNode):
                 f'rotor speeds with {self._discarded} are discarded: expected stamp {self._time}; '
                 'wrench and speeds must carry the stamp of the state that they answer'
             )
-            self.complain('stamp', self._fault)
+            self.warn_throttled('stamp', self._fault)
         self._repeats, self._discarded = self._repeats + 1, ''
         if self._resting:
             self._publish_speeds()

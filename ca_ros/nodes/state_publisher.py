@@ -24,12 +24,13 @@ class StatePublisher:
 
     def __init__(self, node: VehicleNode) -> None:
         self._node = node
-        self._pose, self._velocity = node.offer(topics.POSE), node.offer(topics.VELOCITY)
+        self._pose, self._velocity = map(node.publish_stream, (topics.POSE, topics.VELOCITY))
         self._odometry = self._if_enabled('simulator.publish_odometry', topics.ODOMETRY)
         self._clock = self._if_enabled('simulator.publish_clock', topics.CLOCK)
 
     def _if_enabled(self, name: str, topic: Topic) -> Publisher | None:
-        return self._node.offer(topic) if self._node.parameters[name] == 'enabled' else None
+        enabled = self._node.parameters[name] == 'enabled'
+        return self._node.publish_stream(topic) if enabled else None
 
     def publish(self, state: Array, time: int) -> None:
         """Publish a state (13,) of a time [ns]."""

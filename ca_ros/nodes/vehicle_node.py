@@ -35,8 +35,8 @@ NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 class VehicleNode(ParameterNode):
     """A node with the parameters of a vehicle.
 
-    The `start` of a subclass calls that of this class, then `offer` and `listen` for its topics,
-    and `observe` at its end.
+    The `start` of a subclass calls that of this class, then `publish_stream` and
+    `subscribe_stream` for its topics, and `start_diagnostics` at its end.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class VehicleNode(ParameterNode):
         health = per_rotor(parameters, 'rotors.health', vehicle.n)
         return accept(vehicle.with_health(health), 'drop')
 
-    def note(self, report: Audit) -> None:
+    def adopt_audit(self, report: Audit) -> None:
         """Keep an audit; one in flight is logged later, because its text takes milliseconds."""
         start = self.audit is None
         self.audit = report
@@ -121,7 +121,7 @@ class VehicleNode(ParameterNode):
                 self.get_logger().error(f'audit: {report}')
         self._logged_audit = report
 
-    def listen(
+    def subscribe_stream(
         self,
         topic: Topic,
         receive: Callable[[Any], None],
@@ -136,7 +136,7 @@ class VehicleNode(ParameterNode):
         stream = subscribe(self, topic, self.mode, receive, read, self.drop, self.counts)
         self._streams.append(stream)
 
-    def offer(self, topic: Topic) -> Publisher:
+    def publish_stream(self, topic: Topic) -> Publisher:
         """Create the publisher of a stream; it should be the only one."""
         publisher = self.create_publisher(topic.kind, topic.name, offered(self.mode))
         self._offers.append(publisher)
@@ -145,16 +145,16 @@ class VehicleNode(ParameterNode):
     def drop(self, reason: str, what: str) -> None:
         """Count a message that is not served, and log the reason, rate limited."""
         self.counts[f'dropped: {reason}'] += 1
-        self.complain(reason, f'dropped: {what}')
+        self.warn_throttled(reason, f'dropped: {what}')
 
-    def complain(self, reason: str, what: str) -> None:
+    def warn_throttled(self, reason: str, what: str) -> None:
         """Log a warning, at most once a second for each reason, by the steady clock."""
         now = monotonic()
         if now >= self._logged.get(reason, -inf) + 1.0:
             self._logged[reason] = now
             self.get_logger().warning(what)
 
-    def observe(self, subject: str) -> None:
+    def start_diagnostics(self, subject: str) -> None:
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
         self._looked = monotonic()
         vehicle = str(self.parameters['vehicle.name'])

@@ -28,8 +28,8 @@ class EchoNode(VehicleNode):
     def start(self) -> None:
         """Begin to answer."""
         super().start()
-        self._speeds = self.offer(topics.SPEED_COMMAND)
-        self.listen(topics.WRENCH, self._serve)
+        self._speeds = self.publish_stream(topics.SPEED_COMMAND)
+        self.subscribe_stream(topics.WRENCH, self._serve)
 
     def build(self, parameters: dict[str, Any]) -> int:
         """Return the number of rotors."""
