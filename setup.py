@@ -13,7 +13,7 @@ bag = ['rosbags>=0.11']
 testing = ['psutil>=5.9', 'pytest>=7.4']
 mujoco = ['mujoco>=3.2']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
-studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1', 'mistune>=3.0']
+studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
 parts = ('exact', 'least_norm', 'priorities', 'module')

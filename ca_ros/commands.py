@@ -27,12 +27,11 @@ COMMANDS = {
     'dynamic_study': 'ca_ros.evaluation.dynamic_study',
     'fault_proxy': 'ca_ros.bringup.fault_proxy',
     'firmware': 'ca_ros.firmware.command',
-    'report': 'ca_ros.evaluation.report.report',
     'static_study': 'ca_ros.evaluation.static_study',
 }
 """The module of each command, which has the function main."""
 
-STUDIES = ('jinja2', 'matplotlib', 'mistune', 'pandas', 'tqdm')
+STUDIES = ('jinja2', 'matplotlib', 'pandas', 'tqdm')
 """The modules that the extra `studies` installs."""
 
 ROS = (

@@ -146,7 +146,7 @@ def test_bringup_flies_without_the_studies_packages_and_says_that_there_is_no_pl
 
 @pytest.mark.parametrize('command', COMMANDS)
 def test_a_command_without_its_packages_names_them_in_one_line(tmp_path, command):
-    study = 'study' in command or command in ('attainable', 'benchmark', 'report')
+    study = 'study' in command or command in ('attainable', 'benchmark')
     if command == 'firmware':
         pytest.skip('firmware needs no more than the package itself')
     script = f'from ca_ros.commands import {command} as c; raise SystemExit(c())'

@@ -91,7 +91,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     library = {str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros/kernel').glob('*.[ch]')}
     assert len(library) > 4
     assert modules | library | {
-        'ca_ros/py.typed', 'ca_ros/evaluation/templates/page.html'} <= set(names)
+        'ca_ros/py.typed', 'ca_ros/evaluation/templates/static.md'} <= set(names)
     extensions = {'_double', '_double_4', '_single'}
     assert extensions <= {Path(name).name.partition('.')[0] for name in names}
     [data] = {name.split('/')[0] for name in names if '.data/' in name}

@@ -1,1 +1,1 @@
-"""Tables and plots: the studies, the benchmark, the report."""
+"""Tables and plots: the studies and the benchmark."""

@@ -32,7 +32,6 @@ def render(template: str, **values: Any) -> str:
     """Return a document: a file of the folder templates, filled with values."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader('ca_ros.evaluation'),
-        autoescape=jinja2.select_autoescape(['html']),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
         trim_blocks=True,
