@@ -19,8 +19,8 @@ Value = float | str | list[float] | list[str]
 
 REQUIRED = object()
 
-LARGEST = 1e9
-"""Largest number that a parameter may have; products of larger ones could overflow."""
+LARGEST, SMALLEST = 1e9, 1e-30
+"""Greatest number, and least positive one; products of others could overflow."""
 
 
 class ParameterError(CaRosError, ValueError):
@@ -127,6 +127,8 @@ def _check_entry(name: str, parameter: Parameter, value: Any) -> Any:
         raise wrong()
     if abs(number) > LARGEST:
         raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {number:g}')
+    if parameter.positive and number < SMALLEST:
+        raise ParameterError(f'{name}: expected a number from {SMALLEST:g}, got {number:g}')
     return number
 
 

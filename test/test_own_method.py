@@ -123,8 +123,10 @@ def test_a_running_node_takes_it(example, graph):
         '-p', f'{RESERVE}:=0.2')
     parameters = graph.connect('allocator')
     assert parameters.get('allocation.method', RESERVE) == [OWN, 0.2]
+    # In flight the node loads no code.
+    Path('intruder.py').write_text("open('loaded', 'w').close()\n")
     for values, words in (
-            ({'allocation.method': 'nowhere:Mine'}, 'No module named'),
+            ({'allocation.method': 'intruder:Mine'}, 'was not loaded at the start'),
             ({RESERVE: 2.0}, f'{RESERVE}: must be in')):
         [result] = parameters.set(values)
         assert not result.successful
@@ -132,3 +134,4 @@ def test_a_running_node_takes_it(example, graph):
     for values in ({RESERVE: 0.3}, {'allocation.method': 'exact'}, {'allocation.method': OWN}):
         [result] = parameters.set(values)
         assert result.successful, result.reason
+    assert not Path('loaded').exists()

@@ -239,6 +239,16 @@ def test_a_vehicle_that_starts_without_a_rotor_is_judged_by_what_it_has(graph, t
         assert words in out
 
 
+@pytest.mark.parametrize(('method', 'options', 'error', 'words'), [
+    ('exact', {'colour': 'red'}, TypeError, 'colour'),
+    ('exact', {'weights': [1.0, 2.0]}, ValueError, 'weights: expected 1 or 6 numbers'),
+    ('conventional', {'weight': -1.0}, ValueError, 'weight: expected a positive semidefinite')])
+def test_options_are_checked_without_any_rotor(method, options, error, words):
+    with pytest.raises(error, match=words):
+        make_allocator(
+            method, Vehicle.load('hexarotor').with_health(0.0), lost_axes='drop', **options)
+
+
 def test_a_node_without_any_rotor_leaves_them_at_rest_with_every_method(graph):
     graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
     wrenches = graph.publisher(WrenchStamped, 'command/wrench')
@@ -246,6 +256,12 @@ def test_a_node_without_any_rotor_leaves_them_at_rest_with_every_method(graph):
     said = Diagnostics(graph)
     node = graph.connect('allocator')
     command = wrench(9.81)
+    for method, option in (('exact', 'weights'), ('conventional', 'weight')):
+        wrong = {'allocation.method': method, f'allocation.{method}.{option}': [1.0, 2.0]}
+        for health in (1.0, 0.0):
+            result = node.set_atomically({**wrong, 'rotors.health': health})
+            assert not result.successful
+            assert f'{option}: expected 1' in result.reason
     for method in ALLOCATORS:
         for health in (1.0, 0.0, 1.0, 1e-300):
             for result in node.set({'allocation.method': method, 'rotors.health': health}):

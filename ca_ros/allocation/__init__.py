@@ -94,6 +94,8 @@ def make_allocator(
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
     if isinstance(vehicle, VehicleProblem) and vehicle.vehicle.powerless:
+        # The options must suit the rotors when they return.
+        kind(accept(vehicle.vehicle.with_health(1.0), 'drop').problem, **options)
         return Powerless(vehicle)
     return kind(vehicle, **options)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
-from ca_ros.allocation.option_values import per_rotor
+from ca_ros.allocation.option_values import per_rotor, weights_per_rotor
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import INVALID, chosen
@@ -33,9 +33,6 @@ EXACT = Status.EXACT
 
 STATUSES = tuple(Status)
 """By number; to look one up in the enumeration takes ten times as long."""
-
-WEIGHTS_MAX = 1e4
-"""Greatest ratio of two weights."""
 
 PREFERRED_MAX = 100.0
 """Greatest preferred thrust, in units of the greatest bound."""
@@ -182,15 +179,9 @@ class Exact(Allocator):
         self.slack, self.solver = slack, solver
         problem = self.problem
         self._n = problem.n
-        self.weights = per_rotor('weights', weights, problem.n, self.parameters)
+        self.weights = weights_per_rotor('weights', weights, problem.n, self.parameters)
         self.preferred = per_rotor('preferred', preferred, problem.n, self.parameters)
         preference = None
-        least, greatest = float(self.weights.min()), float(self.weights.max())
-        if greatest > WEIGHTS_MAX * least:
-            raise ValueError(
-                f'weights: {greatest:g} is more than {WEIGHTS_MAX:g} times {least:g}, too much '
-                'for the digits of the thrusts'
-            )
         limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())
         if np.abs(self.preferred).max() > limit:
             raise ValueError(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.option_values import per_rotor, whole
+from ca_ros.allocation.option_values import weights_per_rotor, whole
 from ca_ros.allocation.result import Allocation
 from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse, weighted_inverse
 from ca_ros.arrays import Array, BoolArray
@@ -69,7 +69,7 @@ class RedistributedPseudoInverse(Allocator):
         iterations: float = 100.0,
     ) -> None:
         super().__init__(vehicle)
-        self.weights = per_rotor('weights', weights, self.problem.n, self.parameters)
+        self.weights = weights_per_rotor('weights', weights, self.problem.n, self.parameters)
         self.iterations = whole('iterations', iterations, self.parameters)
         # Rotors that cannot change their thrust are saturated from the start.
         self._movable = self.problem.half_range > 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.option_values import per_rotor, whole
+from ca_ros.allocation.option_values import weights_per_rotor, whole
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.problem import AllocationProblem
@@ -19,6 +19,9 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
 """The default of Wv, that of Paparazzi."""
+
+RATIO_MAX = 1e10
+"""Greatest ratio of the weights of the wrench to those of the thrusts."""
 
 ROUNDING = 1e-10
 """Size of multipliers that count as zero, relative to their terms."""
@@ -40,7 +43,7 @@ class WeightedLeastSquares(Allocator):
         Weight of the wrench against the preferred thrusts.  The default is that of QCAT, the
         toolbox of the author of [1]_.
     wu : float or (n,) array
-        The diagonal of Wu, positive: a weight for each rotor.
+        The diagonal of Wu, positive, at most 1e4 times each other: a weight for each rotor.
     wv : sequence of str, or float or (m,) array
         The diagonal of Wv, not negative: words such as ``roll 1000``, or the numbers.  Of the
         words, those for axes that the vehicle has not are ignored; an axis without a word has the
@@ -121,11 +124,16 @@ class WeightedLeastSquares(Allocator):
         problem, table = self.problem, self.parameters
         check('gamma', gamma, table)
         self.gamma = float(gamma)
-        self.wu = per_rotor('wu', wu, problem.n, table)
+        self.wu = weights_per_rotor('wu', wu, problem.n, table)
         self.wv = _weights(wv, problem.axes)
         self.preferred = _preferred(preferred, problem)
         self.iterations = whole('iterations', iterations, table)
         self._scale = np.sqrt(self.gamma) * self.wv
+        if self._scale.max() > RATIO_MAX * self.wu.min():
+            raise ValueError(
+                f'gamma: sqrt(gamma) Wv, up to {self._scale.max():g}, is more than {RATIO_MAX:g} '
+                f'times Wu, {self.wu.min():g}, too much for the digits of the thrusts'
+            )
         self._matrix = np.vstack([self._scale[:, None] * problem.gamma, np.diag(self.wu)])
         self._lengths = np.sqrt((self._matrix**2).sum(axis=0))
 

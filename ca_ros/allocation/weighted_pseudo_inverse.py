@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation.option_values import per_rotor
+from ca_ros.allocation.option_values import weights_per_rotor
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
@@ -26,12 +26,13 @@ class WeightedPseudoInverse(PseudoInverse):
     ----------
     vehicle : Vehicle or AllocationProblem
     weights : float or (n,) array
-        The diagonal of W, positive.  If all are equal, the method is `PseudoInverse`.
+        The diagonal of W, positive, at most 1e4 times each other.  If all are equal, the method is
+        `PseudoInverse`.
 
     Raises
     ------
     ValueError
-        If the weights are not 1 or n positive numbers.
+        If the weights are wrong.
 
     References
     ----------
@@ -51,7 +52,7 @@ class WeightedPseudoInverse(PseudoInverse):
 
     def __init__(self, vehicle: Vehicle | AllocationProblem, weights: ArrayLike = 1.0) -> None:
         super().__init__(vehicle)
-        self.weights = per_rotor('weights', weights, self.problem.n, self.parameters)
+        self.weights = weights_per_rotor('weights', weights, self.problem.n, self.parameters)
         self.inverse = weighted_inverse(self._columns, self.weights)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from rclpy.duration import Duration
 from std_msgs.msg import Int8MultiArray
 
-from ca_ros.allocation import Allocation, Allocator, Status
+from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
 from ca_ros.allocation.options import allocator_from_parameters
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
@@ -33,6 +33,7 @@ from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.vehicle_problem import vehicle_of
+from ca_ros.schema import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.parameters import AXES
 
@@ -78,7 +79,18 @@ class AllocatorNode(VehicleNode):
             )
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Allocator]:
-        """Create the allocation method for the axes that the rotors can command."""
+        """Create the allocation method for the axes that the rotors can command.
+
+        A node in flight loads no code.
+        """
+        method = parameters['allocation.method']
+        if self.audit is None:
+            self._loaded = dict.fromkeys((*ALLOCATORS, method))
+        if method not in self._loaded:
+            raise ParameterError(
+                f'allocation.method: {method} was not loaded at the start; in flight it can be '
+                f'{", ".join(self._loaded)}'
+            )
         report = self.audited(parameters)
         return report, allocator_from_parameters(parameters, report.problem)
 
