@@ -12,7 +12,6 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from ca_ros import ParameterError
-from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import FaultProxy
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.flight.waypoint import Waypoint
@@ -22,6 +21,7 @@ from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameters import load
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.topics import TOPICS
+from ca_ros.process.deadline import Deadline
 from ca_ros.testing import DEADLINE
 from test_bringup import fly_offline
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from ca_ros.bringup import deadline as module
-from ca_ros.bringup.deadline import Deadline
+from ca_ros.process import deadline as module
+from ca_ros.process.deadline import Deadline
 
 
 @pytest.fixture

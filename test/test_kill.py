@@ -16,8 +16,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.bringup.processes import Processes
 from ca_ros.commands import NODES
+from ca_ros.process.processes import Processes
 from ca_ros.testing import DEADLINE, Graph
 from load import fly_in_real_time
 from test_bringup import fly_offline

@@ -34,7 +34,8 @@ ROS = ('rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs'
 EVERY_MODULE = """
 import ca_ros
 
-ROOMS = ('ca_ros.nodes.', 'ca_ros.bringup.', 'ca_ros.evaluation.latency.', 'ca_ros.testing')
+ROOMS = ('ca_ros.nodes.', 'ca_ros.process.', 'ca_ros.bringup.', 'ca_ros.evaluation.latency.',
+         'ca_ros.testing')
 names = [module.name for module in walk_packages(ca_ros.__path__, 'ca_ros.')
          if not module.name.startswith(ROOMS)]
 for name in names:
@@ -169,7 +170,7 @@ def test_an_interrupt_while_a_command_starts_ends_it_without_a_traceback(monkeyp
 # Rooms
 
 ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'flight', 'nodes',
-         'bringup', 'evaluation', 'testing']
+         'process', 'bringup', 'evaluation', 'testing']
 """From the first to the last on the way of a wrench: none imports a later one."""
 
 PACKAGE = Path(__file__).parent.parent / 'ca_ros'
@@ -230,7 +231,9 @@ def test_ros_is_imported_in_its_rooms_alone():
     packages = (
         'rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs', 'nav_msgs',
         'std_srvs', 'rosgraph_msgs')
-    rooms = [PACKAGE / room for room in ('nodes', 'bringup', 'evaluation/latency', 'testing')]
+    rooms = [
+        PACKAGE / room
+        for room in ('nodes', 'process', 'bringup', 'evaluation/latency', 'testing')]
     for file in PACKAGE.rglob('*.py'):
         if not any(file.is_relative_to(room) for room in rooms):
             for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
@@ -246,7 +249,7 @@ def nodes_of(file):
 
 
 def test_the_private_names_of_rclpy_are_in_one_module():
-    files = [file for room in ('nodes', 'bringup', 'evaluation/latency', 'testing')
+    files = [file for room in ('nodes', 'process', 'bringup', 'evaluation/latency', 'testing')
              for file in (PACKAGE / room).glob('*.py') if file.name != 'rclpy_internals.py']
     assert len(files) > 20
     assert [file for file in files if 'rclpy_implementation' in file.read_text()] == []

@@ -8,8 +8,8 @@ import time
 
 import psutil
 
-from ca_ros.bringup.deadline import Deadline
-from ca_ros.bringup.processes import Processes, start
+from ca_ros.process.deadline import Deadline
+from ca_ros.process.processes import Processes, start
 from ca_ros.testing import DEADLINE
 
 SLEEP = [sys.executable, '-c', 'import time; time.sleep(1000.0)']
@@ -89,7 +89,7 @@ file.touch()
 PARENT = """
 import os, sys, time
 from pathlib import Path
-from ca_ros.bringup.processes import Processes
+from ca_ros.process.processes import Processes
 folder = Path(sys.argv[1])
 os.environ['TIED'] = str(folder)
 names = ('first', 'respawned')

@@ -19,7 +19,6 @@ from rclpy.validate_namespace import validate_namespace
 
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.options import commands, parse
-from ca_ros.bringup.processes import note_signals
 from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError
@@ -28,6 +27,7 @@ from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.trajectory import trajectory_of
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
+from ca_ros.process.processes import note_signals
 from ca_ros.vehicle.vehicle import Vehicle
 
 

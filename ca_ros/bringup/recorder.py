@@ -19,13 +19,13 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
-from ca_ros.bringup.deadline import Deadline
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
 from ca_ros.nodes.parameters import DECLARED
 from ca_ros.nodes.qos import STANDING, offered
+from ca_ros.process.deadline import Deadline
 
 LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
 

@@ -17,16 +17,16 @@ from rclpy.executors import SingleThreadedExecutor
 
 from ca_ros.bringup.agreement import check, combined
 from ca_ros.bringup.bag import Bag
-from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.bringup.options import foreign, options_as_parameters
-from ca_ros.bringup.processes import Processes
 from ca_ros.bringup.recorder import LINK_NAMES, Recorder
 from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.timeline import Timeline
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.flight.trajectory import Trajectory
+from ca_ros.process.deadline import Deadline
+from ca_ros.process.processes import Processes
 
 PROGRESS_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""

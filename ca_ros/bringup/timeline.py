@@ -12,13 +12,13 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from ca_ros.bringup.agreement import combined
-from ca_ros.bringup.deadline import Deadline
 from ca_ros.bringup.recorder import REQUEST_REPEAT, Recorder
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.process.deadline import Deadline
 from ca_ros.vehicle.values import per_rotor
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -14,12 +14,12 @@ import yaml
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.parameters import own_parameters
-from ca_ros.bringup.processes import start
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.record import Flight
 from ca_ros.nodes.parameters import PARAMETERS
+from ca_ros.process.processes import start
 
 ENDING = 30.0
 """Time that an interrupted flight has to end [s]."""

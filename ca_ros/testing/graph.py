@@ -16,7 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from ca_ros.bringup.deadline import Deadline
+from ca_ros.process.deadline import Deadline
 from ca_ros.testing.parameters import Parameters
 from ca_ros.testing.processes import DEADLINE, Processes
 

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, cast
 
 import psutil
 
-from ca_ros.bringup import processes
-from ca_ros.bringup.deadline import Deadline
+from ca_ros.process import processes
+from ca_ros.process.deadline import Deadline
 from ca_ros.testing.blocked_end import blocked, excuse
 from ca_ros.testing.domain import claim
 from ca_ros.testing.environment import SETTINGS, applied

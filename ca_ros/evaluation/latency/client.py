@@ -13,7 +13,6 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
-from ca_ros.bringup.deadline import Deadline
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.benchmark import loads
 from ca_ros.flight.gains import Gains
@@ -21,6 +20,7 @@ from ca_ros.nodes.messages import wrench_message
 from ca_ros.nodes.parameters import load
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH
+from ca_ros.process.deadline import Deadline
 from ca_ros.vehicle.parameters import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -19,8 +19,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from tqdm import tqdm
 
-from ca_ros.bringup.processes import Processes
 from ca_ros.evaluation.latency.client import COMMANDS, Client, LatencyError, flown
+from ca_ros.process.processes import Processes
 from ca_ros.vehicle.files import find
 
 MODULES = {'allocator': 'ca_ros.nodes.allocator', 'echo': 'ca_ros.evaluation.latency.echo'}
