@@ -1,7 +1,9 @@
+from copy import copy
 from glob import glob
 from runpy import run_path
 
 from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 
 package = 'ca_ros'
 commands = sorted(run_path(f'{package}/commands.py')['COMMANDS'])
@@ -35,6 +37,21 @@ kernels = [
     )
 ]
 
+
+
+class BuildKernels(build_ext):
+    """Compile the kernels side by side, each in a folder of its own: they share their files."""
+
+    def finalize_options(self):
+        super().finalize_options()
+        self.parallel = self.parallel or len(kernels)
+
+    def build_extension(self, ext):
+        one = copy(self)
+        one.build_temp = f'{self.build_temp}/{ext.name}'
+        build_ext.build_extension(one, ext)
+
+
 setup(
     name=package,
     version='0.1.0',
@@ -51,6 +68,7 @@ setup(
         ],
     },
     ext_modules=kernels,
+    cmdclass={'build_ext': BuildKernels},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
