@@ -9,7 +9,7 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.disturbance_observer import DisturbanceObserver
-from ca_ros.flight.rigid_body import rotation_matrix
+from ca_ros.flight.rigid_body import rotation_matrix, velocity_in_body
 from ca_ros.flight.waypoint import Waypoint
 from strategies import HEXAROTOR
 
@@ -106,8 +106,8 @@ def observed(gain, steps, step_ns, disturbance=(0.5, 0.0, 0.0), observer=None, s
     observer = observer or DisturbanceObserver(HEXAROTOR, gain)
     weight = np.array([0.0, 0.0, 9.81])
     velocity = VELOCITY.copy()
-    # It starts with a change of velocity.
-    observer.observe(start - step_ns, velocity + 0.5, np.zeros(3))
+    # It stands until it has moved for a while.
+    observer.observe(start - 1_000_000_000, velocity, np.zeros(3))
     for i in range(steps + 1):
         observer.observe(start + i * step_ns, velocity, np.zeros(3))
         observer.expect(weight, np.zeros(3), np.zeros(3))
@@ -124,7 +124,7 @@ def test_the_estimate_approaches_the_disturbance_exponentially():
 def test_a_torque_is_estimated_in_the_body_frame():
     # J domega/dt = d - omega x J omega, from the rates of a rigid body that spins.
     observer, omega = DisturbanceObserver(HEXAROTOR, 1.0), OMEGA.copy()
-    observer.observe(-1, np.ones(3), omega)
+    observer.observe(-1_000_000_000, np.ones(3), omega)
     torque, inertia = np.array([0.01, -0.02, 0.005]), HEXAROTOR.inertia
     for i in range(1000):
         observer.observe(i * 10_000_000, np.zeros(3), omega)
@@ -145,14 +145,75 @@ def test_a_vehicle_that_has_not_started_has_no_estimate():
     np.testing.assert_array_equal(controller.disturbances.estimate, 0.0)
 
 
-def test_a_repeated_state_changes_nothing_and_an_earlier_one_starts_again():
+def test_a_repeated_or_late_state_changes_nothing():
     observer = observed(1.0, 100, 10_000_000)
     before = observer.estimate.copy()
     assert before[0] > 0.3
-    observer.observe(1_000_000_000, 5.0 * VELOCITY, OMEGA)
-    np.testing.assert_array_equal(observer.estimate, before)
-    observer.observe(0, VELOCITY, OMEGA)
-    np.testing.assert_array_equal(observer.estimate, 0.0)
+    for late in (0, 10_000_000, 1_000_000_000):
+        observer.observe(1_000_000_000 - late, 5.0 * VELOCITY, OMEGA)
+        np.testing.assert_array_equal(observer.estimate, before)
+    assert observer.counts['late'] == 2
+
+
+@pytest.mark.parametrize('step', [-10_000_000_000, 10_000_000_000])
+def test_a_step_of_seconds_counts_once_the_next_state_confirms_it(step):
+    observer = observed(1.0, 100, 10_000_000)
+    before, last = observer.estimate.copy(), 1_000_000_000
+    velocity = VELOCITY + np.array([0.5, 0.0, 0.0])
+    for time in (last + step, last + 10_000_000, last + 20_000_000 + step):
+        observer.observe(time, velocity, np.zeros(3))
+        assert np.abs(observer.estimate - before).max() < 0.02
+    observer.observe(last + 30_000_000 + step, velocity, np.zeros(3))
+    assert observer.counts['step'] == 2
+    # Backwards another flight begins, forwards the same one continues.
+    assert observer.standing == (step < 0)
+    np.testing.assert_allclose(observer.estimate, 0.0 if step < 0 else before, atol=0.02)
+
+
+def test_states_that_overtake_each_other_leave_the_integral_action_on():
+    # Each state arrives up to 20 ms late, so after every other one there is an older one.
+    loop = case(1.0, *ERRORS['wind of 0.9 N'][0])
+    plant, controller, allocator = loop.plant(), loop.controller(), loop.allocator('exact')
+    rng, step = np.random.default_rng(0), plant.time_step_ns
+    arrivals, speeds = [], np.zeros(6)
+    for i in range(2000):
+        arrivals.append((i * step + rng.integers(20_000_000), i * step, plant.measured))
+        arrivals.sort(key=lambda each: each[0])
+        while arrivals and arrivals[0][0] <= i * step:
+            _, time, state = arrivals.pop(0)
+            speeds = allocator.allocate(controller.wrench(
+                state[:3], state[6:10], velocity_in_body(state), state[10:], WAYPOINT, time,
+            )).speeds
+        plant.step(speeds)
+    assert np.linalg.norm(plant.state[:3] - WAYPOINT.position) < 0.001
+    assert controller.disturbances.counts['late'] > 100
+
+
+@pytest.mark.parametrize('height', [-0.5, 1.0])
+def test_a_vehicle_that_has_landed_keeps_the_estimate_of_its_flight(height):
+    # In the air with k_f 10 % low, landing on z = 0, then motors off for 20 s while the waypoint
+    # stays below or above the ground.
+    loop = case(1.0, 'simulator.thrust_factor:=0.9', 'simulator.ground:=flat')
+    plant, controller, allocator = loop.plant(), loop.controller(), loop.allocator('exact')
+
+    def fly_on(seconds, goal, start, running=1.0):
+        for i in range(int(seconds * 100)):
+            state = plant.measured
+            plant.step(running * allocator.allocate(controller.wrench(
+                state[:3], state[6:10], velocity_in_body(state), state[10:],
+                Waypoint.of(0.0, 0.0, goal, 0.0), round(start * 1e9) + i * plant.time_step_ns,
+            )).speeds)
+
+    fly_on(10.0, 1.0, 0.0)
+    flown = controller.disturbances.estimate.copy()
+    assert flown[2] == pytest.approx(-0.1 * 9.81, rel=0.15)
+    fly_on(3.0, -1.0, 10.0)
+    assert plant.state[2] == 0.0
+    fly_on(20.0, height, 13.0, running=0.0)
+    assert abs(controller.disturbances.estimate[2] - flown[2]) < 0.1 * 9.81
+    assert controller.disturbances.standing
+    fly_on(8.0, 1.0, 33.0)
+    assert abs(plant.state[2] - 1.0) < 0.005
 
 
 @pytest.mark.parametrize('velocity', [1e12, -50.0, np.inf])

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.rigid_body import cross, inertia_of
+from ca_ros.flight.standing import Standing
 from ca_ros.vehicle.vehicle import Vehicle
 
 JUMP_MAX = np.repeat([1.0, 10.0], 3)
 """Greatest changes of velocity [m/s] and angular velocity [rad/s] between two states that the
 estimate uses: greater ones, as of a corrupted state, leave it as it is."""
 
-START = np.repeat(0.2, 6)
-"""Changes of velocity [m/s] and angular velocity [rad/s] with which a vehicle at rest starts."""
+RESTART = 2_000_000_000
+"""Step between the stamps of two states that is not a matter of reordering [ns]."""
+
+KEEP = 1.0
+"""A vehicle that stands gets back its estimate of this time [s], or twice this, before it came to
+rest."""
 
 
 class DisturbanceObserver:
@@ -24,8 +31,12 @@ class DisturbanceObserver:
     1 - exp(-L t) (De Luca and Mattone, Actuator failure detection and isolation using generalized
     momenta, ICRA 2003).  A controller that subtracts the estimate from its demand has integral
     action.  The wrench of the rotors is the attainable one, not the demand, so the estimate does
-    not wind up while the demand is unattainable.  It stays zero until the vehicle has started, so
-    it does not wind up while the motors do not run yet.
+    not wind up while the demand is unattainable.
+
+    While the vehicle stands (`ca_ros.flight.standing`), the estimate does not change; it is that
+    of the flight before.
+
+    States that arrive too late, after a newer one, are ignored.
 
     Parameters
     ----------
@@ -37,23 +48,36 @@ class DisturbanceObserver:
     ----------
     estimate : (6,) array
         Force in the world frame before torque in the body frame [N, N m].
+    counts : Counter
+        How many states were ignored as 'late', because of a 'step' of their stamps by seconds, or
+        because of a 'jump' of the velocity.
     """
 
     def __init__(self, vehicle: Vehicle, gain: float) -> None:
         self.gain = gain
-        self.estimate: Array = np.zeros(6)
+        self.counts: Counter[str] = Counter()
+        self._vehicle = vehicle
         self._mass, self._weight = vehicle.mass, vehicle.weight
         self._inertia = inertia_of(vehicle)
         self._jump_max = JUMP_MAX * np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
         self._time: int | None = None
-        self._at_rest: Array | None = None
-        self._expected = self._rate = np.zeros(6)
+        self._doubtful: int | None = None
+        self._expected = self._wrench = np.zeros(6)
+        self._standing, self._flown = Standing(vehicle), 0.0
+        self.estimate: Array = np.zeros(6)
+        self._before = self._latest = self.estimate
+
+    @property
+    def standing(self) -> bool:
+        """Whether the vehicle stands."""
+        return self._standing.standing
 
     def observe(self, time: int, velocity: Array, angular_velocity: Array) -> None:
         """Update the estimate with a new state.
 
-        A time for the second time changes nothing.  With an earlier time the estimate starts
-        again from zero.
+        A time for the second time, or a little earlier than the last one, changes nothing.  After
+        a step back of seconds, which the next state confirms, the estimate starts again from
+        zero; after a step forward it continues.
 
         Parameters
         ----------
@@ -64,24 +88,39 @@ class DisturbanceObserver:
         angular_velocity : (3,) array
             In the body frame [rad/s].
         """
-        if time == self._time:
-            return
-        motion = np.concatenate([velocity, angular_velocity])
         momentum = np.concatenate([self._mass * velocity, self._inertia @ angular_velocity])
-        if self._time is None or time < self._time:
-            self._at_rest = motion
-        if self._time is None or self._at_rest is not None:
-            self.estimate, self._expected = np.zeros(6), momentum
-            if self._at_rest is not None and (abs(motion - self._at_rest) > START).any():
-                self._at_rest = None
+        step = 0 if self._time is None else time - self._time
+        if self._time is not None and not 0 < step < RESTART:
+            confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
+            if abs(step) < RESTART or not confirmed:
+                if step:
+                    self.counts['late' if abs(step) < RESTART else 'step'] += 1
+                self._doubtful = time if abs(step) >= RESTART else self._doubtful
+                return
+            if step < 0:
+                self._standing, self._flown = Standing(self._vehicle), 0.0
+                self.estimate = self._before = self._latest = np.zeros(6)
+            self._resume(momentum)
         else:
-            expected = self._expected + (time - self._time) / 1e9 * self._rate
-            offset = self.estimate / self.gain
-            if (abs(momentum - expected - offset) <= self._jump_max).all():
-                self._expected, self.estimate = expected, self.gain * (momentum - expected)
-            else:
-                self._expected = momentum - offset
-        self._time = time
+            self._update(step / 1e9, momentum, np.concatenate([velocity, angular_velocity]))
+        self._time, self._doubtful = time, None
+
+    def _update(self, step: float, momentum: Array, motion: Array) -> None:
+        stood, expected = self.standing, self._expected
+        if not stood:
+            expected = expected + step * (self._wrench + self.estimate)
+        offset = momentum - expected - self.estimate / self.gain
+        if step and not (abs(offset) <= self._jump_max).all():
+            self.counts['jump'] += 1
+            self._resume(momentum)
+        elif self._standing.observe(step, motion, self._wrench) or stood:
+            self.estimate = self._before if not stood else self.estimate
+            self._resume(momentum)
+        else:
+            self._expected, self.estimate = expected, self.gain * (momentum - expected)
+            self._flown += step * (self._standing.still == 0.0)
+            if self._flown > KEEP:
+                self._before, self._latest, self._flown = self._latest, self.estimate, 0.0
 
     def expect(self, force: Array, torque: Array, angular_velocity: Array) -> None:
         """Set what the rotors do from this state on.
@@ -94,5 +133,9 @@ class DisturbanceObserver:
             In the body frame [N m, rad/s].
         """
         gyroscopic = cross(angular_velocity, self._inertia @ angular_velocity)
-        self._rate = np.concatenate([force, torque - gyroscopic]) + self.estimate
-        self._rate[2] -= self._weight
+        self._wrench = np.concatenate([force, torque - gyroscopic])
+        self._wrench[2] -= self._weight
+
+    def _resume(self, momentum: Array) -> None:
+        """Continue from a momentum with the estimate as it is."""
+        self._expected = momentum - self.estimate / self.gain
