@@ -1,4 +1,4 @@
-"""The example of a user's own method in docs/reproduction.md."""
+"""The example of a user's own method in docs/own_method.md."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.nodes.parameters import load
 from strategies import HEXAROTOR
 
-PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'reproduction.md'
+PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'own_method.md'
 OWN = 'my_methods:Scaled'
 RESERVE = 'allocation.Scaled.reserve'
 

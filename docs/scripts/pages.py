@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ca_ros.evaluation.tables import table
 from ca_ros.vehicle.files import config_directory
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -30,6 +32,21 @@ def fill(name: str, **contents: str) -> None:
     for mark, content in contents.items():
         text = filled(text, mark.replace('_', ' '), content)
     page.write_text(text, encoding='utf-8')
+
+
+def telling(
+    name: str,
+    titles: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    shown: Callable[[Sequence[str]], bool],
+    words: int = 1,
+) -> str:
+    """Return the table of the rows that a page shows; write the table of all to `out/NAME.md`."""
+    folder = DOCS.parent / 'out'
+    folder.mkdir(exist_ok=True)
+    whole = table(titles, rows, words=words)
+    (folder / f'{name}.md').write_text(f'{whole}\n', encoding='utf-8')
+    return table(titles, [row for row in rows if shown(row)], words=words)
 
 
 def shipped() -> list[str]:
