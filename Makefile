@@ -48,11 +48,12 @@ workers = $(shell expr 2 '*' $$(nproc))
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600
 
-.PHONY: help demo test soak benchmark readme docs venv clean
+.PHONY: help demo test test-all soak benchmark readme docs venv clean
 
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
-	@echo 'make test       lint, types and tests'
+	@echo 'make test       lint, types and tests, in some minutes'
+	@echo 'make test-all   the same tests in their long forms, and those that take long'
 	@echo 'make benchmark  time everything beside other solvers, for minutes; fills docs/performance.md'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
@@ -68,6 +69,9 @@ test: .venv/.test
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m mypy
 	.venv/bin/python -m pytest --numprocesses $(workers) --dist worksteal
+
+test-all: export CA_ROS_LONG = 1
+test-all: test
 
 benchmark: .venv/.benchmark
 	.venv/bin/benchmark --out out/benchmark

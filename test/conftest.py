@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-import strategies  # noqa: F401 - for Hypothesis' profile, where nothing else imports it
+from strategies import LONG  # and Hypothesis' profile, where nothing else imports it
 
 # Before rclpy and the messages are imported, which read some of it only then.
 os.environ |= {
@@ -29,9 +29,13 @@ def _logs(tmp_path_factory):
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Mark the tests that start nodes of their own, or wait for their diagnoses, as slow."""
+def pytest_collection_modifyitems(config, items):
+    """Mark what starts nodes as slow; leave out what is long, but in `make test-all`."""
     for item in items:
         if {'graph', 'nodes'} & {*item.fixturenames} and not item.get_closest_marker('slow'):
             item.add_marker('nodes')
             item.add_marker('slow')
+    if not LONG:
+        long = [item for item in items if item.get_closest_marker('long')]
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if item not in long]

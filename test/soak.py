@@ -1,7 +1,7 @@
 """The long run: `make soak SOAK=600`, or `python test/soak.py --seconds 600`.
 
-First `endurance.py`, then the tests in `SERIES` in their long forms.  The figures end in a table
-and in soak.json.  The lengths in `SERIES` can be set in the environment, too.
+First `endurance.py`, then other tests in their longest forms.  The figures end in a table and in
+soak.json.
 """
 
 import argparse
@@ -17,19 +17,8 @@ import pytest
 
 HERE = Path(__file__).parent
 
-SERIES = {
-    'test_fuzz.py': {'CA_ROS_FUZZ': '10000'},
-    'test_flood.py': {'CA_ROS_FLOOD': '12'},
-    'test_watchdog.py': {'CA_ROS_TIMEOUTS': '150'},
-    'test_end.py': {'CA_ROS_ENDS': '50'},
-    'test_kill.py': {'CA_ROS_KILLS': '50'},
-    'test_fault_proxy.py': {'CA_ROS_LEGS': 'all'},
-    'test_kernel.py': {'CA_ROS_VEHICLES': '1000'},
-    'test_preference.py': {'CA_ROS_PROBLEMS': '1000'},
-    'test_problem.py': {'CA_ROS_PROBLEMS': '1000'},
-    'test_kernel_c.py': {'CA_ROS_HOSTILE': '1000000'},
-}
-"""Files of tests, and how long they are to be."""
+SERIES = ('endurance', 'test_fuzz', 'test_flood', 'test_watchdog', 'test_end', 'test_kill',
+          'test_fault_proxy', 'test_kernel', 'test_preference', 'test_problem', 'test_kernel_c')
 
 
 class Figures:
@@ -54,13 +43,9 @@ def main():
     parser.add_argument('--seconds', type=float, default=600.0, help='at 500 Hz (default: 600)')
     parser.add_argument('--out', type=Path, default=HERE.parent / 'out' / 'soak', metavar='DIR')
     arguments = parser.parse_args()
-    lengths = {'CA_ROS_SOAK': str(arguments.seconds)}
-    for length in SERIES.values():
-        lengths |= length
     # Read when the tests are imported.
-    os.environ |= {**lengths, **{key: os.environ[key] for key in lengths if key in os.environ}}
-    os.environ['CA_ROS_SOAK'] = str(arguments.seconds)
-    files = [str(HERE / name) for name in ('endurance.py', *SERIES)]
+    os.environ |= {'CA_ROS_LONG': 'soak', 'CA_ROS_SOAK': str(arguments.seconds)}
+    files = [str(HERE / f'{name}.py') for name in SERIES]
     figures = Figures()
     code = pytest.main(['-q', '-p', 'no:cacheprovider', *files], plugins=[figures])
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -69,7 +54,7 @@ def main():
         'machine': f'{platform.machine()}, {os.cpu_count()} processors',
         'python': platform.python_version(),
         'versions': {name: version(name) for name in ('ca_ros', 'numpy')},
-        'lengths': {key: os.environ[key] for key in lengths},
+        'seconds': arguments.seconds,
         'tests': figures.tests,
     }
     (arguments.out / 'soak.json').write_text(json.dumps(results, indent=2) + '\n')

@@ -1,4 +1,6 @@
-"""What the tests share: vehicles, demands, and linear programs as oracles."""
+"""What the tests share: lengths, vehicles, demands, and linear programs as oracles."""
+
+import os
 
 import numpy as np
 import pytest
@@ -15,6 +17,16 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
     phases=[Phase.explicit, Phase.generate, Phase.shrink])
 settings.load_profile('ca_ros')
+
+
+LONG = os.environ.get('CA_ROS_LONG', '')
+
+
+def length(short, long, soak=None):
+    """Return how long a test is to be in `make test`, in `make test-all` and in `make soak`."""
+    if LONG == 'soak':
+        return soak or long
+    return long if LONG else short
 
 
 def solver(name):
@@ -109,6 +121,9 @@ FLEET = {
         ring(6), 'PNPNPN', {'allocation.axes': list(AXES)},
         axes=np.ravel(tilted_axes(6, np.radians(30.0))).tolist()),
 }
+
+SOME = length(['quadrotor', 'asymmetric', 'x8_identical_columns', 'tilted_hexarotor'], [*FLEET])
+"""Names of a square problem, one with rotors unlike each other, with equal ones, with six axes."""
 
 
 def unaudited(method, vehicle, **options):

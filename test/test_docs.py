@@ -14,6 +14,7 @@ import pytest
 from ca_ros.commands import NODES
 from ca_ros.nodes.topics import TOPICS
 from ca_ros.testing import executable
+from strategies import LONG
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(
@@ -29,8 +30,6 @@ NOT_HERE = {
     'run by .ci/run': 'no more: .ci/run does it, in a fresh clone',
 }
 """Marks of blocks that are not run here, and what they would need."""
-
-LONG = bool(os.environ.get('CA_ROS_LONG'))
 
 SHORT = {
     'benchmark': '--samples 10 "$@"',

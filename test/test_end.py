@@ -1,9 +1,5 @@
-"""The allocator's end, of whatever kind: its last word reaches the motors.
+"""The allocator's end, of whatever kind: its last word reaches the motors."""
 
-CA_ROS_ENDS says how many allocators each signal ends (default 2).
-"""
-
-import os
 import signal
 import subprocess
 import sys
@@ -16,8 +12,11 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.testing import BEST_EFFORT, RELIABLE, Graph, executable, wrench
+from strategies import length
 
-ENDS = int(os.environ.get('CA_ROS_ENDS', '2'))
+ENDS = length(1, 2, 50)
+"""How many allocators each signal ends."""
+
 AT_ONCE = 5
 """So many allocators run side by side."""
 

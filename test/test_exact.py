@@ -1,16 +1,15 @@
 """The exact allocator: Gamma f = u to rounding, bounds to the last bit, least norm."""
 
-import os
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Status, control_allocation_matrix
-from strategies import FLEET, build, middle, random_vehicle, ring, solver
+from strategies import FLEET, SOME, build, length, middle, random_vehicle, ring, solver
 from strategies import unaudited as make_allocator
 
-VEHICLES = int(os.environ.get('CA_ROS_VEHICLES', '150'))
+VEHICLES = length(15, 150, 1000)
 HARD = (238, 247, 420, 833, 874, 919, 929, 944, 983)
 """Vehicles whose edges or near-singular active sets have defeated a solver."""
 
@@ -113,7 +112,7 @@ def check(vehicle, allocator, kind, u):
         assert figures['oracles'] > 0, 'no other solver has an answer to compare with'
 
 
-@pytest.mark.parametrize('name', FLEET)
+@pytest.mark.parametrize('name', SOME)
 def test_exact_in_and_around_the_boundary_of_any_named_vehicle(name):
     vehicle, rng = FLEET[name], np.random.default_rng(0)
     allocator = make_allocator('exact', vehicle)
@@ -228,7 +227,7 @@ def test_a_start_at_the_answer_of_osqp_ends_at_the_same_thrusts(name):
 
 # The certificate
 
-@pytest.mark.parametrize('name', FLEET)
+@pytest.mark.parametrize('name', SOME)
 def test_the_certificate_proves_the_answer(name):
     vehicle, rng = FLEET[name], np.random.default_rng(4)
     gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
@@ -249,7 +248,7 @@ def test_the_certificate_proves_the_answer(name):
             assert proof.margin == pytest.approx(admissible.margin(u), abs=1e-12)
 
 
-@pytest.mark.parametrize('name', FLEET)
+@pytest.mark.parametrize('name', SOME)
 def test_the_certificate_names_the_nearest_facet_by_its_rotors(name):
     # With the named rotors at their bounds, the others span a plane at the distance of the margin.
     vehicle, rng = FLEET[name], np.random.default_rng(5)
@@ -317,7 +316,7 @@ def jumps(vehicle, size, **options):
 
 
 NAMES = ['octorotor', 'octorotor at 13 degrees', 'x8', 'y6', 'lifter']
-JUMPS = int(os.environ.get('CA_ROS_JUMPS', '60'))
+JUMPS = length(20, 60)
 
 
 @pytest.mark.parametrize('digits', range(3, 16))

@@ -1,10 +1,6 @@
-"""The fault proxy node, a process of its own: what it passes on, and flights through it.
-
-With CA_ROS_LEGS set there is a flight through each kind of fault, otherwise through three.
-"""
+"""The fault proxy node, a process of its own: what it passes on, and flights through it."""
 
 import math
-import os
 import re
 
 import numpy as np
@@ -17,6 +13,7 @@ from ca_ros.bringup.fault_proxy import PREFIX, remaps
 from ca_ros.bringup.link_faults import FAULTS, LINK_CORRUPTIONS, Faults, corrupted
 from ca_ros.testing import BEST_EFFORT, DEADLINE, Graph, six, wrench
 from load import fly_in_real_time
+from strategies import LONG
 from test_bringup import fly_offline
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)
@@ -195,7 +192,7 @@ LEGS = {
 """On each of the four links, so that 30 % leaves a quarter of the loop's answers; but the delay on
 one: 20 ms on each would be 60 ms in the loop, with which the controller's gains are not stable."""
 
-if 'CA_ROS_LEGS' not in os.environ:
+if LONG != 'soak':
     # What drops is flown through by bringup, below.
     LEGS = {name: LEGS[name] for name in ('delay 20 ms in the loop', 'corrupt 1 %')}
 

@@ -1,9 +1,5 @@
-"""A flood of messages does not make a node deaf.
+"""A flood of messages does not make a node deaf."""
 
-CA_ROS_FLOOD says for how many seconds each flood lasts (default 2).
-"""
-
-import os
 import signal
 import time
 
@@ -12,9 +8,11 @@ from rcl_interfaces.srv import GetParameters
 
 from ca_ros.testing import Diagnostics, counts
 from load import start_flood
+from strategies import length
 from test_watchdog import STALL, stood_still
 
-SECONDS = float(os.environ.get('CA_ROS_FLOOD', '2'))
+SECONDS = length(1.0, 2.0, 12.0)
+"""How long each flood lasts."""
 
 ANSWERED = 1.0
 """Within this time a service must answer [s]."""

@@ -1,11 +1,7 @@
-"""What no sound sender would send: nothing unsound goes out, and the next good command is served.
-
-CA_ROS_FUZZ says how many messages each node gets (default 500).
-"""
+"""What no sound sender would send: nothing unsound goes out, the next good command is served."""
 
 import itertools
 import math
-import os
 import signal
 import time
 from collections import Counter
@@ -21,11 +17,14 @@ import test_node_simulator
 from ca_ros import AdmissibleSet
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.testing import Diagnostics, counts, six, wrench
+from strategies import length
 from test_node_allocator import HOVER, some_wrenches, twin
 from test_node_controller import LAW, REST, WAYPOINT, expected, pose_message, velocity_message
 from test_node_simulator import BODY, STEP, nanoseconds, published, state_array
 
-FUZZ = int(os.environ.get('CA_ROS_FUZZ', '500'))
+FUZZ = length(200, 500, 10_000)
+"""So many messages each node gets."""
+
 BATCH = 50
 """So many bad messages are sent between two good ones."""
 

@@ -1,10 +1,6 @@
-"""Nodes that are killed in flight with kill -9: bringup brings them back, and the flight goes on.
-
-CA_ROS_KILLS says how often each node is killed (default 1).
-"""
+"""Nodes that are killed in flight with kill -9: bringup brings them back, the flight goes on."""
 
 import math
-import os
 import signal
 import sys
 import time
@@ -20,9 +16,12 @@ from ca_ros.commands import NODES
 from ca_ros.process.processes import Processes
 from ca_ros.testing import DEADLINE, Graph
 from load import fly_in_real_time
+from strategies import length
 from test_bringup import fly_offline
 
-KILLS = int(os.environ.get('CA_ROS_KILLS', '1'))
+KILLS = length(1, 1, 50)
+"""So often each node is killed."""
+
 IDLE = 40.0
 """Of each rotor [rad/s]."""
 

@@ -25,7 +25,7 @@ from ca_ros.flight.rigid_body import (
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.vehicle.files import shipped_vehicles
-from strategies import FLEET, build, ring
+from strategies import FLEET, build, length, ring
 from test_bringup import read
 
 mujoco = pytest.importorskip('mujoco')
@@ -100,12 +100,7 @@ def fly_offline(name, duration, kind=lambda rigid: rigid, **simulator):
         Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0)), duration)
 
 
-long = pytest.mark.skipif(
-    'CA_ROS_LONG' not in os.environ, reason='minutes; CA_ROS_LONG=1 runs it')
-
-
-@pytest.mark.parametrize('name', [
-    each if each == 'hexarotor' else pytest.param(each, marks=long) for each in SHIPPED])
+@pytest.mark.parametrize('name', length(['hexarotor'], SHIPPED))
 def test_flights_differ_by_the_errors_of_the_integrators(name):
     flight = fly_offline(name, 12.0, MujocoBody)
     assert np.linalg.norm(flight.position[-1] - 1.0) < 1e-3
@@ -183,7 +178,7 @@ def test_a_flight_is_rendered_without_a_display(tmp_path):
     assert orange[1] > 200
 
 
-@long
+@pytest.mark.long
 @pytest.mark.parametrize('name', SHIPPED)
 def test_each_shipped_vehicle_reaches_its_waypoint_faster_than_in_real_time(graph, tmp_path, name):
     out, flight = fly(graph, tmp_path, '--vehicle', name)

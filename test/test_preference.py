@@ -1,6 +1,5 @@
 """Weights and preferred thrusts, and the kernel for four axes, against independent solvers."""
 
-import os
 import pickle
 from dataclasses import replace
 
@@ -10,12 +9,13 @@ import pytest
 from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
 from ca_ros.kernel import load
+from strategies import length
 
 daqp = pytest.importorskip('daqp', reason='rosdep does not know it')
 quadprog = pytest.importorskip('quadprog', reason='rosdep does not know it')
 
-PROBLEMS = int(os.environ.get('CA_ROS_PROBLEMS', '60'))
-"""How many random problems; 1000 in `make soak`."""
+PROBLEMS = length(15, 60, 1000)
+"""How many random problems."""
 
 pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')
 

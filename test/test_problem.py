@@ -1,6 +1,5 @@
 """Problems without a vehicle: any matrix, bounds of any sign, any names."""
 
-import os
 import re
 
 import numpy as np
@@ -17,9 +16,10 @@ from ca_ros import (
     make_allocator,
 )
 from ca_ros.problem.problem import lengths
+from strategies import length
 
-PROBLEMS = int(os.environ.get('CA_ROS_PROBLEMS', '60'))
-"""How many random problems; 1000 in `make soak`."""
+PROBLEMS = length(15, 60, 1000)
+"""How many random problems."""
 
 ELEVONS = AllocationProblem(
     [[-2.0, 2.0], [-1.0, -1.0]], -0.5, 0.5,

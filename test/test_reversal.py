@@ -1,6 +1,5 @@
 """No axis is reversed, exceeded or moved without demand where a lesser quantity can pay."""
 
-import os
 from itertools import product
 from pathlib import Path
 
@@ -14,10 +13,10 @@ from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.nodes.parameters import load
 from ca_ros.vehicle.files import config_directory
-from strategies import PARAMETERS, extreme
+from strategies import PARAMETERS, extreme, length
 
-WRENCHES = int(os.environ.get('CA_ROS_WRENCHES', '1000'))
-JUDGED = int(os.environ.get('CA_ROS_JUDGED', '25'))
+WRENCHES = length(200, 1000)
+JUDGED = length(10, 25)
 """How many of the reversed ones are judged by a linear program."""
 
 SHIPPED = sorted(file.stem for file in config_directory().glob('*.yaml'))

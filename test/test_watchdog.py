@@ -1,7 +1,4 @@
-"""Commands that cease, in the allocator and in the simulator.
-
-CA_ROS_TIMEOUTS says how many times in a row each watchdog has to be in time (default 6).
-"""
+"""Commands that cease, in the allocator and in the simulator."""
 
 import math
 import os
@@ -27,9 +24,11 @@ from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.testing import Diagnostics, counts, wrench
 from ca_ros.vehicle.parameters import AXES
 from load import start_flood
-from strategies import PARAMETERS, ring
+from strategies import PARAMETERS, length, ring
 
-TIMEOUTS = int(os.environ.get('CA_ROS_TIMEOUTS', '6'))
+TIMEOUTS = length(3, 6, 150)
+"""So many times in a row each watchdog has to be in time."""
+
 TIMEOUT = 0.05
 """[s]"""
 
