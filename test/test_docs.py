@@ -25,6 +25,7 @@ NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
     'needs PX4': 'PX4, its simulation and px4_msgs (docs/px4.md, "What was not run")',
     'needs hardware': 'a vehicle',
+    'needs the log': 'pyulog and a log of its repository',
     'needs MuJoCo': 'MuJoCo; test_mujoco.py flies and renders where it is installed',
     'long': 'minutes; CA_ROS_LONG=1 runs them',
     'run by .ci/run': 'no more: .ci/run does it, in a fresh clone',

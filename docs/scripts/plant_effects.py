@@ -9,7 +9,7 @@ from functools import partial
 from math import inf
 
 import numpy as np
-from pages import fill, shipped
+from pages import fill, shipped, telling
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
@@ -37,6 +37,9 @@ LIMITS: dict[str, Effects] = {
     'delay with a lag of 50 ms': lambda ms: {'command_delay': ms, 'motor_time_constant': 50},
 }
 """Parameters of the simulator [ms] for each of the limits."""
+
+SHOWN = '`hexarotor`', '`hexarotor_tilted`'
+"""The vehicles on the page."""
 
 LONGEST = 512
 """A time that no vehicle tolerates [ms]."""
@@ -92,7 +95,8 @@ def limits_table() -> str:
             found = [limit(partial(tolerates, vehicle, gain, effects)) for gain in GAINS]
             cells.append(' / '.join(map(str, found)))
         rows.append((f'`{vehicle}`', *cells))
-    return table(('vehicle', *(f'{name} [ms]' for name in LIMITS)), rows)
+    titles = ('vehicle', *(f'{name} [ms]' for name in LIMITS))
+    return telling('limits', titles, rows, lambda row: row[0] in SHOWN)
 
 
 def offsets_table() -> str:
