@@ -22,6 +22,9 @@ unexport LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 endif
 
+# uv leaves it to the first import to compile a module: that is to be kept.
+unexport PYTHONDONTWRITEBYTECODE
+
 # A .venv is valid for one kind of ROS, one Python and one folder.
 version := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
 kind := $(or $(ROS_DISTRO),wheels)-$(version)-$(firstword $(shell pwd | cksum))

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 
 import pytest
 
@@ -16,6 +17,10 @@ os.environ |= {
     'CA_ROS_TEST_DEADLINE': '240',
 }
 
+
+# Otherwise each process of the tests compiles all that it imports, if the installer has not.
+os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
+sys.dont_write_bytecode = False
 
 # What nohup or a shell in the background ignores, the processes of the tests would ignore, too.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
