@@ -1,4 +1,4 @@
-"""The executor: a response that cannot be sent is logged, and the node goes on."""
+"""The executor: responses that cannot be sent, and the clients of its nodes."""
 
 import warnings
 
@@ -48,3 +48,33 @@ def test_a_response_that_comes_too_late_is_logged(graph, capfd):
     err = capfd.readouterr().err
     assert err.count('late: failed to send response (timeout)') == 1
     assert 'Warning:' not in err
+
+
+def test_clients_of_its_nodes_get_answers(graph):
+    context, executor = graph.node.context, Executor(context=graph.node.context)
+    server, node = (
+        rclpy.create_node(name, context=context, start_parameter_services=False)
+        for name in ('server', 'client'))
+    server.create_service(GetParameters, 'asked', lambda request, response: response)
+    client = node.create_client(GetParameters, 'asked')
+    called = []
+    for each in (server, node):
+        executor.add_node(each)
+    limit = Deadline(DEADLINE)
+    while not client.service_is_ready():
+        assert not limit.passed()
+        executor.spin_once(timeout_sec=0.01)
+    futures = [client.call_async(GetParameters.Request()) for _ in range(3)]
+    client.remove_pending_request(futures[0])
+    for future in futures:
+        future.add_done_callback(called.append)
+    executor.spin_until_future_complete(futures[1], timeout_sec=DEADLINE)
+    assert isinstance(futures[1].result(), GetParameters.Response)
+    rclpy.spin_until_future_complete(node, futures[2], executor)
+    assert called == futures[1:]
+    # Nobody answers this one.
+    executor.spin_until_future_complete(futures[0], timeout_sec=0.05)
+    assert not futures[0].done()
+    executor.shutdown()
+    for each in (server, node):
+        each.destroy_node()

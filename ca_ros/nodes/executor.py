@@ -8,6 +8,7 @@ from typing import Any
 
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy import executors
+from rclpy.client import Client
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -15,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.service import Service
 from rclpy.subscription import Subscription
-from rclpy.task import Task
+from rclpy.task import Future, Task
 from rclpy.time import Time
 from rclpy.timer import Timer
 from rclpy.utilities import timeout_sec_to_nsec
@@ -41,15 +42,16 @@ CONVERSIONS: dict[type, Callable[[Any], object]] = {
 class Executor(executors.Executor):
     """Serves everything that is ready once a turn, in one thread, with one wait set.
 
-    Each turn serves one message of each subscription, the timers, the events and one request of
-    each service, in this order.  A flood of messages therefore delays a service by one turn only,
-    and a timer runs after the messages that arrived before it was due.
+    Each turn serves one message of each subscription, the timers, the events, one request of each
+    service and one response of each client, in this order.  A flood of messages therefore delays a
+    service by one turn only, and a timer runs after the messages that arrived before it was due.
 
     rclpy's SingleThreadedExecutor builds a wait set and a task for each callback, which takes
     longer than the callback of a command.  Its EventsExecutor queues an event for each message,
     also for messages that newer ones have replaced, and needs minutes to recover from a flood.
 
-    Clients, guard conditions and coroutines of nodes are not served.
+    Coroutines and the guard conditions of nodes are not served: a callback is a function, and the
+    done callbacks of futures are called at once.
 
     Parameters
     ----------
@@ -64,6 +66,7 @@ class Executor(executors.Executor):
         self._subscriptions: list[tuple[Node, Subscription]] = []
         self._timers: list[Timer] = []
         self._services: list[tuple[Node, Service]] = []
+        self._clients: list[Client] = []
         self._waitables: list[Waitable] = []
 
     def add_node(self, node: Node) -> bool:
@@ -85,6 +88,13 @@ class Executor(executors.Executor):
         """Wait at most the timeout [s] until something is ready, and serve all that is ready."""
         self._turn(timeout_sec, everything=True)
 
+    def spin_once_until_future_complete(
+        self, future: Future, timeout_sec: float | executors.TimeoutObject | None = None
+    ) -> None:
+        """Serve one turn; `spin_until_future_complete` calls this until the future is done."""
+        limited = isinstance(timeout_sec, executors.TimeoutObject)
+        self.spin_once(timeout_sec.timeout if limited else timeout_sec)
+
     def spin_streams(self, timeout_sec: float | None = None) -> None:
         """Serve only subscriptions and timers; the callback of a service may call this."""
         self._turn(timeout_sec, everything=False)
@@ -103,6 +113,9 @@ class Executor(executors.Executor):
         services = self._services if everything else []
         for _, service in services:
             wait_set.add_service(service.handle)
+        clients = self._clients if everything else []
+        for client in clients:
+            wait_set.add_client(client.handle)
         waitables = self._waitables if everything else []
         for waitable in waitables:
             waitable.add_to_wait_set(wait_set)
@@ -112,6 +125,7 @@ class Executor(executors.Executor):
         self._changed |= ready('guard_condition', 0)
         subscriptions = [s for i, s in enumerate(self._subscriptions) if ready('subscription', i)]
         services = [service for i, service in enumerate(services) if ready('service', i)]
+        clients = [client for i, client in enumerate(clients) if ready('client', i)]
         waitables = [waitable for waitable in waitables if waitable.is_ready(wait_set)]
         for node, subscription in subscriptions:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
@@ -137,12 +151,17 @@ class Executor(executors.Executor):
                     service.send_response(response, header)
                 if late:
                     # The client has not been discovered or has ended; a client may ask again.
-                    # rclpy throttles each line of code for itself.
-                    node.get_logger().warning(
-                        f'{service.srv_name}: {late[0].message}',
-                        throttle_duration_sec=1.0,
-                        throttle_time_source_type=self._steady,
-                    )
+                    self._warn(node, f'{service.srv_name}: {late[0].message}')
+        for client in clients:
+            header, response = client.handle.take_response(client.srv_type.Response)
+            if header is None:
+                continue
+            try:
+                future = client.get_pending_request(header.request_id.sequence_number)
+            except KeyError:
+                # The request was given up.
+                continue
+            future.set_result(response)
 
     def _convertible(self, node: Node, kind: Any, message: Any) -> bool:
         """Return whether rclpy can convert a message or request; log it if not."""
@@ -166,12 +185,13 @@ class Executor(executors.Executor):
         self._subscriptions = [(node, x) for node in nodes for x in node.subscriptions]
         self._timers = [x for node in nodes for x in node.timers]
         self._services = [(node, x) for node in nodes for x in node.services]
+        self._clients = [x for node in nodes for x in node.clients]
         self._waitables = [x for node in nodes for x in node.waitables]
         self._wait_set = WaitSet(
             len(self._subscriptions),
             1,
             len(self._timers),
-            0,
+            len(self._clients),
             len(self._services),
             sum(waitable.get_num_entities().num_events for waitable in self._waitables),
             self.context.handle,
