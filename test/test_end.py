@@ -165,7 +165,7 @@ sys.exit(allocator.run('broken', Broken, ''))
 BUGS = {
     'a command': ('_serve', 'arguments[0].wrench[2] == 30.0'),
     'a timer': ('watch', 'True'),
-    'a parameter': ('build', 'True'),
+    'a parameter': ('adopt', 'True'),
 }
 
 

@@ -1,17 +1,25 @@
 """The allocator node, a process of its own, over DDS."""
 
 import math
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.options import options_from_parameters
+from ca_ros.nodes import topics
+from ca_ros.nodes.messages import read_wrench
 from ca_ros.nodes.parameters import ALLOCATOR, load
+from ca_ros.nodes.stream import STALL_MIN, Stalls, subscribe
 from ca_ros.problem.audit import audit
 from ca_ros.testing import BEST_EFFORT, RELIABLE, Graph, six, wrench
 from ca_ros.vehicle.parameters import AXES
@@ -240,6 +248,103 @@ def test_what_is_built_in_is_read_only(client):
     results = client.parameters.set(dict(zip(fixed, client.parameters.get(*fixed), strict=True)))
     assert [result.reason for result in results if result.successful] == []
     assert all('read-only' in result.reason for result in results)
+
+
+# Faults of a method, and stalls
+
+OWN = """
+from pathlib import Path
+from time import sleep
+
+from ca_ros.allocation import PseudoInverse
+
+
+class Own(PseudoInverse):
+    def __init__(self, vehicle):
+        super().__init__(vehicle)
+        health = self.problem.vehicle.health[0]
+        if health == 0.5:
+            raise RuntimeError('no such vehicle')
+        while health == 0.75 and not Path('ready').exists():
+            sleep(0.01)
+
+    def _allocate(self, u):
+        if u[0] == 0.0:
+            raise ZeroDivisionError('no thrust')
+        return super()._allocate(u) if u[0] < 1e3 else None
+"""
+
+
+def test_a_fault_of_a_method_costs_one_command_and_its_construction_none(graph, tmp_path):
+    (tmp_path / 'own.py').write_text(OWN)
+    graph.start(
+        'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'allocation.method:=own:Own',
+        cwd=tmp_path)
+    client = Client(graph)
+    client.twin = twin('pseudo_inverse')
+    # Also if the method answers no command at all, or not with an allocation.
+    for thrust in (0.0, 1e4):
+        failing = graph.node.create_timer(0.01, lambda thrust=thrust: client.command.publish(
+            wrench(thrust)))
+        graph.spin_until(
+            lambda: client.speeds and client.speeds[-1].data.tolist() == [40.0] * 6
+            and client.diagnostics
+            and client.diagnostics[-1].status[0].message.startswith(
+                'only commands that the method fails to answer: idle'), 'the timeout action')
+        failing.cancel()
+        assert client.ask(HOVER).tobytes() == client.expected.speeds.tobytes()
+    graph.spin_until(
+        lambda: any('dropped: answer' in {pair.key for pair in array.status[0].values}
+                    for array in client.diagnostics), 'the count')
+    [result] = client.parameters.set({'rotors.health': 0.5})
+    assert (result.successful, result.reason) == (False, 'RuntimeError: no such vehicle')
+    # The old method serves while the new one is built.
+    change = graph.node.create_client(SetParameters, '/allocator/set_parameters')
+    graph.spin_until(change.service_is_ready, 'the service')
+    future = change.call_async(SetParameters.Request(
+        parameters=[Parameter('rotors.health', value=0.75).to_parameter_msg()]))
+    for _ in range(20):
+        assert client.ask(HOVER).tobytes() == client.expected.speeds.tobytes()
+        time.sleep(0.01)
+    assert not future.done()
+    (tmp_path / 'ready').touch()
+    graph.spin_until(future.done, 'the new method')
+    [result] = future.result().results
+    assert result.successful, result.reason
+    client.twin = twin('pseudo_inverse', 0.75)
+    assert client.ask(HOVER).tobytes() == client.expected.speeds.tobytes()
+
+
+def test_after_a_stall_only_the_newest_of_what_waits_is_received(graph):
+    publisher = graph.publisher(WrenchStamped, 'command/wrench')
+    received, counts, stalls = [], Counter(), Stalls()
+    stream = subscribe(
+        graph.node, topics.WRENCH, 'realtime', lambda command: received.append(command.sec),
+        read_wrench, lambda *_: None, counts, stalls)
+    graph.spin_until(stream.get_publisher_count, 'matched')
+
+    def arrive():
+        """As the middleware hands over what the kernel has kept: while the node takes it."""
+        for second in (1, 2, 3):
+            publisher.publish(wrench(HOVER, second * 10**9))
+            time.sleep(0.005)
+
+    for second in (1, 2):
+        stalls.look()
+        publisher.publish(wrench(HOVER, second * 10**9))
+        graph.spin_until(lambda second=second: received == [*range(1, second + 1)], 'each')
+    # Where the machine stalls, too, the newest may arrive too late.
+    for _ in range(5):
+        received.clear()
+        time.sleep(1.5 * STALL_MIN)
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(arrive)
+            graph.spin_until(lambda: received[-1:] == [3], 'the newest')
+        if received == [3]:
+            break
+    assert received == [3]
+    # They count as those that a newer one has replaced.
+    assert counts['lost: command/wrench'] >= 2
 
 
 # Names and quality of service

@@ -6,7 +6,8 @@ from collections import Counter
 from importlib.util import find_spec
 from math import inf
 from time import monotonic, perf_counter_ns, sleep
-from typing import Any, cast
+from traceback import format_exc
+from typing import Any
 
 import numpy as np
 from rclpy.duration import Duration
@@ -58,7 +59,7 @@ class AllocatorNode(VehicleNode):
         self._answer: Allocation | None = None
         self._answers: Counter[Status] = Counter()
         self._newest = 0
-        self._rejected = -inf
+        self._refused = -inf, ''
         self._last: Array = np.zeros(1)
         self._latencies = Latencies()
 
@@ -115,7 +116,7 @@ class AllocatorNode(VehicleNode):
         """Return the levels of the diagnostics with their messages."""
         if self._answer is None:
             return [*super().levels(), (STALE, 'no command yet')]
-        status = cast(Status, self._answer.status)
+        status = Status(self._answer.status)
         return [*super().levels(), (OK if status is Status.EXACT else WARN, status.name)]
 
     def values(self) -> dict[str, object]:
@@ -133,8 +134,8 @@ class AllocatorNode(VehicleNode):
     @property
     def missing(self) -> str:
         """What the logs and diagnostics say is missing."""
-        rejected = monotonic() - self._rejected <= self._watchdog.timeout
-        return 'only rejected commands' if rejected else super().missing
+        time, why = self._refused
+        return why if monotonic() - time <= self._watchdog.timeout else super().missing
 
     def close(self) -> None:
         """Command idle, or stop if that is the timeout action."""
@@ -153,19 +154,20 @@ class AllocatorNode(VehicleNode):
         if fault := self._fault(wrench, command.frame, time):
             self.drop(*fault)
             return
-        answer = self.method.allocate([wrench[row] for row in self._rows])
+        try:
+            answer = self.method.allocate([wrench[row] for row in self._rows])
+            status = Status(answer.status)
+            # Speeds out of bounds never reach the motors, even if a method returns them.
+            speeds = answer.speeds
+        except Exception:
+            # A method may be anybody's, and one command must not end a flight.
+            self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
+            self._refuse('only commands that the method fails to answer')
+            return
         self._answer = answer
-        status = cast(Status, answer.status)
         if status is Status.REJECTED:
-            self._rejected = monotonic()
-            self._watchdog.wake()
+            self._refuse('only rejected commands')
         else:
-            try:
-                speeds = answer.speeds
-            except ValueError as error:
-                # Speeds out of bounds never reach the motors, even if a method returns them.
-                self.drop('answer', f'{error}: a fault of the method')
-                return
             self._speeds.publish(fill_speeds(self._message, speeds, time))
             self._watchdog.feed()
             self._newest = time
@@ -174,6 +176,11 @@ class AllocatorNode(VehicleNode):
             self._latencies.add(perf_counter_ns() - began)
         self._answers[status] += 1
         self._report(command, answer)
+
+    def _refuse(self, why: str) -> None:
+        """Leave the rotors to the watchdog, from the first command on."""
+        self._refused = monotonic(), why
+        self._watchdog.wake()
 
     def _fault(self, wrench: tuple[float, ...], frame: str, time: int) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from math import isfinite
+from traceback import format_exc
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -113,7 +115,9 @@ class ParameterNode(Node, metaclass=_Starting):
     def build(self, parameters: dict[str, Any]) -> Any:
         """Build from the parameters; the result goes to `adopt`.
 
-        A change of parameters that are all in `NODE` does not call `build`.
+        A change of parameters that are all in `NODE` does not call `build`.  An exception refuses
+        the change, and ends the node only at its start.  In flight `build` runs in a thread of its
+        own, while the node serves its streams, so it must change nothing.
 
         Raises
         ------
@@ -149,10 +153,22 @@ class ParameterNode(Node, metaclass=_Starting):
         ours = {change.name: change.value for change in changes if change.name in self.declared}
         return complete(ours, {name: self.declared[name] for name in ours})
 
+    def _build_beside(self, parameters: dict[str, Any]) -> Any:
+        """Return what `build` returns; until then the streams are served by what it replaces.
+
+        Executors of rclpy cannot serve them meanwhile.
+        """
+        executor = self.executor
+        if not isinstance(executor, Executor):
+            return self.build(parameters)
+        with ThreadPoolExecutor(1) as pool:
+            building = pool.submit(self.build, parameters)
+            building.add_done_callback(lambda _: executor.wake())
+            while not building.done():
+                executor.spin_streams()
+            return building.result()
+
     def _consider(self, changes: list[Parameter]) -> SetParametersResult:
-        # A request may hold many changes; commands and timers wait for one of them at most.
-        if isinstance(self.executor, Executor):
-            self.executor.spin_streams(0.0)
         try:
             checked = self._checked(changes)
             if not checked:
@@ -160,9 +176,14 @@ class ParameterNode(Node, metaclass=_Starting):
             parameters = {**self.parameters, **checked}
             # A rebuild takes longer than an allocation, and happens only where necessary.
             rebuild = any(name not in NODE for name in checked)
-            self._candidate = parameters, self.build(parameters) if rebuild else self._built
+            built = self._build_beside(parameters) if rebuild else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:
+            self.get_logger().error(format_exc())
+            fault = f'{type(error).__name__}: {error}'
+            return SetParametersResult(successful=False, reason=fault)
+        self._candidate = parameters, built
         return SetParametersResult(successful=True)
 
     def _accept(self, _: list[Parameter]) -> None:

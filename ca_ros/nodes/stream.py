@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from time import monotonic, sleep
 from typing import Any, cast
 
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -15,8 +16,44 @@ from ca_ros.nodes.qos import requested
 from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic
 
+Taken = tuple[bytes, dict[str, Any]]
+"""A serialized message and the information about it."""
+
 SIZE_MAX = 16384
 """Largest message of a stream [bytes]: 2000 rotor speeds."""
+
+STALL_MIN = 0.1
+"""Time in which the process did nothing that counts as a stall [s]."""
+
+SETTLING = 0.05
+"""Time after a stall in which the middleware hands over what the kernel has kept meanwhile [s]."""
+
+
+class Stalls:
+    """Notices that the process stood still: it was stopped, or its machine was.
+
+    The middleware then reads what the kernel has kept, the oldest message first, while the node
+    already takes messages.
+    """
+
+    def __init__(self) -> None:
+        self._looked = monotonic()
+        self._settled = 0.0
+
+    def look(self) -> None:
+        """Notice a stall since the last look; called regularly and before each message."""
+        now = monotonic()
+        if now - self._looked > STALL_MIN:
+            self._settled = now + SETTLING
+        self._looked = now
+
+    def newest(self, stream: Subscription, taken: Taken) -> Taken:
+        """Return the newest message of what waits after a stall; otherwise the message taken."""
+        self.look()
+        while monotonic() < self._settled:
+            taken = stream.handle.take_message(stream.msg_type, True) or taken
+            sleep(0.001)
+        return taken
 
 
 def subscribe(
@@ -27,10 +64,12 @@ def subscribe(
     read: Callable[[bytes], Any] | None,
     drop: Callable[[str, str], None],
     counts: Counter[str],
+    stalls: Stalls,
 ) -> Subscription:
     """Subscribe to a stream.
 
-    Messages of more than `SIZE_MAX` bytes are dropped before conversion.  While there is one
+    Messages of more than `SIZE_MAX` bytes are dropped before conversion.  In real time only the
+    newest of the messages that wait after a stall is received.  While there is one
     publisher, `counts` gets the messages that were lost in transport or replaced by a newer
     message before the node took them.
 
@@ -46,12 +85,15 @@ def subscribe(
         Called with a reason and a text for each message that is dropped.
     counts : Counter
         Counts what is received and dropped here, and what is lost.
+    stalls : Stalls
     """
     kind, name = topic.kind, topic.name
     newest = 0
 
     def take(data: bytes, info: dict[str, Any]) -> None:
         nonlocal newest
+        if mode == 'realtime':
+            data, info = stalls.newest(stream, (data, info))
         number = info.get('publication_sequence_number') or 0
         lost = number - newest - 1
         if newest and lost > 0 and stream.get_publisher_count() == 1:

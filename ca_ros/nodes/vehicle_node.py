@@ -21,7 +21,7 @@ from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.nodes.stream import subscribe
+from ca_ros.nodes.stream import Stalls, subscribe
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
@@ -64,6 +64,7 @@ class VehicleNode(ParameterNode):
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.mode = str(self.parameters['mode'])
         self._watchdog = Watchdog()
+        self._stalls = Stalls()
         self._streams: list[Subscription] = []
         self._offers: list[Publisher] = []
         self._logged: dict[str, float] = {}
@@ -133,8 +134,8 @@ class VehicleNode(ParameterNode):
 
         See `ca_ros.nodes.stream.subscribe` for what is dropped and counted.
         """
-        stream = subscribe(self, topic, self.mode, receive, read, self.drop, self.counts)
-        self._streams.append(stream)
+        given = self.drop, self.counts, self._stalls
+        self._streams.append(subscribe(self, topic, self.mode, receive, read, *given))
 
     def publish_stream(self, topic: Topic) -> Publisher:
         """Create the publisher of a stream; it should be the only one."""
@@ -207,6 +208,7 @@ class VehicleNode(ParameterNode):
 
     def _tick(self) -> None:
         now = monotonic()
+        self._stalls.look()
         self.watch()
         if self.audit is not None and self.audit is not self._logged_audit:
             self._log_audit(self.audit)
