@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from math import inf
 from time import monotonic, perf_counter_ns, sleep
 from traceback import format_exc
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from rclpy.duration import Duration
@@ -116,7 +116,7 @@ class AllocatorNode(VehicleNode):
         """Return the levels of the diagnostics with their messages."""
         if self._answer is None:
             return [*super().levels(), (STALE, 'no command yet')]
-        status = Status(self._answer.status)
+        status = cast(Status, self._answer.status)
         return [*super().levels(), (OK if status is Status.EXACT else WARN, status.name)]
 
     def values(self) -> dict[str, object]:
@@ -156,7 +156,7 @@ class AllocatorNode(VehicleNode):
             return
         try:
             answer = self.method.allocate([wrench[row] for row in self._rows])
-            status = Status(answer.status)
+            status = Status(cast(Status, answer.status))
             # Speeds out of bounds never reach the motors, even if a method returns them.
             speeds = answer.speeds
         except Exception:

@@ -92,8 +92,10 @@ class Executor(executors.Executor):
         self, future: Future, timeout_sec: float | executors.TimeoutObject | None = None
     ) -> None:
         """Serve one turn; `spin_until_future_complete` calls this until the future is done."""
-        limited = isinstance(timeout_sec, executors.TimeoutObject)
-        self.spin_once(timeout_sec.timeout if limited else timeout_sec)
+        if isinstance(timeout_sec, executors.TimeoutObject):
+            self.spin_once(timeout_sec.timeout)
+        else:
+            self.spin_once(timeout_sec)
 
     def spin_streams(self, timeout_sec: float | None = None) -> None:
         """Serve only subscriptions and timers; the callback of a service may call this."""
@@ -139,8 +141,9 @@ class Executor(executors.Executor):
             task = Task(waitable.execute, (waitable.take_data(),), executor=self)
             task()
             task.result()
+        kind: Any
         for node, service in services:
-            kind: Any = service.srv_type
+            kind = service.srv_type
             request, header = service.handle.service_take_request(kind.Request)
             if header is not None:
                 response = kind.Response()
@@ -153,7 +156,8 @@ class Executor(executors.Executor):
                     # The client has not been discovered or has ended; a client may ask again.
                     self._warn(node, f'{service.srv_name}: {late[0].message}')
         for client in clients:
-            header, response = client.handle.take_response(client.srv_type.Response)
+            kind = client.srv_type
+            header, response = client.handle.take_response(kind.Response)
             if header is None:
                 continue
             try:
