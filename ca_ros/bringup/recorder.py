@@ -7,8 +7,7 @@ from functools import partial
 from time import monotonic
 from typing import Any
 
-import numpy as np
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
@@ -18,14 +17,15 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.arrays import Array
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
-from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.parameters import DECLARED
 from ca_ros.nodes.qos import STANDING, offered
+from ca_ros.nodes.topics import Topic
 from ca_ros.process.deadline import Deadline
+from ca_ros.process.samples import SAMPLED, Samples
 
 LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
 
@@ -81,17 +81,15 @@ class Recorder(Node):
             self.destroy_subscription(stream)
         # The deep queues of lockstep, so that no message is lost in real time either.
         quality = offered('lockstep')
+        self.samples = Samples()
+        receivers: dict[Topic, Callable[[Any], None]] = {
+            topics.SPEED_COMMAND: self._receive_command,
+            **{topic: partial(self.samples.add, topic.name) for topic in SAMPLED},
+        }
         self._streams = [
             (self.create_subscription(topic.kind, topic.name, receive, quality), receive)
-            for topic, receive in (
-                (topics.POSE, self._receive_pose),
-                (topics.VELOCITY, self._receive_velocity),
-                (topics.SPEEDS, self._receive_speeds),
-            )
+            for topic, receive in receivers.items()
         ]
-        self._samples: dict[int, dict[str, Array]] = {}
-        self._start: int | None = None
-        self._last: int | None = None
 
     def _offer_waypoint(self) -> Publisher:
         return self.create_publisher(
@@ -107,21 +105,22 @@ class Recorder(Node):
             with stream.handle:
                 while taken := stream.handle.take_message(stream.msg_type, False):
                     receive(taken[0])
-        if self._start is None and self._samples:
+        if self.samples.start is None:
             # Before the flight only the newest samples matter, of which one becomes the first.
-            oldest = max(self._samples) - 1_000_000_000
-            self._samples = {key: part for key, part in self._samples.items() if key >= oldest}
+            self.samples.forget(1_000_000_000)
 
     def missing(self) -> list[str]:
         """Return the topics and services that are not connected yet."""
         lacking = [
             topic
             for topic in self._links
-            if not (self.count_publishers(topic) and self.count_subscribers(topic))
+            if not self.count_publishers(topic)
+            # The recorder itself subscribes to the speeds that are commanded.
+            or self.count_subscribers(topic) <= (topic == topics.SPEED_COMMAND.name)
         ]
         if not self._waypoint.get_subscription_count():
             lacking.append(topics.WAYPOINT.name)
-        if not any(len(sample) == 5 for sample in self._samples.values()):
+        if not self.samples.any_complete():
             lacking.append(f'{topics.SPEEDS.name} with the stamp of a pose and a velocity')
         silent = [node for node in DECLARED if node not in self.parameters]
         for node in silent:
@@ -196,47 +195,19 @@ class Recorder(Node):
     @property
     def elapsed_ns(self) -> int | None:
         """`elapsed` in nanoseconds; None before the flight."""
-        return None if self._start is None or self._last is None else self._last - self._start
+        start, last = self.samples.start, self.samples.last
+        return None if start is None or last is None else last - start
 
     def end(self, duration: float) -> int:
         """Return the stamp at which a flight of `duration` [s] ends [ns]."""
-        return (self._start or 0) + round(duration * 1e9)
+        return (self.samples.start or 0) + round(duration * 1e9)
 
     def flight(self, duration: float) -> Flight:
         """Return the complete samples of the first `duration` seconds."""
-        start = self._start if self._start is not None else 0
-        stamps = sorted(
-            key
-            for key, sample in self._samples.items()
-            if 0 <= key - start <= duration * 1e9 and len(sample) == 5
-        )
-        columns = {
-            name: np.array([self._samples[key][name] for key in stamps])
-            for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds')
-        }
-        return Flight((np.array(stamps) - start) / 1e9, **columns)
+        return self.samples.flight(self.end(duration), origin=self.samples.start or 0)
 
-    def _receive_pose(self, message: PoseStamped) -> None:
-        position, attitude = pose_arrays(message)
-        self._put(nanoseconds(message.header.stamp), position=position, attitude=attitude)
-
-    def _receive_velocity(self, message: TwistStamped) -> None:
-        velocity, angular_velocity = twist_arrays(message)
-        self._put(
-            nanoseconds(message.header.stamp), velocity=velocity, angular_velocity=angular_velocity
-        )
-
-    def _receive_speeds(self, message: Float64MultiArray) -> None:
-        time = speeds_stamp(message)
-        if time is None:
-            return
-        speeds = np.array(message.data)
-        if speeds.any():
-            self._start = time if self._start is None else min(time, self._start)
-        self._put(time, speeds=speeds)
-
-    def _put(self, time: int, **parts: Array) -> None:
-        sample = self._samples.setdefault(time, {})
-        sample.update(parts)
-        if len(sample) == 5 and self._start is not None:
-            self._last = time if self._last is None else max(time, self._last)
+    def _receive_command(self, command: Float64MultiArray) -> None:
+        """Begin the flight also where the first command turns no rotor, as in neutral buoyancy."""
+        time = speeds_stamp(command)
+        if time is not None and not any(command.data):
+            self.samples.begin(time)

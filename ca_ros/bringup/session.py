@@ -27,6 +27,7 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.processes import Processes
+from ca_ros.vehicle.vehicle import Vehicle
 
 PROGRESS_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""
@@ -127,6 +128,8 @@ class Session:
         check(recorder.parameters, options_as_parameters(self._options))
         parameters = recorder.parameters
         common = combined(parameters)
+        vehicle = Vehicle.from_parameters(common)
+        recorder.samples.expect(vehicle.n)
         lockstep = common['mode'] == 'lockstep'
         timeline = Timeline(recorder, trajectory, self._options.failures, parameters)
         self._wait(timeline.missing)

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import Any
 
-import numpy as np
+from geometry_msgs.msg import WrenchStamped
 from numpy.typing import ArrayLike
 from rclpy.publisher import Publisher
-from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.flight.record import Flight
-from ca_ros.nodes import topics
-from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.qos import offered
+from ca_ros.nodes.topics import POSE, VELOCITY, WRENCH
+from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.testing.graph import Graph
 from ca_ros.testing.messages import six, wrench
-
-POSE, VELOCITY, SPEEDS, WRENCH = topics.POSE, topics.VELOCITY, topics.SPEEDS, topics.WRENCH
 
 ROWS = 11
 """Number of states in the table of a report."""
@@ -52,20 +49,21 @@ class Lockstep:
         nodes: Sequence[str] = ('simulator', 'allocator'),
         ros_arguments: Sequence[str] = (),
     ) -> None:
-        self._graph = graph
-        self._messages: dict[str, dict[int, Any]] = {}
-        self._newest: dict[str, int] = {}
-        for topic in (POSE, VELOCITY, SPEEDS, WRENCH):
-            self._messages[topic.name] = {}
-            receive = partial(self._receive, topic.name)
+        self._graph, self._samples = graph, Samples()
+        self._wrenches: dict[int, WrenchStamped] = {}
+        for topic in SAMPLED:
+            receive = partial(self._samples.add, topic.name)
             graph.node.create_subscription(topic.kind, topic.name, receive, offered('lockstep'))
+        graph.node.create_subscription(
+            WRENCH.kind, WRENCH.name, self._receive_wrench, offered('lockstep')
+        )
         graph.sections['lockstep'] = self.table
         arguments = ['--vehicle', vehicle, '--ros-args', '-p', 'mode:=lockstep', *ros_arguments]
         if 'simulator' in nodes:
             graph.start('simulator', *arguments)
         # Without an answer the simulator waits, so the record has the first step, too.
         graph.spin_until(
-            lambda: {POSE.name, VELOCITY.name, SPEEDS.name} <= self._newest.keys(),
+            lambda: {topic.name for topic in SAMPLED} <= self._samples.newest.keys(),
             'lockstep: the first state',
         )
         for node in nodes:
@@ -75,7 +73,7 @@ class Lockstep:
     @property
     def time(self) -> int:
         """The stamp of the present state [ns]."""
-        return min(self._newest[POSE.name], self._newest[VELOCITY.name])
+        return min(self._samples.newest[topic.name] for topic in (POSE, VELOCITY))
 
     def run(self, until: float) -> Flight:
         """Return the flight up to a time [s], inclusive; wait for it if need be.
@@ -89,7 +87,7 @@ class Lockstep:
         end = round(until * 1e9)
         while self.time <= end:
             self._advance()
-        return self._flight(end)
+        return self._samples.flight(end)
 
     def step(self, numbers: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Answer the present state with a wrench, see `wrench`; return the next state.
@@ -107,18 +105,18 @@ class Lockstep:
         __tracebackhide__ = True
         message = wrench(numbers, self.time)
         self._advance(repeat=lambda: self._command.publish(message))
-        pose, velocity = (self._messages[topic.name][self.time] for topic in (POSE, VELOCITY))
-        return *pose_arrays(pose), *twist_arrays(velocity)
+        return self._samples.state(self.time)
 
     def table(self) -> str:
         """Return states and commands of the flight as a table; empty before the first step."""
-        flight, lines = self._flight(max(self._newest.values(), default=0)), [HEAD]
+        samples, lines = self._samples, [HEAD]
+        flight = samples.flight(max(samples.newest.values(), default=0))
         last = len(flight.time) - 1
         if last < 0:
             return ''
         for k in sorted({last * i // (ROWS - 1) for i in range(ROWS)}):
             time, position, rates = flight.time[k], flight.position[k], flight.angular_velocity[k]
-            command = self._messages[WRENCH.name].get(round(time * 1e9))
+            command = self._wrenches.get(round(time * 1e9))
             numbers = [*position, *rates, *(six(command)[2:] if command else [])]
             lines.append(f'{time:5.2f}{"".join(f" {x:8.3g}" for x in numbers)}')
         return '\n'.join(lines)
@@ -130,37 +128,15 @@ class Lockstep:
     def _advance(self, repeat: Callable[[], object] | None = None) -> None:
         """Wait for the next state."""
         __tracebackhide__ = True
-        time, wrenches = self.time, self._messages[WRENCH.name]
+        time, wrenches = self.time, self._wrenches
         # The messages of a step may arrive in any order.
         self._graph.spin_until(
             lambda: self.time > time
-            and time in self._messages[SPEEDS.name]
+            and self._samples.answered(time)
             and (time in wrenches or not wrenches),
             f'lockstep: rotor speeds that answer the state at {time / 1e9:g} s',
             repeat,
         )
 
-    def _receive(self, topic: str, message: Any) -> None:
-        speeds = isinstance(message, Float64MultiArray)
-        time = speeds_stamp(message) if speeds else nanoseconds(message.header.stamp)
-        if time is None:
-            return
-        self._newest[topic] = time
-        # Until the first command the simulator publishes speeds of zero.
-        if not speeds or self._messages[topic] or any(message.data):
-            self._messages[topic][time] = message
-
-    def _flight(self, end: int) -> Flight:
-        """Return the flight up to a stamp [ns]."""
-        poses, velocities, speeds = (
-            self._messages[topic.name] for topic in (POSE, VELOCITY, SPEEDS)
-        )
-        times = sorted(t for t in poses.keys() & velocities.keys() & speeds.keys() if t <= end)
-        return Flight(
-            np.array(times) / 1e9,
-            np.array([pose_arrays(poses[t])[0] for t in times]),
-            np.array([pose_arrays(poses[t])[1] for t in times]),
-            np.array([twist_arrays(velocities[t])[0] for t in times]),
-            np.array([twist_arrays(velocities[t])[1] for t in times]),
-            np.array([speeds[t].data for t in times]),
-        )
+    def _receive_wrench(self, message: WrenchStamped) -> None:
+        self._wrenches[nanoseconds(message.header.stamp)] = message

@@ -1,0 +1,139 @@
+"""The messages of a flight, joined to samples by their stamps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.arrays import Array
+from ca_ros.errors import CaRosError
+from ca_ros.flight.record import Flight
+from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.topics import POSE, SPEEDS, VELOCITY
+
+SAMPLED = (POSE, VELOCITY, SPEEDS)
+"""The topics of a sample."""
+
+COLUMNS = ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds')
+
+
+class SampleError(CaRosError):
+    """A message that cannot be part of a flight."""
+
+
+class Samples:
+    """The states and the rotor speeds of a vehicle, by their stamps.
+
+    Attributes
+    ----------
+    newest : dict of str to int
+        The newest stamp of each topic [ns].
+    start : int or None
+        The stamp at which the rotors start [ns]; None before.
+    last : int or None
+        The newest stamp of a complete sample since the start [ns].
+    """
+
+    def __init__(self) -> None:
+        self.newest: dict[str, int] = {}
+        self.start: int | None = None
+        self.last: int | None = None
+        self._samples: dict[int, dict[str, Array]] = {}
+        self._rotors: int | None = None
+
+    def add(self, topic: str, message: Any) -> None:
+        """Add a message of one of the topics in `SAMPLED`; ignore speeds without a stamp.
+
+        Raises
+        ------
+        SampleError
+            If its stamp is earlier than the one before, or its numbers are not finite or not as
+            many as the vehicle has rotors.
+        """
+        parts, time = _parts(message)
+        if time is None:
+            return
+        if time < (before := self.newest.get(topic, time)):
+            raise SampleError(
+                f'{topic}: stamp {time / 1e9:g} s after {before / 1e9:g} s: expected ascending'
+            )
+        for numbers in parts.values():
+            if not np.isfinite(numbers).all():
+                raise SampleError(
+                    f'{topic} at {time / 1e9:g} s: {numbers.tolist()}: expected finite numbers'
+                )
+        self.newest[topic] = time
+        sample = self._samples.setdefault(time, {})
+        sample.update(parts)
+        if 'speeds' in parts:
+            self._check_rotors(parts['speeds'])
+            if parts['speeds'].any():
+                self.begin(time)
+        if self.start is not None and len(sample) == len(COLUMNS):
+            self.last = time if self.last is None else max(time, self.last)
+
+    def begin(self, time: int) -> None:
+        """Let the flight begin at a stamp [ns], unless it has begun."""
+        if self.start is None:
+            self.start = time
+
+    def expect(self, rotors: int) -> None:
+        """Refuse messages with another number of rotor speeds, also those of the past."""
+        self._rotors = rotors
+        for sample in self._samples.values():
+            if 'speeds' in sample:
+                self._check_rotors(sample['speeds'])
+
+    def _check_rotors(self, speeds: Array) -> None:
+        if self._rotors not in (None, len(speeds)):
+            raise SampleError(
+                f'{SPEEDS.name} has {len(speeds)} rotor speeds: expected {self._rotors}, one for '
+                'each rotor of the vehicle'
+            )
+
+    def any_complete(self) -> bool:
+        """Return whether a state and rotor speeds have had the same stamp."""
+        return any(len(sample) == len(COLUMNS) for sample in self._samples.values())
+
+    def answered(self, time: int) -> bool:
+        """Return whether there are rotor speeds with a stamp [ns], after the start."""
+        return self.start is not None and 'speeds' in self._samples.get(time, {})
+
+    def state(self, time: int) -> tuple[Array, Array, Array, Array]:
+        """Return the state with a stamp [ns]: see `Flight`."""
+        sample = self._samples[time]
+        position, attitude, velocity, angular_velocity = (sample[name] for name in COLUMNS[:4])
+        return position, attitude, velocity, angular_velocity
+
+    def forget(self, age: int) -> None:
+        """Discard what is older than the newest message by more than an age [ns]."""
+        oldest = max(self.newest.values(), default=0) - age
+        self._samples = {time: part for time, part in self._samples.items() if time >= oldest}
+
+    def flight(self, end: int, origin: int = 0) -> Flight:
+        """Return the complete samples up to an end; times count from an origin [ns]."""
+        start = self.start if self.start is not None else end + 1
+        stamps = sorted(
+            time
+            for time, sample in self._samples.items()
+            if start <= time <= end and len(sample) == len(COLUMNS)
+        )
+        columns = {
+            name: np.array([self._samples[time][name] for time in stamps]) for name in COLUMNS
+        }
+        return Flight((np.array(stamps) - origin) / 1e9, **columns)
+
+
+def _parts(message: Any) -> tuple[dict[str, Array], int | None]:
+    """Return what a message adds to a sample, and its stamp [ns]."""
+    if isinstance(message, Float64MultiArray):
+        return {'speeds': np.array(message.data)}, speeds_stamp(message)
+    if isinstance(message, POSE.kind):
+        position, attitude = pose_arrays(message)
+        parts = {'position': position, 'attitude': attitude}
+    else:
+        velocity, angular_velocity = twist_arrays(message)
+        parts = {'velocity': velocity, 'angular_velocity': angular_velocity}
+    return parts, nanoseconds(message.header.stamp)
