@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
-from time import monotonic
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
@@ -25,12 +22,10 @@ from ca_ros.nodes.parameters import DECLARED
 from ca_ros.nodes.qos import STANDING, offered
 from ca_ros.nodes.topics import Topic
 from ca_ros.process.deadline import Deadline
+from ca_ros.process.parameters import Call, ParameterClient
 from ca_ros.process.samples import SAMPLED, Samples
 
 LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
-
-REQUEST_REPEAT = 2.0
-"""Period of requests for the parameters [s]: DDS may lose an early answer."""
 
 PARAMETERS_MAX = 5.0
 """Longest wait for a program's service of parameters, after everything else is there [s]."""
@@ -58,15 +53,16 @@ class Recorder(Node):
         self._links = links
         self._waypoint = self._offer_waypoint()
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
-        self._parameter_clients = {
-            node: self.create_client(GetParameters, f'{node}/get_parameters') for node in DECLARED
+        self._parameter_clients = {node: ParameterClient(self, node) for node in DECLARED}
+        # The names of a program's parameters come first: a request of others has no values.
+        self._names: dict[str, list[str]] = {
+            node: [*DECLARED[node]] for node in DECLARED if node not in foreign
         }
-        self._list_clients = {
-            node: self.create_client(ListParameters, f'{node}/list_parameters') for node in foreign
+        self._calls: dict[str, Call[list[Any]]] = {
+            node: client.get(self._names[node]) if node in self._names else client.names()
+            for node, client in self._parameter_clients.items()
         }
-        self._names = {node: [*DECLARED[node]] for node in DECLARED if node not in foreign}
         self._patience = Deadline(PARAMETERS_MAX)
-        self._asked = dict.fromkeys(DECLARED, -REQUEST_REPEAT)
         self.parameters: dict[str, dict[str, Any]] = {}
         """The parameters of each running node that has answered, by name."""
         self.restart()
@@ -122,13 +118,11 @@ class Recorder(Node):
             lacking.append(topics.WAYPOINT.name)
         if not self.samples.any_complete():
             lacking.append(f'{topics.SPEEDS.name} with the stamp of a pose and a velocity')
-        silent = [node for node in DECLARED if node not in self.parameters]
-        for node in silent:
+        for node in DECLARED:
             self._ask(node)
+        silent = [node for node in DECLARED if node not in self.parameters]
         absent = [
-            node
-            for node, client in self._list_clients.items()
-            if node in silent and not client.service_is_ready()
+            node for node in silent if node not in self._names and not self._calls[node].ready()
         ]
         if lacking or {*absent} != {*silent}:
             self._patience = Deadline(PARAMETERS_MAX)
@@ -143,25 +137,14 @@ class Recorder(Node):
         return [name for name in names if self.count_publishers(name) > own]
 
     def _ask(self, node: str) -> None:
-        names = self._names.get(node)
-        client = (self._list_clients if names is None else self._parameter_clients)[node]
-        if monotonic() > self._asked[node] + REQUEST_REPEAT and client.service_is_ready():
-            self._asked[node] = monotonic()
-            if names is None:
-                request, receive = ListParameters.Request(), self._receive_names
-            else:
-                request, receive = GetParameters.Request(names=names), self._receive_parameters
-            client.call_async(request).add_done_callback(partial(receive, node))
-
-    def _receive_names(self, node: str, answer: Any) -> None:
-        """Note which of our parameters a program has: a request of others has no values."""
-        names = answer.result().result.names
-        self._names[node] = [name for name in DECLARED[node] if name in names]
-        self._asked[node] = -REQUEST_REPEAT
-
-    def _receive_parameters(self, node: str, answer: Any) -> None:
-        values = map(parameter_value_to_python, answer.result().values)
-        self.parameters[node] = dict(zip(self._names[node], values, strict=True))
+        """Take the parameters of a node once they have come."""
+        if node in self.parameters or (answer := self._calls[node].answer()) is None:
+            return
+        if node in self._names:
+            self.parameters[node] = dict(zip(self._names[node], answer, strict=True))
+        else:
+            self._names[node] = [name for name in DECLARED[node] if name in answer]
+            self._calls[node] = self._parameter_clients[node].get(self._names[node])
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors start."""

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from time import monotonic
 from typing import Any
 
 from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from rclpy.task import Future
 
 from ca_ros.bringup.agreement import combined
-from ca_ros.bringup.recorder import REQUEST_REPEAT, Recorder
+from ca_ros.bringup.recorder import Recorder
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.process.deadline import Deadline
+from ca_ros.process.parameters import ParameterClient
 from ca_ros.vehicle.values import per_rotor
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -90,20 +88,16 @@ class Timeline:
                 )
         self._set_to = {name: health.tolist() for name, health in self._health.items()}
         self._ahead = round(common.get('simulator.time_step', 0.0) * 1e9) if self._lockstep else 0
-        self._clients = (
-            {
-                name: recorder.create_client(SetParameters, f'{name}/set_parameters')
-                for name in self._health
-            }
-            if self._times
-            else {}
-        )
+        self._clients = {
+            name: ParameterClient(recorder, name) for name in (self._health if self._times else ())
+        }
+        self._services = [
+            client.client('set_parameters', SetParameters) for client in self._clients.values()
+        ]
 
     def missing(self) -> list[str]:
         """Return the services that are not ready yet."""
-        return [
-            client.srv_name for client in self._clients.values() if not client.service_is_ready()
-        ]
+        return [client.srv_name for client in self._services if not client.service_is_ready()]
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
         """Do what is due.
@@ -150,18 +144,11 @@ class Timeline:
     def _set(
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
     ) -> None:
-        futures: list[Future] = []
-        deadline, again = Deadline(TIMEOUT), monotonic()
-        while not (done := [future for future in futures if future.done()]):
-            if deadline.passed():
+        call = self._clients[name].set({parameter: value})
+        limit = Deadline(TIMEOUT)
+        while (results := call.answer()) is None:
+            if limit.passed():
                 raise TimelineError(f'the {name} does not answer: {parameter} cannot be set')
-            # The answer is lost if the node has not discovered the client yet.
-            if monotonic() >= again:
-                message = Parameter(parameter, value=value).to_parameter_msg()
-                request = SetParameters.Request(parameters=[message])
-                futures.append(self._clients[name].call_async(request))
-                again = monotonic() + REQUEST_REPEAT
             spin()
-        (result,) = done[0].result().results
-        if not result.successful:
-            raise TimelineError(f'the {name} refuses {parameter}: {result.reason}')
+        if not results[0].successful:
+            raise TimelineError(f'the {name} refuses {parameter}: {results[0].reason}')

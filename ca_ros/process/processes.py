@@ -11,15 +11,17 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, cast
 
 from ca_ros.signals import ending_signals
 
 PR_SET_PDEATHSIG = 1
 """From <sys/prctl.h>."""
 
+Process = subprocess.Popen[Any]
 
-def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+
+def start(command: Sequence[str], **options: Any) -> Process:
     """Start a child process in a session of its own; it gets SIGTERM when this process ends.
 
     The signal is sent for every end of this process, also by kill -9 or while the child starts.
@@ -50,6 +52,40 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
     )
 
 
+def end(processes: Sequence[Process], number: int, patience: float) -> list[Process]:
+    """End processes of `start` with their descendants.
+
+    Parameters
+    ----------
+    processes : sequence of Popen
+    number : int
+        The signal that each process group gets.  Python answers SIGINT with a traceback while it
+        imports, so SIGTERM is the better one; a wrapper such as `ros2 run` does not pass it on.
+    patience : float
+        Time after which what still runs is killed [s].
+
+    Returns
+    -------
+    list of Popen
+        The processes that were killed; each has a line on standard error.
+    """
+    running = [process for process in processes if process.poll() is None]
+    for process in running:
+        os.killpg(process.pid, number)
+    deadline, late = time.monotonic() + patience, []
+    for process in processes:
+        try:
+            process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            late.append(process)
+            program = ' '.join(map(str, cast('list[str]', process.args)))
+            print(f'killed, as it did not end within {patience:g} s: {program}', file=sys.stderr)
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    return late
+
+
 def note_signals() -> list[int]:
     """Append the ending signals to a list instead of ending, and return this list."""
     received: list[int] = []
@@ -64,7 +100,7 @@ class Processes:
     Parameters
     ----------
     commands : mapping of str to sequence of str
-        Command lines by name, in the order of their start.
+        Command lines by name, which `__enter__` starts in this order.
 
     Attributes
     ----------
@@ -82,17 +118,17 @@ class Processes:
     ATTEMPTS = 3
     """Failed starts in a row after which `respawn` gives a process up."""
 
-    def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
-        self.commands = commands
-        self.running: dict[str, subprocess.Popen[Any]] = {}
+    def __init__(self, commands: Mapping[str, Sequence[str]] | None = None) -> None:
+        self.commands = commands or {}
+        self.running: dict[str, Process] = {}
         self.respawned: Counter[str] = Counter()
         self._started: dict[str, float] = {}
         self._failures: Counter[str] = Counter()
 
     def __enter__(self) -> Processes:
         try:
-            for name in self.commands:
-                self._start(name)
+            for name, command in self.commands.items():
+                self.start(name, command)
         except BaseException:
             self.stop()
             raise
@@ -100,6 +136,12 @@ class Processes:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+
+    def start(self, name: str, command: Sequence[str], **options: Any) -> Process:
+        """Start a process under a name; see the function `start`."""
+        self.running[name] = start(command, **options)
+        self._started[name] = time.monotonic()
+        return self.running[name]
 
     def ended(self) -> dict[str, int]:
         """Return the exit codes of the processes that have ended, by name."""
@@ -125,31 +167,9 @@ class Processes:
 
     def restart(self, name: str) -> None:
         """End a process with its descendants, and start it again."""
-        self._end(name)
-        self._start(name)
+        end([self.running[name]], signal.SIGTERM, self.ENDING)
+        self.start(name, self.commands[name])
 
-    def stop(self) -> None:
-        """End all processes at once, with their descendants."""
-        self._end(*self.running)
-
-    def _start(self, name: str) -> None:
-        self.running[name] = start(self.commands[name])
-        self._started[name] = time.monotonic()
-
-    def _end(self, *names: str) -> None:
-        for name in names:
-            if self.running[name].poll() is None:
-                # SIGTERM: Python answers SIGINT with a traceback while it imports.  A wrapper
-                # such as `ros2 run` does not pass it on, so the group gets it.
-                os.killpg(self.running[name].pid, signal.SIGTERM)
-        for name in names:
-            process = self.running[name]
-            try:
-                process.wait(self.ENDING)
-            except subprocess.TimeoutExpired:
-                print(
-                    f'{name} did not end within {self.ENDING:g} s and is killed', file=sys.stderr
-                )
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+    def stop(self, number: int = signal.SIGTERM, patience: float = ENDING) -> list[Process]:
+        """End all processes at once; return those that had to be killed, see `end`."""
+        return end(list(self.running.values()), number, patience)

@@ -1,6 +1,7 @@
 """Tests of nodes: a ROS graph per test, with processes and nodes, lockstep and faults."""
 
-from ca_ros.testing.diagnostics import Diagnostics, counts
+from ca_ros.process.diagnostics import counts
+from ca_ros.testing.diagnostics import Diagnostics
 from ca_ros.testing.executables import executable
 from ca_ros.testing.faults import FaultProxy
 from ca_ros.testing.graph import BEST_EFFORT, RELIABLE, Graph

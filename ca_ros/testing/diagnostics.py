@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 
 from ca_ros.nodes.topics import DIAGNOSTICS
+from ca_ros.process.diagnostics import Status, statuses
 
 if TYPE_CHECKING:
     from ca_ros.testing.graph import Graph
-
-
-class Status(NamedTuple):
-    """A diagnostic status of a node."""
-
-    level: bytes
-    message: str
-    values: dict[str, str]
 
 
 class Diagnostics:
@@ -31,12 +23,7 @@ class Diagnostics:
 
     def all(self, node: str) -> list[Status]:
         """Return all statuses of a node so far, or of one subject, ``'node: subject'``."""
-        return [
-            Status(status.level, status.message, {pair.key: pair.value for pair in status.values})
-            for array in self.arrays
-            for status in array.status
-            if f'{status.name}: '.startswith(f'{node.lstrip("/")}: ')
-        ]
+        return statuses(self.arrays, node)
 
     def wait(
         self, node: str, condition: Callable[[bytes, str, dict[str, str]], bool], what: str
@@ -47,15 +34,8 @@ class Diagnostics:
         """
 
         def fulfilled() -> bool:
-            statuses = self.all(node)
-            return bool(statuses) and condition(*statuses[-1])
+            found = self.all(node)
+            return bool(found) and condition(*found[-1])
 
         self._graph.spin_until(fulfilled, f'{node} reports: {what}')
         return self.all(node)[-1]
-
-
-def counts(values: Mapping[str, str]) -> Counter[str]:
-    """Return the values of a status that are counts; a count that is absent is zero."""
-    return Counter(
-        {key: int(value) for key, value in values.items() if value.isdigit() and '[' not in key}
-    )

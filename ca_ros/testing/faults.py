@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.testing.diagnostics import Diagnostics, counts
+from ca_ros.process.diagnostics import counts
+from ca_ros.testing.diagnostics import Diagnostics
 from ca_ros.testing.graph import Graph
 from ca_ros.testing.parameters import Parameters
 

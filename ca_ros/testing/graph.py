@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ca_ros.process.deadline import Deadline
 from ca_ros.testing.parameters import Parameters
-from ca_ros.testing.processes import DEADLINE, Processes
+from ca_ros.testing.processes import DEADLINE, GraphProcesses
 
 FIRST_PAUSE, LAST_PAUSE = 0.25, 2.0
 """Pauses between the repetitions of a message that may have been lost [s]."""
@@ -35,7 +35,7 @@ RELIABLE, BEST_EFFORT = (
 )
 
 
-class Graph(Processes):
+class Graph(GraphProcesses):
     """A ROS graph: processes, nodes in the process of the test, and the node of the test.
 
     A context manager; the fixture `graph` of pytest gives each test its own.
@@ -43,7 +43,7 @@ class Graph(Processes):
     Parameters
     ----------
     **environment : str
-        See `Processes`.
+        See `GraphProcesses`.
 
     Attributes
     ----------

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, cast
 
 import psutil
 
-from ca_ros.process import processes
 from ca_ros.process.deadline import Deadline
+from ca_ros.process.processes import Process, Processes
 from ca_ros.testing.blocked_end import blocked, excuse
 from ca_ros.testing.domain import claim
 from ca_ros.testing.environment import SETTINGS, applied
@@ -33,10 +33,8 @@ LINES = 50
 
 STREAMS = 'stdout', 'stderr'
 
-Process = subprocess.Popen[Any]
 
-
-class Processes:
+class GraphProcesses:
     """Processes in a ROS domain of their own; a context manager that checks how they end.
 
     Parameters
@@ -51,11 +49,11 @@ class Processes:
         The ROS domain.
     failed : bool
         Whether the test has failed; then the exit codes do not matter.
-    opened : list of Processes
+    opened : list of GraphProcesses
         All that are open, for the report of a failed test.
     """
 
-    opened: ClassVar[list[Processes]] = []
+    opened: ClassVar[list[GraphProcesses]] = []
 
     def __init__(self, **environment: str) -> None:
         self._settings = SETTINGS | environment
@@ -72,7 +70,7 @@ class Processes:
         self._settings['ROS_LOG_DIR'] = str(self._folder)
         self._ending.enter_context(applied(self._settings))
         self._mark = uuid.uuid4().hex
-        self._started: list[Process] = []
+        self._children = Processes()
         self._exit_codes: dict[Process, Sequence[int]] = {}
         self._awaited: set[Process] = set()
         # Those whose end has failed a wait already.
@@ -84,20 +82,14 @@ class Processes:
     def __exit__(self, fault: type[BaseException] | None, *_: object) -> None:
         __tracebackhide__ = True
         running = [process for process in self._started if process.poll() is None]
-        for process in running:
-            process.send_signal(signal.SIGINT)
-        for process in running:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(DEADLINE)
+        killed = self._children.stop(signal.SIGINT, DEADLINE)
         left = self.alive()
-        faults = [f'process {process.pid} survived its end by SIGINT' for process in left]
+        survivors = [process.pid for process in (*killed, *left)]
+        faults = [f'process {pid} survived its end by SIGINT' for pid in survivors]
         for process in left:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
-        for process in running:
-            # A process that cleared its environment is not in `left`.
-            process.kill()
-        wrong = [process for process in running if process.wait() not in self._exit_codes[process]]
+        wrong = [p for p in running if p.returncode not in self._exit_codes[p]]
         psutil.wait_procs(left, DEADLINE)
         excused = [p for p in wrong if blocked(p.returncode, self.output(p)[1])]
         faults += [
@@ -121,6 +113,10 @@ class Processes:
         elif excused:
             excuse()
 
+    @property
+    def _started(self) -> list[Process]:
+        return [*self._children.running.values()]
+
     def start(
         self, name: str, *arguments: str, exit_codes: Sequence[int] = (0,), **options: Any
     ) -> Process:
@@ -143,13 +139,13 @@ class Processes:
                 for stream in STREAMS
                 if stream not in options
             }
-            process = processes.start(
+            process = self._children.start(
+                str(len(self._started)),
                 [str(executable(name)), *arguments],
                 env=os.environ | self._settings | {MARK: self._mark},
                 **streams,
                 **options,
             )
-        self._started.append(process)
         self._exit_codes[process] = exit_codes
         return process
 

@@ -1,0 +1,106 @@
+"""The parameters of a node in another process, through its services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from time import monotonic
+from typing import Any, Generic, TypeVar
+
+from rcl_interfaces.srv import (
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+FIRST_PAUSE, LAST_PAUSE = 0.5, 2.0
+"""Pauses between the repetitions of a call [s]."""
+
+Answer = TypeVar('Answer')
+
+
+class Call(Generic[Answer]):
+    """A call of a service, which is repeated until it is answered.
+
+    DDS loses an answer if the node has not yet discovered the client that waits for it.
+
+    Parameters
+    ----------
+    client : Client
+    request : message
+    read : callable
+        Returns the answer from the response.
+    """
+
+    def __init__(self, client: Client, request: Any, read: Callable[[Any], Answer]) -> None:
+        self._client, self._request, self._read = client, request, read
+        self._futures: list[Any] = []
+        self._again, self._pause = monotonic(), FIRST_PAUSE
+
+    @property
+    def service(self) -> str:
+        """The name of the service."""
+        return str(self._client.srv_name)
+
+    def ready(self) -> bool:
+        """Return whether the service is there."""
+        return self._client.service_is_ready()
+
+    def answer(self) -> Answer | None:
+        """Return the answer, None before; call this until it returns one."""
+        for future in self._futures:
+            if future.done():
+                return self._read(future.result())
+        if monotonic() >= self._again and self.ready():
+            self._futures.append(self._client.call_async(self._request))
+            self._again, self._pause = (
+                monotonic() + self._pause,
+                min(2.0 * self._pause, LAST_PAUSE),
+            )
+        return None
+
+
+class ParameterClient:
+    """Gets and sets the parameters of the node `name`, for the node `node`."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._node, self._name = node, name
+        self._clients: dict[str, Client] = {}
+
+    def client(self, service: str, kind: type[Any]) -> Client:
+        """Return the client of one of the services; it is created once."""
+        if service not in self._clients:
+            self._clients[service] = self._node.create_client(kind, f'{self._name}/{service}')
+        return self._clients[service]
+
+    def names(self) -> Call[list[str]]:
+        """Ask for the names of all parameters."""
+        client = self.client('list_parameters', ListParameters)
+        return Call(client, ListParameters.Request(), lambda answer: answer.result.names)
+
+    def get(self, names: Iterable[str]) -> Call[list[Any]]:
+        """Ask for the values of parameters."""
+        client = self.client('get_parameters', GetParameters)
+        request = GetParameters.Request(names=list(names))
+        return Call(
+            client, request, lambda answer: [*map(parameter_value_to_python, answer.values)]
+        )
+
+    def set(self, values: Mapping[str, Any]) -> Call[list[Any]]:
+        """Set parameters one by one; the answer has a SetParametersResult of each."""
+        client = self.client('set_parameters', SetParameters)
+        request = SetParameters.Request(parameters=_messages(values))
+        return Call(client, request, lambda answer: answer.results)
+
+    def set_atomically(self, values: Mapping[str, Any]) -> Call[Any]:
+        """Set all parameters or none; the answer is a SetParametersResult."""
+        client = self.client('set_parameters_atomically', SetParametersAtomically)
+        request = SetParametersAtomically.Request(parameters=_messages(values))
+        return Call(client, request, lambda answer: answer.result)
+
+
+def _messages(values: Mapping[str, Any]) -> list[Any]:
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
