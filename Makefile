@@ -87,7 +87,7 @@ readme: demo
 	.venv/bin/python docs/scripts/readme.py
 	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
 	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
-	.venv/bin/attainable --health 1:0 --out docs/attainable
+	.venv/bin/attainable --fail 1 --out docs/attainable
 	.venv/bin/python docs/scripts/failure.py
 	.venv/bin/python docs/scripts/plant_effects.py
 	.venv/bin/python docs/scripts/comparison.py

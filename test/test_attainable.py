@@ -17,8 +17,8 @@ def grey(path):
 
 
 @pytest.mark.parametrize('arguments', [
-    ['--axes', 'roll,pitch', '--health', '3:0.6'],
-    ['--axes', 'roll,pitch,yaw', '--health', '3:0'],
+    ['--axes', 'roll,pitch', '--fail', '3=0.6'],
+    ['--axes', 'roll,pitch,yaw', '--fail', '3'],
     ['--axes', 'thrust,yaw', '--projection', '--figure-width', 'column'],
     ['--vehicle', 'admire'],
     ['--vehicle', 'rov', '--axes', 'force_x,force_y,thrust', '--at', 'yaw=5,roll=-3'],
@@ -33,7 +33,7 @@ def test_it_draws_what_it_states(arguments, tmp_path, capsys):
 
 
 def test_the_numbers_are_those_of_the_section(tmp_path, capsys):
-    assert main(['--health', '3:0', '--at', 'thrust=12', '--out', str(tmp_path / 'set')]) == 0
+    assert main(['--fail', '3', '--at', 'thrust=12', '--out', str(tmp_path / 'set')]) == 0
     hexarotor = Vehicle.load('hexarotor')
     lines = capsys.readouterr().out.splitlines()
     for line, health in zip(lines, (np.ones(6), [1, 1, 0, 1, 1, 1]), strict=False):
@@ -79,14 +79,14 @@ def test_any_number_of_sets_is_drawn():
     (['--axes', 'roll'], 'expected two or three axes'),
     (['--axes', 'roll,up'], 'axes: expected different ones of'),
     (['--at', 'up=3'], "--at: no axis 'up'"),
-    (['--at', 'thrust'], 'expected NAME=NUMBER'),
+    (['--at', 'thrust'], 'expected AXIS=NUMBER'),
     (['--at', 'roll=1'], '--at: roll is drawn'),
     (['--at', 'thrust=5', '--projection'], '--at: in a projection'),
-    (['--health', '9:0'], '--health: no rotor 9'),
-    (['--health', '3:2'], 'expected shares from 0 to 1'),
-    (['--vehicle', 'admire', '--health', '1:0'], 'effectors of a problem have no health'),
+    (['--fail', '9'], 'no rotor 9: the vehicle has rotors 1 to 6'),
+    (['--fail', '3=2'], 'expected a health in [0, 1]'),
+    (['--vehicle', 'admire', '--fail', '1'], 'effectors of a problem have no health'),
     (['--vehicle', 'nowhere'], 'neither a file nor a shipped vehicle'),
-    (['--vehicle', 'quadrotor', '--health', '1:0'], 'the admissible set has no volume'),
+    (['--vehicle', 'quadrotor', '--fail', '1'], 'the admissible set has no volume'),
 ])
 def test_a_wrong_argument_is_named_in_one_line(arguments, fault, tmp_path):
     command = [sys.executable, '-m', 'ca_ros.evaluation.attainable', *arguments]

@@ -45,12 +45,12 @@ def dynamic(out):
 
 
 def section(out):
-    assert attainable.main(['--health', '1:0', *PRINT, '--out', str(out / 'section')]) == 0
+    assert attainable.main(['--fail', '1', *PRINT, '--out', str(out / 'section')]) == 0
 
 
 def body(out):
     assert attainable.main([
-        '--axes', 'roll,pitch,yaw', '--health', '1:0.6', *PRINT, '--out', str(out / 'body')]) == 0
+        '--axes', 'roll,pitch,yaw', '--fail', '1=0.6', *PRINT, '--out', str(out / 'body')]) == 0
 
 
 def benchmark(out):

@@ -271,11 +271,11 @@ def test_the_readme_of_an_export_describes_every_policy():
 
 def test_faults_are_none_or_have_any_health(tmp_path, capsys):
     assert len(faults_of(Vehicle.load('hexarotor'), ['none'])) == 1
-    faults = ['--faults', 'single', '0,0.5,1,1,1,1']
+    faults = ['--faults', 'single', '1,2=0.5']
     assert main(['--vehicle', 'hexarotor', '--out', str(tmp_path), *faults]) == 0
     header = (tmp_path / 'hexarotor.h').read_text(encoding='utf-8')
     assert '#define HEXAROTOR_FAULTS 8\n' in header
-    assert 'HEXAROTOR_FAULT_7 = 7, /* health 0,0.5,1,1,1,1 */' in header
+    assert 'HEXAROTOR_FAULT_7 = 7, /* without rotor 1, rotor 2 at 50 % */' in header
     assert 'hexarotor with 7 faults' in capsys.readouterr().out
 
 
@@ -309,9 +309,9 @@ FAULTS = [
      'the rotors are as in the file: no axis is left that the rotors can command'),
     ({'allocation__exact__odrer': ['yaw']}, [], 'allocation.exact.odrer: no such parameter'),
     ({'rotors__health': 'none'}, [], 'rotors.health: '),
-    ({}, ['--faults', 'double'], '--faults: expected none or single, or the health of '),
-    ({}, ['--faults', '0,1'], 'rotors.health: expected 1 or 6 numbers in [0, 1], got [0.0, 1.0]'),
-    ({}, ['--faults', '0,0,0,0,0,0'], 'health 0,0,0,0,0,0: no axis is left'),
+    ({}, ['--faults', 'double'], "--faults: 'double': expected ROTOR or ROTOR=HEALTH"),
+    ({}, ['--faults', '7'], '--faults: no rotor 7: the vehicle has rotors 1 to 6'),
+    ({}, ['--faults', 'all'], 'without all rotors: no axis is left'),
 ]
 
 

@@ -268,7 +268,8 @@ def test_the_command_audits_a_vehicle_and_the_loss_of_each_rotor(capsys):
 def test_the_command_says_what_the_nodes_would(pnpnpn, capsys):
     for options, health in (
             (['--fail', '3'], [1, 1, 0, 1, 1, 1]), (['--fail', '1,4'], [0, 1, 1, 0, 1, 1]),
-            (['--health', '0.2'], 0.2), (['--health', '0,1,1,1,1,1'], [0, 1, 1, 1, 1, 1])):
+            (['--fail', 'all=0.2'], 0.2),
+            (['--fail', '1=0,all=0.9'], [0, 0.9, 0.9, 0.9, 0.9, 0.9])):
         assert main(['audit', 'hexarotor', *options]) == 1
         out, err = capsys.readouterr()
         with pytest.raises(ParameterError) as refused:
@@ -288,10 +289,10 @@ def test_the_command_reads_a_file_and_its_faults_in_one_line(tmp_path, capsys):
         assert (out, len(err.splitlines())) == ('', 1)
         assert words in err
     for options, words in (
-            (['--fail', '7'], '--fail: expected rotors 1 to 6, got 7'),
-            (['--fail', 'one'], '--fail: expected numbers'),
-            (['--health', '1,2'], 'rotors.health: expected 1 or 6 numbers in'),
-            (['--health', 'nan'], 'rotors.health: ')):
+            (['--fail', '7'], '--fail: no rotor 7: the vehicle has rotors 1 to 6'),
+            (['--fail', 'one'], "--fail: 'one': expected ROTOR or ROTOR=HEALTH"),
+            (['--fail', '1,1=0.5'], "--fail: '1,1=0.5': rotor 1 twice"),
+            (['--fail', '1=nan'], "--fail: '1=nan': expected a health in [0, 1]")):
         assert main(['audit', 'hexarotor', *options]) == 1
         assert words in capsys.readouterr().err
 

@@ -23,6 +23,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
 from ca_ros.solver.polytope import Polytope
+from ca_ros.vehicle.failures import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
 
 LOOKS: Any = (('-', 0.25), ((0, (4, 2)), 0.45), ((0, (1, 1)), 0.6))
@@ -133,11 +134,11 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     add('--projection', action='store_true', help='let the other axes have any attainable value')
     add(
-        '--health',
-        type=_health,
+        '--fail',
+        type=_failures,
         default={},
-        metavar='ROTOR:SHARE,...',
-        help='also draw the set after failures: 3:0 without rotor 3, 3:0.6 with 60 %% of it',
+        metavar='ROTOR[=HEALTH],...',
+        help='also draw the set after failures: 3 without rotor 3, 3=0.6 with 60 %% of it',
     )
     add('--out', type=Path, default=Path('attainable'), metavar='PATH', help='without the suffix')
     add_options(made)
@@ -153,48 +154,32 @@ def _words(text: str) -> list[str]:
     return words
 
 
-def _pairs(text: str, mark: str) -> list[tuple[str, float]]:
-    pairs = [word.partition(mark) for word in text.split(',')]
-    try:
-        return [(name.strip(), float(value)) for name, _, value in pairs]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r}: expected NAME{mark}NUMBER') from None
-
-
 def _values(text: str) -> dict[str, float]:
-    return dict(_pairs(text, '='))
-
-
-def _health(text: str) -> dict[int, float]:
+    pairs = [word.partition('=') for word in text.split(',')]
     try:
-        found = {int(rotor): share for rotor, share in _pairs(text, ':')}
+        return {name.strip(): float(value) for name, _, value in pairs}
     except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r}: expected ROTOR:SHARE') from None
-    if not all(0.0 <= share <= 1.0 for share in found.values()):
-        raise argparse.ArgumentTypeError(f'{text!r}: expected shares from 0 to 1')
-    return found
+        raise argparse.ArgumentTypeError(f'{text!r}: expected AXIS=NUMBER') from None
+
+
+def _failures(text: str) -> dict[str, float]:
+    try:
+        return read_failures(text)
+    except ParameterError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _sets(options: argparse.Namespace) -> dict[str, AdmissibleSet]:
     """Return the sets to draw, by their names in the legend."""
     read = read_problem(options.vehicle)
     if read is not None:
-        if options.health:
-            raise ParameterError('--health: the effectors of a problem have no health')
+        if options.fail:
+            raise ParameterError('--fail: the effectors of a problem have no health')
         return {options.vehicle: AdmissibleSet(read[0])}
     vehicle = Vehicle.load(options.vehicle)
-    found = {'all rotors' if options.health else options.vehicle: vehicle}
-    if options.health:
-        if absent := [rotor for rotor in options.health if not 1 <= rotor <= vehicle.n]:
-            raise ParameterError(f'--health: no rotor {absent[0]}; there are 1 to {vehicle.n}')
-        health = vehicle.health.copy()
-        for rotor, share in options.health.items():
-            health[rotor - 1] = share
-        words = (
-            f'rotor {rotor} at {100 * share:g} %' if share else f'without rotor {rotor}'
-            for rotor, share in options.health.items()
-        )
-        found[', '.join(words)] = vehicle.with_health(health)
+    found = {'all rotors' if options.fail else options.vehicle: vehicle}
+    if options.fail:
+        found[in_words(options.fail)] = with_failures(vehicle, options.fail)
     return {name: AdmissibleSet(VehicleProblem(each)) for name, each in found.items()}
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
-from typing import TypeVar
 
 import numpy as np
 
@@ -14,9 +13,8 @@ from ca_ros.nodes.parameters import ALLOCATOR, load
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.commandable import lift, unit
 from ca_ros.schema import ParameterError
+from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
-
-Number = TypeVar('Number', int, float)
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -29,9 +27,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     add = parser.add_argument
     add('vehicle', help='a shipped vehicle or a parameter file')
-    add('--fail', metavar='ROTOR,...', help='rotors that are lost already, counted from 1')
-    health = "health of each rotor in [0, 1], or one for all (default: the file's)"
-    add('--health', metavar='SHARE,...', help=health)
+    failed = 'rotors that are lost already, counted from 1, or weaker; all=0.8: each at 80 %%'
+    add('--fail', metavar='ROTOR[=HEALTH],...', help=failed)
     parser.set_defaults(run=run)
 
 
@@ -40,11 +37,11 @@ def run(options: argparse.Namespace) -> int:
     try:
         load(options.vehicle, table=ALLOCATOR)
         vehicle = Vehicle.load(options.vehicle)
-        if options.health is not None:
-            health = _numbers('--health', options.health, float)
-            vehicle = vehicle.with_health(health[0] if len(health) == 1 else health)
         if options.fail is not None:
-            vehicle = without(vehicle, _numbers('--fail', options.fail, int))
+            try:
+                vehicle = with_failures(vehicle, read_failures(options.fail))
+            except ParameterError as error:
+                raise ParameterError(f'--fail: {error}') from None
         least, most = lift(vehicle)
         print(
             f'{options.vehicle}: {vehicle.mass:.3g} kg on {vehicle.n} rotors '
@@ -59,25 +56,11 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def without(vehicle: Vehicle, rotors: Sequence[int]) -> Vehicle:
-    """Return a vehicle that has lost some rotors, counted from 1.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such rotor.
-    """
-    for rotor in rotors:
-        if not 1 <= rotor <= vehicle.n:
-            raise ParameterError(f'--fail: expected rotors 1 to {vehicle.n}, got {rotor}')
-    lost = np.isin(np.arange(1, vehicle.n + 1), rotors)
-    return vehicle.with_health(np.where(lost, 0.0, vehicle.health))
-
-
 def table(vehicle: Vehicle) -> str:
     """Return a table of what a vehicle can command, as it is and without each of its rotors."""
-    left = np.flatnonzero(vehicle.health > 0.0) + 1
-    cases = {'none': vehicle, **{f'rotor {i}': without(vehicle, [i]) for i in left.tolist()}}
+    cases = {'none': vehicle}
+    for rotor in (np.flatnonzero(vehicle.health > 0.0) + 1).tolist():
+        cases[f'rotor {rotor}'] = with_failures(vehicle, {str(rotor): 0.0})
     rows = [
         ['failed', 'lost axes', 'hover margin [N, N m]'],
         *([failed, *_row(audit(case), vehicle.axes)] for failed, case in cases.items()),
@@ -103,12 +86,3 @@ def _row(report: Audit, axes: Sequence[str]) -> list[str]:
         margin = 'too many rotors'
     ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
     return [lost, margin, *ends]
-
-
-def _numbers(option: str, text: str, kind: Callable[[str], Number]) -> list[Number]:
-    try:
-        return [kind(word) for word in text.split(',')]
-    except ValueError:
-        raise ParameterError(
-            f'{option}: expected numbers separated by commas, got {text!r}'
-        ) from None

@@ -78,7 +78,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         default=['single'],
         metavar='FAULT',
         help='what can be announced in flight: none; single, the loss of each rotor by itself '
-        '(default); or the health of each rotor in [0, 1], separated by commas, for each fault',
+        '(default); or, for each fault, the rotors that are lost or weaker: 1,3=0.4',
     )
     return parser.parse_args(argv)
 

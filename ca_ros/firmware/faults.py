@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError
+from ca_ros.vehicle.failures import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
 CHOICES = ('none', 'single')
@@ -50,7 +50,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     ----------
     vehicle : Vehicle
     words : sequence of str
-        'none', 'single', or the health of each rotor in [0, 1], separated by commas.
+        'none', 'single', or failures as in `read_failures`, such as ``1,3=0.4``.
 
     Raises
     ------
@@ -60,20 +60,22 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     report = accept(vehicle)
     found = [_fault('NO_FAULT', 'the rotors are as in the file', report)]
 
-    def after(health: ArrayLike) -> Audit:
+    def after(failures: dict[str, float]) -> Audit:
         # Axes that are lost already stay so.
-        return audit(report.problem.vehicle.with_health(health))
+        return audit(with_failures(report.problem.vehicle, failures))
 
     for word in dict.fromkeys(words):
         if word == 'single':
             for i in np.flatnonzero(vehicle.health >= HEALTH_MIN).tolist():
-                health = np.array(vehicle.health)
-                health[i] = 0.0
                 name = f'ROTOR_{i + 1}_LOST'
-                found.append(_fault(name, f'rotor {i + 1} is lost', after(health)))
+                found.append(_fault(name, f'rotor {i + 1} is lost', after({str(i + 1): 0.0})))
         elif word != 'none':
-            name = f'FAULT_{len(found)}'
-            found.append(_fault(name, f'health {word}', after(_health(word))))
+            try:
+                failures = read_failures(word)
+                left = after(failures)
+            except ParameterError as error:
+                raise ParameterError(f'--faults: {error}; or {" or ".join(CHOICES)}') from None
+            found.append(_fault(f'FAULT_{len(found)}', in_words(failures), left))
     return found
 
 
@@ -81,13 +83,3 @@ def _fault(constant: str, meaning: str, report: Audit) -> Fault:
     if report.vehicle.powerless or not report.problem.spans:
         raise ParameterError(f'{meaning}: no axis is left that the rotors can command')
     return Fault(constant, meaning, report)
-
-
-def _health(word: str) -> list[float]:
-    try:
-        return [float(number) for number in word.split(',')]
-    except ValueError:
-        raise ParameterError(
-            f'--faults: expected {" or ".join(CHOICES)}, or the health of each rotor separated '
-            f'by commas, got {word!r}'
-        ) from None
