@@ -57,7 +57,7 @@ help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test       lint, types and tests, in some minutes'
 	@echo 'make test-all   the same tests in their long forms, and those that take long'
-	@echo 'make benchmark  time everything beside other solvers, for minutes; fills docs/performance.md'
+	@echo 'make benchmark  time everything beside other solvers, for minutes; results in benchmarks'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
 	@echo 'make docs       the pages and the API reference as HTML, in out/docs'
@@ -77,8 +77,7 @@ test-all: export CA_ROS_LONG = 1
 test-all: test
 
 benchmark: .venv/.benchmark
-	.venv/bin/benchmark --out out/benchmark
-	.venv/bin/python docs/performance.py
+	.venv/bin/python -m benchmarks --out benchmarks
 
 soak: .venv/.test
 	.venv/bin/python test/soak.py --seconds $(SOAK)

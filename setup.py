@@ -63,7 +63,7 @@ setup(
     py_modules=['pytest_ca_ros'],
     package_data={
         package: [
-            'py.typed', 'evaluation/benchmark/*.c', 'evaluation/templates/*',
+            'py.typed', 'evaluation/templates/*',
             'firmware/templates/*', 'kernel/*.[ch]',
         ],
     },
@@ -107,7 +107,7 @@ setup(
         'testing': testing,
         # For examples/mujoco.
         'mujoco': mujoco,
-        # The solvers of others in `benchmark`; all have wheels for CPython 3.10 to 3.14.
+        # The solvers of others in `make benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
         # For `make docs`.
         'docs': ['sphinx>=7.2', 'myst-parser>=3.0', 'numpydoc>=1.7'],

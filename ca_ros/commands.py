@@ -21,7 +21,6 @@ parameters.
 COMMANDS = {
     **{node: f'ca_ros.nodes.{node}' for node in NODES},
     'attainable': 'ca_ros.evaluation.attainable',
-    'benchmark': 'ca_ros.evaluation.benchmark.benchmark',
     'bringup': 'ca_ros.bringup.bringup',
     'design_study': 'ca_ros.evaluation.design_study',
     'dynamic_study': 'ca_ros.evaluation.dynamic_study',

@@ -33,7 +33,6 @@ NOT_HERE = {
 """Marks of blocks that are not run here, and what they would need."""
 
 SHORT = {
-    'benchmark': '--samples 10 "$@"',
     'bringup': '--duration 6 "$@"',
     'dynamic_study': '"$@" --duration 4',
     'static_study': '"$@" --samples 100',
@@ -184,10 +183,9 @@ def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
         static_study --methods all --samples 20 --out out/static
         dynamic_study --methods all --duration 1 --out out/dynamic
         bringup --mode lockstep --method mean --duration 1 --waypoint 0 0 0 --heading 0 --out out/f
-        benchmark --quick --no-nodes --methods mean --out out/benchmark
         """)
     assert 'mean' in out.splitlines()[0].split()
-    for name in ('static/static.json', 'dynamic/dynamic.json', 'benchmark/benchmark.json'):
+    for name in ('static/static.json', 'dynamic/dynamic.json'):
         assert '"mean"' in (clone / 'out' / name).read_text(encoding='utf-8')
 
 

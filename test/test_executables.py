@@ -86,7 +86,7 @@ def test_a_wrong_vehicle_is_refused_in_one_line_by_all_that_read_it(graph, tmp_p
 def test_a_geometry_without_yaw_is_refused_in_one_line_by_all_that_allocate(graph, tmp_path):
     file = tmp_path / 'wrong.yaml'
     file.write_text(HEXAROTOR.replace('ccw', 'cw'), encoding='utf-8')
-    names = 'allocator', 'controller', 'static_study', 'dynamic_study', 'benchmark'
+    names = 'allocator', 'controller', 'static_study', 'dynamic_study'
     refused(
         graph, [(name, '--vehicle', str(file)) for name in names],
         ['allocation.lost_axes: this vehicle is refused: yaw lost', 'rank 3 for 4 axes'])

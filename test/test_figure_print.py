@@ -1,25 +1,24 @@
 """Figures in print: one column wide, readable, and without fonts of Type 3."""
 
-from itertools import combinations, product
+from itertools import combinations
 from re import search
 
 import pytest
 
 pytest.importorskip('matplotlib')
-pd = pytest.importorskip('pandas')
+pytest.importorskip('pandas')
 
-import matplotlib  # noqa: E402
-from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.figure import Figure
 
-from ca_ros.evaluation import attainable, dynamic_study, static_study  # noqa: E402
-from ca_ros.evaluation.benchmark.benchmark_plot import draw  # noqa: E402
-from ca_ros.evaluation.cases import Case  # noqa: E402
-from ca_ros.flight.closed_loop import fly  # noqa: E402
-from ca_ros.flight.figures import millimetres, save  # noqa: E402
-from ca_ros.flight.plots import draw_flight  # noqa: E402
-from ca_ros.flight.trajectory import Trajectory  # noqa: E402
-from ca_ros.flight.waypoint import Waypoint  # noqa: E402
+from ca_ros.evaluation import attainable, dynamic_study, static_study
+from ca_ros.evaluation.cases import Case
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.figures import millimetres, save
+from ca_ros.flight.plots import draw_flight
+from ca_ros.flight.trajectory import Trajectory
+from ca_ros.flight.waypoint import Waypoint
 
 pytestmark = pytest.mark.slow
 
@@ -53,26 +52,13 @@ def body(out):
         '--axes', 'roll,pitch,yaw', '--fail', '1=0.6', *PRINT, '--out', str(out / 'body')]) == 0
 
 
-def benchmark(out):
-    loads = ['uniform', 'boundary', 'flight']
-    names = ['clipped_pinv', 'exact', 'redistributed_pseudo_inverse', 'osqp_polished']
-    rows = [
-        {'part': part, 'contender': name, 'load': load, 'rotors': rotors, 'faults': '',
-         'time': time, 'time_low': 0.9 * time, 'time_high': 1.1 * time}
-        for part, name, load in product(['calls', 'C', 'rotors'], names, loads)
-        if part == 'calls' or name != names[2]
-        for rotors in ([4, 6, 8, 16, 32] if part == 'rotors' else [6])
-        for time in [1e-6 * (1 + loads.index(load)) * rotors ** (0.3 * names.index(name))]]
-    save(draw(pd.DataFrame(rows), COLUMN), out / 'benchmark', ['pdf'])
-
-
 def bringup(out):
     case, goal = Case.load('x8'), Waypoint.of(1.0, 1.0, 1.0, 0.8)
     flight = fly(case.controller(), case.allocator('exact'), case.body(), goal, 1.0)
     save(draw_flight(flight, case.vehicle, Trajectory.to(goal), COLUMN), out / 'flight', ['pdf'])
 
 
-COMMANDS = [static, dynamic, section, body, benchmark, bringup]
+COMMANDS = [static, dynamic, section, body, bringup]
 
 
 def texts(figure, monkeypatch):

@@ -34,8 +34,7 @@ ROS = ('rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs'
 EVERY_MODULE = """
 import ca_ros
 
-ROOMS = ('ca_ros.nodes.', 'ca_ros.process.', 'ca_ros.bringup.', 'ca_ros.evaluation.latency.',
-         'ca_ros.testing')
+ROOMS = ('ca_ros.nodes.', 'ca_ros.process.', 'ca_ros.bringup.', 'ca_ros.testing')
 names = [module.name for module in walk_packages(ca_ros.__path__, 'ca_ros.')
          if not module.name.startswith(ROOMS)]
 for name in names:
@@ -147,7 +146,7 @@ def test_bringup_flies_without_the_studies_packages_and_says_that_there_is_no_pl
 
 @pytest.mark.parametrize('command', COMMANDS)
 def test_a_command_without_its_packages_names_them_in_one_line(tmp_path, command):
-    study = 'study' in command or command in ('attainable', 'benchmark')
+    study = 'study' in command or command == 'attainable'
     if command == 'firmware':
         pytest.skip('firmware needs no more than the package itself')
     script = f'from ca_ros.commands import {command} as c; raise SystemExit(c())'
@@ -231,9 +230,7 @@ def test_ros_is_imported_in_its_rooms_alone():
     packages = (
         'rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs', 'nav_msgs',
         'std_srvs', 'rosgraph_msgs')
-    rooms = [
-        PACKAGE / room
-        for room in ('nodes', 'process', 'bringup', 'evaluation/latency', 'testing')]
+    rooms = [PACKAGE / room for room in ('nodes', 'process', 'bringup', 'testing')]
     for file in PACKAGE.rglob('*.py'):
         if not any(file.is_relative_to(room) for room in rooms):
             for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
@@ -249,7 +246,7 @@ def nodes_of(file):
 
 
 def test_the_private_names_of_rclpy_are_in_one_module():
-    files = [file for room in ('nodes', 'process', 'bringup', 'evaluation/latency', 'testing')
+    files = [file for room in ('nodes', 'process', 'bringup', 'testing')
              for file in (PACKAGE / room).glob('*.py') if file.name != 'rclpy_internals.py']
     assert len(files) > 20
     assert [file for file in files if 'rclpy_implementation' in file.read_text()] == []

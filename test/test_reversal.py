@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
-from ca_ros.evaluation.benchmark.loads import WAYPOINTS
+from ca_ros.evaluation.wrench_sets import WAYPOINTS
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix

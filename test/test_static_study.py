@@ -14,10 +14,10 @@ from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import split
 from ca_ros.evaluation import static_study
 from ca_ros.evaluation.cases import PAPER, Case
-from ca_ros.evaluation.judge import evaluate
-from ca_ros.evaluation.sampling import SAMPLINGS, gauge, samples
+from ca_ros.evaluation.errors import evaluate
 from ca_ros.evaluation.sections import sections
 from ca_ros.evaluation.static_study import main
+from ca_ros.evaluation.wrench_sets import SAMPLINGS, gauge, samples
 from ca_ros.vehicle.files import config_directory
 
 SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))

@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import linprog, minimize
 
 from ca_ros import AdmissibleSet, AllocationProblem, Vehicle, make_allocator
-from ca_ros.evaluation.sampling import samples
 from ca_ros.evaluation.wrench_metrics import (
     cells,
     energy,
@@ -15,6 +14,7 @@ from ca_ros.evaluation.wrench_metrics import (
     metrics,
     reversed_axes,
 )
+from ca_ros.evaluation.wrench_sets import samples
 from strategies import HEXAROTOR
 
 AXES = ('thrust', 'roll', 'pitch', 'yaw')

@@ -1,1 +1,1 @@
-"""Tables and plots: the studies and the benchmark."""
+"""The studies: tables and plots."""

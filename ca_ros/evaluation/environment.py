@@ -1,25 +1,15 @@
-"""The environment that results depend on: versions, machine, threads, load."""
+"""The environment that results depend on: versions and machine."""
 
 from __future__ import annotations
 
 import os
 import platform
 import re
-import time
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 PACKAGES = ('ca_ros', 'numpy', 'scipy', 'osqp', 'pandas', 'matplotlib')
-
-THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-"""Number of threads of linear algebra libraries; they read it when they are loaded."""
-
-STALL = 5e-4
-"""Half of the time that the answer to a command may take at 1 kHz [s]."""
 
 
 def versions() -> dict[str, str]:
@@ -37,38 +27,3 @@ def machine() -> dict[str, str | int]:
     processor = names[0].strip() if names else platform.processor() or platform.machine()
     system = platform.platform(terse=True)
     return {'processor': processor, 'cores': os.cpu_count() or 1, 'system': system}
-
-
-def environment() -> dict[str, Any]:
-    """Return machine, versions and settings of this process."""
-    blas: Any = np.show_config(mode='dicts')
-    blas = blas.get('Build Dependencies', {}).get('blas', {})
-    return {
-        'machine': machine(),
-        'load_average': load_average(),
-        'stalls': stalls(),
-        'versions': versions(),
-        'blas': f'{blas.get("name", "unknown")} {blas.get("version", "")}'.strip(),
-        'threads': {name: os.environ.get(name, 'not set') for name in THREADS},
-    }
-
-
-def load_average() -> list[float]:
-    """Return the load averages of the last 1, 5 and 15 minutes."""
-    return [round(load, 2) for load in os.getloadavg()]
-
-
-def stalls(seconds: float = 1.0) -> float:
-    """Return how often a busy process is stopped for `STALL` or longer [1/s]."""
-    count, last = 0, time.perf_counter()
-    end = last + seconds
-    while (now := time.perf_counter()) < end:
-        count += now - last >= STALL
-        last = now
-    return count / seconds
-
-
-def stolen(since: float = 0.0) -> float:
-    """Return the processor time that went to other virtual machines, less `since` [s]."""
-    ticks = Path('/proc/stat').read_text(encoding='ascii').split(maxsplit=9)[8]
-    return int(ticks) / os.sysconf('SC_CLK_TCK') - since

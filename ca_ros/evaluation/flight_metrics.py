@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.evaluation.judge import FORCES
+from ca_ros.evaluation.errors import FORCES
 from ca_ros.evaluation.wrench_metrics import energy
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller

@@ -12,8 +12,8 @@ import pandas as pd
 
 from ca_ros.allocation import Allocator
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.judge import ERRORS, evaluate
-from ca_ros.evaluation.sampling import samples
+from ca_ros.evaluation.errors import ERRORS, evaluate
+from ca_ros.evaluation.wrench_sets import samples
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 Summary = dict[str, Any]

@@ -18,13 +18,13 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.chunk_file import ChunkFile
 from ca_ros.evaluation.chunks import add_options, chunk_size, compute
 from ca_ros.evaluation.environment import machine, versions
-from ca_ros.evaluation.judge import ERRORS, columns
+from ca_ros.evaluation.errors import ERRORS, columns
 from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
-from ca_ros.evaluation.sampling import SAMPLINGS
 from ca_ros.evaluation.static_chunks import StaticChunks, Summary, merged
 from ca_ros.evaluation.static_plots import draw
 from ca_ros.evaluation.static_tables import document, standard_error
 from ca_ros.evaluation.wrench_metrics import metrics
+from ca_ros.evaluation.wrench_sets import SAMPLINGS
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 SINGLE_MAX = 10_000

@@ -7,11 +7,11 @@ from math import hypot, sqrt
 from typing import Any
 
 from ca_ros.evaluation import paper
-from ca_ros.evaluation.judge import ERRORS
+from ca_ros.evaluation.errors import ERRORS
 from ca_ros.evaluation.paper import ROWS
-from ca_ros.evaluation.sampling import SAMPLINGS
 from ca_ros.evaluation.tables import render, table
 from ca_ros.evaluation.wrench_metrics import cells
+from ca_ros.evaluation.wrench_sets import SAMPLINGS
 
 Metrics = Mapping[str, Any]
 

@@ -21,9 +21,9 @@ from ca_ros.allocation import ALLOCATORS
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.plot_style import title
-from ca_ros.evaluation.sampling import samples
 from ca_ros.evaluation.tables import number, table
 from ca_ros.evaluation.wrench_metrics import NOTED, metrics
+from ca_ros.evaluation.wrench_sets import samples
 from ca_ros.flight.figures import save, sheet, style
 
 AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -18,18 +19,19 @@ from pathlib import Path
 from shutil import which
 
 import numpy as np
-from pages import fill, telling
+from pages import DOCS, fill, telling
 
 import ca_ros
 from ca_ros.arrays import Array
-from ca_ros.evaluation.benchmark.c_code import header, osqp_code
-from ca_ros.evaluation.benchmark.loads import boundary
-from ca_ros.evaluation.sampling import gauge
 from ca_ros.evaluation.tables import table
+from ca_ros.evaluation.wrench_sets import gauge, near_boundary
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
+
+sys.path.append(str(DOCS.parent))
+from benchmarks.c_code import header, osqp_code
 
 PROGRAM = Path(__file__).with_name('instructions.c')
 KERNEL = Path(ca_ros.__file__).parent / 'kernel'
@@ -75,7 +77,7 @@ def wrenches(problem: AllocationProblem, kind: str, size: int, seed: int = 0) ->
     """Draw wrenches (size, m): inside by volume, at the boundary, outside up to thrice as far."""
     admissible, rng = AdmissibleSet(problem), np.random.default_rng(seed)
     if kind == 'boundary':
-        return boundary(admissible, rng, size).astype(np.float32)
+        return near_boundary(admissible, rng, size).astype(np.float32)
     drawn = admissible.sample(rng, size)
     if kind == 'outside':
         shares = rng.uniform(1.0, 3.0, size) / gauge(admissible, drawn)

@@ -19,6 +19,7 @@ from scipy import sparse
 
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.arrays import Array
+from ca_ros.evaluation.comparison import hierarchical
 from ca_ros.problem.problem import AllocationProblem
 
 Call = Callable[[Array], Any]
@@ -58,6 +59,16 @@ def daqp_reused(problem: AllocationProblem) -> Call:
         model.update(bupper=high, blower=low)
         x, _, flag, _ = model.solve()
         return x if flag == 1 else None
+
+    return call
+
+
+def daqp_hierarchical(problem: AllocationProblem) -> Call:
+    solve = hierarchical(problem)
+
+    def call(u: Array) -> Any:
+        x, _, flag, _ = solve(u)
+        return x if flag > 0 else None
 
     return call
 

@@ -46,14 +46,6 @@ class EchoNode(VehicleNode):
         self._speeds.publish(fill_speeds(self._message, numbers, time))
 
 
-def main() -> int:
-    """Run the node."""
-    return run(
-        'echo',
-        EchoNode,
-        'Answer wrenches (command/wrench) with their numbers (command/motor_speed).',
-    )
-
-
 if __name__ == '__main__':
-    raise SystemExit(main())
+    about = 'Answer wrenches (command/wrench) with their numbers (command/motor_speed).'
+    raise SystemExit(run('echo', EchoNode, about))

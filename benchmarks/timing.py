@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gc
 import random
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from time import perf_counter, perf_counter_ns
@@ -19,11 +19,11 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from benchmarks.answers import AnswerError, Answers, faults
+from benchmarks.in_c import Compiled
+from benchmarks.peers import Call
+from benchmarks.sizes import Sizes
 from ca_ros.arrays import Array
-from ca_ros.evaluation.benchmark.c_contenders import Compiled
-from ca_ros.evaluation.benchmark.peers import Call
-from ca_ros.evaluation.benchmark.plan import Plan
-from ca_ros.evaluation.judge import AnswerError, Judge
 
 TURN = 250
 """Calls in a turn."""
@@ -36,29 +36,33 @@ class Key(NamedTuple):
     """What a row of measurements is about; its fields are columns."""
 
     part: str
-    load: str
+    wrenches: str
     contender: str
     rotors: int
 
 
+Jobs = dict[Key, tuple[Callable[[], Any], float]]
+"""A job, and the number of units in it."""
+
+
 def measure(
-    calls: Mapping[Key, Call], judges: Mapping[Key, Judge], plan: Plan, seed: int
+    calls: Mapping[Key, Call], checks: Mapping[Key, Answers], sizes: Sizes, seed: int
 ) -> pd.DataFrame:
     """Time contenders against each other, in an order that the seed determines.
 
-    The judges have the wrenches of the calls, as many for all.
+    The checks have the wrenches of the calls, as many for all.
 
     Returns one row per contender and repetition in which it took part: the fields of `Key`,
     ``repetition`` (-1 for the first pass, which is not timed), ``time`` (the mean of a call) and
-    the `PERCENTILES` of single calls [s], and the errors of the answers from `Judge.worst`.
+    the `PERCENTILES` of single calls [s], and the errors of the answers from `Answers.worst`.
     """
-    wrenches = {key: list(judges[key].demands) for key in calls}
-    size = len(next(iter(wrenches.values())))
-    chance, rows, counts = random.Random(seed), [], {}
+    wrenches = {key: list(checks[key].demands) for key in calls}
+    count = len(next(iter(wrenches.values())))
+    chance, rows, shares = random.Random(seed), [], {}
 
-    def note(key: Key, repetition: int, time: float, single: Any, answers: Iterable[Any]) -> None:
+    def add(key: Key, repetition: int, time: float, single: Any, answers: Sequence[Any]) -> None:
         try:
-            worst = judges[key].worst(list(answers))
+            worst = checks[key].worst(answers)
         except AnswerError as error:
             raise AnswerError(f'{key.contender}: {error}') from None
         values = np.percentile(single, list(PERCENTILES.values())) / 1e9
@@ -67,7 +71,7 @@ def measure(
 
     def in_turns(keys: Sequence[Key], work: Callable[[Call, list[Array]], Any]) -> Any:
         done: dict[Key, list[Any]] = {key: [] for key in keys}
-        for start in range(0, size, TURN):
+        for start in range(0, count, TURN):
             for key in chance.sample(keys, len(keys)):
                 # The caches hold the data of other contenders: one call before, not timed.
                 calls[key](wrenches[key][start - 1])
@@ -78,16 +82,16 @@ def measure(
         for key, call in calls.items():
             # The first calls fill caches and are not timed.
             first, answers = _one_by_one(call, wrenches[key])
-            note(key, -1, np.nan, np.nan, answers)
-            wanted = 1e9 * plan.budget / (2.0 * float(np.median(first)) * size)
-            counts[key] = int(min(max(wanted, plan.least), plan.repetitions))
-        for repetition in _progress(plan.repetitions, calls):
-            part = [key for key in calls if takes_part(repetition, counts[key], plan.repetitions)]
+            add(key, -1, np.nan, np.nan, answers)
+            wanted = 1e9 * sizes.budget / (2.0 * float(np.median(first)) * count)
+            shares[key] = int(min(max(wanted, sizes.least), sizes.repetitions))
+        for i in tqdm(range(sizes.repetitions), next(iter(calls)).part, disable=None):
+            part = [key for key in calls if takes_part(i, shares[key], sizes.repetitions)]
             spent, singly = in_turns(part, _together), in_turns(part, _one_by_one)
             for key in part:
                 single, given = zip(*singly[key], strict=True)
-                time = sum(spent[key]) / 1e9 / size
-                note(key, repetition, time, np.concatenate(single), chain(*given))
+                time = sum(spent[key]) / 1e9 / count
+                add(key, i, time, np.concatenate(single), list(chain(*given)))
     return pd.DataFrame(rows)
 
 
@@ -121,17 +125,15 @@ def _one_by_one(call: Call, wrenches: list[Array]) -> tuple[list[int], list[Any]
     return times, answers
 
 
-def rounds(
-    jobs: Mapping[Key, tuple[Callable[[], Any], float]], repetitions: int, seed: int
-) -> pd.DataFrame:
-    """Time jobs, each with the number of units in it, in a shuffled order.
+def rounds(jobs: Jobs, repetitions: int, seed: int) -> pd.DataFrame:
+    """Time jobs in a shuffled order.
 
     Returns one row per job and repetition: the fields of `Key`, ``repetition``, and the ``time``
     of a unit [s].
     """
     chance = random.Random(seed)
     times: dict[Key, list[float]] = {key: [] for key in jobs}
-    for _ in _progress(repetitions, jobs):
+    for _ in tqdm(range(repetitions), next(iter(jobs)).part, disable=None):
         for key in chance.sample(list(jobs), len(jobs)):
             job, units = jobs[key]
             with without_garbage_collection():
@@ -145,11 +147,6 @@ def rounds(
     )
 
 
-def _progress(repetitions: int, keys: Iterable[Key]) -> Iterable[int]:
-    """Count repetitions; show their progress on a terminal."""
-    return tqdm(range(repetitions), desc=next(iter(keys)).part, disable=None)
-
-
 @contextmanager
 def without_garbage_collection() -> Iterator[None]:
     """Collect garbage now, and not while something is timed."""
@@ -159,3 +156,34 @@ def without_garbage_collection() -> Iterator[None]:
         yield
     finally:
         gc.enable()
+
+
+def summarize(rows: pd.DataFrame, baseline: str) -> pd.DataFrame:
+    """Return the metrics of rows, one row per `Key`, which is the index.
+
+    The columns are the median over repetitions and the ends of the interquartile range of the time
+    (``time``, ``time_low``, ``time_high``) and of the time in units of the baseline's (``ratio``
+    and so on), the medians of the `PERCENTILES`, the largest errors, and ``faults``.
+    """
+    groups = ['part', 'wrenches', 'rotors', 'repetition']
+    unit = rows[rows['contender'] == baseline].set_index(groups)['time'].rename('unit')
+    rows = rows.join(unit, on=groups)
+    rows['ratio'] = rows['time'] / rows['unit']
+    own = rows.groupby(list(Key._fields), sort=False)
+    columns = {
+        f'{name}{end}': own[name].quantile(share)
+        for name in ('time', 'ratio')
+        for end, share in (('_low', 0.25), ('', 0.5), ('_high', 0.75))
+    }
+    columns |= {name: own[name].median() for name in PERCENTILES}
+    errors = ('error', 'violation', 'norm_excess', 'failures')
+    found = pd.DataFrame(columns | {name: own[name].max() for name in errors})
+    return found.assign(faults=[faults(worst) for worst in found.to_dict('records')])
+
+
+def ratio(rows: pd.DataFrame, one: Key, other: Key) -> float | None:
+    """Return the median ratio of times within a repetition; None if one was not measured."""
+    times = rows.pivot_table('time', 'repetition', list(Key._fields))
+    if one not in times or other not in times:
+        return None
+    return float((times[one] / times[other]).median())

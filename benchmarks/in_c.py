@@ -18,9 +18,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from benchmarks.c_code import header, osqp_code
 from ca_ros import kernel
 from ca_ros.arrays import Array
-from ca_ros.evaluation.benchmark.c_code import header, osqp_code
 from ca_ros.problem.problem import AllocationProblem
 
 SOURCE = Path(__file__).with_name('contenders.c')
@@ -75,39 +75,37 @@ class Compiled:
         return times.tolist(), [own if good else None for own, good in pairs]
 
 
-def compiled(problem: AllocationProblem) -> tuple[dict[str, Compiled], dict[str, Any]]:
+def compiled(problem: AllocationProblem) -> tuple[dict[str, Compiled], dict[str, str], str]:
     """Build the contenders for a vehicle.
 
     Returns
     -------
     calls : dict
         The contenders by name.
-    about : dict
-        What benchmark.json has about them: ``contenders``, their names; ``absent``, why others
-        are missing, by name; ``clock``, the time of a call that does nothing, timed
-        alone [s]; ``compiler`` and its options.
+    absent : dict
+        Why others are missing, by name.
+    about : str
+        The compiler and its options, and the time of a call that does nothing, timed alone.
     """
     absent: dict[str, str] = {}
-    about: dict[str, Any] = {'contenders': [], 'absent': absent}
     with TemporaryDirectory() as folder:
         try:
             generated = ['-DWITH_OSQP', *osqp_code(problem, Path(folder) / 'osqp')]
         except ImportError as error:
             absent['osqp'], generated = str(error), []
         try:
-            library, about['compiler'] = _build(problem, generated, Path(folder))
+            library, about = _build(problem, generated, Path(folder))
         except Missing as error:
-            return {}, about | {'absent': dict.fromkeys(NAMES, str(error))}
+            return {}, dict.fromkeys(NAMES, str(error)), ''
     if fault := library.set_up():
         raise RuntimeError(f'ca_set_up: fault {fault}')
     try:
         _set_up_daqp(library, problem)
     except (Missing, ImportError) as error:
         absent['daqp_reused'] = str(error)
-    about['contenders'] = [name for name in NAMES if name not in absent]
-    calls = {name: Compiled(library, name, problem.n) for name in about['contenders']}
+    calls = {name: Compiled(library, name, problem.n) for name in NAMES if name not in absent}
     times, _ = Compiled(library, 'nothing', problem.n).one_by_one([problem.center] * 1000)
-    return calls, about | {'clock': float(np.median(times)) / 1e9}
+    return calls, absent, f'{about}; {np.median(times):g} ns for reading the clock'
 
 
 def _build(

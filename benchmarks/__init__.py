@@ -1,0 +1,1 @@
+"""The benchmark: how fast everything is, beside the solvers of others."""

@@ -1,0 +1,200 @@
+"""The latency of the allocator node from command to rotor speeds, beside that of an echo node.
+
+Both nodes run all the time, each in a process and a namespace of its own, and get commands in
+short alternating blocks, so that background load affects both equally.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import struct
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import rclpy
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from std_msgs.msg import Header
+from tqdm import tqdm
+
+from benchmarks.sizes import Sizes
+from ca_ros.errors import CaRosError
+from ca_ros.evaluation import wrench_sets
+from ca_ros.flight.gains import Gains
+from ca_ros.nodes.messages import wrench_message
+from ca_ros.nodes.parameters import load
+from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH
+from ca_ros.process.deadline import Deadline
+from ca_ros.process.processes import Processes
+from ca_ros.vehicle.files import find
+from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.vehicle import Vehicle
+
+MODULES = {'allocator': 'ca_ros.nodes.allocator', 'echo': 'benchmarks.echo'}
+
+RATES = (250.0, 1000.0)
+"""Rates at which latencies are measured [Hz]."""
+
+COMMANDS = 1000
+START_TIMEOUT = 30.0
+ANSWER_MAX = 1.0
+"""Time after which a command without an answer is lost [s]."""
+
+
+class LatencyError(CaRosError):
+    """A node ended, or did not answer."""
+
+
+def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
+    """Start both nodes for a vehicle's name or file, measure them, and end them.
+
+    Returns one row per block: rate, node, percentiles of the latency [s], and the numbers of
+    commands that were sent, answered, and late.  Raises a LatencyError if a node ends or does not
+    answer.
+    """
+    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    root = str(Path(__file__).parents[1])
+    os.environ['PYTHONPATH'] = os.pathsep.join([root, os.environ.get('PYTHONPATH', '')])
+    ros = ['--ros-args', '--params-file', str(find(vehicle).resolve()), '-p', 'mode:=realtime']
+    # Between its blocks a node gets no commands, and stamps are numbers here.
+    ros += ['-p', 'command_timeout:=1.0e6', '-p', 'command_age_max:=0.0']
+    ros += ['-r', '/diagnostics:=diagnostics', '-r']
+    spaces = {kind: f'/benchmark_{kind}_{os.getpid()}' for kind in MODULES}
+    children = {
+        kind: [sys.executable, '-m', module, *ros, f'__ns:={spaces[kind]}']
+        for kind, module in MODULES.items()
+    }
+    commands = flown(vehicle)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node('latency', start_parameter_services=False, enable_rosout=False)
+    try:
+        with Processes(children) as processes:
+
+            def watch() -> None:
+                for name, code in processes.ended().items():
+                    raise LatencyError(f'the {name} ended with exit code {code}')
+
+            clients = {kind: Client(node, spaces[kind], commands, watch) for kind in MODULES}
+            for client in clients.values():
+                client.wait_for_node()
+                # The first commands fill caches and are not measured.
+                client.ask(COMMANDS, COMMANDS)
+            return measure(clients, *sizes.blocks)
+    finally:
+        node.destroy_node()
+        try_shutdown()
+
+
+def flown(name: str) -> list[bytes]:
+    """Return the wrenches of a flight as serialized messages."""
+    vehicle, parameters = Vehicle.load(name), load(name)
+    wrenches = np.zeros((COMMANDS, len(AXES)))
+    columns = [AXES.index(axis) for axis in vehicle.axes]
+    gains = Gains.from_parameters(parameters)
+    wrenches[:, columns] = wrench_sets.flown(vehicle, gains, COMMANDS)
+    header = Header(frame_id=parameters['command_frame'])
+    return [bytes(serialize_message(wrench_message(wrench, header))) for wrench in wrenches]
+
+
+class Client:
+    """The client of one of the nodes.
+
+    It sends and takes serialized messages without an executor, so that it costs less than the node
+    and adds no wake-up.
+    """
+
+    def __init__(
+        self, node: Node, space: str, commands: Sequence[bytes], watch: Callable[[], None]
+    ) -> None:
+        self._watch, self._commands = watch, [bytearray(command) for command in commands]
+        self._publisher = node.create_publisher(
+            WRENCH.kind, f'{space}/{WRENCH.name}', offered('realtime')
+        )
+        # Reliable: every answer counts, also if several arrive at once.
+        topic, qos = f'{space}/{SPEED_COMMAND.name}', requested('lockstep')
+        self._subscription = node.create_subscription(
+            SPEED_COMMAND.kind, topic, lambda _: None, qos, raw=True
+        )
+        self._space, self._sent = space, 0
+
+    def wait_for_node(self) -> None:
+        """Wait until the node answers; matched topics alone may still lose its first answers."""
+        deadline = Deadline(START_TIMEOUT)
+        matched = self._publisher.get_subscription_count, self._subscription.get_publisher_count
+        while not (all(count() for count in matched) and self.ask(50.0, 10)['latency'].count()):
+            self._watch()
+            time.sleep(0.05)
+            if deadline.passed():
+                raise LatencyError(f'after {START_TIMEOUT:g} s no answer in {self._space}')
+
+    def ask(self, rate: float, count: int) -> pd.DataFrame:
+        """Send commands at a rate, without waiting for answers.
+
+        Returns one row per command: ``delay`` from the time when it was due, and ``latency`` until
+        its answer, NaN without an answer [s].
+        """
+        gc.collect()
+        first = self._sent
+        due, sent, answered = np.full((3, count), np.nan)
+        due[:] = time.perf_counter() + np.arange(1, count + 1) / rate
+        end = due[-1] + ANSWER_MAX
+        k = 0
+        # Answers arrive in the order of the commands, so the last one ends the block.
+        while np.isnan(answered[-1]) and (now := time.perf_counter()) < end:
+            if k < count and now >= due[k]:
+                sent[k] = self._send()
+                k += 1
+            elif (i := self._take() - first) >= 0 and i < count and np.isnan(answered[i]):
+                answered[i] = time.perf_counter()
+        self._watch()
+        return pd.DataFrame({'delay': sent - due, 'latency': answered - sent})
+
+    def _send(self) -> float:
+        """Send the next command; return the time [s]."""
+        command = self._commands[self._sent % len(self._commands)]
+        # The stamp follows the four bytes of the encoding; the answer repeats it.
+        struct.pack_into('<iI', command, 4, 0, self._sent)
+        self._sent += 1
+        now = time.perf_counter()
+        self._publisher.publish(bytes(command))
+        return now
+
+    def _take(self) -> int:
+        """Return the number of the command that the next answer is for; -1 without answer."""
+        with self._subscription.handle:
+            taken = self._subscription.handle.take_message(SPEED_COMMAND.kind, True)
+        if taken is None:
+            return -1
+        _, found, rest = bytes(taken[0]).partition(b'stamp ')
+        digits = rest.partition(b'\0')[0]
+        return int(digits) if found and digits.isdigit() else -1
+
+
+def measure(clients: Mapping[str, Client], blocks: int, seconds: float) -> pd.DataFrame:
+    """Return the rows of `measure_nodes`; the clients take turns at being the first."""
+    rows = []
+    for rate in RATES:
+        for block in tqdm(range(blocks), f'node at {rate:g} Hz', disable=None):
+            for kind in list(clients)[:: 1 if block % 2 else -1]:
+                found = clients[kind].ask(rate, max(int(rate * seconds), 10))
+                key = {'part': 'node', 'wrenches': f'{rate:g} Hz', 'contender': kind}
+                rows.append({**key, 'repetition': block, **metrics(found, 1.0 / rate)})
+    return pd.DataFrame(rows)
+
+
+def metrics(rows: pd.DataFrame, period: float) -> dict[str, float]:
+    """Return percentiles [s] and counts; an answer is late a period after it was due."""
+    if rows['latency'].isna().all():
+        raise LatencyError('no command was answered')
+    p50, p99 = rows['latency'].quantile([0.5, 0.99])
+    in_time = int((rows['delay'] + rows['latency'] <= period).sum())
+    counts = {'sent': len(rows), 'answered': int(rows['latency'].count())}
+    return {'p50': p50, 'p99': p99, 'late': len(rows) - in_time, **counts}

@@ -1,0 +1,157 @@
+"""The parts of a benchmark: calls, number of rotors, batches, set-ups, closed loop."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.answers import Answers
+from benchmarks.contenders import BASELINE, CONTENDERS, EXACT
+from benchmarks.peers import Call
+from benchmarks.sizes import Sizes
+from benchmarks.timing import Jobs, Key, measure, rounds
+from ca_ros.allocation.options import allocator_from_parameters
+from ca_ros.arrays import Array
+from ca_ros.evaluation import wrench_sets
+from ca_ros.evaluation.cases import Case
+from ca_ros.flight.gains import Gains
+from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.audit import accept
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.vehicle.vehicle import Vehicle
+
+ROTORS, TILT = 16, float(np.radians(25.0))
+"""Rotors of the vehicles of set-ups, and their tilt where they control six axes [rad]."""
+
+SETS = {
+    'uniform': 'uniform by volume in the admissible set',
+    'boundary': 'near the boundary of the admissible set: a third on it, to rounding, a third '
+    'inside and a third outside, by 1e-3, 1e-6 or 1e-9 of the distance from the centre',
+    'flight': 'the successive commands of the controller in a flight to four waypoints in turn, '
+    'three of which are so far away that rotors saturate',
+}
+
+
+def drawn(
+    parameters: Mapping[str, Any], problem: AllocationProblem, sizes: Sizes, seed: int
+) -> dict[str, Array]:
+    """Return the wrenches (W, m) of each of `SETS` [N, N m]; a problem has no flight."""
+    admissible, rng = AdmissibleSet(problem), np.random.default_rng
+    found = {
+        'uniform': admissible.sample(rng(seed), sizes.wrenches),
+        'boundary': wrench_sets.near_boundary(admissible, rng(seed), sizes.wrenches),
+    }
+    if isinstance(problem, VehicleProblem):
+        gains = Gains.from_parameters(parameters)
+        found['flight'] = wrench_sets.flown(problem.vehicle, gains, sizes.flight)
+    return found
+
+
+def time_calls(
+    problem: AllocationProblem,
+    calls: Mapping[str, Call],
+    sets: Mapping[str, Array],
+    sizes: Sizes,
+    seed: int,
+    part: str = 'calls',
+) -> pd.DataFrame:
+    """Return rows of `measure` for each set of wrenches."""
+    parts = []
+    for kind, wrenches in sets.items():
+        keyed = {Key(part, kind, name, problem.n): call for name, call in calls.items()}
+        checks = dict.fromkeys(keyed, Answers(problem, wrenches))
+        parts.append(measure(keyed, checks, sizes, seed))
+    return pd.concat(parts)
+
+
+def time_rotors(rival: str | None, sizes: Sizes, seed: int) -> pd.DataFrame:
+    """Return rows of `measure` of the baseline, `exact` and a peer by number of rotors."""
+    contenders = {BASELINE: CONTENDERS[BASELINE], 'exact': EXACT}
+    contenders |= {rival: CONTENDERS[rival]} if rival else {}
+    calls: dict[Key, Call] = {}
+    checks: dict[Key, Answers] = {}
+    for n in sizes.rotors:
+        parameters = wrench_sets.ring(n)
+        problem = VehicleProblem(Vehicle.from_parameters(parameters))
+        for kind, wrenches in drawn(parameters, problem, sizes, seed).items():
+            own = {Key('rotors', kind, name, n): each for name, each in contenders.items()}
+            calls |= {key: each.call(problem) for key, each in own.items()}
+            checks |= dict.fromkeys(own, Answers(problem, wrenches))
+    return pd.concat(
+        measure({key: calls[key] for key in calls if key.wrenches == kind}, checks, sizes, seed)
+        for kind in SETS
+    )
+
+
+def time_batches(
+    case: Case, rival: str | None, call: Call | None, sizes: Sizes, seed: int
+) -> pd.DataFrame:
+    """Return rows of `rounds`: times per wrench of batches of `exact`, and of a peer in a loop.
+
+    All run on one core; if there are more, the greatest size also on two.
+    """
+    admissible, exact = AdmissibleSet(case.problem), case.allocator('exact')
+    n, largest = case.problem.n, max(sizes.batches)
+    wrenches = admissible.sample(np.random.default_rng(seed), largest)
+    # The first batch fills caches and is not timed.
+    exact.allocate_batch(wrenches[: min(sizes.batches)])
+
+    def batches(size: int, count: int) -> None:
+        for first in range(0, size * count, size):
+            exact.allocate_batch(wrenches[first : first + size])
+
+    jobs: Jobs = {
+        Key('batches', str(size), 'exact', n): (
+            partial(_on, 1, partial(batches, size, count)),
+            size * count,
+        )
+        for size, count in sizes.batches.items()
+    }
+    if len(os.sched_getaffinity(0)) > 1:
+        job = partial(batches, largest, sizes.batches[largest])
+        key = Key('batches', f'{largest}, two cores', 'exact', n)
+        jobs[key] = partial(_on, 2, job), largest * sizes.batches[largest]
+    if rival is not None and call is not None:
+        part = wrenches[: sizes.looped]
+        thrusts = np.empty((len(part), n))
+
+        def loop() -> None:
+            for row, u in zip(thrusts, part, strict=True):
+                row[:] = call(u)
+
+        jobs[Key('batches', 'one by one', rival, n)] = partial(_on, 1, loop), len(part)
+    return rounds(jobs, sizes.rounds, seed)
+
+
+def _on(cores: int, job: Callable[[], Any]) -> None:
+    """Do a job on some of the cores that the process may use."""
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(allowed)[-cores:])
+    try:
+        job()
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def time_setups(sizes: Sizes, seed: int) -> pd.DataFrame:
+    """Return rows of `rounds`: times of audit and set-up of `exact` after each rotor's failure."""
+    jobs: Jobs = {}
+    for axes, parameters in ((4, wrench_sets.ring(ROTORS)), (6, wrench_sets.ring(ROTORS, TILT))):
+        vehicle = Vehicle.from_parameters(parameters)
+        vehicles = [vehicle.with_health(health) for health in 1.0 - np.eye(ROTORS)]
+        job = partial(_set_up, parameters, vehicles)
+        # The first time fills caches and is not timed.
+        job()
+        jobs[Key('set-up', f'{axes} axes', 'exact', ROTORS)] = job, len(vehicles)
+    return rounds(jobs, sizes.rounds, seed)
+
+
+def _set_up(parameters: dict[str, Any], vehicles: list[Vehicle]) -> None:
+    for vehicle in vehicles:
+        allocator_from_parameters(parameters, accept(vehicle, 'drop').problem)

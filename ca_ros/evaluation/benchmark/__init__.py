@@ -1,1 +1,0 @@
-"""How fast everything is, beside solvers that others have written."""
