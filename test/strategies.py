@@ -1,6 +1,8 @@
 """What the tests share: lengths, vehicles, demands, and linear programs as oracles."""
 
 import os
+import shutil
+import sysconfig
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ca_ros import ParameterError, Vehicle, control_allocation_matrix, make_allocator
+from ca_ros.kernel import load
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.parameters import AXES
 
@@ -32,6 +35,20 @@ def length(short, long, soak=None):
 def solver(name):
     """Import a package that rosdep does not know, or skip the test that needs it."""
     return pytest.importorskip(name, reason=f'needs {name}, which rosdep does not know')
+
+
+def need_kernel():
+    """Skip the module that says so if the kernel is not built, and no compiler is there to do it.
+
+    With a compiler the installation has failed, and so does the module.
+    """
+    missing = [name for name in ('double', 'double_4', 'single') if load(name) is None]
+    compiler = (sysconfig.get_config_var('CC') or 'cc').split()[0]
+    if missing and shutil.which(compiler):
+        pytest.fail(f'{compiler} is there, but ca_ros.kernel has no {", ".join(missing)}: '
+                    'python setup.py build_ext --inplace', pytrace=False)
+    if missing:
+        pytest.skip('needs a C compiler', allow_module_level=True)
 
 
 # Vehicles by name

@@ -19,17 +19,17 @@ from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.literals import real
 from ca_ros.firmware.readme import UNATTAINABLE
-from ca_ros.kernel import INVALID, load
+from ca_ros.kernel import INVALID
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.files import find, read
+from strategies import need_kernel
 
 VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
 PRECISIONS = ('single', 'double')
 ARM = ('make', 'arm-none-eabi-gcc', 'qemu-system-arm')
 
-pytestmark = pytest.mark.skipif(
-    not all(map(load, PRECISIONS)), reason='the extension modules are not built')
+need_kernel()
 
 
 @pytest.fixture(scope='module')

@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs' / 'scripts')
 firmware = pytest.importorskip('firmware', reason='needs packages that rosdep does not know')
 
 pytestmark = [
+    pytest.mark.long,
     pytest.mark.slow,
     pytest.mark.skipif(bool(firmware.missing()),
                        reason=f'needs {", ".join(firmware.missing())}'),

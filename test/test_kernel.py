@@ -11,7 +11,7 @@ from ca_ros.allocation.exact_engines import Setting, kernel_for
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import FLEET, HEXAROTOR, SOME, length, random_vehicle
+from strategies import FLEET, HEXAROTOR, SOME, length, need_kernel, random_vehicle
 
 VEHICLES = length(10, 30, 1000)
 """How many random vehicles."""
@@ -20,7 +20,7 @@ POLICIES = {'prioritize': {}, 'avoid': {'reversal': 'avoid'}, 'allow': {'reversa
             'scale': {'policy': 'scale'}, 'reject': {'policy': 'reject'},
             'yaw first': {'order': ['yaw', 'roll pitch', 'thrust']}}
 
-pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')
+need_kernel()
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
 from ca_ros.kernel import load
-from strategies import length
+from strategies import length, need_kernel
 
 daqp = pytest.importorskip('daqp', reason='rosdep does not know it')
 quadprog = pytest.importorskip('quadprog', reason='rosdep does not know it')
@@ -17,7 +17,7 @@ quadprog = pytest.importorskip('quadprog', reason='rosdep does not know it')
 PROBLEMS = length(15, 60, 1000)
 """How many random problems."""
 
-pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')
+need_kernel()
 
 
 def random_problem(rng):
