@@ -90,7 +90,6 @@ readme: demo
 	.venv/bin/python docs/scripts/failure.py
 	.venv/bin/python docs/scripts/plant_effects.py
 	.venv/bin/python docs/scripts/comparison.py
-	.venv/bin/python docs/scripts/studies.py
 	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \
 	    --animate --out out/animation
 	cp out/animation/animation.gif docs

@@ -22,7 +22,6 @@ COMMANDS = {
     **{node: f'ca_ros.nodes.{node}' for node in NODES},
     'attainable': 'ca_ros.evaluation.attainable',
     'bringup': 'ca_ros.bringup.bringup',
-    'design_study': 'ca_ros.evaluation.design_study',
     'dynamic_study': 'ca_ros.evaluation.dynamic_study',
     'fault_proxy': 'ca_ros.bringup.fault_proxy',
     'firmware': 'ca_ros.firmware.command',
