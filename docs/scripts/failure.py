@@ -81,7 +81,7 @@ def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> O
 
 def rotors_table() -> str:
     """Return the lost axes of each vehicle without each rotor, and whether it flies."""
-    rows: dict[tuple[str, ...], list[int]] = {}
+    rows: dict[tuple[str, ...], list[tuple[int, Outcome]]] = {}
     for name in shipped():
         sound = Case.load(name)
         if sound.vehicle.buoyancy:
@@ -91,33 +91,25 @@ def rotors_table() -> str:
             health = np.ones(sound.vehicle.n)
             health[rotor - 1] = 0.0
             report = audit(sound.vehicle.with_health(health))
-            drags = [0.0, DRAG] if report.lost == ('yaw',) else [0.0]
-            for drag in drags:
+            torque = f'{abs(report.spin_torque):.2g}' if report.spin_torque else '0'
+            for drag in [0.0, DRAG] if report.lost == ('yaw',) else [0.0]:
                 case = Case.load(name, [f'simulator.rotational_drag:={drag}'])
                 exact, inverse = (lose(case, method, rotor) for method in METHODS[:2])
-                key = (
-                    f'`{name}`',
-                    ', '.join(report.lost) or 'none',
-                    f'{abs(report.spin_torque):.2g}' if report.spin_torque else '0',
-                    f'{drag:g}',
-                    verdict(exact),
-                    f'{degrees(exact.tilt):.0f}' if exact.flies else '',
-                    f'{exact.spin:.1f}' if exact.flies else '',
-                    verdict(inverse),
-                )
-                rows.setdefault(key, []).append(rotor)
+                lost = ', '.join(report.lost) or 'none'
+                key = (f'`{name}`', lost, torque, f'{drag:g}', verdict(exact), verdict(inverse))
+                rows.setdefault(key, []).append((rotor, exact))
+    lines = []
+    for (name, lost, torque, drag, ours, theirs), found in rows.items():
+        # The worst of the rotors of a row.
+        tilt = f'{degrees(max(each.tilt for _, each in found)):.0f}' if ours == 'flies' else ''
+        spin = f'{max(each.spin for _, each in found):.1f}' if ours == 'flies' else ''
+        rotors = spans([rotor for rotor, _ in found])
+        lines.append((name, rotors, lost, torque, drag, ours, tilt, spin, theirs))
     titles = (
-        'vehicle',
-        'rotor',
-        'lost axes',
-        'yaw torque left [N m]',
-        'drag [N m s²/rad²]',
-        '`exact`',
-        'tilt [°]',
-        'spin [rad/s]',
-        '`pseudo_inverse`',
+        *('vehicle', 'rotor', 'lost axes', 'yaw torque left [N m]', 'drag [N m s²/rad²]'),
+        *('`exact`', 'tilt [°]', 'spin [rad/s]', '`pseudo_inverse`'),
     )
-    return table(titles, [(key[0], spans(found), *key[1:]) for key, found in rows.items()])
+    return table(titles, lines)
 
 
 def verdict(outcome: Outcome) -> str:
