@@ -60,7 +60,7 @@ setup(
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',
     packages=find_packages(include=[package, f'{package}.*']),
-    py_modules=['pytest_ca_ros'],
+    py_modules=['ca_ros_commands', 'pytest_ca_ros'],
     package_data={
         package: [
             'py.typed', 'evaluation/templates/*',
@@ -133,7 +133,7 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [f'{command} = {package}.commands:{command}' for command in commands],
+        'console_scripts': [f'{command} = {package}_commands:{command}' for command in commands],
         'pytest11': [f'{package} = pytest_ca_ros'],
     },
 )

@@ -2,6 +2,7 @@
 
 import math
 import signal
+from collections import Counter
 
 import numpy as np
 import psutil
@@ -12,7 +13,11 @@ from matplotlib import image
 
 from ca_ros import Vehicle, make_allocator
 from ca_ros.allocation.options import options_from_parameters
+from ca_ros.bringup import session
 from ca_ros.bringup.agreement import differences
+from ca_ros.bringup.bringup import write_results
+from ca_ros.bringup.options import parse
+from ca_ros.bringup.session import Flown
 from ca_ros.commands import NODES
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller, Gains
@@ -187,7 +192,33 @@ def test_it_does_not_start_where_another_loop_is(graph, tmp_path, node, topic):
     assert f'in ROS domain {graph.domain}: end them' in line
 
 
+@pytest.mark.parametrize('name', ['flight.csv', 'flight.png'])
+def test_a_full_disk_is_reported_with_the_file(tmp_path, name):
+    (tmp_path / name).symlink_to('/dev/full')
+    vehicle = load('hexarotor')
+    flown = Flown(
+        fly_offline('exact', 0.1), 0.1, Counter(), Counter(), Counter(), vehicle,
+        Vehicle.from_parameters(vehicle))
+    with pytest.raises(OSError, match=f'^{tmp_path / name}: No space left on device$'):
+        write_results(parse([]), tmp_path, flown)
+
+
 # Flights that end before their time
+
+def test_a_wait_says_what_it_waits_for_before_it_ends(monkeypatch, capsys):
+    monkeypatch.setattr(session, 'PROGRESS_TIMEOUT', 0.05)
+    monkeypatch.setattr(session, 'NOTICE', 0.02)
+    patience = session.Patience()
+
+    def wait():
+        while True:
+            patience.check('{:g} s without a wheel'.format)
+
+    with pytest.raises(session.Stopped, match=r'^0\.05 s without a wheel$'):
+        wait()
+    assert capsys.readouterr().err.splitlines()[0] == (
+        'bringup: 0.02 s without a wheel; waiting up to 0.05 s')
+
 
 def fly_on(graph, *arguments):
     """Start a flight that does not end, and return it when it has left the ground."""

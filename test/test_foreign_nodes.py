@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from ca_ros.bringup.agreement import DisagreementError, check, combined, not_compared
-from ca_ros.bringup.options import commands, parse
+from ca_ros.bringup.options import parse
 from ca_ros.bringup.timeline import Timeline, TimelineError
 from ca_ros.commands import NODES
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
@@ -25,9 +25,9 @@ from test_bringup import fly_offline, read
 
 def test_a_program_gets_the_arguments_of_the_node_whose_place_it_takes():
     arguments = ['--vehicle', 'x8', '--mode', 'lockstep', '--namespace', '/uav1']
-    own = commands(parse(arguments))
+    own = parse(arguments).commands()
     program = f"{sys.executable} 'my plant.py' --gain 2"
-    lines = commands(parse([*arguments, '--plant', program]))
+    lines = parse([*arguments, '--plant', program]).commands()
     assert lines['simulator'][:4] == [sys.executable, 'my plant.py', '--gain', '2']
     rest = lines['simulator'][4:]
     name = rest.index('__node:=simulator')
@@ -78,17 +78,17 @@ def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lac
         (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * len(times))
     if lacking:
         with pytest.raises(TimelineError, match=f'does not declare {lacking}, which'):
-            Timeline(None, trajectory, RotorFailures(()), parameters)
+            Timeline(None, trajectory, RotorFailures(()), parameters, 6)
     failing = RotorFailures((RotorFailure(1, 1.0),))
     with pytest.raises(TimelineError, match=r'does not declare rotors\.health'):
-        Timeline(None, trajectory, failing, parameters)
+        Timeline(None, trajectory, failing, parameters, 6)
 
 
 def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys):
     parameters = {node: load('hexarotor', table=DECLARED[node]) for node in NODES}
     del parameters['controller']['rotors.health']
     failing = RotorFailures((RotorFailure(1, 1.0),))
-    Timeline(graph.node, Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0)), failing, parameters)
+    Timeline(graph.node, Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0)), failing, parameters, 6)
     assert capsys.readouterr().err == (
         'bringup: warning: the controller does not declare rotors.health: it is not told of rotor '
         'failures\n')
@@ -165,7 +165,7 @@ def test_a_plant_of_the_page_flies_as_our_simulator_does(graph, tmp_path):
         '--duration', '0.5', '--out', str(tmp_path))
     out, err = graph.outlive(flight)
     assert 'flight of 0.50 s (lockstep, 51 samples' in out, err
-    assert [line for line in err.splitlines() if line.startswith('bringup: ')] == [
+    assert [line for line in err.splitlines() if line.startswith('bringup: warning')] == [
         'bringup: warning: the simulator has no parameters: its mode and vehicle cannot be '
         'compared']
     expected = fly_offline('exact', 0.5).columns()

@@ -235,7 +235,7 @@ def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
     # Each start may take its time here.
     patient = (
         'from ca_ros.bringup import bringup, session; session.Processes.STARTING = 1e6; '
-        'session.PROGRESS_TIMEOUT = 1e6; '
+        'session.PROGRESS_TIMEOUT = session.NOTICE = 1e6; '
         'raise SystemExit(bringup.main())')
     flight = graph.start(
         sys.executable, '-c', patient,

@@ -166,6 +166,27 @@ def test_an_interrupt_while_a_command_starts_ends_it_without_a_traceback(monkeyp
     assert capfd.readouterr() == ('', '')
 
 
+INTERRUPTED = """
+import sys
+
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'numpy':
+            raise KeyboardInterrupt
+
+
+sys.meta_path.insert(0, Interrupt())
+from ca_ros_commands import bringup
+raise SystemExit(bringup())
+"""
+
+
+def test_an_interrupt_while_the_package_is_imported_ends_a_command_without_a_traceback(tmp_path):
+    result = run(tmp_path, INTERRUPTED, ())
+    assert (result.returncode, result.stdout, result.stderr) == (130, '', '')
+
+
 # Rooms
 
 ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'flight', 'nodes',

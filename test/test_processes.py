@@ -9,7 +9,7 @@ import time
 import psutil
 
 from ca_ros.process.deadline import Deadline
-from ca_ros.process.processes import Processes, start
+from ca_ros.process.processes import Processes, end, start
 from ca_ros.testing import DEADLINE
 
 SLEEP = [sys.executable, '-c', 'import time; time.sleep(1000.0)']
@@ -73,6 +73,25 @@ def gone(process):
         return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
         return True
+
+
+DEAF = [sys.executable, '-uc', """
+import signal, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print('deaf')
+time.sleep(1000.0)
+"""]
+
+
+def test_what_does_not_end_in_time_is_killed_and_named(capsys):
+    deaf, sleeper = start(DEAF, stdout=subprocess.PIPE), start(SLEEP)
+    assert deaf.stdout.readline() == b'deaf\n'
+    deaf.stdout.close()
+    assert end([deaf, sleeper], signal.SIGTERM, 0.3) == [deaf]
+    assert (deaf.returncode, sleeper.returncode) == (-signal.SIGKILL, -signal.SIGTERM)
+    [line] = [line for line in capsys.readouterr().err.splitlines() if line.startswith('killed')]
+    assert line.startswith(f'killed, as it did not end within 0.3 s: {sys.executable} -uc')
+    assert end([deaf, sleeper], signal.SIGTERM, 0.3) == []
 
 
 # Notes its own SIGTERM in a file, as a node sends its last command.

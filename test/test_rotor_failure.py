@@ -8,12 +8,14 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros import ALLOCATORS, Status, Vehicle, make_allocator
+from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
+from ca_ros.bringup.bringup import main as bringup
+from ca_ros.bringup.flight_options import failure_words
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_study import main as dynamic_study
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures, arguments
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
@@ -168,6 +170,17 @@ def test_what_is_no_failure_is_refused(text):
         RotorFailure.parse(text)
 
 
+def test_a_rotor_cannot_fail_twice_at_the_same_time(capsys, tmp_path):
+    failures = RotorFailure(1, 1.0), RotorFailure(2, 1.0), RotorFailure(1, 1.5)
+    assert len(RotorFailures(failures).times()) == 4
+    words = '--fail 1@1=0.5: rotor 1 fails twice at 1 s'
+    with pytest.raises(ParameterError, match=words):
+        RotorFailures((*failures, RotorFailure(1, 1.0, 0.5)))
+    for command in (bringup, dynamic_study):
+        assert command(['--fail', '1@1', '--fail', '1@1=0.5', '--out', str(tmp_path)]) == 1
+        assert capsys.readouterr().err.endswith(f': {words}\n')
+
+
 def test_failures_and_announcements_have_their_times():
     failures = RotorFailures(
         (RotorFailure(2, 1.0, 0.5), RotorFailure(2, 1.05), RotorFailure(1, 3.0)))
@@ -197,7 +210,7 @@ def test_a_rotor_that_is_not_there_cannot_fail(graph, tmp_path, capsys):
 # Over DDS
 
 def options_of(failures):
-    return ['--waypoint', *map(str, NEXT.position), '--heading', '0', *arguments(failures)]
+    return ['--waypoint', *map(str, NEXT.position), '--heading', '0', *failure_words(failures)]
 
 
 @pytest.mark.slow
@@ -215,7 +228,7 @@ def test_failures_over_dds_equal_those_offline_to_the_last_bit(
     process = graph.start(
         'bringup', '--mode', 'lockstep', '--vehicle', vehicle, '--duration', str(duration),
         '--out', str(tmp_path), '--waypoint', *map(str, NEXT.position), '--heading', '0',
-        *arguments(failures))
+        *failure_words(failures))
     out, err = graph.outlive(process)
     assert process.returncode == ('MISSED' in words), out + err
     assert [word for word in (*words, 'within bounds') if word not in out] == []

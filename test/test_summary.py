@@ -1,29 +1,53 @@
 """The summary of a flight: what disturbed it, and the hint that the machine was too slow."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from ca_ros import Vehicle
 from ca_ros.bringup import summary
 from ca_ros.bringup.session import Flown
 from ca_ros.bringup.summary import summarize
-from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.flight.record import Flight
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from test_bringup import WAYPOINT, fly_offline
 
 HINT = '  hint          the machine may be too slow for real time'
-MISSED = Flown(
-    fly_offline('exact', 0.5), 0.5, Counter(), Counter(), Counter(), load('hexarotor'))
+PARAMETERS = load('hexarotor')
+SHORT = Flown(
+    fly_offline('exact', 0.5), 0.5, Counter(), Counter(), Counter(), PARAMETERS,
+    Vehicle.from_parameters(PARAMETERS))
 """A flight that is too short to reach its waypoint."""
 
+AWAY = replace(SHORT, flight=fly_offline('exact', 1.0, (-1.0, -1.0, 1.0, 0.0)))
+"""A flight to elsewhere."""
 
-def lines(**changes):
-    """Return what the summary of the missed flight says after its rotor speeds."""
-    text, reached = summarize(replace(MISSED, **changes), Waypoint.of(*WAYPOINT), RotorFailures())
+
+def lines(flown=AWAY, failures=RotorFailures(), **changes):  # noqa: B008 - it is frozen
+    """Return what the summary of a missed flight says after its rotor speeds."""
+    text, reached = summarize(replace(flown, **changes), Waypoint.of(*WAYPOINT), failures)
     assert not reached
     return text.splitlines()[4:]
+
+
+def bounds(flight, failures=RotorFailures(), **changes):  # noqa: B008 - it is frozen
+    """Return what the summary says of the bounds, in real time unless the changes say else."""
+    flown = replace(SHORT, flight=flight, **changes)
+    text, _ = summarize(flown, Waypoint.of(*WAYPOINT), failures)
+    return re.search(r'(\S+ ?\S*) bounds', text)[1].removeprefix('flight, ')
+
+
+def flight_of(speeds):
+    """Return a flight at rest with these speeds, every 0.1 s."""
+    n = len(speeds)
+    rest = np.zeros((n, 3))
+    attitude = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
+    return Flight(0.1 * np.arange(n), rest, attitude, rest, rest, np.array(speeds, dtype=float))
 
 
 @pytest.fixture(autouse=True)
@@ -35,6 +59,42 @@ def idle(monkeypatch):
 
 def test_an_undisturbed_flight_has_no_further_lines():
     assert lines() == []
+
+
+def test_a_healthy_flight_that_is_too_short_does_not_blame_the_machine(monkeypatch):
+    monkeypatch.setattr(summary.os, 'getloadavg', lambda: (9.0, 0.0, 0.0))
+    for timeouts in (Counter(), Counter(controller=1)):
+        *_, hint = lines(SHORT, timeouts=timeouts)
+        assert re.fullmatch(
+            '  hint          it was still approaching, by .* mm/s: try a longer --duration', hint)
+    # There, but not yet turned.
+    turning = fly_offline('exact', 0.5, (0.0, 0.0, 0.0, WAYPOINT[3]))
+    flown = replace(SHORT, flight=replace(turning, position=turning.position + WAYPOINT[:3]))
+    [hint] = lines(flown)
+    assert 'degrees/s: try a longer --duration' in hint
+
+
+def test_a_lost_rotor_that_turns_long_after_it_was_announced_is_out_of_bounds():
+    lost = RotorFailures((RotorFailure(1, 0.2),), 0.1)
+    hover, without = [250.0] * 6, [0.0] + [250.0] * 5
+    for mode, late, expected in (
+            ('realtime', 0, 'within'), ('realtime', 9, 'within'), ('realtime', 12, 'OUT OF'),
+            ('lockstep', 0, 'within'), ('lockstep', 1, 'OUT OF')):
+        speeds = [hover] * (3 + late) + [without] * (30 - late)
+        parameters = PARAMETERS | {'mode': mode}
+        assert bounds(flight_of(speeds), lost, parameters=parameters) == expected
+    # Never announced, so it is commanded.
+    assert bounds(flight_of([hover] * 30), RotorFailures(lost.failures, None)) == 'within'
+
+
+def test_rotors_that_a_timeout_stops_are_within_bounds():
+    flight = flight_of([[250.0] * 6, [0.0] * 6])
+    timeouts = Counter(simulator=1)
+    assert bounds(flight, timeouts=timeouts, stops=True) == 'within'
+    assert bounds(flight, stops=True) == 'OUT OF'
+    assert bounds(flight, timeouts=timeouts) == 'OUT OF'
+    slow = flight_of([[250.0] * 6, [0.0] * 5 + [20.0]])
+    assert bounds(slow, timeouts=timeouts, stops=True) == 'OUT OF'
 
 
 def test_timeouts_are_counted_and_hint_at_a_slow_machine():

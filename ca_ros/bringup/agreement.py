@@ -11,7 +11,7 @@ from ca_ros.errors import CaRosError
 from ca_ros.nodes.parameters import DECLARED
 from ca_ros.vehicle.parameters import VEHICLE
 
-FIRST = ('allocator', 'controller', 'simulator')
+REFERENCE_ORDER = ('allocator', 'controller', 'simulator')
 """The others are compared with the first of these nodes that declares a parameter."""
 
 
@@ -53,8 +53,8 @@ def check(parameters: Mapping[str, Mapping[str, Any]], asked: Mapping[str, Any])
 def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Return which nodes differ in which parameters of the vehicle.
 
-    The nodes are compared with the first node of `FIRST` that declares a parameter.  A difference
-    is not an error, because model mismatch is a common experiment.
+    The nodes are compared with the first node of `REFERENCE_ORDER` that declares a parameter.  A
+    difference is not an error, because model mismatch is a common experiment.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     found: dict[tuple[str, str], list[str]] = {}
     for node in NODES:
         for name in (name for name in VEHICLE if name in parameters[node]):
-            model = next(model for model in FIRST if name in parameters[model])
+            model = next(model for model in REFERENCE_ORDER if name in parameters[model])
             if parameters[node][name] != parameters[model][name]:
                 found.setdefault((node, model), []).append(name)
     return '; '.join(
@@ -79,8 +79,11 @@ def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def combined(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the values of all nodes by name; where they differ, those of the first in `FIRST`."""
-    return {name: value for node in reversed(FIRST) for name, value in parameters[node].items()}
+    """Return the values of all nodes by name: those of the first node in `REFERENCE_ORDER`."""
+    values: dict[str, Any] = {}
+    for node in reversed(REFERENCE_ORDER):
+        values |= parameters[node]
+    return values
 
 
 def not_compared(

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from itertools import count
 from pathlib import Path
@@ -18,17 +17,16 @@ from rclpy.utilities import try_shutdown
 from rclpy.validate_namespace import validate_namespace
 
 from ca_ros.bringup.bag import Bag
-from ca_ros.bringup.options import commands, parse
+from ca_ros.bringup.options import parse
+from ca_ros.bringup.plan import Plan
 from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError
 from ca_ros.flight.figures import save
 from ca_ros.flight.plots import draw_flight
-from ca_ros.flight.trajectory import trajectory_of
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
 from ca_ros.process.processes import note_signals
-from ca_ros.vehicle.vehicle import Vehicle
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -37,20 +35,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     # The matrices are too small for the threads of BLAS.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    options = parse(sys.argv[1:] if argv is None else argv)
-    if options.out is not None:
-        return _bringup(options)
     try:
-        options.out = _new_folder()
-    except OSError as error:
+        plan = parse(sys.argv[1:] if argv is None else argv)
+        if plan.out is not None:
+            return _bringup(plan, plan.out)
+        out = _new_folder()
+    except (CaRosError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
     try:
-        return _bringup(options)
+        return _bringup(plan, out)
     finally:
         # This fails if the folder holds a flight.
         with suppress(OSError):
-            options.out.rmdir()
+            out.rmdir()
 
 
 def _new_folder() -> Path:
@@ -64,12 +62,12 @@ def _new_folder() -> Path:
     return folder
 
 
-def _bringup(options: argparse.Namespace) -> int:
+def _bringup(plan: Plan, out: Path) -> int:
     interrupts = note_signals()
     try:
-        nodes, bag = _prepare(options)
+        nodes, bag = _prepare(plan, out)
     except InvalidNamespaceException:
-        print(f'bringup: --namespace: {options.namespace} is not a namespace', file=sys.stderr)
+        print(f'bringup: --namespace: {plan.namespace} is not a namespace', file=sys.stderr)
         return 1
     except RCLError as error:
         print(f'bringup: {in_one_line(error)}', file=sys.stderr)
@@ -78,10 +76,10 @@ def _bringup(options: argparse.Namespace) -> int:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
     try:
-        flown = Session(options, nodes, interrupts, bag).fly(options.goals)
-        summary, reached = summarize(flown, options.goals.last, options.failures)
+        flown = Session(plan, nodes, interrupts, bag).fly()
+        summary, reached = summarize(flown, plan.trajectory.last, plan.failures)
         print(summary)
-        _write(options, flown)
+        write_results(plan, out, flown)
     except (CaRosError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
@@ -92,32 +90,42 @@ def _bringup(options: argparse.Namespace) -> int:
     return 0 if reached else 1
 
 
-def _prepare(options: argparse.Namespace) -> tuple[dict[str, list[str]], Bag | None]:
+def _prepare(plan: Plan, out: Path) -> tuple[dict[str, list[str]], Bag | None]:
     """Return the commands of the nodes, and the bag; find faults before the flight."""
-    options.goals = trajectory_of(options)
-    nodes = commands(options)
-    options.out.mkdir(parents=True, exist_ok=True)
-    if not os.access(options.out, os.W_OK | os.X_OK):
-        raise PermissionError(f'--out: {options.out} cannot be written to')
-    validate_namespace(options.namespace)
+    nodes = plan.commands()
+    out.mkdir(parents=True, exist_ok=True)
+    if not os.access(out, os.W_OK | os.X_OK):
+        raise PermissionError(f'--out: {out} cannot be written to')
+    validate_namespace(plan.namespace)
     rclpy.init(
-        args=['--ros-args', '--enclave', f'{options.namespace.rstrip("/")}/recorder'],
+        args=['--ros-args', '--enclave', f'{plan.namespace.rstrip("/")}/recorder'],
         signal_handler_options=SignalHandlerOptions.NO,
     )
-    return nodes, Bag(options.bag) if options.bag else None
+    return nodes, Bag(plan.bag) if plan.bag else None
 
 
-def _write(options: argparse.Namespace, flown: Flown) -> None:
+def write_results(plan: Plan, out: Path, flown: Flown) -> None:
     """Write flight.csv and, if matplotlib is installed, the plot."""
-    files = [options.out / 'flight.csv']
-    flown.flight.write_csv(files[0])
+    files = [out / 'flight.csv']
+    with naming(files[0]):
+        flown.flight.write_csv(files[0])
     try:
-        vehicle = Vehicle.from_parameters(flown.parameters)
-        figure = draw_flight(flown.flight, vehicle, options.goals, options.figure_width)
-        files += save(figure, options.out / 'flight', options.figures)
+        figure = draw_flight(flown.flight, flown.vehicle, plan.trajectory, plan.figure_width)
+        for form in plan.figures:
+            with naming(out / f'flight.{form}'):
+                files += save(figure, out / 'flight', [form])
     except ModuleNotFoundError as missing:
         print(f"  no plot       needs {missing.name}: pip install 'ca_ros[studies]'")
     print(f'  written       {", ".join(map(str, files))}')
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name the file in an OSError; a full disk, for instance, has none."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(f'{error.filename or path}: {error.strerror}') from None
 
 
 if __name__ == '__main__':

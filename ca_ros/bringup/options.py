@@ -1,32 +1,37 @@
-"""The options of the bringup script, and the commands that start the nodes with them."""
+"""The options of the bringup script."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
 import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS, method_class
-from ca_ros.arguments import HelpFormatter, finite, full_name, renamed
-from ca_ros.bringup.fault_proxy import remaps
+from ca_ros.arguments import HelpFormatter, finite, renamed
+from ca_ros.bringup.flight_options import add_options, failures_of, trajectory_of
 from ca_ros.bringup.link_faults import FAULTS
-from ca_ros.commands import COMMANDS, NODES
+from ca_ros.bringup.plan import Plan
 from ca_ros.flight.figures import add_options as add_figure_options
-from ca_ros.flight.rotor_failures import add_options as add_failure_options
-from ca_ros.flight.rotor_failures import failures_of
-from ca_ros.flight.trajectory import add_options as add_trajectory_options
-from ca_ros.nodes.executable import DEFAULT_VEHICLE, split, vehicle_arguments
-from ca_ros.nodes.parameters import DECLARED, NODE
+from ca_ros.nodes.executable import DEFAULT_VEHICLE, split
+from ca_ros.nodes.parameters import NODE
 
-FOREIGN = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}
+REPLACEMENTS = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}
 """The options that start a program of one's own, and the node whose place it takes."""
 
+SAME = ('duration', 'faults', 'respawn', 'out', 'bag', 'figures', 'figure_width')
+"""The options that the plan has under the same name."""
 
-def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Return the options; the arguments for ROS are in `ros`."""
+
+def parse(argv: Sequence[str]) -> Plan:
+    """Return the plan of the flight that a command line asks for.
+
+    Raises
+    ------
+    ParameterError
+        If the waypoints or the failures are wrong.
+    """
     parser = argparse.ArgumentParser(
         prog='bringup',
         description='Start controller, allocator and simulator, fly to a waypoint, and report.',
@@ -46,7 +51,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         help="follow the clock, or step as fast as possible (default: the parameter file's)",
     )
     parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
-    add_trajectory_options(parser)
+    add_options(parser)
     parser.add_argument(
         '--out',
         type=Path,
@@ -71,7 +76,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar='PARAMETERS',
         help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
     )
-    for option, node in FOREIGN.items():
+    for option, node in REPLACEMENTS.items():
         parser.add_argument(
             f'--{option}',
             type=_program,
@@ -79,7 +84,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             help=f'a program of your own in place of the {node}; it gets the same ROS arguments '
             '(docs/plant.md)',
         )
-    add_failure_options(parser)
     vehicle = parser.add_mutually_exclusive_group()
     vehicle.add_argument(
         '--vehicle',
@@ -96,21 +100,29 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     except ValueError as error:
         parser.error(str(error))
     options = parser.parse_args(own)
-    options.failures = failures_of(options)
     if options.fail and options.respawn:
         parser.error('--fail: not with --respawn, which restarts the flight with sound rotors')
     if options.trajectory and options.respawn:
         parser.error('--trajectory: not with --respawn, which restarts the flight')
-    options.ros = ros
-    if options.params_file is not None:
-        options.vehicle = options.params_file
-    if options.vehicle is None and '--params-file' not in ros:
-        options.vehicle = DEFAULT_VEHICLE
+    file = options.params_file or options.vehicle
+    if file is None and '--params-file' not in ros:
+        file = DEFAULT_VEHICLE
     asked = options.namespace
-    options.namespace = _absolute(renamed(ros, '__ns', asked or '/'))
-    if asked and _absolute(asked) != options.namespace:
-        parser.error(f'--namespace {asked}: the ROS arguments have __ns:={options.namespace}')
-    return options
+    namespace = _absolute(renamed(ros, '__ns', asked or '/'))
+    if asked and _absolute(asked) != namespace:
+        parser.error(f'--namespace {asked}: the ROS arguments have __ns:={namespace}')
+    given = vars(options)
+    chosen = {'mode': options.mode, 'allocation.method': options.method}
+    return Plan(
+        trajectory=trajectory_of(options),
+        failures=failures_of(options),
+        vehicle=file,
+        parameters={name: value for name, value in chosen.items() if value},
+        namespace=namespace,
+        replacements={node: given[name] for name, node in REPLACEMENTS.items() if given[name]},
+        ros=ros,
+        **{name: given[name] for name in SAME},
+    )
 
 
 def _absolute(namespace: str) -> str:
@@ -155,49 +167,3 @@ def _faults(text: str) -> list[str]:
         if name == 'topics':
             raise argparse.ArgumentTypeError('topics: bringup always uses all four')
     return words
-
-
-def commands(options: argparse.Namespace) -> dict[str, list[str]]:
-    """Return the command line of each node by name.
-
-    Raises
-    ------
-    ParameterError
-        If the vehicle is wrong.
-    """
-    lines = {}
-    for name in NODES:
-        full = full_name(options.namespace, name)
-        own = ['--ros-args', '--enclave', full, '-r', f'__ns:={options.namespace}']
-        if options.faults is not None:
-            own += remaps(name)
-        vehicle = []
-        if options.vehicle:
-            vehicle = vehicle_arguments(options.vehicle, full, DECLARED[name])
-        chosen = [
-            word
-            for key, value in options_as_parameters(options).items()
-            for word in ('-p', f'{key}:={value}')
-        ]
-        node = [sys.executable, '-m', COMMANDS[name]]
-        if name in (programs := foreign(options)):
-            node = programs[name]
-            own += ['-r', f'__node:={name}']
-        lines[name] = [*node, *own, '--', *vehicle, *options.ros, '--ros-args', *chosen]
-    if options.faults is not None:
-        own = ['--ros-args', '-r', f'__ns:={options.namespace}']
-        own += [word for parameter in options.faults for word in ('-p', parameter)]
-        lines['fault_proxy'] = [sys.executable, '-m', COMMANDS['fault_proxy'], *own]
-    return lines
-
-
-def foreign(options: argparse.Namespace) -> dict[str, list[str]]:
-    """Return the programs that take the place of nodes, by the name of the node."""
-    given = vars(options)
-    return {node: given[option] for option, node in FOREIGN.items() if given[option]}
-
-
-def options_as_parameters(options: argparse.Namespace) -> dict[str, str]:
-    """Return the parameters that options of bringup set."""
-    chosen = {'mode': options.mode, 'allocation.method': options.method}
-    return {name: value for name, value in chosen.items() if value}

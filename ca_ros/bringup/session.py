@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 import time
@@ -10,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from typing import Any
 
@@ -18,19 +18,22 @@ from rclpy.executors import SingleThreadedExecutor
 from ca_ros.bringup.agreement import check, combined
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.bringup.options import foreign, options_as_parameters
+from ca_ros.bringup.plan import Plan
 from ca_ros.bringup.recorder import LINK_NAMES, Recorder
 from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.timeline import Timeline
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
-from ca_ros.flight.trajectory import Trajectory
+from ca_ros.nodes.topics import SPEEDS
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.processes import Processes
 from ca_ros.vehicle.vehicle import Vehicle
 
 PROGRESS_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""
+
+NOTICE = 10.0
+"""Period of the lines that say what a flight waits for [s]."""
 
 LOOK_AROUND = 0.5
 """Time to discover other nodes before the start, and between later checks [s]."""
@@ -57,6 +60,10 @@ class Flown:
         How many messages the fault proxy received, and how many had each fault; empty without it.
     parameters : dict
         The parameters of the nodes by name; where they differ, those of the allocator.
+    vehicle : Vehicle
+        That of these parameters.
+    stops : bool
+        Whether the timeout action of a node is to stop the rotors.
     """
 
     flight: Flight
@@ -65,6 +72,8 @@ class Flown:
     timeouts: Counter[str]
     faults: Counter[str]
     parameters: dict[str, Any]
+    vehicle: Vehicle
+    stops: bool = False
 
 
 class Session:
@@ -72,8 +81,7 @@ class Session:
 
     Parameters
     ----------
-    options : Namespace
-        Of `ca_ros.bringup.options.parse`.
+    plan : Plan
     commands : mapping of str to sequence of str
         The command line of each node by name.
     interrupts : list of int
@@ -83,24 +91,24 @@ class Session:
 
     def __init__(
         self,
-        options: argparse.Namespace,
+        plan: Plan,
         commands: Mapping[str, Sequence[str]],
         interrupts: list[int],
         bag: Bag | None,
     ) -> None:
-        self._options, self._interrupts, self._bag = options, interrupts, bag
+        self._plan, self._interrupts, self._bag = plan, interrupts, bag
         links = [*LINK_NAMES]
-        if options.faults is not None:
+        if plan.faults is not None:
             links += [f'{PREFIX}{topic}' for topic in LINK_NAMES]
-        self._recorder = Recorder(links, foreign(options), namespace=options.namespace)
+        self._recorder = Recorder(links, plan.replacements, namespace=plan.namespace)
         self._reports = Reports(self._recorder)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._recorder)
         self._processes = Processes(commands)
         self._looked = time.monotonic()
 
-    def fly(self, trajectory: Trajectory) -> Flown:
-        """Start the nodes, fly a trajectory, and end the nodes.
+    def fly(self) -> Flown:
+        """Start the nodes, fly, and end the nodes.
 
         Raises
         ------
@@ -115,55 +123,72 @@ class Session:
                     self._executor.spin_once(timeout_sec=0.05)
                 self._check_alone(own=0)
                 with self._processes:
-                    return self._fly(trajectory)
+                    return self._fly()
         finally:
             self._executor.shutdown()
             self._recorder.destroy_node()
 
-    def _fly(self, trajectory: Trajectory) -> Flown:
-        recorder, bag, duration = self._recorder, self._bag, self._options.duration
+    def _fly(self) -> Flown:
+        recorder, bag, plan = self._recorder, self._bag, self._plan
+        trajectory, duration = plan.trajectory, plan.duration
         if bag:
-            bag.listen(self._options.namespace)
+            bag.listen(plan.namespace)
         self._wait(lambda: recorder.missing() + (bag.missing() if bag else []))
-        check(recorder.parameters, options_as_parameters(self._options))
         parameters = recorder.parameters
+        check(parameters, plan.parameters)
         common = combined(parameters)
         vehicle = Vehicle.from_parameters(common)
         recorder.samples.expect(vehicle.n)
-        lockstep = common['mode'] == 'lockstep'
-        timeline = Timeline(recorder, trajectory, self._options.failures, parameters)
+        timeline = Timeline(recorder, trajectory, plan.failures, parameters, vehicle.n)
         self._wait(timeline.missing)
         timeline.update(None, self._spin)
         recorder.send(trajectory.first)
         began = time.monotonic()
-        progress, deadline = 0.0, Deadline(PROGRESS_TIMEOUT)
+        progress, patience = 0.0, Patience()
         while progress < duration:
             self._spin()
             timeline.update(recorder.elapsed_ns, self._spin)
             if recorder.waiting and not recorder.missing():
                 recorder.send(trajectory.first)
             if recorder.elapsed != progress:
-                progress, deadline = recorder.elapsed, Deadline(PROGRESS_TIMEOUT)
+                progress, patience = recorder.elapsed, Patience()
                 _show(progress, duration)
-            elif deadline.passed():
-                raise Stopped(
-                    f'the flight has stalled at {progress:.2f} s for {PROGRESS_TIMEOUT:g} s'
-                    f'{self._reports.faults_of_nodes()}'
-                )
+            patience.check(partial(self._stalled, progress))
         if bag:
             end = recorder.end(duration)
             self._wait(lambda: bag.behind(end))
         wall = time.monotonic() - began
         faults: Counter[str] = Counter()
-        if self._options.faults is not None:
+        if plan.faults is not None:
             now = recorder.get_clock().now().nanoseconds
             self._wait(lambda: self._reports.missing(now))
             faults = self._reports.faults()
         flight = recorder.flight(duration)
-        if lockstep and (lost := flight.missing(duration)):
+        if common['mode'] == 'lockstep' and (lost := flight.missing(duration)):
             raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
-        respawned, timeouts = self._processes.respawned, self._reports.timeouts()
-        return Flown(flight, wall, respawned, timeouts, faults, common)
+        return Flown(
+            flight,
+            wall,
+            self._processes.respawned,
+            self._reports.timeouts(),
+            faults,
+            common,
+            vehicle,
+            stops=any(own.get('timeout_action') == 'stop' for own in parameters.values()),
+        )
+
+    def _lacking(self, topics: list[str], seconds: float) -> str:
+        faults = self._reports.faults_of_nodes()
+        return f'after {seconds:g} s no node on {", ".join(topics)}{faults}'
+
+    def _stalled(self, progress: float, seconds: float) -> str:
+        faults = self._reports.faults_of_nodes()
+        if self._recorder.elapsed_ns is None:
+            return (
+                f'the flight has not begun for {seconds:g} s: no rotor speeds that answer a '
+                f'wrench on {SPEEDS.name}{faults}'
+            )
+        return f'the flight has stalled at {progress:.2f} s for {seconds:g} s{faults}'
 
     def _spin(self) -> None:
         """Serve the recorder and the bag once, and restart nodes that have ended."""
@@ -177,7 +202,7 @@ class Session:
             self._bag.write()
         if self._interrupts:
             raise Stopped(f'interrupted by {signal.Signals(self._interrupts[0]).name}')
-        respawned = self._processes.respawn() if self._options.respawn else {}
+        respawned = self._processes.respawn() if self._plan.respawn else {}
         if ended := self._processes.ended().items():
             raise Stopped(
                 ', '.join(f'the {name} ended with exit code {code}' for name, code in ended)
@@ -193,16 +218,12 @@ class Session:
 
     def _wait(self, missing: Callable[[], list[str]]) -> None:
         """Spin until nothing is missing."""
-        fewest, deadline = inf, Deadline(PROGRESS_TIMEOUT)
+        fewest, patience = inf, Patience()
         while topics := missing():
             self._spin()
             if len(topics) < fewest:
-                fewest, deadline = len(topics), Deadline(PROGRESS_TIMEOUT)
-            elif deadline.passed():
-                raise Stopped(
-                    f'after {PROGRESS_TIMEOUT:g} s no node on {", ".join(topics)}'
-                    f'{self._reports.faults_of_nodes()}'
-                )
+                fewest, patience = len(topics), Patience()
+            patience.check(partial(self._lacking, topics))
 
     def _check_alone(self, own: int) -> None:
         if others := self._recorder.others(own):
@@ -211,6 +232,29 @@ class Session:
                 f'{self._recorder.context.get_domain_id()}: end them, or choose another '
                 '--namespace or ROS_DOMAIN_ID (DDS lists a node that was killed with -9 for 20 s)'
             )
+
+
+class Patience:
+    """A limit on the time without progress, and notices until then."""
+
+    def __init__(self) -> None:
+        self._limit, self._notice, self._notices = Deadline(PROGRESS_TIMEOUT), Deadline(NOTICE), 0
+
+    def check(self, what: Callable[[float], str]) -> None:
+        """Print every `NOTICE` seconds what is waited for; raise `Stopped` at the limit.
+
+        Parameters
+        ----------
+        what : callable
+            Returns what is waited for, from the time that has passed [s].
+        """
+        if self._limit.passed():
+            raise Stopped(what(PROGRESS_TIMEOUT))
+        if self._notice.passed():
+            self._notices += 1
+            text = f'{what(self._notices * NOTICE)}; waiting up to {PROGRESS_TIMEOUT:g} s'
+            print(f'bringup: {text}', file=sys.stderr)
+            self._notice = Deadline(NOTICE)
 
 
 def _show(progress: float, duration: float) -> None:

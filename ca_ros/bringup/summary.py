@@ -10,10 +10,17 @@ import numpy as np
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.session import Flown
 from ca_ros.flight.record import Flight
+from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
+
+ANNOUNCED = 1.0
+"""Time in which an announced failure takes effect in real time [s]."""
+
+RECENT = 1.0
+"""Time of the flight that shows whether the vehicle approaches its waypoint [s]."""
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 """How far from the waypoint the flight may end [m, rad]."""
@@ -25,7 +32,7 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
     Where yaw is lost, the position alone decides.
     """
     flight, mode = flown.flight, flown.parameters['mode']
-    vehicle = Vehicle.from_parameters(flown.parameters)
+    vehicle = flown.vehicle
     error, heading_error = flight.position_error(waypoint), flight.heading_error(waypoint)
     end = round(flight.time[-1] * 1e9)
     last = vehicle.with_health(failures.physical(vehicle.health, end))
@@ -37,7 +44,7 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
         reached = reached and heading_error <= HEADING_TOLERANCE
         away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
     speeds = flight.speeds
-    inside = _within_bounds(flight, vehicle, failures, mode)
+    inside = _within_bounds(flown, failures)
     lines = [
         f'flight of {flight.time[-1]:.2f} s ({mode}, {len(flight.time)} samples, '
         f'in {flown.wall:.1f} s)',
@@ -54,11 +61,14 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
     if weak:
         axes = f'; lost axes: {", ".join(lost)}' if lost else ''
         lines.append(f'  at the end    {weak}{axes}')
-    return '\n'.join(lines + _incidents(flown, reached)), reached
+    lines += _incidents(flown)
+    if not reached:
+        lines += _hint(flown, waypoint, 'yaw' in lost)
+    return '\n'.join(lines), reached
 
 
-def _incidents(flown: Flown, reached: bool) -> list[str]:
-    """Return lines on what disturbed the flight: restarts, timeouts, faults, a slow machine."""
+def _incidents(flown: Flown) -> list[str]:
+    """Return lines on what disturbed the flight: restarts, timeouts, faults."""
     faults = {kind: count for kind, count in flown.faults.items() if kind != 'received' and count}
     lines = [
         f'  {title:<13} {", ".join(f"{name} {count}" for name, count in counts.items())}'
@@ -68,28 +78,56 @@ def _incidents(flown: Flown, reached: bool) -> list[str]:
     if flown.faults:
         said = ', '.join(f'{kind} {count}' for kind, count in faults.items()) or 'none'
         lines.append(f'  faults        {said}, of {flown.faults["received"]} messages')
-    load, processors = os.getloadavg()[0], os.cpu_count() or 1
-    late = flown.timeouts or load > processors
-    if not reached and flown.parameters['mode'] == 'realtime' and late and not flown.faults:
-        lines.append(
-            f'  hint          the machine may be too slow for real time (load average {load:.1f} '
-            f'on {processors} processors): try --mode lockstep'
-        )
     return lines
 
 
-def _within_bounds(flight: Flight, vehicle: Vehicle, failures: RotorFailures, mode: str) -> bool:
+def _hint(flown: Flown, waypoint: Waypoint, spins: bool) -> list[str]:
+    """Return a line on why the waypoint was missed, if that is known."""
+    if speed := _approach(flown.flight, waypoint, spins):
+        return [f'  hint          it was still approaching, {speed}: try a longer --duration']
+    load, processors = os.getloadavg()[0], os.cpu_count() or 1
+    late = flown.timeouts or load > processors
+    if flown.parameters['mode'] == 'realtime' and late and not flown.faults:
+        return [
+            f'  hint          the machine may be too slow for real time (load average {load:.1f} '
+            f'on {processors} processors): try --mode lockstep'
+        ]
+    return []
+
+
+def _approach(flight: Flight, waypoint: Waypoint, spins: bool) -> str:
+    """Return how fast the vehicle approached all the time of the last `RECENT` seconds, or ''."""
+    late = flight.time >= flight.time[-1] - RECENT
+    distance = np.linalg.norm(flight.position[late] - waypoint.position, axis=1)
+    angle = np.abs(difference(flight.heading[late], waypoint.heading))
+    unit, error = 'mm', 1e3 * distance
+    if distance[-1] <= POSITION_TOLERANCE and not spins:
+        unit, error = 'degrees', np.degrees(angle)
+    time = float(flight.time[-1] - flight.time[late][0])
+    # Sensors have noise.
+    slack = 0.05 * (error[0] - error[-1])
+    if not time or slack <= 0.0 or np.any(np.diff(error) > slack):
+        return ''
+    return f'by {(error[0] - error[-1]) / time:.3g} {unit}/s'
+
+
+def _within_bounds(flown: Flown, failures: RotorFailures) -> bool:
     """Return whether each rotor kept its bounds as known at the time: 0 for a lost rotor."""
+    flight, vehicle = flown.flight, flown.vehicle
     times = np.round(flight.time * 1e9)
     inside = np.ones(flight.speeds.shape, dtype=bool)
+    before = vehicle
     for start in [0, *failures.times()]:
         believed = vehicle.with_health(failures.believed(vehicle.health, start))
         later = times >= start
-        speeds = flight.speeds[later]
-        inside[later] = _inside(speeds, believed)
-        if mode == 'realtime':
-            # In real time the announcement takes effect with a delay.
-            inside[later] |= _inside(speeds, vehicle)
+        inside[later] = _inside(flight.speeds[later], believed)
+        if flown.parameters['mode'] == 'realtime':
+            # Speeds that were commanded before the announcement may arrive after it.
+            early = later & (times < start + ANNOUNCED * 1e9)
+            inside[early] |= _inside(flight.speeds[early], before)
+        before = believed
+    if flown.timeouts and flown.stops:
+        inside[~flight.speeds.any(axis=1)] = True
     return bool(inside.all())
 
 

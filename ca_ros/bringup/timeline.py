@@ -18,7 +18,6 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.parameters import ParameterClient
 from ca_ros.vehicle.values import per_rotor
-from ca_ros.vehicle.vehicle import Vehicle
 
 TIMEOUT = 60.0
 """Time limit for a node to accept a parameter [s]."""
@@ -43,6 +42,8 @@ class Timeline:
     failures : RotorFailures
     parameters : mapping
         The parameters by node and name.
+    n : int
+        Number of rotors.
 
     Raises
     ------
@@ -56,10 +57,10 @@ class Timeline:
         trajectory: Trajectory,
         failures: RotorFailures,
         parameters: Mapping[str, Mapping[str, Any]],
+        n: int,
     ) -> None:
         self._recorder, self._trajectory, self._failures = recorder, trajectory, failures
         common = combined(parameters)
-        n = Vehicle.from_parameters(common).n
         try:
             failures.check(n)
         except ValueError as error:

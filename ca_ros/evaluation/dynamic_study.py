@@ -12,6 +12,13 @@ from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
 from ca_ros.arguments import split
+from ca_ros.bringup.flight_options import (
+    add_options,
+    failure_words,
+    failures_of,
+    trajectory_of,
+    trajectory_words,
+)
 from ca_ros.evaluation.animation import animate
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic_plots import draw
@@ -22,11 +29,9 @@ from ca_ros.evaluation.observations import findings, observe
 from ca_ros.evaluation.options import command, concluded, parser, positive, write
 from ca_ros.evaluation.paper import flown_as_in_the_paper
 from ca_ros.evaluation.ros_flight import check, fly_over_ros
-from ca_ros.flight import trajectory
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import NULL_STATE
-from ca_ros.flight.rotor_failures import add_options, arguments, failures_of
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 
@@ -42,7 +47,7 @@ def _study(options: argparse.Namespace) -> None:
     case, allocators = Case.of(options, flying=True)
     failures = failures_of(options)
     failures.check(case.vehicle.n)
-    options.goals = goals = trajectory.trajectory_of(options)
+    options.goals = goals = trajectory_of(options)
     changes = {name: [*case.failing(name, failures), *goals.changes()] for name in allocators}
     if options.ros:
         check(list(allocators))
@@ -66,7 +71,6 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add('--ros', action='store_true', help=over_ros)
     add('--animate', action='store_true', help='also write animation.gif, which shows the flights')
     add_options(made)
-    trajectory.add_options(made)
     own, ros = split(argv)
     options = made.parse_args(own)
     if given := [word for word in ros if word in ('-p', '--param', '--params-file')]:
@@ -88,7 +92,7 @@ def _fly(
     try:
         for name, allocator in bar:
             if options.ros:
-                words = [*trajectory.arguments(options), *arguments(failures_of(options))]
+                words = [*trajectory_words(options), *failure_words(failures_of(options))]
                 words += options.ros_arguments
                 flights[name] = fly_over_ros(case, name, options.duration, words)
             else:
@@ -118,7 +122,7 @@ def _write(
     }
     resting = bool((case.plant().state == NULL_STATE).all())
     # The observations are about the paper's flight without failures.
-    own_goal = bool(trajectory.arguments(options))
+    own_goal = bool(trajectory_words(options))
     problem = VehicleProblem(case.vehicle)
     paper = flown_as_in_the_paper(case.parameters)
     checked = paper and not options.fail and not own_goal
@@ -131,13 +135,13 @@ def _write(
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
         'command': [
             *command('dynamic_study', options),
-            *trajectory.arguments(options),
-            *arguments(failures),
+            *trajectory_words(options),
+            *failure_words(failures),
         ],
         'methods': {
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },
-        'failures': arguments(failures),
+        'failures': failure_words(failures),
         'lost_axes': audit(case.vehicle.with_health(last)).lost,
         'observations': {each.sentence: each.holds for each in observations},
         'findings': [] if checked else list(findings(flights, goal)),

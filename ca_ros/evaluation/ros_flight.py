@@ -19,7 +19,7 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.record import Flight
 from ca_ros.nodes.parameters import PARAMETERS
-from ca_ros.process.processes import start
+from ca_ros.process.processes import end, start
 
 ENDING = 30.0
 """Time that an interrupted flight has to end [s]."""
@@ -60,9 +60,7 @@ def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str])
             try:
                 process.wait()
             finally:
-                if process.poll() is None:
-                    process.send_signal(signal.SIGINT)
-                    process.wait(ENDING)
+                end([process], signal.SIGINT, ENDING)
             # A flight that missed its waypoint also counts.
             if (out / 'flight.csv').is_file():
                 return read_flight(out / 'flight.csv')

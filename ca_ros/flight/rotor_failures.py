@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -85,6 +83,16 @@ class RotorFailures:
     failures: tuple[RotorFailure, ...] = ()
     announce: float | None = ANNOUNCE
 
+    def __post_init__(self) -> None:
+        """Refuse two failures of a rotor at the same time."""
+        seen = set()
+        for failure in self.failures:
+            if (key := (failure.rotor, _ns(failure.time))) in seen:
+                raise ParameterError(
+                    f'--fail {failure}: rotor {failure.rotor} fails twice at {failure.time:g} s'
+                )
+            seen.add(key)
+
     def check(self, rotors: int) -> None:
         """Raise a ParameterError if a failing rotor has a number above the number of rotors."""
         for failure in self.failures:
@@ -116,60 +124,3 @@ class RotorFailures:
 
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for rotor failures."""
-    parser.add_argument(
-        '--fail',
-        type=_failure,
-        action='append',
-        default=[],
-        metavar='ROTOR@TIME[=HEALTH]',
-        help='break a rotor (1 is the first) at a time of the flight [s], to this health '
-        '(0: lost); may be repeated',
-    )
-    parser.add_argument(
-        '--announce',
-        type=_delay,
-        default=ANNOUNCE,
-        metavar='SECONDS',
-        help='time from a failure to its announcement to allocator and controller, or never',
-    )
-
-
-def failures_of(options: argparse.Namespace) -> RotorFailures:
-    """Return the failures that the options name."""
-    return RotorFailures(tuple(options.fail), options.announce)
-
-
-def arguments(failures: RotorFailures) -> list[str]:
-    """Return the options that name these failures."""
-    words = []
-    for each in failures.failures:
-        words += ['--fail', f'{each.rotor}@{each.time!r}={each.health!r}']
-    if not words:
-        return []
-    announce = 'never' if failures.announce is None else repr(failures.announce)
-    return [*words, '--announce', announce]
-
-
-def _failure(text: str) -> RotorFailure:
-    try:
-        return RotorFailure.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _delay(text: str) -> Any:
-    if text == 'never':
-        return None
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0.0 <= seconds <= LATEST:
-        raise argparse.ArgumentTypeError(
-            f'{text!r} is neither a time from 0 to {LATEST:g} s nor never'
-        )
-    return seconds

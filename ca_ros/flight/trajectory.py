@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ca_ros.arguments import finite
 from ca_ros.arrays import Array
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.schema import ParameterError
 
 COLUMNS = ('t', 'x', 'y', 'z', 'heading')
-
-POSITION, HEADING = (1.0, 1.0, 1.0), 45.0
-"""The paper's waypoint [m, degrees]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,63 +93,3 @@ class Trajectory:
         """Return the wanted positions (K, 3) [m] and headings (K,) [rad] at times (K,) [s]."""
         due = [self.at(ns) for ns in np.round(time * 1e9).astype(int).tolist()]
         return np.array([each.position for each in due]), np.array([each.heading for each in due])
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the waypoint or the trajectory."""
-    parser.add_argument(
-        '--waypoint',
-        type=finite,
-        nargs=3,
-        metavar=('X', 'Y', 'Z'),
-        help=f'position to fly to [m] (default: {" ".join(f"{x:g}" for x in POSITION)})',
-    )
-    parser.add_argument(
-        '--heading',
-        type=finite,
-        help=f'heading to turn to [degrees] (default: {HEADING:g})',
-    )
-    parser.add_argument(
-        '--trajectory',
-        type=Path,
-        metavar='FILE',
-        help=f'fly to one waypoint after the other: a CSV file with {", ".join(COLUMNS)}, in s, m '
-        'and rad; each counts from its time on',
-    )
-
-
-def trajectory_of(options: argparse.Namespace) -> Trajectory:
-    """Return the trajectory that the options name.
-
-    Raises
-    ------
-    ParameterError
-        If there are a waypoint and a trajectory, the file is wrong, or the flight ends before its
-        last waypoint.
-    """
-    position, heading = options.waypoint, options.heading
-    if options.trajectory is not None:
-        if position is not None or heading is not None:
-            raise ParameterError('--trajectory: not with --waypoint or --heading')
-        found = Trajectory.read(options.trajectory)
-        if found.times[-1] >= options.duration * 1e9:
-            raise ParameterError(
-                f'{options.trajectory}: the last waypoint counts from {found.times[-1] / 1e9:g} s '
-                f'on, but --duration is {options.duration:g} s'
-            )
-        return found
-    x, y, z = POSITION if position is None else position
-    angle = HEADING if heading is None else heading
-    return Trajectory.to(Waypoint.of(x, y, z, math.radians(angle)))
-
-
-def arguments(options: argparse.Namespace) -> Sequence[str]:
-    """Return the options of `add_options` that were given, as words of a command line."""
-    words = []
-    if options.waypoint is not None:
-        words += ['--waypoint', *map(repr, options.waypoint)]
-    if options.heading is not None:
-        words += ['--heading', repr(options.heading)]
-    if options.trajectory is not None:
-        words += ['--trajectory', str(options.trajectory.resolve())]
-    return words

@@ -78,8 +78,11 @@ def end(processes: Sequence[Process], number: int, patience: float) -> list[Proc
             process.wait(max(0.0, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:
             late.append(process)
-            program = ' '.join(map(str, cast('list[str]', process.args)))
-            print(f'killed, as it did not end within {patience:g} s: {program}', file=sys.stderr)
+            words = ' '.join(map(str, cast('list[str]', process.args)))
+            print(
+                f'killed, as it did not end within {patience:g} s: {words.splitlines()[0]}',
+                file=sys.stderr,
+            )
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
