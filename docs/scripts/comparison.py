@@ -5,14 +5,15 @@ Also draws the plot of the page.  Takes about two minutes.
 
 from __future__ import annotations
 
+import argparse
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter_ns
 from typing import Any
 
 import matplotlib
 import numpy as np
-from comparison_flights import Outcomes, outcomes, slalom
+from flights import Outcome, both_masses, compared
 from matplotlib.figure import Figure
 from pages import DOCS, fill
 
@@ -27,25 +28,38 @@ from ca_ros.evaluation.wrench_sets import samples
 from ca_ros.flight.figures import save, sheet, style
 
 AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'
-BETAFLIGHT = 'betaflight_mixer'
 
 CONTENDERS: dict[str, tuple[str, tuple[str, ...]]] = {
-    **{name: (name, ()) for name in ALLOCATORS if name != BETAFLIGHT},
+    **{name: (name, ()) for name in ALLOCATORS},
+    'direct, about hover': ('about_hover:DirectAboutHover', ()),
     'sequential_desaturation, airmode': ('sequential_desaturation', (AIRMODE,)),
-    BETAFLIGHT: (BETAFLIGHT, ()),
 }
 """Method and parameters of each row."""
 
+VEHICLES = ('quadrotor', 'hexarotor', 'octorotor', 'x8', 'y6')
 SAMPLES, SEED, REPETITIONS = 1000, 0, 15
 
-GROUPS = {'upsets': ('upset',), 'spins': ('spin',), 'rotor lost': ('loss',), 'slalom': ('slalom',)}
+GROUPS = {'upsets': 'upset', 'spins': 'spin', 'rotor lost': 'loss', 'slalom': 'slalom'}
 """How the names of the manoeuvres of each group begin."""
 
+Outcomes = dict[tuple[str, str], Outcome]
 
-def static(name: str) -> dict[str, dict[str, Any]]:
+
+def outcomes(label: str, vehicles: Sequence[str]) -> Outcomes:
+    """Return the outcomes of all flights of a contender by vehicle and manoeuvre."""
+    method, changes = CONTENDERS[label]
+    return {
+        (title, manoeuvre): outcome
+        for name in vehicles
+        for title, case in both_masses(name, changes)
+        for manoeuvre, outcome in compared(case, method)
+    }
+
+
+def static(name: str, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the metrics of each contender on wrenches inside and outside the admissible set."""
-    cases = {label: Case.load(name, changes) for label, (_, changes) in CONTENDERS.items()}
-    allocators = {label: cases[label].allocator(CONTENDERS[label][0]) for label in CONTENDERS}
+    cases = {label: Case.load(name, CONTENDERS[label][1]) for label in labels}
+    allocators = {label: cases[label].allocator(CONTENDERS[label][0]) for label in labels}
     admissible = AdmissibleSet(next(iter(cases.values())).problem)
     problem = admissible.problem
     found: dict[str, dict[str, Any]] = {}
@@ -111,16 +125,19 @@ def wrenches_table(found: Mapping[str, Mapping[str, Any]]) -> str:
 
 def flights_table(found: Mapping[str, Outcomes]) -> str:
     """Return the table of recoveries, height lost, energy and smoothness."""
+
+    def slalom(own: Outcomes) -> Any:
+        flown = [each for (_, name), each in own.items() if name == 'slalom']
+        return np.sum([(each.energy, each.change) for each in flown], axis=0)
+
     rows = []
-    unit = slalom(found['exact'])
     for label, own in found.items():
         recoveries = []
-        for starts in GROUPS.values():
-            group = [each for (_, name), each in own.items() if name.startswith(starts)]
+        for start in GROUPS.values():
+            group = [each for (_, name), each in own.items() if name.startswith(start)]
             recoveries.append(f'{sum(each.recovered for each in group)} of {len(group)}')
         drops = [each.drop for (_, name), each in own.items() if name.startswith('upset')]
-        worth = slalom(own)
-        shares = [f'{share:.1f}' for share in 100.0 * worth / unit]
+        shares = [f'{share:.1f}' for share in 100.0 * slalom(own) / slalom(found['exact'])]
         rows.append((f'`{label}`', *recoveries, f'{np.median(drops):.2f}', *shares))
     titles = (
         *('method', *GROUPS, 'height lost in upsets, median [m]'),
@@ -165,14 +182,24 @@ def draw(
 
 
 def main() -> None:
-    """Fill the page and draw the plot."""
+    """Fill the page and draw the plot, or print the tables of another vehicle."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--vehicle', help='print the tables of this vehicle, and fill no page')
+    parser.add_argument('--methods', nargs='+', default=list(CONTENDERS), choices=CONTENDERS)
+    options = parser.parse_args()
+    labels = ['exact', *(label for label in options.methods if label != 'exact')]
     with warnings.catch_warnings():
         # The state of a tumbling vehicle overflows.
         warnings.simplefilter('ignore', RuntimeWarning)
-        found = {label: outcomes(*own) for label, own in CONTENDERS.items()}
-    wrenches = static('hexarotor')
-    fill('comparison.md', wrenches=wrenches_table(wrenches), flights=flights_table(found))
-    save(draw(wrenches, found), DOCS / 'comparison', ['png'])
+        vehicles = [options.vehicle] if options.vehicle else VEHICLES
+        found = {label: outcomes(label, vehicles) for label in labels}
+    wrenches = static(options.vehicle or 'hexarotor', labels)
+    tables = {'wrenches': wrenches_table(wrenches), 'flights': flights_table(found)}
+    if options.vehicle:
+        print(*tables.values(), sep='\n\n')
+    else:
+        fill('comparison.md', **tables)
+        save(draw(wrenches, found), DOCS / 'comparison', ['png'])
 
 
 if __name__ == '__main__':
