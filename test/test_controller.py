@@ -207,8 +207,10 @@ def test_it_gives_way_by_the_reversal_of_the_user():
             HEXAROTOR, PARAMETERS | {'allocation.exact.reversal': reversal})
         demand = mine.demand(*state, goal)
         served[reversal] = mine.wrench(*state, goal)
-        assert np.array_equal(
-            served[reversal], AdmissibleSet(HEXAROTOR).prioritize(demand, reversal=reversal))
+        np.testing.assert_allclose(
+            served[reversal], AdmissibleSet(HEXAROTOR).prioritize(demand, reversal=reversal),
+            rtol=0.0, atol=1e-12)
+        assert np.array_equal(mine.unallocated, demand - served[reversal])
     # Thrust, which is nearer to its demand if yaw may be reversed, pays otherwise.
     assert demand[YAW] > 0.1
     assert served['allow'][YAW] < -0.05

@@ -342,6 +342,14 @@ def test_the_controller_says_what_it_waits_for(graph, mode):
     timer.cancel()
     if mode == 'realtime':
         assert counts(node.wait(ERROR, 'no state'))['timeouts'] == 1
+        message.header.stamp.sec = 1
+        for words, what in (
+                ('no pose and velocity with the same stamp', send),
+                ('no velocity', lambda: node.stream.publish(message))):
+            other = graph.node.create_timer(0.02, what)
+            node.wait(ERROR, words)
+            other.cancel()
+        message.header.stamp.sec = 0
         timer.reset()
         node.wait(OK, 'under way')
     else:

@@ -211,6 +211,17 @@ def test_health_can_be_set_on_the_running_node(graph):
             lost = np.broadcast_to(health, 6) == 0.0
             assert not speeds[lost].any()
             assert np.all((speeds[~lost] >= 40.0) & (speeds[~lost] <= 400.0))
+    # A lost rotor is not at its minimum; the loss does not hide the status of the answers.
+    [result] = client.parameters.set({'rotors.health': [1.0, 1.0, 1.0, 0.0, 1.0, 1.0]})
+    client.graph.spin_until(
+        lambda: client.saturation[-1:]
+        and client.saturation[-1].data.tolist() == [-1, -1, 0, -2, 0, -1], 'a lost rotor',
+        repeat=lambda: client.ask((0.0, 0.0, -1e3, 0.0, 0.0, 0.0)))
+    status, values = client.diagnose()
+    assert status.level == DiagnosticStatus.ERROR
+    assert 'lost' in status.message
+    assert status.message.endswith('; PRIORITIZED')
+    assert values['lost rotors'] == '4'
     together = {'allocation.method': 'pseudo_inverse', 'rotors.health': [0.8, *[1.0] * 5]}
     result = client.parameters.set_atomically(together)
     assert result.successful, result.reason

@@ -1,5 +1,7 @@
 """The controller node, a process of its own, over DDS."""
 
+import time
+
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -11,7 +13,7 @@ from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
-from ca_ros.testing import DEADLINE, Graph, six
+from ca_ros.testing import DEADLINE, Diagnostics, Graph, counts, six
 
 LAW = Controller(
     audit(Vehicle.load('hexarotor')).vehicle, Gains.from_parameters(load('hexarotor')))
@@ -31,7 +33,9 @@ class Client:
         self.pose = graph.publisher(PoseStamped, 'local_position/pose')
         self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
         self.wrenches = graph.listen(WrenchStamped, 'command/wrench')
+        self.unallocated = graph.listen(WrenchStamped, 'controller/unallocated')
         self.log = graph.listen(Log, '/rosout')
+        self.diagnostics = Diagnostics(graph)
         self.parameters = graph.connect('controller')
 
     def new_stamp(self):
@@ -112,17 +116,22 @@ def test_no_wrench_before_a_waypoint(graph):
     assert client.ask(*REST).tobytes() == expected(REST).tobytes()
 
 
-def test_a_waypoint_is_logged_when_it_changes(graph):
+def test_waypoints_that_change_are_logged_once_a_second_and_the_last_in_any_case(graph):
     client = Client(graph)
-    others = (2.0, 1.0, 1.0), WAYPOINT[1]
-    for waypoint in (WAYPOINT, WAYPOINT, others, others, WAYPOINT):
-        client.send_waypoint(*waypoint)
+    begun = time.monotonic()
+    for i in range(100):
+        client.waypoint.publish(pose_message((1.0, 2.0, float(i)), WAYPOINT[1], 0))
+        time.sleep(0.01)
+    client.send_waypoint(*WAYPOINT)
 
     def lines():
         return [entry.msg[:18] for entry in client.log if entry.msg.startswith('waypoint')]
 
-    client.graph.spin_until(lambda: len(lines()) > 2, 'three waypoints')
-    assert lines() == ['waypoint [1. 2. 3.', 'waypoint [2. 1. 1.', 'waypoint [1. 2. 3.']
+    client.graph.spin_until(lambda: lines()[-1:] == ['waypoint [1. 2. 3.'], 'the last waypoint')
+    assert 2 <= len(lines()) <= 2 + time.monotonic() - begun
+    for _ in range(3):
+        client.send_waypoint(*WAYPOINT)
+    assert lines().count('waypoint [1. 2. 3.') <= 2
 
 
 def test_wrenches_equal_those_of_the_law_to_the_last_bit(client):
@@ -185,6 +194,30 @@ def test_a_waypoint_without_attitude_is_refused_and_the_old_one_stays(client):
         lambda: any(entry.level == Log.WARN and 'waypoint' in entry.msg for entry in client.log),
         'word of it')
     assert client.ask(*REST).tobytes() == expected(REST).tobytes()
+
+
+def test_what_it_cuts_off_the_demand_is_published_and_warned_of(client):
+    tilted = REST[0], (0.3, 0.2, 0.0, 0.93), REST[2], (0.0, 0.0, -6.0)
+    parts = [np.array(part) for part in (*tilted, *WAYPOINT)]
+    demand = np.concatenate([np.zeros(2), LAW.demand(*parts[:4], Waypoint(*parts[4:]))])
+    for state, wanted in ((tilted, demand), (REST, expected(REST))):
+        stamps = []
+        # The node may learn only after the first state that somebody listens.
+        client.graph.spin_until(
+            lambda stamps=stamps: stamps and all(
+                messages and messages[-1].header.stamp.sec == stamps[-1]
+                for messages in (client.wrenches, client.unallocated)),
+            'what was cut',
+            repeat=lambda stamps=stamps, state=state: stamps.append(client.send(*state)))
+        cut = six(client.unallocated[-1])
+        np.testing.assert_allclose(six(client.wrenches[-1]) + cut, wanted, rtol=0.0, atol=1e-12)
+        assert cut.any() == (state is tilted)
+    values = client.diagnostics.wait(
+        '/controller', lambda level, message, values: 'not attainable' in message, 'a warning')[2]
+    assert counts(values)['cut'] >= 1
+    assert 'yaw' in values['unallocated [N, N m]']
+    client.graph.spin_until(
+        lambda: any('unallocated: ' in entry.msg for entry in client.log), 'a line in the log')
 
 
 def test_it_gives_way_by_the_order_of_its_parameters(client):

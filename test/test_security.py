@@ -9,6 +9,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from ca_ros.bringup.options import FOREIGN as REPLACEMENTS
+from ca_ros.testing import executable
+
 ROOT = Path(__file__).resolve().parent.parent
 POLICY = ROOT / 'security' / 'policy.xml'
 GUIDE = ROOT / 'docs' / 'security.md'
@@ -87,8 +90,12 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
             shlex.split(command), cwd=ROOT, capture_output=True, text=True, check=True).stdout
     permissions = allowed(ElementTree.fromstring(text))
     assert {key[0] for key in permissions} == {namespace}
+    # As programs of one's own, the nodes are asked more.
+    foreign = [
+        word for option, name in REPLACEMENTS.items()
+        for word in (f'--{option}', str(executable(name)))]
     bringup = graph.start(
-        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--namespace', namespace,
+        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--namespace', namespace, *foreign,
         '--out', str(tmp_path), '--ros-args', '-p', 'simulator.publish_clock:=enabled',
         '-p', 'simulator.publish_odometry:=enabled')
     seen = {}

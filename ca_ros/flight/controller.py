@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.options import order_from_parameters
 from ca_ros.allocation.parameters import PRIORITIES
+from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
 from ca_ros.flight.disturbance_observer import DisturbanceObserver
 from ca_ros.flight.gains import Gains
 from ca_ros.flight.parameters import CONTROL
 from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import REVERSAL
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.schema import ParameterError, complete
@@ -44,7 +45,8 @@ class Controller:
     `HEADING_ERROR_MAX`.  The tilt is therefore controlled independently of the heading, also while
     the vehicle spins.
 
-    Wrenches that are not admissible are moved into the admissible set by priority.
+    Wrenches that are not admissible are moved into the admissible set by priority, as `Exact`
+    does with its policy prioritize.
 
     With integral action (`Gains.integral`), the controller subtracts an estimate of the constant
     disturbances: see `ca_ros.flight.disturbance_observer`.  With the gains k_p and k_d of the
@@ -62,6 +64,8 @@ class Controller:
 
     Attributes
     ----------
+    unallocated : (m,) array
+        The last demand minus the wrench that was served of it [N, N m]; zero if it was attainable.
     disturbances : DisturbanceObserver or None
         The state of the integral action; None without one.
 
@@ -82,10 +86,10 @@ class Controller:
         self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
         self._inertia = inertia_of(vehicle)
         self.problem = VehicleProblem(vehicle)
-        self.admissible = None if vehicle.powerless else AdmissibleSet(self.problem)
-        if self.admissible is not None:
-            # A wrong order is an error now, not at the first wrench that needs it.
-            self.admissible.check_order(order, reversal)
+        self._exact = (
+            None if vehicle.powerless else Exact(self.problem, order=order, reversal=reversal)
+        )
+        self.unallocated = np.zeros(len(vehicle.axes))
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
         self._level = gains.level and set(SIDEWAYS) <= set(vehicle.axes)
         observed = gains.integral > 0.0
@@ -161,9 +165,12 @@ class Controller:
         return wrench
 
     def _attainable(self, demand: Array) -> Array:
-        if self.admissible is None:
-            return np.zeros(len(demand))
-        return self.admissible.prioritize(demand, self.order, self.reversal)
+        served = np.zeros(len(demand))
+        if self._exact is not None:
+            answer = self._exact.allocate(demand)
+            served = demand if answer.status is Status.EXACT else answer.wrench
+        self.unallocated = demand - served
+        return served
 
     def demand(
         self,

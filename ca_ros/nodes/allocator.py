@@ -41,6 +41,9 @@ from ca_ros.vehicle.parameters import AXES
 ACKNOWLEDGED_MAX = 2.0
 """Time to wait at the end for the motors to acknowledge the last command [s]."""
 
+LOST = -2
+"""Saturation of a lost rotor; one at its lower bound has -1."""
+
 REPEATS = 5
 """Repeats of the last command, since best-effort delivery is not acknowledged."""
 
@@ -102,6 +105,7 @@ class AllocatorNode(VehicleNode):
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
+        self._lost = vehicle.health == 0.0
         # The action hold repeats the last speeds: idle before the first answer, zero if lost.
         if not self.counts['served']:
             self._last = fallback('idle', vehicle, self._last)
@@ -112,12 +116,12 @@ class AllocatorNode(VehicleNode):
         self._age_max = self.parameters['command_age_max'] * 1e9
         self._newer_only = self.parameters['command_order'] == 'newer'
 
-    def levels(self) -> list[tuple[bytes, str]]:
-        """Return the levels of the diagnostics with their messages."""
+    def state(self) -> tuple[bytes, str]:
+        """Return the status of the last answer."""
         if self._answer is None:
-            return [*super().levels(), (STALE, 'no command yet')]
+            return STALE, 'no command yet'
         status = cast(Status, self._answer.status)
-        return [*super().levels(), (OK if status is Status.EXACT else WARN, status.name)]
+        return OK if status is Status.EXACT else WARN, status.name
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
@@ -216,7 +220,8 @@ class AllocatorNode(VehicleNode):
             if residual:
                 self._residual.publish(wrench_message(command.wrench - given, command.header))
         if self._saturation.get_subscription_count():
-            self._saturation.publish(Int8MultiArray(data=answer.saturation.tolist()))
+            saturation = np.where(self._lost, LOST, answer.saturation)
+            self._saturation.publish(Int8MultiArray(data=saturation.tolist()))
 
 
 def main() -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, inf
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from std_msgs.msg import Header
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import OK, STALE
+from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     nanoseconds,
@@ -25,10 +26,15 @@ from ca_ros.nodes.messages import (
     wrong_frame,
 )
 from ca_ros.nodes.parameters import CONTROLLER
-from ca_ros.nodes.qos import COMMAND, STANDING
+from ca_ros.nodes.qos import COMMAND, STANDING, offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.parameters import AXES
+
+NOTHING = 1e-9
+"""Size of a component up to which it is left out of a text [N, N m]."""
+
+SAME_STAMP = 'pose and velocity with the same stamp'
 
 
 class ControllerNode(VehicleNode):
@@ -43,6 +49,8 @@ class ControllerNode(VehicleNode):
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
+        self._logged_waypoint: Waypoint | None = None
+        self._came = dict.fromkeys(('pose', 'velocity', SAME_STAMP), -inf)
         self._standing: Subscription | None = None
         self._open = False
 
@@ -50,6 +58,8 @@ class ControllerNode(VehicleNode):
         """Create the controller, and begin to answer."""
         super().start()
         self._wrench = self.publish_stream(topics.WRENCH)
+        topic = topics.UNALLOCATED
+        self._unallocated = self.create_publisher(topic.kind, topic.name, offered(self.mode))
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
         self._listen_to_waypoints(
             COMMAND, SubscriptionEventCallbacks(matched=self._ask_for_waypoint)
@@ -71,11 +81,11 @@ class ControllerNode(VehicleNode):
 
         Only this subscription gets that waypoint, and other publishers do not match it.
         """
-        offered = [
+        durabilities = [
             info.qos_profile.durability
             for info in self.get_publishers_info_by_topic(topics.WAYPOINT.name)
         ]
-        if STANDING.durability in offered and self._standing is None:
+        if STANDING.durability in durabilities and self._standing is None:
             quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
             self._standing = self._listen_to_waypoints(STANDING, quiet)
 
@@ -95,15 +105,33 @@ class ControllerNode(VehicleNode):
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
         self._watchdog.timeout = self.parameters['command_timeout']
 
-    def levels(self) -> list[tuple[bytes, str]]:
-        """Return the levels of the diagnostics with their messages."""
-        waiting = 'no state yet'
+    def state(self) -> tuple[bytes, str]:
+        """Return the level of the last answer, or what the node waits for."""
+        if self._watchdog.awake:
+            cut = self.controller.unallocated.any()
+            return (WARN, 'the demand is not attainable and cut') if cut else (OK, 'under way')
         if self._waypoint is None:
-            waiting = 'no waypoint yet'
-        elif len({*self._stamps()}) == 2:
-            waiting = 'no pose and velocity with the same stamp yet'
-        state = (OK, 'under way') if self._watchdog.awake else (STALE, waiting)
-        return [*super().levels(), state]
+            return STALE, 'no waypoint yet'
+        unequal = len({*self._stamps()}) == 2
+        return STALE, f'no {SAME_STAMP if unequal else "state"} yet'
+
+    def values(self) -> dict[str, object]:
+        """Return the values of the diagnostics by name."""
+        return {**super().values(), 'unallocated [N, N m]': self._components() or 'nothing'}
+
+    @property
+    def missing(self) -> str:
+        """What the logs and diagnostics say is missing: a state, or a part of it."""
+        since = monotonic() - self._watchdog.timeout
+        absent = [name for name, time in self._came.items() if time < since]
+        if not absent:
+            return 'no valid state'
+        return super().missing if {'pose', 'velocity'} <= {*absent} else f'no {absent[0]}'
+
+    def watch(self) -> None:
+        """Check the timeout, and log a waypoint that came soon after another."""
+        super().watch()
+        self._log_waypoint()
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
@@ -115,10 +143,19 @@ class ControllerNode(VehicleNode):
             self.counts['refused waypoints'] += 1
             self.warn_throttled('waypoint', f'refused a waypoint {fault}')
             return
-        last, new = self._waypoint, Waypoint(position, attitude)
-        self._waypoint = new
-        if last is None or last.heading != new.heading or (last.position != position).any():
-            self.get_logger().info(f'waypoint {position} m, heading {new.heading:.4f} rad')
+        self._waypoint = Waypoint(position, attitude)
+        self._log_waypoint()
+
+    def _log_waypoint(self) -> None:
+        """Log the waypoint if it has changed, at most once a second."""
+        new, last = self._waypoint, self._logged_waypoint
+        if new is None or new is last:
+            return
+        same = last and last.heading == new.heading and (last.position == new.position).all()
+        if same or self.may_log('changed waypoint'):
+            self._logged_waypoint = new
+        if not same and self._logged_waypoint is new:
+            self.get_logger().info(f'waypoint {new.position} m, heading {new.heading:.4f} rad')
 
     def _stamps(self) -> list[int]:
         """Return the stamps of the last pose and velocity, as far as there are any [ns]."""
@@ -127,18 +164,21 @@ class ControllerNode(VehicleNode):
     def _receive_pose(self, message: PoseStamped) -> None:
         self.counts['received'] += 1
         self.counts['unanswered'] += self._open
+        self._came['pose'] = monotonic()
         if self.mode == 'lockstep' and self._open and self._waypoint:
             stamps = self._stamps()
             if len({*stamps}) == 2:
                 self.warn_throttled(
-                    'stamp', 'no answer to pose and velocity with the stamps '
-                    f'{stamps[0]} and {stamps[1]}: expected equal stamps'
+                    'stamp',
+                    'no answer to pose and velocity with the stamps '
+                    f'{stamps[0]} and {stamps[1]}: expected equal stamps',
                 )
         self._pose, self._open = message, True
         self._answer()
 
     def _receive_velocity(self, message: TwistStamped) -> None:
         self._velocity = message
+        self._came['velocity'] = monotonic()
         self._answer()
 
     def _answer(self) -> None:
@@ -149,6 +189,7 @@ class ControllerNode(VehicleNode):
             or self._pose.header.stamp != self._velocity.header.stamp
         ):
             return
+        self._came[SAME_STAMP] = monotonic()
         first, self._open = self._open, False
         for message, name in ((self._pose, 'world_frame'), (self._velocity, 'command_frame')):
             if fault := self._wrong_frame(message, name):
@@ -171,6 +212,25 @@ class ControllerNode(VehicleNode):
         self.counts['served' if first else 'served again'] += 1
         header = Header(stamp=self._pose.header.stamp, frame_id=self.parameters['command_frame'])
         self._wrench.publish(wrench_message(wrench, header))
+        if self.controller.unallocated.any():
+            self.counts['cut'] += 1
+            self.warn_throttled(
+                'cut',
+                f'the demand is not attainable; unallocated: {self._components()} [N, N m]',
+            )
+        if self._unallocated.get_subscription_count():
+            cut = np.zeros(len(AXES))
+            cut[self._rows] = self.controller.unallocated
+            self._unallocated.publish(wrench_message(cut, header))
+
+    def _components(self) -> str:
+        """Return the components of the last demand that are not allocated."""
+        axes, cut = self.controller.vehicle.axes, self.controller.unallocated.tolist()
+        return ', '.join(
+            f'{axis} {component:+.3g}'
+            for axis, component in zip(axes, cut, strict=True)
+            if abs(component) > NOTHING
+        )
 
     def _wrong_frame(self, message: PoseStamped | TwistStamped, name: str) -> str | None:
         """Return how a message's frame contradicts a parameter; None if it does not."""

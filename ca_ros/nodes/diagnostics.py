@@ -69,7 +69,7 @@ class Diagnostics:
         What the status describes, such as ``allocation``.
     levels : callable
         Returns levels with their messages, such as ``[(WARN, 'two publishers')]``.  The worst
-        level is published with its messages.
+        level is published, and all messages, those of the worst level first.
     values : callable
         Returns values by name.
     hardware_id : str
@@ -101,9 +101,8 @@ class Diagnostics:
         )
 
     def _status(self) -> tuple[bytes, str]:
-        levels = self._levels()
-        worst = max((level for level, _ in levels), key=SEVERITY.index)
-        return worst, '; '.join(text for level, text in levels if level == worst)
+        levels = sorted(self._levels(), key=lambda each: -SEVERITY.index(each[0]))
+        return levels[0][0], '; '.join(text for _, text in levels)
 
 
 class Latencies:

@@ -90,12 +90,11 @@ class SimulatorNode(VehicleNode):
         if self._held:
             self._publish()
 
-    def levels(self) -> list[tuple[bytes, str]]:
-        """Return the levels of the diagnostics with their messages."""
-        state = (STALE, 'no command yet') if self._resting else (OK, 'in flight')
+    def state(self) -> tuple[bytes, str]:
+        """Return whether the vehicle rests or flies, or why it does neither."""
         if self._fault:
-            state = (WARN, self._fault)
-        return [*super().levels(), state]
+            return WARN, self._fault
+        return (STALE, 'no command yet') if self._resting else (OK, 'in flight')
 
     def watch(self) -> None:
         """Check the timeout and take the steps that are due, except in lockstep."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from math import inf
 from time import monotonic, sleep
 from typing import Any, cast
 
@@ -37,11 +38,10 @@ class Stalls:
     """
 
     def __init__(self) -> None:
-        self._looked = monotonic()
-        self._settled = 0.0
+        self._looked, self._settled = inf, 0.0
 
     def look(self) -> None:
-        """Notice a stall since the last look; called regularly and before each message."""
+        """Notice a stall since the last look; a timer calls this."""
         now = monotonic()
         if now - self._looked > STALL_MIN:
             self._settled = now + SETTLING
@@ -49,7 +49,9 @@ class Stalls:
 
     def newest(self, stream: Subscription, taken: Taken) -> Taken:
         """Return the newest message of what waits after a stall; otherwise the message taken."""
-        self.look()
+        # Before the timer, which comes after the messages.
+        if monotonic() > self._looked + STALL_MIN:
+            self.look()
         while monotonic() < self._settled:
             taken = stream.handle.take_message(stream.msg_type, True) or taken
             sleep(0.001)

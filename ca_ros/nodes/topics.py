@@ -68,6 +68,7 @@ ODOMETRY = Topic('local_position/odometry', Odometry, 'simulator', optional=True
 CLOCK = Topic('/clock', Clock, 'simulator', optional=True)
 ALLOCATED_WRENCH = Topic('~/allocated_wrench', WrenchStamped, 'allocator')
 RESIDUAL = Topic('~/residual', WrenchStamped, 'allocator')
+UNALLOCATED = Topic('~/unallocated', WrenchStamped, 'controller')
 SATURATION = Topic('~/saturation', Int8MultiArray, 'allocator')
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray)
 ROSOUT = Topic('/rosout', Log)
@@ -84,6 +85,7 @@ TOPICS = (
     ALLOCATED_WRENCH,
     RESIDUAL,
     SATURATION,
+    UNALLOCATED,
     DIAGNOSTICS,
     ROSOUT,
 )

@@ -8,6 +8,7 @@ from math import inf
 from time import monotonic
 from typing import Any, ClassVar
 
+import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
@@ -149,11 +150,17 @@ class VehicleNode(ParameterNode):
         self.warn_throttled(reason, f'dropped: {what}')
 
     def warn_throttled(self, reason: str, what: str) -> None:
-        """Log a warning, at most once a second for each reason, by the steady clock."""
-        now = monotonic()
-        if now >= self._logged.get(reason, -inf) + 1.0:
-            self._logged[reason] = now
+        """Log a warning, at most once a second for each reason."""
+        if self.may_log(reason):
             self.get_logger().warning(what)
+
+    def may_log(self, reason: str) -> bool:
+        """Return True at most once a second for each reason, by the steady clock."""
+        now = monotonic()
+        due = now >= self._logged.get(reason, -inf) + 1.0
+        if due:
+            self._logged[reason] = now
+        return due
 
     def start_diagnostics(self, subject: str) -> None:
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
@@ -167,13 +174,22 @@ class VehicleNode(ParameterNode):
         levels = [*self._notes]
         if self.audit is not None and not self.audit.sound:
             levels.append((ERROR, str(self.audit)))
-        if self._watchdog.expired:
-            levels.append((ERROR, f'{self.missing}{self._action(": ")}'))
-        return levels
+        expired = ERROR, f'{self.missing}{self._action(": ")}'
+        return [*levels, expired if self._watchdog.expired else self.state()]
+
+    def state(self) -> tuple[bytes, str]:
+        """Return the level and the message of what the node does; after a timeout it is not asked.
+
+        A subclass defines it.
+        """
+        raise NotImplementedError
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
-        return dict(self.counts)
+        if self.audit is None:
+            return dict(self.counts)
+        lost = np.flatnonzero(self.audit.vehicle.health == 0.0) + 1
+        return {'lost rotors': ', '.join(map(str, lost)) or 'none', **self.counts}
 
     @property
     def missing(self) -> str:
