@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from ca_ros.bringup.options import FOREIGN as REPLACEMENTS
+from ca_ros.bringup.options import REPLACEMENTS
 from ca_ros.testing import executable
 
 ROOT = Path(__file__).resolve().parent.parent
