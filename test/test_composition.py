@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from ca_ros import ParameterError
-from ca_ros.bringup.fault_proxy import FaultProxy
+from ca_ros.bringup.fault_proxy import FaultProxyNode
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.allocator import AllocatorNode
@@ -122,10 +122,11 @@ def watched(node_class):
     return Watched
 
 
-@pytest.mark.parametrize('node_class', [AllocatorNode, ControllerNode, SimulatorNode, FaultProxy])
+@pytest.mark.parametrize(
+    'node_class', [AllocatorNode, ControllerNode, SimulatorNode, FaultProxyNode])
 def test_a_subclass_may_set_its_attributes_after_the_constructor_of_its_base(graph, node_class):
     context, given = graph.node.context, {}
-    if node_class is not FaultProxy:
+    if node_class is not FaultProxyNode:
         given = load('hexarotor', table=node_class.declared)
     overrides = [Parameter(name, value=value) for name, value in given.items()]
     node = watched(node_class)(
@@ -135,7 +136,7 @@ def test_a_subclass_may_set_its_attributes_after_the_constructor_of_its_base(gra
     try:
         assert node.called[:2] == ['start', 'build']
         assert node.called.count('adopt') == 1
-        if node_class is not FaultProxy:
+        if node_class is not FaultProxyNode:
             limit = Deadline(DEADLINE)
             while not {'watch', 'levels', 'values'} <= set(node.called):
                 assert not limit.passed()

@@ -135,7 +135,7 @@ def test_the_files_of_other_users_do_not_use_up_the_domains(monkeypatch, tmp_pat
 def test_an_executable_of_any_ros_package_is_found_by_its_name(tmp_path, monkeypatch):
     file = tmp_path / 'lib' / 'some_package' / 'some_node'
     file.parent.mkdir(parents=True)
-    file.touch()
+    file.touch(0o755)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=os.pathsep)
     assert executable('some_node') == file
     assert executable('allocator').name == 'allocator'

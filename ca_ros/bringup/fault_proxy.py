@@ -51,7 +51,7 @@ links, to cut only the first, and to restore them:
 """
 
 
-class FaultProxy(ParameterNode):
+class FaultProxyNode(ParameterNode):
     """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
 
     declared = known = FAULTS
@@ -192,9 +192,10 @@ def main() -> int:
     """Run the node."""
     return run(
         'fault_proxy',
-        FaultProxy,
+        FaultProxyNode,
         f'Forward messages from TOPIC to {PREFIX}TOPIC with losses, delays and damage. The fate\n'
-        'of a message depends on seed, topic and number alone.',
+        'of a message depends on seed, topic and number alone. In lockstep, nodes repeat messages\n'
+        'by the clock, so damage that they cannot detect (sign, huge) differs between flights.',
         parse=_parse,
     )
 

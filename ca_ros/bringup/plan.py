@@ -23,30 +23,22 @@ class Plan:
 
     Attributes
     ----------
-    trajectory : Trajectory
-    failures : RotorFailures
     duration : float
         Time of flight [s].
     vehicle : str or None
         A shipped vehicle or a parameter file; None if `ros` names a file.
     parameters : mapping of str to str
         The parameters that options set, by name.
-    namespace : str
-        Of the nodes.
     replacements : mapping of str to sequence of str
         The programs that take the place of nodes, by the name of the node.
     faults : sequence of str or None
         The parameters of the fault proxy, ``NAME:=VALUE``; None without it.
-    respawn : bool
-        Whether nodes that end are restarted.
     ros : sequence of str
         The ROS arguments of all nodes.
     out, bag : Path or None
         Folders of the results and of the bag; None: a new one, no bag.
-    figures : sequence of str
-        File formats.
-    figure_width : float
-        [mm]
+    figures, figure_width : sequence of str, float
+        File formats, width [mm].
     """
 
     trajectory: Trajectory

@@ -49,19 +49,14 @@ class Flown:
 
     Attributes
     ----------
-    flight : Flight
     wall : float
         Time that the flight took [s].
-    respawned : Counter of str
-        How often each node was restarted.
-    timeouts : Counter of str
-        The timeouts of each node that had one.
+    respawned, timeouts : Counter of str
+        Restarts and timeouts of each node that had some.
     faults : Counter of str
         How many messages the fault proxy received, and how many had each fault; empty without it.
     parameters : dict
-        The parameters of the nodes by name; where they differ, those of the allocator.
-    vehicle : Vehicle
-        That of these parameters.
+        The parameters of the nodes by name, see `combined`; `vehicle` is theirs.
     stops : bool
         Whether the timeout action of a node is to stop the rotors.
     """
@@ -140,7 +135,6 @@ class Session:
         vehicle = Vehicle.from_parameters(common)
         recorder.samples.expect(vehicle.n)
         timeline = Timeline(recorder, trajectory, plan.failures, parameters, vehicle.n)
-        self._wait(timeline.missing)
         timeline.update(None, self._spin)
         recorder.send(trajectory.first)
         began = time.monotonic()

@@ -59,7 +59,7 @@ class DiagnosticsPublisher:
         self._publisher.publish(array)
 
 
-class Diagnostics:
+class StatusPublisher:
     """A status that is published on demand or on change.
 
     Parameters

@@ -16,7 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from ca_ros.allocation.parameters import own_parameters
-from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics
+from ca_ros.nodes.diagnostics import ERROR, WARN, StatusPublisher
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.parameters import PARAMETERS
@@ -166,7 +166,7 @@ class VehicleNode(ParameterNode):
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
         self._looked = monotonic()
         vehicle = str(self.parameters['vehicle.name'])
-        self._diagnostics = Diagnostics(self, subject, self.levels, self.values, vehicle)
+        self._diagnostics = StatusPublisher(self, subject, self.levels, self.values, vehicle)
         self.create_timer(TICK, self._tick, clock=self.steady)
 
     def levels(self) -> list[tuple[bytes, str]]:

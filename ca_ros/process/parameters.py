@@ -19,6 +19,13 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 FIRST_PAUSE, LAST_PAUSE = 0.5, 2.0
 """Pauses between the repetitions of a call [s]."""
 
+SERVICES = {
+    ListParameters: 'list_parameters',
+    GetParameters: 'get_parameters',
+    SetParameters: 'set_parameters',
+    SetParametersAtomically: 'set_parameters_atomically',
+}
+
 Answer = TypeVar('Answer')
 
 
@@ -36,14 +43,10 @@ class Call(Generic[Answer]):
     """
 
     def __init__(self, client: Client, request: Any, read: Callable[[Any], Answer]) -> None:
+        self.service: str = client.srv_name
         self._client, self._request, self._read = client, request, read
         self._futures: list[Any] = []
         self._again, self._pause = monotonic(), FIRST_PAUSE
-
-    @property
-    def service(self) -> str:
-        """The name of the service."""
-        return str(self._client.srv_name)
 
     def ready(self) -> bool:
         """Return whether the service is there."""
@@ -56,10 +59,8 @@ class Call(Generic[Answer]):
                 return self._read(future.result())
         if monotonic() >= self._again and self.ready():
             self._futures.append(self._client.call_async(self._request))
-            self._again, self._pause = (
-                monotonic() + self._pause,
-                min(2.0 * self._pause, LAST_PAUSE),
-            )
+            self._again = monotonic() + self._pause
+            self._pause = min(2.0 * self._pause, LAST_PAUSE)
         return None
 
 
@@ -70,36 +71,33 @@ class ParameterClient:
         self._node, self._name = node, name
         self._clients: dict[str, Client] = {}
 
-    def client(self, service: str, kind: type[Any]) -> Client:
-        """Return the client of one of the services; it is created once."""
-        if service not in self._clients:
-            self._clients[service] = self._node.create_client(kind, f'{self._name}/{service}')
-        return self._clients[service]
-
     def names(self) -> Call[list[str]]:
         """Ask for the names of all parameters."""
-        client = self.client('list_parameters', ListParameters)
-        return Call(client, ListParameters.Request(), lambda answer: answer.result.names)
+        request = ListParameters.Request()
+        return self._call(ListParameters, request, lambda answer: answer.result.names)
 
     def get(self, names: Iterable[str]) -> Call[list[Any]]:
         """Ask for the values of parameters."""
-        client = self.client('get_parameters', GetParameters)
         request = GetParameters.Request(names=list(names))
-        return Call(
-            client, request, lambda answer: [*map(parameter_value_to_python, answer.values)]
+        return self._call(
+            GetParameters, request, lambda answer: [*map(parameter_value_to_python, answer.values)]
         )
 
     def set(self, values: Mapping[str, Any]) -> Call[list[Any]]:
         """Set parameters one by one; the answer has a SetParametersResult of each."""
-        client = self.client('set_parameters', SetParameters)
         request = SetParameters.Request(parameters=_messages(values))
-        return Call(client, request, lambda answer: answer.results)
+        return self._call(SetParameters, request, lambda answer: answer.results)
 
     def set_atomically(self, values: Mapping[str, Any]) -> Call[Any]:
         """Set all parameters or none; the answer is a SetParametersResult."""
-        client = self.client('set_parameters_atomically', SetParametersAtomically)
         request = SetParametersAtomically.Request(parameters=_messages(values))
-        return Call(client, request, lambda answer: answer.result)
+        return self._call(SetParametersAtomically, request, lambda answer: answer.result)
+
+    def _call(self, kind: Any, request: Any, read: Callable[[Any], Any]) -> Call[Any]:
+        service = SERVICES[kind]
+        if service not in self._clients:
+            self._clients[service] = self._node.create_client(kind, f'{self._name}/{service}')
+        return Call(self._clients[service], request, read)
 
 
 def _messages(values: Mapping[str, Any]) -> list[Any]:

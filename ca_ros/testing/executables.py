@@ -16,17 +16,15 @@ def executable(name: str) -> Path:
     FileNotFoundError
         If there is none.  A name with a slash is a path, and not looked for.
     """
-    if os.sep in name:
-        return Path(name)
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     libraries = [Path(prefix, 'lib') for prefix in prefixes]
     places = [
         *(library / 'ca_ros' for library in libraries),
         Path(sysconfig.get_path('scripts')),
         *(package for library in libraries for package in library.glob('*')),
+        os.environ.get('PATH', os.defpath),
     ]
-    found = [str(place / name) for place in places if (place / name).is_file()]
-    path = [*found, shutil.which(name)][0]
+    path = shutil.which(name, path=os.pathsep.join(map(str, places)))
     if path is None:
         raise FileNotFoundError(f"no executable '{name}': is its package installed, or sourced?")
     return Path(path)
