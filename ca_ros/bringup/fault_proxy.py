@@ -194,8 +194,9 @@ def main() -> int:
         'fault_proxy',
         FaultProxyNode,
         f'Forward messages from TOPIC to {PREFIX}TOPIC with losses, delays and damage. The fate\n'
-        'of a message depends on seed, topic and number alone. In lockstep, nodes repeat messages\n'
-        'by the clock, so damage that they cannot detect (sign, huge) differs between flights.',
+        'of a message depends on seed, topic and number alone. In lockstep, nodes repeat\n'
+        'messages by the clock, so damage that they cannot detect (sign, huge) differs\n'
+        'between flights.',
         parse=_parse,
     )
 
