@@ -3,6 +3,7 @@
 import signal
 import sys
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import DECLARED, load
 from ca_ros.nodes.qos import STANDING
 from ca_ros.testing import Diagnostics
+from ca_ros.vehicle.files import find
 from test_bringup import fly_offline, read
 
 # The command lines
@@ -35,6 +37,21 @@ def test_a_program_gets_the_arguments_of_the_node_whose_place_it_takes():
     assert rest == own['simulator'][3:]
     assert {name: lines[name] for name in ('controller', 'allocator')} == {
         name: own[name] for name in ('controller', 'allocator')}
+
+
+def test_the_file_of_the_vehicle_is_read_once(monkeypatch, tmp_path):
+    file = tmp_path / 'my.yaml'
+    file.write_text(find('x8').read_text(encoding='utf-8'), encoding='utf-8')
+    read, opened = Path.read_text, []
+
+    def counted(path, *arguments, **options):
+        opened.append(path)
+        return read(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, 'read_text', counted)
+    lines = parse(['--vehicle', str(file)]).commands()
+    assert [path for path in opened if path == file] == [file]
+    assert all(str(file) in line for line in lines.values())
 
 
 @pytest.mark.parametrize('command', ['', 'no_such_program --x', "python 'x"])

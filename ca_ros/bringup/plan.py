@@ -15,6 +15,7 @@ from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments
 from ca_ros.nodes.parameters import DECLARED
+from ca_ros.vehicle.files import ParameterFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,7 @@ class Plan:
         chosen = [
             word for name, value in self.parameters.items() for word in ('-p', f'{name}:={value}')
         ]
+        file = None if self.vehicle is None else ParameterFile(self.vehicle)
         lines = {}
         for name in NODES:
             full = full_name(self.namespace, name)
@@ -77,9 +79,7 @@ class Plan:
             if name in self.replacements:
                 node = self.replacements[name]
                 own += ['-r', f'__node:={name}']
-            vehicle = []
-            if self.vehicle is not None:
-                vehicle = vehicle_arguments(self.vehicle, full, DECLARED[name])
+            vehicle = [] if file is None else vehicle_arguments(file, full, DECLARED[name])
             lines[name] = [*node, *own, '--', *vehicle, *self.ros, '--ros-args', *chosen]
         if self.faults is not None:
             own = ['--ros-args', '-r', f'__ns:={self.namespace}']

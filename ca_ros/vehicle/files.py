@@ -132,12 +132,36 @@ def find(name: str | Path) -> Path:
     )
 
 
+class ParameterFile(str):
+    """The name of a vehicle's parameter file, with its content: `read` need not open it again.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file, or it is not YAML; the message names the file.
+    """
+
+    content: Any
+
+    def __new__(cls, name: str | Path) -> ParameterFile:
+        """Read the file of a vehicle or problem, see `find`."""
+        path = find(name)
+        self = super().__new__(cls, name)
+        try:
+            self.content = read_yaml(path.read_text(encoding='utf-8'))
+        except (OSError, UnicodeDecodeError) as error:
+            raise ParameterError(f'{path}: not readable YAML: {error}') from None
+        except ParameterError as error:
+            raise ParameterError(f'{path}: {error}') from None
+        return self
+
+
 def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     """Return the parameters in the file of a vehicle, as they are given there.
 
     Parameters
     ----------
-    vehicle : str or path
+    vehicle : str, path or ParameterFile
         A shipped vehicle's name, or a path to a YAML file.
     node : str, optional
         The full name of a node, such as ``/uav1/allocator``: read the parameters that ROS would
@@ -155,12 +179,10 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     NoSectionError
         If `node` is given and no section of the file is for it.
     """
+    file = vehicle if isinstance(vehicle, ParameterFile) else ParameterFile(vehicle)
     path = find(vehicle)
     try:
-        content = read_yaml(path.read_text(encoding='utf-8'))
-        return _ros_parameters(content, node)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path}: not readable YAML: {error}') from None
+        return _ros_parameters(file.content, node)
     except NoSectionError as error:
         raise NoSectionError(f'{path}: {error}') from None
     except ParameterError as error:
