@@ -169,6 +169,16 @@ def test_links_within_the_repository_lead_somewhere():
             assert (ROOT / page).parent.joinpath(target).exists(), f'{page}: {target}'
 
 
+def test_files_that_pages_name_exist():
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding='utf-8')
+        for name in re.findall(r'`([\w/]*(?:/\w+|\btest_\w+)\.(?:py|c|h|xml))`', text):
+            places = (ROOT / name, ROOT / 'ca_ros' / name, ROOT / 'test' / name)
+            written = name in {block.mark.rpartition(' ')[2] for block in blocks(page)}
+            elsewhere = page == 'docs/architecture.md' or 'NAME' in name or name.startswith('src/')  # src/ is PX4's
+            assert written or elsewhere or any(map(Path.exists, places)), f'{page}: {name}'
+
+
 @pytest.mark.slow
 def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
     for block in blocks('CONTRIBUTING.md'):
@@ -179,7 +189,8 @@ def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
         python -m ruff check ca_ros/allocation/mean.py
         python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
         python -m pytest -q -p no:cacheprovider test/test_static_study.py \
-            test/test_dynamic_study.py test/test_layering.py -k 'rows or same_seed or contract'
+            test/test_dynamic_study.py test/test_layering.py test/test_flown_methods.py \
+            -k 'rows or same_seed or contract or studies_have_all'
         static_study --methods all --samples 20 --out out/static
         dynamic_study --methods all --duration 1 --out out/dynamic
         bringup --mode lockstep --method mean --duration 1 --waypoint 0 0 0 --heading 0 --out out/f

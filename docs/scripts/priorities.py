@@ -35,12 +35,12 @@ def flights_table() -> str:
                 rows.append(
                     (
                         *(title, f'`{value}`', f'{total.recovered:.0f} of {len(found)}'),
-                        *(f'{total.drop:.2f}', f'{total.tilt:.2f}', f'{total.heading:.1f}'),
+                        *(f'{total.drop:.2f}', f'{total.heading:.1f}'),
                         f'{total.off:.0f} of {total.inexact:.0f}',
                     )
                 )
     titles = (
-        *('vehicle', 'thrust deviation', 'recovered', 'height lost [m]', 'tilt [rad s]'),
+        *('vehicle', 'thrust deviation', 'recovered', 'height lost [m]'),
         *('heading error [rad s]', 'wrong yaw'),
     )
     rows.sort(key=lambda row: row[0])
