@@ -10,11 +10,10 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Float64MultiArray
 
 from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
-from ca_ros.nodes.messages import nanoseconds, speeds_stamp
+from ca_ros.nodes.messages import stamp_of
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.topics import ROSOUT, type_name
 
@@ -141,11 +140,8 @@ class Bag:
     def _stamp(self, topic: str) -> int:
         if topic not in self._newest:
             return -1
-        message: Any = deserialize_message(self._newest[topic], RECORDED[topic])
-        if isinstance(message, Float64MultiArray):
-            time = speeds_stamp(message)
-            return -1 if time is None else time
-        return nanoseconds(message.header.stamp)
+        time = stamp_of(deserialize_message(self._newest[topic], RECORDED[topic]))
+        return -1 if time is None else time
 
     def close(self) -> None:
         """Write the last messages and complete the file; remove a bag without messages."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from array import array
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -83,6 +83,13 @@ def speeds_stamp(message: Float64MultiArray) -> int | None:
         if word == 'stamp' and DIGITS.fullmatch(number):
             return int(number)
     return None
+
+
+def stamp_of(message: Any) -> int | None:
+    """Return the time stamp [ns] of rotor speeds or of a message with a header."""
+    if isinstance(message, Float64MultiArray):
+        return speeds_stamp(message)
+    return nanoseconds(message.header.stamp)
 
 
 def answers_nothing(message: Float64MultiArray) -> bool:

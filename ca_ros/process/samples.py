@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
-from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_stamp, twist_arrays
+from ca_ros.nodes.messages import pose_arrays, stamp_of, twist_arrays
 from ca_ros.nodes.topics import POSE, SPEEDS, VELOCITY
 
 SAMPLED = (POSE, VELOCITY, SPEEDS)
@@ -52,9 +51,9 @@ class Samples:
             If its stamp is earlier than the one before, or its numbers are not finite or not as
             many as the vehicle has rotors.
         """
-        parts, time = _parts(message)
-        if time is None:
+        if (time := stamp_of(message)) is None:
             return
+        parts = _parts(message)
         if time < (before := self.newest.get(topic, time)):
             raise SampleError(
                 f'{topic}: stamp {time / 1e9:g} s after {before / 1e9:g} s: expected ascending'
@@ -126,14 +125,11 @@ class Samples:
         return Flight((np.array(stamps) - origin) / 1e9, **columns)
 
 
-def _parts(message: Any) -> tuple[dict[str, Array], int | None]:
-    """Return what a message adds to a sample, and its stamp [ns]."""
-    if isinstance(message, Float64MultiArray):
-        return {'speeds': np.array(message.data)}, speeds_stamp(message)
+def _parts(message: Any) -> dict[str, Array]:
+    """Return what a message adds to a sample."""
+    if isinstance(message, SPEEDS.kind):
+        return {'speeds': np.array(message.data)}
+    names, arrays = COLUMNS[2:4], twist_arrays
     if isinstance(message, POSE.kind):
-        position, attitude = pose_arrays(message)
-        parts = {'position': position, 'attitude': attitude}
-    else:
-        velocity, angular_velocity = twist_arrays(message)
-        parts = {'velocity': velocity, 'angular_velocity': angular_velocity}
-    return parts, nanoseconds(message.header.stamp)
+        names, arrays = COLUMNS[:2], pose_arrays
+    return dict(zip(names, arrays(message), strict=True))
