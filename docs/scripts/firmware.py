@@ -23,7 +23,6 @@ from pages import DOCS, fill, telling
 
 import ca_ros
 from ca_ros.arrays import Array
-from ca_ros.evaluation.tables import table
 from ca_ros.evaluation.wrench_sets import gauge, near_boundary
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
@@ -51,14 +50,8 @@ TOOLS = COMPILER, EMULATOR
 
 KERNEL_FLAGS = ('-O3', '-fno-math-errno', '-finline-limit=2000')
 FLAGS = [
-    '-std=c99',
-    '-O2',
-    '-ffp-contract=off',
-    '-mcpu=cortex-m4',
-    '-mthumb',
-    '-mfloat-abi=hard',
-    '-mfpu=fpv4-sp-d16',
-    '-nostartfiles',
+    *('-std=c99', '-O2', '-ffp-contract=off', '-mcpu=cortex-m4', '-mthumb', '-mfloat-abi=hard'),
+    *('-mfpu=fpv4-sp-d16', '-nostartfiles'),
     '-Wl,--entry=0,--section-start=.vectors=0,-Ttext=0x100,-Tdata=0x20000000',
 ]
 
@@ -85,16 +78,16 @@ def wrenches(problem: AllocationProblem, kind: str, size: int, seed: int = 0) ->
     return drawn.astype(np.float32)
 
 
-def build(problem: AllocationProblem, method: str, kernel: Path, folder: Path) -> Path:
+def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
     """Compile a method for a vehicle; return the program."""
     numbers = header(problem, 'single', 'static const __attribute__((unused))')
     (folder / 'data.h').write_text(numbers, encoding='utf-8')
     parts = [f'-I{folder}', f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
     if method == 'kernel':
-        parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{kernel}']
+        parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{KERNEL}']
         objects = [folder / f'{name}.o' for name in ('exact', 'least_norm', 'priorities')]
         for part in objects:
-            source = kernel / f'{part.stem}.c'
+            source = KERNEL / f'{part.stem}.c'
             command = [COMPILER, *FLAGS, *KERNEL_FLAGS, *parts, '-c', source, '-o', part]
             subprocess.run(command, check=True)
         parts += map(str, objects)
@@ -126,13 +119,13 @@ def run(program: Path, drawn: Array) -> Array:
 
 
 def count(
-    problem: AllocationProblem, methods: Sequence[str], size: int, kernel: Path = KERNEL
+    problem: AllocationProblem, methods: Sequence[str], size: int
 ) -> dict[tuple[str, str], Array]:
     """Return the instructions (size,) of each call, by method and kind of wrenches."""
     counts = {}
     with tempfile.TemporaryDirectory() as folder:
         for method in methods:
-            program = build(problem, method, kernel, Path(folder))
+            program = build(problem, method, Path(folder))
             for kind in KINDS:
                 counts[method, kind] = run(program, wrenches(problem, kind, size))
     return counts
@@ -155,55 +148,33 @@ def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, 
     return rows
 
 
-def settings(size: int) -> str:
-    """Return how it was counted, in a sentence."""
-    versions = (
-        subprocess.run([tool, '--version'], check=True, stdout=subprocess.PIPE, text=True).stdout
-        for tool in TOOLS
-    )
-    compiler, emulator = (
-        re.search(r'\d+\.\d+\.\d+', re.sub(r'\(.*?\)', '', text, count=1))[0]
-        for text in versions
-    )
-    return (
-        f'{size:,} wrenches of each kind; GCC {compiler}, the kernel with '
-        f'`{" ".join(KERNEL_FLAGS)}`, the others with `-O2`; QEMU {emulator}; OSQP '
-        f'{version("osqp")}; times at {CLOCK / 1e6:.0f} MHz, one instruction a cycle.'
-    )
-
-
 def main() -> None:
-    """Count; fill the page or print the table."""
+    """Count, and fill the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--size', type=int, default=10_000, help='wrenches of each kind')
-    parser.add_argument('--kernel', type=Path, default=KERNEL, help='folder of its C files')
-    parser.add_argument(
-        '--count-only', action='store_true', help='print the table, without OSQP, fill no page'
-    )
-    arguments = parser.parse_args()
+    size = parser.parse_args().size
     if missing():
         parser.error(f'not installed: {", ".join(missing())}')
-    methods = [method for method in METHODS if method != 'osqp' or not arguments.count_only]
     rows = []
     for name in VEHICLES:
-        problem = VehicleProblem(Vehicle.load(name))
-        rows += rows_of(name, count(problem, methods, arguments.size, arguments.kernel))
+        rows += rows_of(name, count(VehicleProblem(Vehicle.load(name)), tuple(METHODS), size))
     titles = (
-        'vehicle',
-        'method',
-        'wrenches',
-        'median',
-        'worst',
-        'worst, in pseudo-inverses',
+        *('vehicle', 'method', 'wrenches', 'median', 'worst', 'worst, in pseudo-inverses'),
         'worst [ms]',
     )
-    if arguments.count_only:
-        print(table(titles, rows, words=3))
-    else:
-        shown = telling(
-            'instructions', titles, rows, lambda row: row[0] == f'`{VEHICLES[0]}`', words=3
-        )
-        fill('firmware.md', instructions=f'{shown}\n\n{settings(arguments.size)}')
+    shown = telling(
+        'instructions', titles, rows, lambda row: row[0] == f'`{VEHICLES[0]}`', words=3
+    )
+    versions = [
+        re.search(r'\d+\.\d+\.\d+', re.sub(r'\(.*?\)', '', text, count=1))[0]
+        for text in (subprocess.check_output([tool, '--version'], text=True) for tool in TOOLS)
+    ]
+    words = (
+        f'{size:,} wrenches of each kind; GCC {versions[0]}, the kernel with '
+        f'`{" ".join(KERNEL_FLAGS)}`, the others with `-O2`; QEMU {versions[1]}; OSQP '
+        f'{version("osqp")}; times at {CLOCK / 1e6:.0f} MHz, one instruction a cycle.'
+    )
+    fill('firmware.md', instructions=f'{shown}\n\n{words}')
 
 
 if __name__ == '__main__':

@@ -10,6 +10,7 @@ import argparse
 import re
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import astuple, dataclass, field
+from itertools import product
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -180,38 +181,22 @@ def row(task: tuple[str, str, int, int]) -> tuple[list[str], str]:
     sample, searched, bounds = measure(firmware, size, generations)
     most = max(sample.products, searched.products)
     distance = max(sample.distance, searched.distance)
+    counts = max(sample.steps, searched.steps), bounds.steps
+    counts += max(sample.pivots, searched.pivots), bounds.pivots
+    products = most, bounds.products(bounds.steps, bounds.pivots)
     cells = [
-        f'`{name}`',
-        precision,
-        *(str(number) for number in (max(sample.steps, searched.steps), bounds.steps)),
-        *(str(number) for number in (max(sample.pivots, searched.pivots), bounds.pivots)),
-        f'{most / 1e3:.0f}',
-        f'{bounds.products(bounds.steps, bounds.pivots) / 1e3:.0f}',
-        f'{distance:.0e}' if distance else '',
-        str(sample.inexact + searched.inexact),
+        *(f'`{name}`', precision, *map(str, counts), *(f'{each / 1e3:.0f}' for each in products)),
+        *(f'{distance:.0e}' if distance else '', str(sample.inexact + searched.inexact)),
     ]
     return cells, f'{name} {precision}: {sample}\n    search: {searched}'
 
 
-SHOWN = (
-    ('`hexarotor`', 'double'),
-    ('`hexarotor`', 'single'),
-    ('`octorotor`', 'single'),
-    ('`rov`', 'double'),
-)
-"""The rows on the page."""
+SHOWN = [('`hexarotor`', 'double'), ('`hexarotor`', 'single'), ('`octorotor`', 'single')]
+SHOWN += [('`rov`', 'double')]
 
 TITLES = (
-    'vehicle',
-    'precision',
-    'steps',
-    'bound',
-    'pivots',
-    'bound',
-    'thousand products',
-    'bound',
-    f'distance, over {MANY} steps',
-    'inexact',
+    *('vehicle', 'precision', 'steps', 'bound', 'pivots', 'bound', 'thousand products', 'bound'),
+    *(f'distance, over {MANY} steps', 'inexact'),
 )
 
 
@@ -220,13 +205,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--size', type=int, default=10_000_000, help='wrenches for each row')
     parser.add_argument('--generations', type=int, default=100, help='of the search')
-    parser.add_argument('--vehicles', nargs='+', default=shipped(), help='default: all')
-    parser.add_argument('--print-only', action='store_true', help='leave the page as it is')
     options = parser.parse_args()
     tasks = [
-        (name, precision, options.size, options.generations)
-        for name in options.vehicles
-        for precision in ('double', 'single')
+        (*each, options.size, options.generations)
+        for each in product(shipped(), ('double', 'single'))
     ]
     rows = []
     with ProcessPoolExecutor() as pool:
@@ -234,8 +216,7 @@ def main() -> None:
             rows.append(cells)
             print(words, flush=True)
     found = telling('worst_case', TITLES, rows, lambda row: tuple(row[:2]) in SHOWN, words=2)
-    if not options.print_only:
-        fill('firmware.md', worst_case=found)
+    fill('firmware.md', worst_case=found)
 
 
 if __name__ == '__main__':
