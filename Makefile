@@ -88,6 +88,9 @@ readme: demo
 	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
 	.venv/bin/attainable --fail 1 --out docs/attainable
 	.venv/bin/python docs/scripts/failure.py
+	.venv/bin/dynamic_study --methods exact,pseudo_inverse,fixed_pseudo_inverse --fail 1@8 \
+	    --duration 14 --out out/failure
+	cp out/failure/failure.png docs
 	.venv/bin/python docs/scripts/plant_effects.py
 	.venv/bin/python docs/scripts/comparison.py
 	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Mapping, Sequence
-from time import perf_counter_ns
 from typing import Any
 
 import matplotlib
@@ -19,10 +18,9 @@ from pages import DOCS, fill
 
 from ca_ros import AdmissibleSet
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.plot_style import title
-from ca_ros.evaluation.tables import number, table
+from ca_ros.evaluation.tables import table
 from ca_ros.evaluation.wrench_metrics import NOTED, metrics
 from ca_ros.evaluation.wrench_sets import samples
 from ca_ros.flight.figures import save, sheet, style
@@ -37,7 +35,7 @@ CONTENDERS: dict[str, tuple[str, tuple[str, ...]]] = {
 """Method and parameters of each row."""
 
 VEHICLES = ('quadrotor', 'hexarotor', 'octorotor', 'x8', 'y6')
-SAMPLES, SEED, REPETITIONS = 1000, 0, 15
+SAMPLES, SEED = 1000, 0
 
 GROUPS = {'upsets': 'upset', 'spins': 'spin', 'rotor lost': 'loss', 'slalom': 'slalom'}
 """How the names of the manoeuvres of each group begin."""
@@ -64,7 +62,6 @@ def static(name: str, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     problem = admissible.problem
     found: dict[str, dict[str, Any]] = {}
     demands = {kind: samples(admissible, kind, SEED, 0, SAMPLES) for kind in ('volume', 'outside')}
-    times = slowest(allocators, np.concatenate(list(demands.values())))
     for label, allocator in allocators.items():
         thrusts = {kind: allocator.allocate_batch(u).thrusts for kind, u in demands.items()}
         residual = problem.residual(demands['volume'], thrusts['volume'])
@@ -73,24 +70,8 @@ def static(name: str, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
             'error': np.linalg.norm(residual, axis=1),
             'inside': metrics(problem, demands['volume'], thrusts['volume']),
             'outside': metrics(problem, demands['outside'], thrusts['outside']),
-            'time': times[label],
         }
     return found
-
-
-def slowest(allocators: Mapping[str, Any], demands: Array) -> dict[str, tuple[float, float]]:
-    """Return the median over wrenches, and the slowest wrench [s]; interruptions are excluded.
-
-    The time of a wrench is the least of some calls, which are spread over the measurement.
-    """
-    times = {name: np.full(len(demands), np.inf) for name in allocators}
-    for _ in range(REPETITIONS):
-        for name, allocator in allocators.items():
-            for i, u in enumerate(demands):
-                start = perf_counter_ns()
-                allocator.allocate(u)
-                times[name][i] = min(times[name][i], (perf_counter_ns() - start) / 1e9)
-    return {name: (float(np.median(own)), float(own.max())) for name, own in times.items()}
 
 
 def percent(share: float) -> str:
@@ -109,13 +90,12 @@ def wrenches_table(found: Mapping[str, Mapping[str, Any]]) -> str:
             f'{100.0 * abs(inside["energy_excess"]):.3f}',
             *(percent(each) for each in outside['lost'].values()),
             *(percent(outside['reversed']), percent(outside['exceeded'])),
-            f'{number(1e6 * own["time"][0])} / {number(1e6 * own["time"][1])}',
         )
         rows.append(cells)
     titles = (
         *('method', 'missed [%]', 'error, mean / max', 'energy above least [%]'),
         *('roll and pitch lost [%]', 'thrust lost [%]', 'yaw lost [%]'),
-        *('reversed [%]', 'exceeded [%]', 'call, median / slowest wrench [us]'),
+        *('reversed [%]', 'exceeded [%]'),
     )
     return table(titles, rows)
 

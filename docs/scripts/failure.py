@@ -1,30 +1,21 @@
 """Fly every shipped vehicle with each of its rotors lost; fill the tables of docs/failure.md.
 
-Also draws the plot of the page with `dynamic_study`.  Takes some minutes.
+Takes some minutes.
 """
 
-import shutil
-import tempfile
 import warnings
 from dataclasses import dataclass
 from math import degrees, inf
-from pathlib import Path
 
 import numpy as np
-from pages import DOCS, fill, shipped
+from pages import fill, shipped
 
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic_study import main as dynamic_study
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
-
-METHODS = ('exact', 'pseudo_inverse', 'fixed_pseudo_inverse')
-
-STUDY = f'--methods {",".join(METHODS)} --fail 1@8 --duration 14'
-"""The options of dynamic_study that draw the plot."""
 
 START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)
 """The waypoint at which the rotor is lost, and the next waypoint, 2 m away."""
@@ -94,7 +85,8 @@ def rotors_table() -> str:
             torque = f'{abs(report.spin_torque):.2g}' if report.spin_torque else '0'
             for drag in [0.0, DRAG] if report.lost == ('yaw',) else [0.0]:
                 case = Case.load(name, [f'simulator.rotational_drag:={drag}'])
-                exact, inverse = (lose(case, method, rotor) for method in METHODS[:2])
+                exact = lose(case, 'exact', rotor)
+                inverse = lose(case, 'pseudo_inverse', rotor)
                 lost = ', '.join(report.lost) or 'none'
                 key = (f'`{name}`', lost, torque, f'{drag:g}', verdict(exact), verdict(inverse))
                 rows.setdefault(key, []).append((rotor, exact))
@@ -153,9 +145,6 @@ def main() -> None:
         # The state of a tumbling vehicle overflows.
         warnings.simplefilter('ignore', RuntimeWarning)
         fill('failure.md', rotors=rotors_table(), delays=delays_table())
-    with tempfile.TemporaryDirectory() as folder:
-        dynamic_study([*STUDY.split(), '--out', folder])
-        shutil.copyfile(Path(folder) / 'failure.png', DOCS / 'failure.png')
 
 
 if __name__ == '__main__':

@@ -9,14 +9,13 @@ from __future__ import annotations
 import argparse
 import re
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from itertools import product
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from hard_wrenches import mutated, sampled
 from pages import fill, shipped, telling
 
 import ca_ros.kernel
@@ -25,20 +24,84 @@ from ca_ros.arrays import Array
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
-from ca_ros.problem.problem import lengths
+from ca_ros.problem.problem import AllocationProblem, lengths
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
 
 CHUNK = 60_000
 """Wrenches of one call of the kernel."""
 
-MEASURES = ('steps', 'pivots', 'products')
+MEASURES = ('steps', 'pivots')
 
 MANY = 20
 """Steps of a call of which the distance from the boundary is measured."""
 
 POOL = 1000
 """Worst wrenches that the search mutates."""
+
+
+HUGE = {'single': 11.0, 'double': 90.0}
+"""Decimal exponent of the largest wrenches, in units of the extent."""
+
+
+def sampled(
+    problem: AllocationProblem, precision: str, rng: np.random.Generator, size: int
+) -> Array:
+    """Return about `size` wrenches (N, m) of all kinds."""
+    n, m, count = problem.n, len(problem.axes), size // 12
+    sides = problem.image.sides
+
+    def given_by(ways: Array) -> Array:
+        return (problem.middle + problem.half_range * ways) @ problem.gamma.T
+
+    def powers(low: float, high: float, columns: int = 1) -> Array:
+        """Return random numbers of either sign and any order of magnitude."""
+        sign = rng.choice([-1.0, 1.0], (count, columns))
+        return sign * 10.0 ** rng.uniform(low, high, (count, columns))
+
+    def on_boundary(bound: float) -> Array:
+        """Return wrenches on facets; a thrust that is free in one is at a bound by chance."""
+        outward = np.sign(sides[rng.integers(len(sides), size=count)])
+        free = rng.uniform(-1.0, 1.0, (count, n))
+        free = np.where(rng.random((count, n)) < bound, np.sign(free), free)
+        return given_by(np.where(outward, rng.choice([-1.0, 1.0], (count, 1)) * outward, free))
+
+    anything = rng.uniform(-1.0, 1.0, (count, n))
+    at_bounds = np.where(rng.random((count, n)) < 0.5, np.sign(anything), anything)
+    facets, edges, vertices = on_boundary(0.0), on_boundary(0.5), on_boundary(1.0)
+    some = np.where(rng.random((count, 1)) < 0.5, facets, edges)
+    start = np.where(rng.random((count, 1)) < 0.5, problem.center, problem.hover)
+    noise, extent = rng.standard_normal((count, m)), problem.extent
+    axes = np.eye(m)[rng.integers(m, size=count)]
+    return np.vstack([
+        given_by(anything),
+        given_by(at_bounds),
+        facets,
+        edges,
+        vertices,
+        problem.center + (1.0 + powers(-13.0, -3.0)) * (some - problem.center),
+        vertices + powers(-13.0, -3.0) * noise * extent,
+        start + rng.uniform(1.0, 3.0, (count, 1)) * (some - start),
+        powers(-3.0, 3.0) * problem.hover + powers(-16.0, -1.0) * noise * extent,
+        start + powers(-3.0, 3.0) * axes * extent,
+        start + powers(-6.0, 2.0, m) * (rng.random((count, m)) < 0.5) * extent,
+        powers(0.0, HUGE[precision]) * noise * extent,
+    ])  # fmt: skip
+
+
+def mutated(problem: AllocationProblem, pool: Array, rng: np.random.Generator) -> Array:
+    """Return a changed copy of each wrench of a pool (N, m), for each of five kinds of changes."""
+    size, m = pool.shape
+    other = pool[rng.permutation(size)]
+    axes = np.eye(m)[rng.integers(m, size=size)]
+    noise = rng.standard_normal((size, m)) * 10.0 ** rng.uniform(-14.0, 0.5, (size, 1))
+    return np.vstack([
+        pool + noise * problem.extent,
+        pool + axes * noise * problem.extent,
+        problem.center + (1.0 + noise[:, :1]) * (pool - problem.center),
+        pool + rng.uniform(-0.5, 1.5, (size, 1)) * (other - pool),
+        np.where(axes, other, pool),
+    ])  # fmt: skip
 
 
 def constant(name: str) -> int:
@@ -49,17 +112,11 @@ def constant(name: str) -> int:
     return int(value)
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """The greatest numbers of steps and pivots of a call, and of products in one of them.
-
-    Products are multiplications and divisions, counted from the loops of the C code.
-    """
+class Bounds(NamedTuple):
+    """The greatest numbers of Newton steps and of simplex pivots of a call."""
 
     steps: int
     pivots: int
-    per_step: int
-    per_pivot: int
 
     @classmethod
     def of(cls, firmware: Firmware, fault: int) -> Bounds:
@@ -75,34 +132,16 @@ class Bounds:
         steps = attempt + 3 * settle + (4 if relaxes else 2) * constant('STEPS')
         # `serve`: a push for the first group, for each sense, and for each other group and axis.
         sizes = [group[:m].count(i) for i in sorted(set(group[:m]))]
-        variables, rows, columns = n + m + (sizes[0] > 1), m, n + 1
+        variables = n + m + (sizes[0] > 1)
         turns = [variables]
         turns += [variables for axis in order[sizes[0] : m] if senses[int(axis)]]
         for size in sizes[1:]:
             if size > 1:
-                variables, rows, columns = variables + 1 + 2 * size, rows + 2 * size, columns + 1
+                variables += 1 + 2 * size
                 turns.append(variables)
             turns += [variables] * size
         pivots = sum(1 + constant('PIVOTS_PER_VARIABLE') * count for count in turns)
-        return cls(steps, pivots, _step(n, m, n + m * relaxes), rows * (columns + 4))
-
-    def products(self, steps: int, pivots: int) -> int:
-        """Return how many products some steps and pivots take at most."""
-        return steps * self.per_step + pivots * self.per_pivot
-
-
-def _step(n: int, m: int, count: int) -> int:
-    """Return the greatest number of products of a Newton step with `count` actuators."""
-    definite = m * (m + 1) * (m + 2) // 6 + m * m
-    residuals = 2 * (n * m + m * m)
-    normal = count // 2 * m * (m + 3) // 2 + definite
-    spanned = count * (2 * m * m - m) + 3 * m * m
-    in_span = count * (m * m + m * (m + 1) // 2) + definite + m * m
-    factors = 3 * count * m * (m + 1) // 2 + m * m * (m + 1) + m
-    solution = 4 * m * m + count * m
-    search = 2 * (count * m + m + 8 * count + 1)
-    solves = normal + spanned + in_span + factors + solution
-    return count * m + count + m + residuals + solves + search + 4 * m * m + 2 * m
+        return cls(steps, pivots)
 
 
 @dataclass
@@ -111,13 +150,12 @@ class Worst:
 
     steps: int = 0
     pivots: int = 0
-    products: int = 0
     inexact: int = 0
     distance: float = 0.0
     examples: dict[str, str] = field(default_factory=dict)
 
-    def meet(self, firmware: Firmware, fault: int, bounds: Bounds, u: Array) -> Array:
-        """Allocate wrenches (N, m); return their measures (N, 3)."""
+    def meet(self, firmware: Firmware, fault: int, u: Array) -> Array:
+        """Allocate wrenches (N, m); return their steps and pivots (N, 2)."""
         demands = np.ascontiguousarray(u, firmware.dtype)
         size = len(demands)
         work: Any = np.empty((size, 2), np.int32)
@@ -125,7 +163,7 @@ class Worst:
         thrusts = np.empty((size, firmware.problem.n), firmware.dtype)
         levels = np.empty(size, firmware.dtype)
         firmware.kernels[fault].allocate_batch(demands, thrusts, status, levels, work)
-        found: Array = np.column_stack([work, work @ [bounds.per_step, bounds.per_pivot]])
+        found: Array = work
         inexact = status == Status.INEXACT
         many = demands[found[:, 0] > MANY].astype(float)
         if len(many):
@@ -152,7 +190,7 @@ def measure(firmware: Firmware, size: int, generations: int) -> tuple[Worst, Wor
     """
     sample, searched = Worst(), Worst()
     limits = [Bounds.of(firmware, fault) for fault in range(len(firmware.faults))]
-    for fault, (case, bounds) in enumerate(zip(firmware.faults, limits, strict=True)):
+    for fault, case in enumerate(firmware.faults):
         rng = np.random.default_rng(fault)
         share = 0.8 if fault == 0 else 0.2 / (len(firmware.faults) - 1)
         pools = [np.empty((0, len(case.problem.axes)))] * len(MEASURES)
@@ -160,16 +198,16 @@ def measure(firmware: Firmware, size: int, generations: int) -> tuple[Worst, Wor
         for chunk in range(ceil(share * size / CHUNK) + ceil(share * generations)):
             if chunk * CHUNK < share * size:
                 u = sampled(case.problem, firmware.precision, rng, CHUNK)
-                found = sample.meet(firmware, fault, bounds, u)
+                found = sample.meet(firmware, fault, u)
             else:
                 u = np.vstack([mutated(case.problem, pool, rng) for pool in pools])
-                found = searched.meet(firmware, fault, bounds, u)
+                found = searched.meet(firmware, fault, u)
             for k in range(len(MEASURES)):
                 # Of equals any is kept: so the search moves on where all are the same.
                 pool, rank = np.vstack([pools[k], u]), np.append(ranks[k], found[:, k])
                 best = np.argsort(rng.random(len(rank)) - rank)[:POOL]
                 pools[k], ranks[k] = pool[best], rank[best]
-    return sample, searched, Bounds(*np.max([astuple(limit) for limit in limits], axis=0).tolist())
+    return sample, searched, Bounds(*np.max(limits, axis=0).tolist())
 
 
 def row(task: tuple[str, str, int, int]) -> tuple[list[str], str]:
@@ -179,14 +217,12 @@ def row(task: tuple[str, str, int, int]) -> tuple[list[str], str]:
         faults_of(Vehicle.load(name), ['single']), checked(read(name)), precision
     )
     sample, searched, bounds = measure(firmware, size, generations)
-    most = max(sample.products, searched.products)
     distance = max(sample.distance, searched.distance)
     counts = max(sample.steps, searched.steps), bounds.steps
     counts += max(sample.pivots, searched.pivots), bounds.pivots
-    products = most, bounds.products(bounds.steps, bounds.pivots)
     cells = [
-        *(f'`{name}`', precision, *map(str, counts), *(f'{each / 1e3:.0f}' for each in products)),
-        *(f'{distance:.0e}' if distance else '', str(sample.inexact + searched.inexact)),
+        *(f'`{name}`', precision, *map(str, counts), f'{distance:.0e}' if distance else ''),
+        str(sample.inexact + searched.inexact),
     ]
     return cells, f'{name} {precision}: {sample}\n    search: {searched}'
 
@@ -195,7 +231,7 @@ SHOWN = [('`hexarotor`', 'double'), ('`hexarotor`', 'single'), ('`octorotor`', '
 SHOWN += [('`rov`', 'double')]
 
 TITLES = (
-    *('vehicle', 'precision', 'steps', 'bound', 'pivots', 'bound', 'thousand products', 'bound'),
+    *('vehicle', 'precision', 'steps', 'bound', 'pivots', 'bound'),
     *(f'distance, over {MANY} steps', 'inexact'),
 )
 
