@@ -83,7 +83,7 @@ class AllocatorNode(VehicleNode):
             )
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Allocator]:
-        """Create the allocation method for the axes that the rotors can command.
+        """Create the allocation method for the axes that the rotors can control.
 
         A node in flight loads no code.
         """

@@ -90,7 +90,7 @@ class ControllerNode(VehicleNode):
             self._standing = self._listen_to_waypoints(STANDING, quiet)
 
     def build(self, parameters: dict[str, Any]) -> tuple[Audit, Controller]:
-        """Create the controller for the axes that the rotors can command."""
+        """Create the controller for the axes that the rotors can control."""
         report = self.audited(parameters)
         return report, Controller.from_parameters(report.vehicle, parameters)
 

@@ -28,22 +28,22 @@ def faults(
     offers : collection of Publisher
         Publishers that should be the only ones on their topics.
     """
-    found = []
+    sentences = []
     for stream in streams:
         topic = stream.topic_name
         if (matched := stream.get_publisher_count()) > 1:
-            found.append(f'{matched} publishers on {topic}')
+            sentences.append(f'{matched} publishers on {topic}')
         for other in node.get_publishers_info_by_topic(topic):
             if fault := mismatch(other, stream, other.qos_profile, stream.qos_profile):
-                found.append(f'a publisher on {topic} offers another {fault}')
+                sentences.append(f'a publisher on {topic} offers another {fault}')
     for publisher in node.publishers:
         topic = publisher.topic_name
         if publisher in offers and (count := node.count_publishers(topic)) > 1:
-            found.append(f'{count} publishers on {topic}')
+            sentences.append(f'{count} publishers on {topic}')
         for other in node.get_subscriptions_info_by_topic(topic):
             if fault := mismatch(other, publisher, publisher.qos_profile, other.qos_profile):
-                found.append(f'a subscriber to {topic} asks for another {fault}')
-    return found
+                sentences.append(f'a subscriber to {topic} asks for another {fault}')
+    return sentences
 
 
 def mismatch(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from math import isfinite
-from traceback import format_exc
+from traceback import format_exception
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -153,36 +153,38 @@ class ParameterNode(Node, metaclass=_Starting):
         ours = {change.name: change.value for change in changes if change.name in self.declared}
         return complete(ours, {name: self.declared[name] for name in ours})
 
-    def _build_beside(self, parameters: dict[str, Any]) -> Any:
-        """Return what `build` returns; until then the streams are served by what it replaces.
+    def _build_beside(self, parameters: dict[str, Any]) -> Future[Any]:
+        """Return the end of `build`; until then the streams are served by what it replaces.
 
         Executors of rclpy cannot serve them meanwhile.
         """
         executor = self.executor
-        if not isinstance(executor, Executor):
-            return self.build(parameters)
         with ThreadPoolExecutor(1) as pool:
             building = pool.submit(self.build, parameters)
-            building.add_done_callback(lambda _: executor.wake())
-            while not building.done():
-                executor.spin_streams()
-            return building.result()
+            if isinstance(executor, Executor):
+                building.add_done_callback(lambda _: executor.wake())
+                while not building.done():
+                    executor.spin_streams()
+        return building
 
     def _consider(self, changes: list[Parameter]) -> SetParametersResult:
         try:
             checked = self._checked(changes)
-            if not checked:
-                return SetParametersResult(successful=True)
-            parameters = {**self.parameters, **checked}
-            # A rebuild takes longer than an allocation, and happens only where necessary.
-            rebuild = any(name not in NODE for name in checked)
-            built = self._build_beside(parameters) if rebuild else self._built
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        except Exception as error:
-            self.get_logger().error(format_exc())
-            fault = f'{type(error).__name__}: {error}'
-            return SetParametersResult(successful=False, reason=fault)
+        if not checked:
+            return SetParametersResult(successful=True)
+        parameters, built = {**self.parameters, **checked}, self._built
+        # A rebuild takes longer than an allocation, and happens only where necessary.
+        if any(name not in NODE for name in checked):
+            building = self._build_beside(parameters)
+            if fault := building.exception():
+                reason = str(fault)
+                if not isinstance(fault, ValueError):
+                    reason = f'{type(fault).__name__}: {fault}'
+                    self.get_logger().error(''.join(format_exception(fault)))
+                return SetParametersResult(successful=False, reason=reason)
+            built = building.result()
         self._candidate = parameters, built
         return SetParametersResult(successful=True)
 

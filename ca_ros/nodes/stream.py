@@ -31,10 +31,10 @@ SETTLING = 0.05
 
 
 class Stalls:
-    """Notices that the process stood still: it was stopped, or its machine was.
+    """Notices stalls: the process was stopped, or its machine was.
 
-    The middleware then reads what the kernel has kept, the oldest message first, while the node
-    already takes messages.
+    After a stall the middleware reads the messages that the kernel has kept, the oldest first, and
+    a node that takes the first one answers an old command.
     """
 
     def __init__(self) -> None:

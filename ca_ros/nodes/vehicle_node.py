@@ -93,7 +93,7 @@ class VehicleNode(ParameterNode):
             super().destroy_node()
 
     def audited(self, parameters: dict[str, Any]) -> Audit:
-        """Audit what the vehicle's rotors can command.
+        """Audit which axes the vehicle's rotors can control.
 
         Raises
         ------
