@@ -248,7 +248,7 @@ def position(message):
     return p.x, p.y, p.z
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 @pytest.mark.filterwarnings('ignore:record_property')
 def test_flights_through_faults_reach_their_waypoint(record_property):

@@ -19,6 +19,7 @@ from ca_ros.flight.figures import millimetres, save
 from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
+from strategies import length
 
 pytestmark = pytest.mark.slow
 
@@ -58,7 +59,7 @@ def bringup(out):
     save(draw_flight(flight, case.vehicle, Trajectory.to(goal), COLUMN), out / 'flight', ['pdf'])
 
 
-COMMANDS = [static, dynamic, section, body, bringup]
+COMMANDS = length([bringup], [static, dynamic, section, body, bringup])
 
 
 def texts(figure, monkeypatch):

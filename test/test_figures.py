@@ -89,6 +89,7 @@ def test_a_width_is_a_name_or_millimetres():
 
 # The animation
 
+@pytest.mark.long
 def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
     case, failures = Case.load('hexarotor'), RotorFailures((RotorFailure(1, 0.8),), 0.1)
     flights, samples = {}, {}

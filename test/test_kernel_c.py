@@ -10,7 +10,7 @@ import pytest
 import ca_ros
 from strategies import length
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.long, pytest.mark.slow]
 
 INPUTS = length(20_000, 20_000, 1_000_000)
 """So many the sanitizers get."""

@@ -129,7 +129,7 @@ def check_lines(err, kills):
         assert all(('begins again' in line) == (name == 'simulator') for line in own), own
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600 + 400 * KILLS)
 def test_in_real_time_the_vehicle_comes_back_to_its_waypoint(tmp_path):
     def flight(factor):

@@ -152,6 +152,7 @@ def test_the_hexarotor_loses_a_rotor_and_reaches_its_waypoint(graph, tmp_path):
     assert flight['tilt'].max() > np.radians(5.0)
 
 
+@pytest.mark.long
 def test_a_flight_is_rendered_without_a_display(tmp_path):
     rest = np.zeros((2, 3))
     speeds = np.full((2, 6), 300.0)

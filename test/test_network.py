@@ -11,7 +11,7 @@ from ca_ros.testing import DEADLINE
 from test_bringup import fly_offline
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_three_hosts_fly_though_a_link_is_cut():
     run = subprocess.run(
@@ -32,7 +32,7 @@ DURATION = 8.0
 """[s]"""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_five_vehicles_in_one_graph_fly_as_offline_to_the_last_bit(graph, tmp_path):
     flights = {

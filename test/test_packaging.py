@@ -69,7 +69,7 @@ def run(*arguments, cwd='/', **environment):
     return process.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_source_distribution_has_every_source(tree, sdist):
     def files(folder):
         return {str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file()}
@@ -81,7 +81,7 @@ def test_the_source_distribution_has_every_source(tree, sdist):
         files(sdist))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
@@ -103,7 +103,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     assert not any(name.startswith(('test', 'docs', 'examples')) for name in names)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_package_built_from_the_source_distribution_works(wheel, sdist, tmp_path):
     run('-m', 'pip', 'install', '--quiet', '--no-deps', '--no-index', '--ignore-installed',
         '--prefix', str(tmp_path), str(wheel))

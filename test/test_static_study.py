@@ -19,6 +19,7 @@ from ca_ros.evaluation.sections import sections
 from ca_ros.evaluation.static_study import main
 from ca_ros.evaluation.wrench_sets import SAMPLINGS, gauge, samples
 from ca_ros.vehicle.files import config_directory
+from strategies import length
 
 SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))
 PLOTS = ('errors.png', 'latency.png', 'slices.png', 'violations.png')
@@ -228,7 +229,7 @@ def test_what_is_done_when_interrupted_is_written(study, interrupting, tmp_path,
 
 # Other vehicles and methods
 
-@pytest.mark.parametrize('vehicle', SHIPPED)
+@pytest.mark.parametrize('vehicle', length(['hexarotor', 'rov'], SHIPPED))
 def test_every_shipped_vehicle(vehicle, tmp_path, plain):
     assert main(['--vehicle', vehicle, '--samples', '40', '--out', str(tmp_path)]) == 0
     problem = AdmissibleSet(Vehicle.load(vehicle)).problem
@@ -242,8 +243,8 @@ def test_every_shipped_vehicle(vehicle, tmp_path, plain):
     assert ('paper:' in (tmp_path / 'static.md').read_text()) is (vehicle == 'hexarotor')
 
 
-@pytest.mark.parametrize(
-    'axes', ['[thrust, roll]', '[force_x, force_y, thrust, roll, pitch, yaw]'])
+@pytest.mark.parametrize('axes', length(
+    ['[thrust, roll]'], ['[thrust, roll]', '[force_x, force_y, thrust, roll, pitch, yaw]']))
 def test_a_vehicle_with_other_axes_is_drawn(axes, tmp_path):
     assert main([
         '--vehicle', 'hexarotor_tilted', '-p', f'allocation.axes:={axes}', '--samples', '20',

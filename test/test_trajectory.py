@@ -58,21 +58,21 @@ def test_the_flight_follows_and_ends_at_the_last_one(square):
 @pytest.mark.slow
 def test_over_the_nodes_it_is_the_same_flight_to_the_last_bit(square, tmp_path, graph):
     process = graph.start(
-        'bringup', '--mode', 'lockstep', '--duration', '8', '--trajectory', str(square),
+        'bringup', '--mode', 'lockstep', '--duration', '5.5', '--trajectory', str(square),
         '--out', str(tmp_path / 'out'))
     out, err = graph.outlive(process)
     assert process.returncode in (0, 1), out + err
     assert 'Traceback' not in err
     table = np.genfromtxt(tmp_path / 'out' / 'flight.csv', delimiter=',', names=True)
-    flight = offline(Trajectory.read(square), 8.0)
+    flight = offline(Trajectory.read(square), 5.5)
     for i in range(6):
         np.testing.assert_array_equal(table[f'speed_{i + 1}'], flight.speeds[:, i])
 
 
 def test_the_study_flies_it_and_judges_the_end(square, tmp_path):
     out = tmp_path / 'out'
-    assert dynamic_study(['--trajectory', str(square), '--duration', '15', '--methods',
-                          'exact,direct', '--out', str(out)]) == 0
+    assert dynamic_study(['--trajectory', str(square), '--duration', '12', '--methods',
+                          'exact', '--out', str(out)]) == 0
     found = json.loads((out / 'dynamic.json').read_text())
     assert abs(found['methods']['exact']['steady_state_error']['x']) < 0.05
     # exact produces each commanded wrench, also those after the second waypoint.
