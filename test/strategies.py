@@ -15,13 +15,6 @@ from ca_ros.kernel import load
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.parameters import AXES
 
-settings.register_profile(
-    'ca_ros', max_examples=50, deadline=None, derandomize=True, database=None, print_blob=False,
-    suppress_health_check=[HealthCheck.too_slow],
-    phases=[Phase.explicit, Phase.generate, Phase.shrink])
-settings.load_profile('ca_ros')
-
-
 LONG = os.environ.get('CA_ROS_LONG', '')
 
 
@@ -30,6 +23,14 @@ def length(short, long, soak=None):
     if LONG == 'soak':
         return soak or long
     return long if LONG else short
+
+
+settings.register_profile(
+    'ca_ros', max_examples=length(20, 50), deadline=None, derandomize=True, database=None,
+    print_blob=False,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.explicit, Phase.generate, Phase.shrink])
+settings.load_profile('ca_ros')
 
 
 def solver(name):

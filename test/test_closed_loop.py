@@ -13,7 +13,7 @@ from ca_ros.flight.controller import Controller, Gains
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.parameters import load
-from strategies import HEXAROTOR
+from strategies import HEXAROTOR, length
 
 PARAMETERS = load('hexarotor')
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
@@ -103,9 +103,9 @@ def test_the_flight_is_the_same_to_the_last_bit_each_time(flights, method):
             getattr(again, name), getattr(flights[method], name)[:201], name)
 
 
-@pytest.mark.parametrize('vehicle', SHIPPED)
-@pytest.mark.parametrize(
-    ('position', 'heading'), [((8.0, 0.0, 0.0), 179.0), ((8.0, -6.0, 4.0), 170.0)])
+@pytest.mark.parametrize('vehicle', length(['hexarotor', 'y6'], SHIPPED))
+@pytest.mark.parametrize(('position', 'heading'), [
+    *length([], [((8.0, 0.0, 0.0), 179.0)]), ((8.0, -6.0, 4.0), 170.0)])
 def test_a_great_turn_of_the_heading_takes_neither_tilt_nor_height(vehicle, position, heading):
     case = Case.load(vehicle)
     waypoint = Waypoint.of(*position, np.radians(heading))

@@ -25,7 +25,7 @@ from ca_ros.process.deadline import Deadline
 from ca_ros.testing import DEADLINE
 from test_bringup import fly_offline
 
-DURATION = 6.0
+DURATION = 3.0
 METHODS = {'/uav1': 'exact', '/uav2': 'pseudo_inverse'}
 """The allocation method of each vehicle, by namespace."""
 

@@ -52,11 +52,10 @@ def test_what_is_lost_at_one_rate_is_lost_at_every_greater_rate(faults, more, k)
 
 
 @pytest.mark.parametrize('kind', ['drop', 'duplicate', 'reorder', 'corrupt'])
-@pytest.mark.parametrize('share', [0.0, 0.01, 0.1, 0.3, 1.0])
-@pytest.mark.parametrize('topic', LINK_CORRUPTIONS)
-def test_shares_are_kept(topic, kind, share):
+@pytest.mark.parametrize('share', [0.0, 0.1, 1.0])
+def test_shares_are_kept(kind, share):
     n = 10_000
-    faults = Faults(topic, **{kind: share})
+    faults = Faults('command/wrench', **{kind: share})
     hit = sum(bool(faults.fate(k).kinds) for k in range(n))
     assert abs(hit - n * share) <= 5.0 * math.sqrt(n * share * (1.0 - share))
 

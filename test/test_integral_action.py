@@ -11,7 +11,7 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.disturbance_observer import DisturbanceObserver
 from ca_ros.flight.rigid_body import rotation_matrix, velocity_in_body
 from ca_ros.flight.waypoint import Waypoint
-from strategies import HEXAROTOR
+from strategies import HEXAROTOR, length
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
 
@@ -33,8 +33,9 @@ def flown(case, waypoint=WAYPOINT, duration=20.0, changes=()):
                changes=changes)
 
 
-@pytest.mark.parametrize(('changes', 'offset'), ERRORS.values(), ids=ERRORS)
-def test_constant_errors_vanish(changes, offset):
+@pytest.mark.parametrize('error', length(['wind of 0.9 N', 'k_f of each rotor'], ERRORS))
+def test_constant_errors_vanish(error):
+    changes, offset = ERRORS[error]
     without = flown(case(0.0, *changes), duration=8.0)
     assert without.position_error(WAYPOINT) == pytest.approx(offset, rel=0.03)
     assert flown(case(0.5, *changes)).position_error(WAYPOINT) < 0.001
@@ -67,7 +68,7 @@ class WindsUp(Controller):
         return wrench
 
 
-@pytest.mark.parametrize('mass', [0.9, 1.0, 1.1])
+@pytest.mark.parametrize('mass', length([1.0], [0.9, 1.0, 1.1]))
 def test_a_step_that_saturates_does_not_wind_up(mass):
     # A climb of 20 m with a load that leaves little thrust: 24 N of 19.6 N, for two seconds and
     # more at full speed.  Without integral action and mismatch nothing is overshot.

@@ -65,8 +65,8 @@ def animate(
     all vehicles have one scale. Up to `ACROSS` columns stand in a row. A + marks the waypoint that
     counts at the time. A vehicle that falls below its start after a failure stays there.
     """
-    moments = [time / 1e9 for time in failures.times()]
     end = max(float(flight.time[-1]) for flight in flights.values())
+    moments = [time / 1e9 for time in failures.times() if time / 1e9 < end]
     start = max(0.0, min(moments) - LEAD) if moments else 0.0
     grounds = {name: _ground(flight, moments) for name, flight in flights.items()}
     frames = []
