@@ -230,7 +230,3 @@ def test_systemd_finds_no_fault_in_the_unit(tmp_path):
         if block.mark == 'file allocator.service']
     assert faults(unit) == ''
     assert 'Restrat' in faults(unit.replace('Restart=', 'Restrat='))
-
-
-def test_readme_is_short():
-    assert len((ROOT / 'README.md').read_text(encoding='utf-8').splitlines()) <= 150

@@ -80,25 +80,6 @@ def test_the_motor_models_of_the_x500_are_those_of_px4(tmp_path):
     assert {model.get('filename') for model in models} == {'gz-sim-multicopter-motor-model-system'}
 
 
-@pytest.mark.skipif(not importlib.util.find_spec('actuator_msgs'), reason='needs actuator_msgs')
-def test_actuators_arrive(graph):
-    from actuator_msgs.msg import Actuators
-    from std_msgs.msg import Float64MultiArray
-
-    from ca_ros.nodes.messages import speeds_message
-
-    process = graph.start(sys.executable, str(FOLDER / 'gazebo_actuators.py'))
-    sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
-    received = graph.listen(Actuators, 'command/motors')
-    speeds = speeds_message(np.array([100.0, 200.0]), 1_500_000_000)
-    graph.spin_until(lambda: received, 'actuators', lambda: sender.publish(speeds))
-    assert list(received[0].velocity) == [100.0, 200.0]
-    stamp = received[0].header.stamp
-    assert (stamp.sec, stamp.nanosec) == (1, 500_000_000)
-    _, err = graph.end(process, signal.SIGTERM)
-    assert (process.returncode, err) == (0, '')
-
-
 # PX4
 
 def output(control, factor):

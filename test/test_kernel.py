@@ -100,16 +100,6 @@ def test_an_answer_depends_on_the_wrench_alone(name):
     np.testing.assert_array_equal(batch.thrusts, singles)
 
 
-def test_a_batch_on_all_processors_is_the_batch_on_one(monkeypatch):
-    allocator = make_allocator('exact', HEXAROTOR)
-    demands = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(9), 3000)
-    monkeypatch.setattr('ca_ros.allocation.exact.THREAD_MIN', 1000)
-    monkeypatch.setattr('ca_ros.allocation.exact.processors', lambda: 3)
-    threaded = allocator.allocate_batch(demands).thrusts
-    monkeypatch.setattr('ca_ros.allocation.exact.processors', lambda: 1)
-    np.testing.assert_array_equal(threaded, allocator.allocate_batch(demands).thrusts)
-
-
 @pytest.mark.parametrize('name', SOME)
 def test_the_margin_is_the_distance_to_the_facets(name):
     problem = VehicleProblem(FLEET[name])

@@ -227,14 +227,6 @@ def test_no_room_imports_a_later_one():
     assert {file.parent.name for file in PACKAGE.glob('*/__init__.py')} == set(ROOMS)
 
 
-def test_what_lies_beside_the_rooms_is_little_and_imports_none_of_them():
-    modules = [path.stem for path in PACKAGE.glob('*.py') if not path.stem.startswith('__')]
-    assert len(modules) <= 6
-    graph = imports()
-    assert not [
-        other for module in modules for other in graph[f'ca_ros.{module}'] if room(other) in ROOMS]
-
-
 def test_no_modules_import_each_other_in_a_circle():
     graph = imports()
     below = {name: {o for o in others if o != name} for name, others in graph.items() if name}
@@ -245,49 +237,3 @@ def test_no_modules_import_each_other_in_a_circle():
         for name in ends:
             del left[name]
     assert not left
-
-
-def test_ros_is_imported_in_its_rooms_alone():
-    packages = (
-        'rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs', 'nav_msgs',
-        'std_srvs', 'rosgraph_msgs')
-    rooms = [PACKAGE / room for room in ('nodes', 'process', 'bringup', 'testing')]
-    for file in PACKAGE.rglob('*.py'):
-        if not any(file.is_relative_to(room) for room in rooms):
-            for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
-                names = [a.name for a in node.names] if isinstance(node, ast.Import) else (
-                    [node.module or ''] if isinstance(node, ast.ImportFrom) else [])
-                assert not [n for n in names if n.split('.')[0] in packages], file
-
-
-# ROS
-
-def nodes_of(file):
-    return list(ast.walk(ast.parse(file.read_text(encoding='utf-8'))))
-
-
-def test_the_private_names_of_rclpy_are_in_one_module():
-    files = [file for room in ('nodes', 'process', 'bringup', 'testing')
-             for file in (PACKAGE / room).glob('*.py') if file.name != 'rclpy_internals.py']
-    assert len(files) > 20
-    assert [file for file in files if 'rclpy_implementation' in file.read_text()] == []
-    trees = {file: nodes_of(file) for file in files}
-    attributes = {
-        (file, node.attr, type(node.ctx)) for file, tree in trees.items() for node in tree
-        if isinstance(node, ast.Attribute) and node.attr.startswith('_')
-        and not node.attr.endswith('__')}
-    own = {name for _, name, context in attributes if context is ast.Store} | {
-        node.name for tree in trees.values() for node in tree if isinstance(node, ast.FunctionDef)}
-    assert [(file, name) for file, name, _ in attributes if name not in own] == []
-
-
-def test_the_names_of_topics_are_in_one_module():
-    topics = PACKAGE / 'nodes' / 'topics.py'
-    names = {
-        node.args[0].value for node in nodes_of(topics)
-        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'Topic'}
-    assert {'command/wrench', 'command/motor_speed', '/diagnostics', '~/residual'} <= names
-    names |= {name.replace('~', 'allocator') for name in names}
-    assert [
-        (file, node.value) for file in PACKAGE.rglob('*.py') if file != topics
-        for node in nodes_of(file) if isinstance(node, ast.Constant) and node.value in names] == []

@@ -90,19 +90,6 @@ def test_what_is_no_method_is_named(example, method, words):
 
 # Over ROS
 
-@pytest.mark.long
-def test_it_flies_over_ros(example, graph, monkeypatch):
-    monkeypatch.setattr(dynamic_study, 'draw', lambda *_: None)
-    command = ['--methods', OWN, '-p', f'{RESERVE}:=0.75', '--duration', '1']
-    assert dynamic_study.main([*command, '--out', 'offline']) == 0
-    assert dynamic_study.main([*command, '--ros', '--out', 'ros']) == 0
-    flown = Path('ros', 'dynamic.csv').read_bytes()
-    assert flown == Path('offline', 'dynamic.csv').read_bytes()
-    assert dynamic_study.main(
-        ['--methods', OWN, '--duration', '1', '--out', 'other']) == 0
-    assert flown != Path('other', 'dynamic.csv').read_bytes()
-
-
 def test_bringup_takes_it_and_its_options(example, graph):
     goal = ('--waypoint', '0', '0', '0', '--heading', '0', '--duration', '0.5', '--out', 'flight')
     process = graph.start(

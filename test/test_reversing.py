@@ -90,20 +90,3 @@ def test_it_tilts_when_it_has_lost_the_sideways_force():
 def test_level_needs_the_sideways_force():
     with pytest.raises(ParameterError, match='level needs force_x, force_y in'):
         Case.load('hexarotor', ['controller.attitude:=level']).controller()
-
-
-@pytest.mark.slow
-def test_it_flies_over_ros_and_reverses(graph, tmp_path):
-    process = graph.start(
-        'bringup', '--vehicle', 'rov', '--mode', 'lockstep', '--waypoint', '1', '0', '0',
-        '--heading', '90', '--duration', '15', '--out', str(tmp_path))
-    out, err = graph.outlive(process)
-    assert process.returncode == 0, out + err
-    assert 'waypoint      reached' in out
-    assert 'within bounds' in out
-    table = np.genfromtxt(tmp_path / 'flight.csv', delimiter=',', names=True)
-    flown = np.column_stack([table[f'speed_{i}'] for i in range(1, 9)])
-    case = Case.load('rov')
-    offline = fly(case.controller(), case.allocator('exact'), case.body(), GOAL, 15.0)
-    np.testing.assert_array_equal(flown, offline.speeds)
-    assert flown.min() < -50.0

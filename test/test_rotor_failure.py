@@ -211,10 +211,6 @@ def test_a_rotor_that_is_not_there_cannot_fail(graph, tmp_path, capsys):
 
 # Over DDS
 
-def options_of(failures):
-    return ['--waypoint', *map(str, NEXT.position), '--heading', '0', *failure_words(failures)]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(('vehicle', 'failures', 'duration', 'words'), [
     # A flight begins at rest, as in hover.

@@ -6,8 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -17,8 +15,7 @@ from geometry_msgs.msg import WrenchStamped
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, NULL_STATE, POSITION, RigidBody
 from ca_ros.testing import FaultProxy, Graph, Lockstep, executable, processes, wrench
-from ca_ros.testing.domain import DOMAINS, claim, used
-from ca_ros.testing.environment import applied
+from ca_ros.testing.domain import used
 
 PYTHON = sys.executable
 
@@ -93,15 +90,6 @@ def test_the_environment_is_that_of_the_graph_and_then_as_before(monkeypatch):
     assert not {'FASTDDS_BUILTIN_TRANSPORTS', 'OTHER'} & {*os.environ}
 
 
-def test_messages_that_were_imported_before_check_their_fields(monkeypatch):
-    message = ModuleType('message')
-    message.ros_python_check_fields = ''
-    monkeypatch.setitem(sys.modules, 'message', message)
-    with applied({'ROS_PYTHON_CHECK_FIELDS': '1'}):
-        assert message.ros_python_check_fields == '1'
-    assert message.ros_python_check_fields == ''
-
-
 def test_graphs_have_domains_of_their_own_unless_one_joins_another():
     with Graph() as one, Graph() as two, Graph(ROS_DOMAIN_ID=str(one.domain)) as joined:
         assert one.domain != two.domain
@@ -114,20 +102,6 @@ def test_a_domain_in_use_is_not_claimed(graph):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(('127.0.0.1', 7400 + 250 * 7 + 249))
         assert 7 in used()
-
-
-def test_the_files_of_other_users_do_not_use_up_the_domains(monkeypatch, tmp_path):
-    for domain in DOMAINS:
-        (tmp_path / f'ca_ros_domain_{domain}').touch(0o444)
-    monkeypatch.setattr('tempfile.gettempdir', lambda: str(tmp_path))
-
-    def refuse(*_, **__):
-        raise PermissionError
-
-    monkeypatch.setattr(Path, 'touch', refuse)
-    domain, lock = claim()
-    lock.close()
-    assert domain in DOMAINS
 
 
 # Processes
@@ -157,12 +131,6 @@ def test_a_process_that_survives_the_test_is_killed_and_named(monkeypatch):
     with pytest.raises(AssertionError, match='survived its end by SIGINT'), Graph() as graph:
         process = ready(graph, graph.start(PYTHON, '-uc', DEAF))
     assert process.returncode == -signal.SIGKILL
-
-
-def test_a_process_without_the_environment_of_the_test_is_killed(monkeypatch):
-    monkeypatch.setattr(processes, 'DEADLINE', 0.3)
-    with pytest.raises(AssertionError, match='exit code -9 after SIGINT'), Graph() as graph:
-        ready(graph, graph.start('env', '-i', PYTHON, '-uc', DEAF))
 
 
 def test_a_process_that_fails_before_the_end_of_the_test_fails_the_test():
