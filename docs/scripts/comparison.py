@@ -165,11 +165,10 @@ def main() -> None:
     parser.add_argument('--methods', nargs='+', default=list(CONTENDERS), choices=CONTENDERS)
     options = parser.parse_args()
     labels = ['exact', *(label for label in options.methods if label != 'exact')]
-    with warnings.catch_warnings():
-        # The state of a tumbling vehicle overflows.
-        warnings.simplefilter('ignore', RuntimeWarning)
-        vehicles = [options.vehicle] if options.vehicle else VEHICLES
-        found = {label: outcomes(label, vehicles) for label in labels}
+    # The state of a tumbling vehicle overflows.
+    warnings.simplefilter('ignore', RuntimeWarning)
+    vehicles = [options.vehicle] if options.vehicle else VEHICLES
+    found = {label: outcomes(label, vehicles) for label in labels}
     wrenches = static(options.vehicle or 'hexarotor', labels)
     tables = {'wrenches': wrenches_table(wrenches), 'flights': flights_table(found)}
     if options.vehicle:

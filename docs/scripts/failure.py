@@ -141,10 +141,9 @@ def delays_table() -> str:
 
 def main() -> None:
     """Fill the page and draw the plot."""
-    with warnings.catch_warnings():
-        # The state of a tumbling vehicle overflows.
-        warnings.simplefilter('ignore', RuntimeWarning)
-        fill('failure.md', rotors=rotors_table(), delays=delays_table())
+    # The state of a tumbling vehicle overflows.
+    warnings.simplefilter('ignore', RuntimeWarning)
+    fill('failure.md', rotors=rotors_table(), delays=delays_table())
 
 
 if __name__ == '__main__':

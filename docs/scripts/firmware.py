@@ -89,14 +89,12 @@ def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
         for part in objects:
             source = KERNEL / f'{part.stem}.c'
             command = [COMPILER, *FLAGS, *KERNEL_FLAGS, *parts, '-c', source, '-o', part]
-            subprocess.run(command, check=True)
+            subprocess.check_call(command)
         parts += map(str, objects)
     elif method == 'osqp':
         parts += ['-DCOUNT_OSQP', *osqp_code(problem, folder / 'osqp', use_float=True)]
     program = folder / f'{method}.elf'
-    subprocess.run(
-        [COMPILER, *FLAGS, str(PROGRAM), *parts, '-lm', '-o', str(program)], check=True
-    )
+    subprocess.check_call([COMPILER, *FLAGS, str(PROGRAM), *parts, '-lm', '-o', str(program)])
     return program
 
 
@@ -105,16 +103,11 @@ def run(program: Path, drawn: Array) -> Array:
     load = program.with_suffix('.wrenches')
     load.write_bytes(np.uint32(len(drawn)).tobytes() + drawn.tobytes())
     device = f'loader,file={load},addr=0x21000000,force-raw=on'
-    done = subprocess.run(
-        [EMULATOR, *EMULATION, '-device', device, '-kernel', str(program)],
-        check=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    fault, *lines = done.stdout.splitlines()
+    command = [EMULATOR, *EMULATION, '-device', device, '-kernel', str(program)]
+    printed = subprocess.check_output(command, stderr=subprocess.STDOUT, text=True)
+    fault, *lines = printed.splitlines()
     if fault != '0' or len(lines) != len(drawn):
-        raise RuntimeError(f'{program.name}: {done.stdout[:200]!r}')
+        raise RuntimeError(f'{program.name}: {printed[:200]!r}')
     return np.array([line.split() for line in lines], dtype=np.int64)
 
 
@@ -141,10 +134,8 @@ def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, 
             continue
         drawn = 'all' if method == 'clipped_pinv' else kind
         values = float(np.median(found[:, 0])), int(found[:, 0].max())
-        row = [f'{value:,.0f}' for value in values]
-        row.append(f'{values[1] / base:,.1f}')
-        time = f'{1e3 * values[1] / CLOCK:.3g}'
-        rows.append((f'`{name}`', METHODS[method], drawn, *row, time))
+        row = *(f'{value:,.0f}' for value in values), f'{values[1] / base:,.1f}'
+        rows.append((f'`{name}`', METHODS[method], drawn, *row, f'{1e3 * values[1] / CLOCK:.3g}'))
     return rows
 
 

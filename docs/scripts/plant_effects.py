@@ -115,10 +115,9 @@ def offsets_table() -> str:
 
 def main() -> None:
     """Fill the page."""
-    with warnings.catch_warnings():
-        # The state of a tumbling vehicle overflows.
-        warnings.simplefilter('ignore', RuntimeWarning)
-        fill('plant_effects.md', offsets=offsets_table(), limits=limits_table())
+    # The state of a tumbling vehicle overflows.
+    warnings.simplefilter('ignore', RuntimeWarning)
+    fill('plant_effects.md', offsets=offsets_table(), limits=limits_table())
 
 
 if __name__ == '__main__':
