@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 
 from ca_ros.nodes import topics
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
-from ca_ros.nodes.parameters import ALLOCATOR
+from ca_ros.nodes.settings import AllocatorSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -23,7 +21,7 @@ class EchoNode(VehicleNode):
     and no timer and no diagnostics.  It converts messages as rclpy does.
     """
 
-    declared = ALLOCATOR
+    declared = AllocatorSettings
 
     def start(self) -> None:
         """Begin to answer."""
@@ -31,9 +29,9 @@ class EchoNode(VehicleNode):
         self._speeds = self.publish_stream(topics.SPEED_COMMAND)
         self.subscribe_stream(topics.WRENCH, self._serve)
 
-    def build(self, parameters: dict[str, Any]) -> int:
+    def build(self, settings: AllocatorSettings) -> int:
         """Return the number of rotors."""
-        return Vehicle.from_parameters(parameters).n
+        return Vehicle.from_settings(settings.vehicle, settings.rotors).n
 
     def adopt(self, built: int) -> None:
         """Set the number of rotors from the next command on."""

@@ -27,15 +27,14 @@ from tqdm import tqdm
 from benchmarks.sizes import Sizes
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation import wrench_sets
-from ca_ros.flight.gains import Gains
 from ca_ros.nodes.messages import wrench_message
-from ca_ros.nodes.parameters import load
 from ca_ros.nodes.qos import offered, requested
+from ca_ros.nodes.settings import load
 from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.processes import Processes
 from ca_ros.vehicle.files import find
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 MODULES = {'allocator': 'ca_ros.nodes.allocator', 'echo': 'benchmarks.echo'}
@@ -95,12 +94,11 @@ def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
 
 def flown(name: str) -> list[bytes]:
     """Return the wrenches of a flight as serialized messages."""
-    vehicle, parameters = Vehicle.load(name), load(name)
+    vehicle, settings = Vehicle.load(name), load(name)
     wrenches = np.zeros((COMMANDS, len(AXES)))
     columns = [AXES.index(axis) for axis in vehicle.axes]
-    gains = Gains.from_parameters(parameters)
-    wrenches[:, columns] = wrench_sets.flown(vehicle, gains, COMMANDS)
-    header = Header(frame_id=parameters['command_frame'])
+    wrenches[:, columns] = wrench_sets.flown(vehicle, settings.controller, COMMANDS)
+    header = Header(frame_id=settings.command_frame)
     return [bytes(serialize_message(wrench_message(wrench, header))) for wrench in wrenches]
 
 

@@ -15,15 +15,16 @@ from benchmarks.contenders import BASELINE, CONTENDERS, EXACT
 from benchmarks.peers import Call
 from benchmarks.sizes import Sizes
 from benchmarks.timing import Jobs, Key, measure, rounds
-from ca_ros.allocation.options import allocator_from_parameters
+from ca_ros.allocation.exact import Exact
 from ca_ros.arrays import Array
 from ca_ros.evaluation import wrench_sets
 from ca_ros.evaluation.cases import Case
-from ca_ros.flight.gains import Gains
+from ca_ros.flight.settings import ControllerSettings
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.settings import read
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS, TILT = 16, float(np.radians(25.0))
@@ -48,7 +49,7 @@ def drawn(
         'boundary': wrench_sets.near_boundary(admissible, rng(seed), sizes.wrenches),
     }
     if isinstance(problem, VehicleProblem):
-        gains = Gains.from_parameters(parameters)
+        gains = read(ControllerSettings, parameters, 'controller.')
         found['flight'] = wrench_sets.flown(problem.vehicle, gains, sizes.flight)
     return found
 
@@ -145,13 +146,13 @@ def time_setups(sizes: Sizes, seed: int) -> pd.DataFrame:
     for axes, parameters in ((4, wrench_sets.ring(ROTORS)), (6, wrench_sets.ring(ROTORS, TILT))):
         vehicle = Vehicle.from_parameters(parameters)
         vehicles = [vehicle.with_health(health) for health in 1.0 - np.eye(ROTORS)]
-        job = partial(_set_up, parameters, vehicles)
+        job = partial(_set_up, vehicles)
         # The first time fills caches and is not timed.
         job()
         jobs[Key('set-up', f'{axes} axes', 'exact', ROTORS)] = job, len(vehicles)
     return rounds(jobs, sizes.rounds, seed)
 
 
-def _set_up(parameters: dict[str, Any], vehicles: list[Vehicle]) -> None:
+def _set_up(vehicles: list[Vehicle]) -> None:
     for vehicle in vehicles:
-        allocator_from_parameters(parameters, accept(vehicle, 'drop').problem)
+        Exact(accept(vehicle, 'drop').problem)

@@ -14,7 +14,7 @@ from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
 from ca_ros.evaluation import audit_command
 from ca_ros.kernel import chosen, load
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import config_directory
 from ca_ros.vehicle.vehicle import Vehicle
 

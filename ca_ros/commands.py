@@ -14,7 +14,7 @@ from importlib import import_module
 NODES = ('controller', 'allocator', 'simulator')
 """The nodes of the loop, in the order in which `bringup` ends them: the source of commands first.
 
-The module of a node is ``ca_ros.nodes.NAME``, and `ca_ros.nodes.parameters.DECLARED` has its
+The module of a node is ``ca_ros.nodes.NAME``, and `ca_ros.nodes.settings.DECLARED` has its
 parameters.
 """
 

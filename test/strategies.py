@@ -12,8 +12,10 @@ from scipy.optimize import linprog
 
 from ca_ros import ParameterError, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.kernel import load
+from ca_ros.nodes.settings import FileSettings, load_for
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.settings import flat, read
+from ca_ros.vehicle.settings import AXES
 
 LONG = os.environ.get('CA_ROS_LONG', '')
 
@@ -50,6 +52,16 @@ def need_kernel():
                     'python setup.py build_ext --inplace', pytrace=False)
     if missing:
         pytest.skip('needs a C compiler', allow_module_level=True)
+
+
+def file_values(vehicle, node=None, kind=FileSettings):
+    """Return the values of a vehicle's settings by full name."""
+    return flat(load_for(kind, vehicle, node))
+
+
+def settings_of(given):
+    """Return the settings with values by full name, the others being those of the hexarotor."""
+    return read(FileSettings, {**file_values('hexarotor'), **given})
 
 
 # Vehicles by name

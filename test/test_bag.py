@@ -65,7 +65,7 @@ def flight(tmp_path_factory):
         process = graph.start(
             'bringup', '--mode', 'lockstep', '--duration', str(DURATION),
             '--out', str(folder), '--bag', str(folder / 'bag'), '--ros-args',
-            '-p', 'simulator.publish_clock:=enabled', '-p', 'simulator.publish_odometry:=enabled')
+            '-p', 'simulator.publish_clock:=true', '-p', 'simulator.publish_odometry:=true')
         out, err = graph.outlive(process)
     assert (folder / 'flight.csv').is_file(), out + err
     table = np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)

@@ -11,8 +11,8 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 from matplotlib import image
 
-from ca_ros import Vehicle, make_allocator
-from ca_ros.allocation.options import options_from_parameters
+from ca_ros import Vehicle
+from ca_ros.allocation.settings import allocator_of
 from ca_ros.bringup import session
 from ca_ros.bringup.agreement import differences
 from ca_ros.bringup.bringup import write_results
@@ -20,14 +20,16 @@ from ca_ros.bringup.options import parse
 from ca_ros.bringup.session import Flown
 from ca_ros.commands import NODES
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import DECLARED, load
+from ca_ros.nodes.settings import DECLARED
 from ca_ros.problem.audit import audit
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.testing import DEADLINE
 from ca_ros.vehicle.files import find
 from load import fly_in_real_time
+from strategies import file_values, settings_of
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
@@ -39,15 +41,14 @@ WAYPOINT = 1.0, 1.0, 1.0, math.radians(45.0)
 
 def fly_offline(method, duration, goal=WAYPOINT, start=(0.0, 0.0, 0.0)):
     """Return the flight without ROS from rest at a point to a waypoint."""
-    parameters = load('hexarotor') | {'allocation.method': method}
-    vehicle = audit(Vehicle.from_parameters(parameters)).vehicle
-    options = options_from_parameters(parameters, vehicle.axes)
+    settings = settings_of({'allocation.method': method})
+    vehicle = audit(Vehicle.load('hexarotor')).vehicle
     state = NULL_STATE.copy()
     state[POSITION] = start
     return fly(
-        Controller(vehicle, Gains.from_parameters(parameters)),
-        make_allocator(method, vehicle, **options), RigidBody(vehicle), Waypoint.of(*goal),
-        duration, state=state)
+        Controller(vehicle, settings.controller),
+        allocator_of(settings.allocation, VehicleProblem(vehicle)), RigidBody(vehicle),
+        Waypoint.of(*goal), duration, state=state)
 
 
 def read(folder):
@@ -96,11 +97,11 @@ def write(path, content):
 
 def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    x8 = {'ros__parameters': load('x8')}
+    x8 = {'ros__parameters': file_values('x8')}
     keyed = write(tmp_path / 'keyed.yaml', {'/a/*': x8})
     # As `ros2 param dump` writes it.
     dump = write(tmp_path / 'dump.yaml', {'/b/allocator': {'ros__parameters': {
-        'start_type_description_service': True, 'use_sim_time': False, **load('x8')}}})
+        'start_type_description_service': True, 'use_sim_time': False, **file_values('x8')}}})
     other = write(tmp_path / 'other.yaml', {'/c/allocator': {'ros__parameters': {
         'mode': 'realtime', 'allocation.method': 'exact'}}})
     short = ('--duration', '0.1')
@@ -133,7 +134,7 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
 
 
 def test_only_parameters_that_both_nodes_declare_are_compared():
-    vehicle = load('hexarotor')
+    vehicle = file_values('hexarotor')
     parameters = dict.fromkeys(NODES, vehicle) | {'simulator': {'vehicle.name': 'hexarotor'}}
     assert differences(parameters) == ''
     parameters['simulator'] = {'vehicle.name': 'other'}
@@ -141,7 +142,7 @@ def test_only_parameters_that_both_nodes_declare_are_compared():
 
 
 def test_what_the_allocator_does_not_declare_is_compared_with_the_controller():
-    parameters = {node: load('hexarotor', table=DECLARED[node]) for node in NODES}
+    parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
     assert differences(parameters) == ''
     parameters['simulator'] |= {'vehicle.inertia': [0.02] * 3, 'vehicle.mass': 2.0}
     assert differences(parameters) == (
@@ -150,7 +151,7 @@ def test_what_the_allocator_does_not_declare_is_compared_with_the_controller():
 
 
 def test_it_warns_of_nodes_with_different_vehicles_and_refuses_different_modes(graph, tmp_path):
-    hexarotor = {'ros__parameters': load('hexarotor') | {'mode': 'lockstep'}}
+    hexarotor = {'ros__parameters': file_values('hexarotor') | {'mode': 'lockstep'}}
     changes = {
         '/a/simulator': {'vehicle.mass': 1.1, 'rotors.health': [0.9] + [1.0] * 5},
         '/a/controller': {'controller.speed_max': 2.0, 'vehicle.gravity': 9.8},
@@ -195,7 +196,7 @@ def test_it_does_not_start_where_another_loop_is(graph, tmp_path, node, topic):
 @pytest.mark.parametrize('name', ['flight.csv', 'flight.png'])
 def test_a_full_disk_is_reported_with_the_file(tmp_path, name):
     (tmp_path / name).symlink_to('/dev/full')
-    vehicle = load('hexarotor')
+    vehicle = file_values('hexarotor')
     flown = Flown(
         fly_offline('exact', 0.1), 0.1, Counter(), Counter(), Counter(), vehicle,
         Vehicle.from_parameters(vehicle))

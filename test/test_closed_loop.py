@@ -9,13 +9,12 @@ from scipy.spatial.transform import Rotation
 from ca_ros import ALLOCATORS, make_allocator
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
-from strategies import HEXAROTOR, length
+from strategies import HEXAROTOR, file_values, length, settings_of
 
-PARAMETERS = load('hexarotor')
+PARAMETERS = file_values('hexarotor')
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
 
 SHIPPED = [
@@ -27,7 +26,7 @@ every_method = pytest.mark.parametrize('method', ALLOCATORS)
 def fly_with(method, duration):
     options = {name: PARAMETERS[f'allocation.conventional.{name}']
                for name in ('weight', 'reference') if method == 'conventional'}
-    controller = Controller(HEXAROTOR, Gains.from_parameters(PARAMETERS))
+    controller = Controller(HEXAROTOR, settings_of({}).controller)
     allocator = make_allocator(method, HEXAROTOR, **options)
     return fly(controller, allocator, RigidBody(HEXAROTOR), WAYPOINT, duration)
 

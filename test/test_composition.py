@@ -18,11 +18,11 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.allocator import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor
-from ca_ros.nodes.parameters import load
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.topics import TOPICS
 from ca_ros.process.deadline import Deadline
 from ca_ros.testing import DEADLINE
+from strategies import file_values
 from test_bringup import fly_offline
 
 DURATION = 3.0
@@ -57,7 +57,7 @@ class Composition:
         self.nodes, self.recorders = [], []
         for namespace, method in METHODS.items():
             given = {'context': context, 'namespace': namespace, 'use_global_arguments': False}
-            values = load('hexarotor') | {'mode': 'lockstep', 'allocation.method': method}
+            values = file_values('hexarotor') | {'mode': 'lockstep', 'allocation.method': method}
             overrides = [Parameter(name, value=value) for name, value in values.items()]
             self.nodes += [
                 self._add(self.executor, node_class(parameter_overrides=overrides, **given))
@@ -127,7 +127,7 @@ def watched(node_class):
 def test_a_subclass_may_set_its_attributes_after_the_constructor_of_its_base(graph, node_class):
     context, given = graph.node.context, {}
     if node_class is not FaultProxyNode:
-        given = load('hexarotor', table=node_class.declared)
+        given = file_values('hexarotor', kind=node_class.declared)
     overrides = [Parameter(name, value=value) for name, value in given.items()]
     node = watched(node_class)(
         context=context, parameter_overrides=overrides, use_global_arguments=False)
@@ -164,7 +164,7 @@ def test_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
 
 def test_parameters_with_two_bounds_have_a_range_for_sliders_and_keep_our_message(graph):
     def node(node_class, **changes):
-        values = load('hexarotor', table=node_class.declared) | changes
+        values = file_values('hexarotor', kind=node_class.declared) | changes
         return node_class(
             context=graph.node.context, use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
@@ -208,8 +208,8 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
     assert table['offered'].keys() == {topic.name for topic in TOPICS} - {'/rosout'}
     seen = set()
     for node_class in (ControllerNode, AllocatorNode, SimulatorNode):
-        values = load('hexarotor', table=node_class.declared) | {'mode': mode}
-        values |= {name: 'enabled' for name in values if name.startswith('simulator.publish_')}
+        values = file_values('hexarotor', kind=node_class.declared) | {'mode': mode}
+        values |= {name: True for name in values if name.startswith('simulator.publish_')}
         node = node_class(
             context=graph.node.context, use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])

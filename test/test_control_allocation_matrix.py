@@ -6,7 +6,7 @@ from hypothesis import given
 
 from ca_ros import control_allocation_matrix
 from ca_ros.vehicle.effectiveness import rotor_wrenches
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 from strategies import FLEET, HEXAROTOR, build, ring, vehicles
 
 THRUST, ROLL, PITCH, YAW = range(4)

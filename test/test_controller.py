@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet, ParameterError
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
@@ -19,13 +19,13 @@ from ca_ros.flight.rigid_body import (
     heading,
     tilt,
 )
+from ca_ros.flight.settings import ControllerSettings
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
-from ca_ros.problem.prioritization import REVERSALS
-from strategies import FLEET, HEXAROTOR
+from ca_ros.problem.prioritization import REVERSALS, PrioritiesSettings
+from strategies import FLEET, HEXAROTOR, settings_of
 
-PARAMETERS = load('hexarotor')
-CONTROLLER = Controller(HEXAROTOR, Gains.from_parameters(PARAMETERS))
+SETTINGS = settings_of({})
+CONTROLLER = Controller.from_settings(HEXAROTOR, SETTINGS)
 HOVER = [9.81, 0.0, 0.0, 0.0]
 REST = np.zeros(3)
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
@@ -108,12 +108,12 @@ def test_a_turn_is_damped(axis, damping):
 def test_the_acceleration_is_the_wanted_one():
     # Inverse dynamics: away from the limits the torque makes the turn about x and y decay as
     # -kd omega in a frame that does not spin with the body, the gyroscopic torque included.
-    gains, inertia = CONTROLLER.gains, HEXAROTOR.inertia
+    gains, inertia = SETTINGS.controller, HEXAROTOR.inertia
     omega = np.array([0.3, -0.2, 0.4])
     torque = wrench((0.0, 0.0, 0.0, 0.0), angular_velocity=omega)[1:]
     turn = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
     turn += np.cross([0.0, 0.0, omega[2]], [omega[0], omega[1], 0.0])
-    np.testing.assert_allclose(turn, -gains.attitude_damping * omega, atol=1e-12)
+    np.testing.assert_allclose(turn, -np.array(gains.attitude_damping) * omega, atol=1e-12)
 
 
 @pytest.mark.parametrize('spin', [5.0, -20.0])
@@ -140,7 +140,7 @@ def test_a_tilt_is_taken_back_in_the_same_way_while_the_body_spins(spin):
 
     # Rotors without limits.
     strong = replace(HEXAROTOR, speed_min=np.zeros(6), speed_max=np.full(6, 1e4))
-    free = Controller(strong, CONTROLLER.gains)
+    free = Controller(strong, SETTINGS.controller)
     np.testing.assert_allclose(tilts(spin), tilts(0.0), atol=0.01)
 
 
@@ -184,9 +184,9 @@ def test_a_tilt_by_the_shortest_way_changes_no_heading(turn, direction, angle):
 
 def test_it_gives_way_by_the_order_of_the_user():
     order = ['yaw', 'roll pitch', 'thrust']
-    parameters = PARAMETERS | {'allocation.exact.order': order}
     groups = [('yaw',), ('roll', 'pitch'), ('thrust',)]
-    mine = Controller.from_parameters(HEXAROTOR, parameters)
+    mine = Controller.from_settings(
+        HEXAROTOR, settings_of({'allocation.exact.order': order}))
     state = REST, attitude(0.6, 0.5, 0.0), REST, np.array([0.0, 0.0, -6.0])
     goal = Waypoint.of(2.0, -1.0, 3.0, 1.0)
     first, default = mine.wrench(*state, goal), CONTROLLER.wrench(*state, goal)
@@ -203,8 +203,8 @@ def test_it_gives_way_by_the_reversal_of_the_user():
     goal = Waypoint.of(0.0, -3.0, -3.0, -1.0)
     served = {}
     for reversal in REVERSALS:
-        mine = Controller.from_parameters(
-            HEXAROTOR, PARAMETERS | {'allocation.exact.reversal': reversal})
+        mine = Controller.from_settings(
+            HEXAROTOR, settings_of({'allocation.exact.thrust_deviation': reversal}))
         demand = mine.demand(*state, goal)
         served[reversal] = mine.wrench(*state, goal)
         np.testing.assert_allclose(
@@ -216,8 +216,8 @@ def test_it_gives_way_by_the_reversal_of_the_user():
     assert served['allow'][YAW] < -0.05
     assert served['avoid'][YAW] > -1e-12
     assert demand[THRUST] < served['allow'][THRUST] < served['avoid'][THRUST] - 1.0
-    with pytest.raises(ValueError, match='reversal'):
-        Controller(HEXAROTOR, CONTROLLER.gains, reversal='never')
+    with pytest.raises(ValueError, match='thrust_deviation'):
+        PrioritiesSettings(thrust_deviation='never')
 
 
 def test_the_demand_is_what_rotors_with_wide_limits_give():
@@ -226,9 +226,9 @@ def test_the_demand_is_what_rotors_with_wide_limits_give():
     state = REST, attitude(0.6, 0.5, 0.0), REST, np.array([0.0, 0.0, -6.0])
     goal = Waypoint.of(2.0, -1.0, 3.0, 1.0)
     demand = CONTROLLER.demand(*state, goal)
-    assert np.array_equal(demand, Controller(strong, CONTROLLER.gains).wrench(*state, goal))
+    assert np.array_equal(demand, Controller(strong, SETTINGS.controller).wrench(*state, goal))
     assert AdmissibleSet(HEXAROTOR).margin(demand) < 0.0
-    lost = Controller(HEXAROTOR.with_health(0.0), CONTROLLER.gains)
+    lost = Controller(HEXAROTOR.with_health(0.0), SETTINGS.controller)
     assert np.array_equal(lost.demand(*state, goal), demand)
     assert not lost.wrench(*state, goal).any()
     with pytest.raises(ValueError, match='velocity'):
@@ -237,9 +237,9 @@ def test_the_demand_is_what_rotors_with_wide_limits_give():
 
 def test_an_order_that_is_none_is_refused():
     with pytest.raises(ParameterError, match=r'allocation\.exact\.order'):
-        Controller.from_parameters(HEXAROTOR, PARAMETERS | {'allocation.exact.order': ['roll']})
+        Controller.from_settings(HEXAROTOR, settings_of({'allocation.exact.order': ['roll']}))
     with pytest.raises(ValueError, match='order'):
-        Controller(HEXAROTOR, CONTROLLER.gains, [('roll',)])
+        Controller(HEXAROTOR, SETTINGS.controller, PrioritiesSettings(order=[('roll',)]))
 
 
 @pytest.mark.parametrize('distance', [30.0, 1e3, 1e6])
@@ -250,7 +250,7 @@ def test_beyond_the_speed_limit_distance_does_not_matter(distance):
 
 def test_a_far_waypoint_does_not_turn_the_vehicle_over():
     # Tilted by the greatest tilt towards the waypoint, it wants no more.
-    tilted = attitude(0.0, CONTROLLER.gains.tilt_max, 0.0)
+    tilted = attitude(0.0, SETTINGS.controller.tilt_max, 0.0)
     u = wrench((1e6, 0.0, 0.0, 0.0), attitude=tilted)
     assert u[PITCH] <= 1e-12
     assert wrench((0.0, 0.0, -1e6, 0.0))[THRUST] > 0.0
@@ -266,7 +266,7 @@ quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).map(np.array).filter(
 @given(triple, quaternions, triple, triple, triple, anything)
 def test_the_wrench_is_admissible_in_any_state(
         vehicle, position, quaternion, velocity, angular_velocity, goal, heading):
-    controller = Controller(FLEET[vehicle], CONTROLLER.gains)
+    controller = Controller(FLEET[vehicle], SETTINGS.controller)
     u = controller.wrench(
         position, quaternion, velocity, angular_velocity, Waypoint.of(*goal, heading))
     assert np.all(np.isfinite(u))
@@ -287,8 +287,10 @@ def test_the_heading_of_a_waypoint_is_the_one_it_was_made_of(heading):
 
 
 def test_gains_are_numbers_or_one_per_axis():
-    gains = Gains.from_parameters(PARAMETERS | {'controller.position_stiffness': [1.0, 2.0, 3.0]})
-    np.testing.assert_array_equal(gains.position_stiffness, [1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(gains.position_damping, [2.4, 2.4, 2.4])
+    state = [REST, attitude(0.0, 0.0, 0.0), REST, REST, Waypoint.of(0.1, 0.2, 0.3, 0.0)]
+    one, three = (
+        Controller(HEXAROTOR, ControllerSettings(position_stiffness=number)).demand(*state)
+        for number in (1.5, [1.5, 1.5, 1.5]))
+    np.testing.assert_array_equal(one, three)
     with pytest.raises(ParameterError, match=r'controller\.attitude_damping'):
-        Gains.from_parameters(PARAMETERS | {'controller.attitude_damping': [1.0, 2.0]})
+        settings_of({'controller.attitude_damping': [1.0, 2.0]})

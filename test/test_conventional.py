@@ -7,8 +7,17 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from ca_ros import AdmissibleSet, control_allocation_matrix
-from ca_ros.nodes.parameters import load
-from strategies import FLEET, HEXAROTOR, SOME, demands, random_vehicle, solver, vehicles
+from ca_ros.allocation.conventional import Conventional
+from strategies import (
+    FLEET,
+    HEXAROTOR,
+    SOME,
+    demands,
+    random_vehicle,
+    settings_of,
+    solver,
+    vehicles,
+)
 from strategies import unaudited as make_allocator
 
 
@@ -99,11 +108,8 @@ def test_where_the_cost_leaves_the_thrusts_open_the_least_norm_decides():
 
 def test_the_row_of_the_papers_table():
     # Paper: force error 1.1e-2 / 2.0e-2 N, torque error at most 4.1e-5 N m, no violation.
-    parameters = load('hexarotor')
-    prefix = 'allocation.conventional.'
-    allocator = make_allocator('conventional', HEXAROTOR, **{
-        name.removeprefix(prefix): value for name, value in parameters.items()
-        if name.startswith(prefix)})
+    settings = settings_of({}).allocation.of('conventional')
+    allocator = Conventional(HEXAROTOR, settings)
     samples = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(0), 1000)
     residual = np.abs(allocator.allocate_batch(samples).residual)
     assert residual[:, 0].mean() == pytest.approx(1.1e-2, abs=0.05e-2)

@@ -15,15 +15,14 @@ from ca_ros.evaluation.flight_metrics import judge_samples, metrics
 from ca_ros.evaluation.observations import observe
 from ca_ros.evaluation.ros_flight import RosFlightError, fly_over_ros, read_flight
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import EVERY_EFFECT, HEXAROTOR, length
+from strategies import EVERY_EFFECT, HEXAROTOR, length, settings_of
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
 HOVER = 255.73423
@@ -87,7 +86,7 @@ def test_the_rows_are_those_of_the_closed_loop(study):
     case = Case.load('hexarotor')
     for k, name in ((0, 'exact'), (2, 'conventional')):
         flight = fly(
-            Controller(HEXAROTOR, Gains.from_parameters(case.parameters)), case.allocator(name),
+            Controller(HEXAROTOR, case.flown.controller), case.allocator(name),
             RigidBody(HEXAROTOR), WAYPOINT, 10.0)
         values = np.array([row[1:] for row in rows[1 + 1001 * k:1 + 1001 * (k + 1)]], dtype=float)
         # Not to the last bit: a method in another state may round otherwise.
@@ -115,7 +114,7 @@ def test_metrics_of_a_flight_made_by_hand():
     height = np.concatenate([[0.0, 0.5, 1.25, 0.9, 1.019], np.full(26, 1.01)])
     speeds = np.full((31, 6), 200.0)
     speeds[:, 0], speeds[10:, 1] = 400.0, 40.1
-    controller = Controller(HEXAROTOR, Gains.from_parameters(load('hexarotor')))
+    controller = Controller(HEXAROTOR, settings_of({}).controller)
     flight, waypoint = flight_of(height, speeds), Waypoint.of(0.0, 0.0, 1.0, 0.0)
     found = metrics(flight, judge_samples(flight, controller, waypoint), waypoint)
     assert found['steady_state_error'] == pytest.approx({'x': 0, 'y': 0, 'z': -0.01, 'yaw': 0})
@@ -134,7 +133,7 @@ def test_metrics_of_a_flight_made_by_hand():
 
 
 def test_height_is_lost_below_the_lower_of_start_and_waypoint():
-    controller = Controller(HEXAROTOR, Gains.from_parameters(load('hexarotor')))
+    controller = Controller(HEXAROTOR, settings_of({}).controller)
     flight = flight_of([2.0, -1.5, 0.4, 0.4, 0.4], np.full((5, 6), HOVER))
     for height, drop, recovered in ((0.0, 1.5, False), (0.2, 1.7, True), (3.0, 3.5, False)):
         waypoint = Waypoint.of(0.0, 0.0, height, 0.0)
@@ -165,7 +164,7 @@ def test_a_problem_without_a_vehicle_does_not_fly(problem, tmp_path, capsys):
 
 
 def test_what_never_settles_says_so():
-    controller = Controller(HEXAROTOR, Gains.from_parameters(load('hexarotor')))
+    controller = Controller(HEXAROTOR, settings_of({}).controller)
     flight = flight_of(np.linspace(0.0, 0.9, 31), np.full((31, 6), HOVER))
     waypoint = Waypoint.of(0.0, 0.0, 1.0, 0.0)
     found = metrics(flight, judge_samples(flight, controller, waypoint), waypoint)
@@ -319,7 +318,7 @@ def test_the_margin_is_that_of_the_rotors_as_they_are():
 def test_a_flight_is_read_back_to_the_last_bit(tmp_path):
     case = Case.load('hexarotor')
     flight = fly(
-        Controller(HEXAROTOR, Gains.from_parameters(case.parameters)), case.allocator('exact'),
+        Controller(HEXAROTOR, case.flown.controller), case.allocator('exact'),
         RigidBody(HEXAROTOR), WAYPOINT, 0.5)
     flight.write_csv(tmp_path / 'flight.csv')
     again = read_flight(tmp_path / 'flight.csv')

@@ -150,7 +150,7 @@ ALMOST_SYMMETRIC = {
 @pytest.mark.parametrize('name', ALMOST_SYMMETRIC)
 def test_without_slack_almost_symmetric_vehicles_are_exact_on_all_of_their_facets(name):
     vehicle, rng = ALMOST_SYMMETRIC[name], np.random.default_rng(6)
-    allocators = [make_allocator('exact', vehicle, policy=policy, slack=0.0)
+    allocators = [make_allocator('exact', vehicle, policy=policy, residual_slack=0.0)
                   for policy in ('prioritize', 'scale')]
     gamma, center = control_allocation_matrix(vehicle), middle(vehicle)
     edge = boundary_thrusts(vehicle, rng, 30) @ gamma.T
@@ -333,14 +333,14 @@ def test_thrusts_do_not_jump_where_facets_are_parallel_but_for_the_digits_of_a_f
 @pytest.mark.parametrize('name', NAMES)
 def test_with_a_slack_of_as_many_digits_thrusts_of_shorter_files_do_not_jump_either(name, digits):
     slack = 10.0 ** (1 - digits)
-    changes, residuals = jumps(written(name, digits), JUMPS, slack=slack)
+    changes, residuals = jumps(written(name, digits), JUMPS, residual_slack=slack)
     assert residuals.max() <= slack
     assert np.mean(changes < 1e-6) >= 0.9
     assert changes.max() < 0.02
 
 
 def test_without_slack_the_thrusts_of_such_a_vehicle_jump():
-    changes, residuals = jumps(written('lifter', 9), JUMPS, slack=0.0)
+    changes, residuals = jumps(written('lifter', 9), JUMPS, residual_slack=0.0)
     assert changes.max() > 1.0
     assert residuals.max() <= 1e-12
 
@@ -348,7 +348,7 @@ def test_without_slack_the_thrusts_of_such_a_vehicle_jump():
 @pytest.mark.parametrize('slack', [-1e-9, 0.5, np.nan, 'some'])
 def test_a_slack_that_is_none_is_refused(slack):
     with pytest.raises(ValueError, match='slack'):
-        make_allocator('exact', FLEET['hexarotor'], slack=slack)
+        make_allocator('exact', FLEET['hexarotor'], residual_slack=slack)
 
 
 def test_a_boundary_wrench_at_which_newton_stalls_is_exact_within_the_slack():

@@ -10,7 +10,8 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.fault_proxy import PREFIX, remaps
-from ca_ros.bringup.link_faults import FAULTS, LINK_CORRUPTIONS, Faults, corrupted
+from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, Faults, FaultSettings, corrupted
+from ca_ros.settings import table
 from ca_ros.testing import BEST_EFFORT, DEADLINE, Graph, six, wrench
 from load import fly_in_real_time
 from strategies import LONG
@@ -165,7 +166,7 @@ def test_a_wrong_parameter_is_refused_in_one_line(graph, parameter):
 def test_its_help_names_every_parameter_and_the_remaps(graph):
     out, err = graph.outlive(graph.start('fault_proxy', '--help'))
     assert err == ''
-    assert [name for name in FAULTS if f'  {name} ' not in out] == []
+    assert [name for name in table(FaultSettings) if f'  {name} ' not in out] == []
     assert [topic for topic in LINK_CORRUPTIONS if f'-r {topic}:={PREFIX}{topic}' not in out] == []
 
 

@@ -13,10 +13,11 @@ from ca_ros.bringup.link_faults import (
     LINK_CORRUPTIONS,
     Fate,
     Faults,
+    FaultSettings,
     Link,
     corrupted,
-    links,
 )
+from ca_ros.settings import check_given, read, table
 
 SHARES = st.floats(0.0, 1.0)
 TIMES = st.floats(0.0, 0.1)
@@ -141,17 +142,17 @@ def test_what_is_overtaken_comes_after_the_next():
 
 @given(SHARES, SHARES)
 def test_a_number_is_for_all_topics_or_one_for_each(share, other):
-    assert {faults.drop for faults in links({'drop': share}).values()} == {share}
+    assert {faults.drop for faults in FaultSettings(drop=share).links().values()} == {share}
     shares = [share, other, 0.0, 1.0]
-    assert [faults.drop for faults in links({'drop': shares}).values()] == shares
+    assert [faults.drop for faults in FaultSettings(drop=shares).links().values()] == shares
 
 
 def test_a_topic_has_the_corruptions_of_its_type():
-    faults = links({'corrupt': 1.0})
+    faults = FaultSettings(corrupt=1.0).links()
     assert all(('length' in f.corruptions) == (t == 'command/motor_speed')
                for t, f in faults.items())
     assert all(('frame' in f.corruptions) != ('length' in f.corruptions) for f in faults.values())
-    only = links({'corrupt': 1.0, 'corruptions': 'length'})
+    only = FaultSettings(corrupt=1.0, corruptions='length').links()
     assert [only[topic].fate(0).corruption for topic in LINK_CORRUPTIONS] == [
         None, 'length', None, None]
 
@@ -166,6 +167,7 @@ def test_a_topic_has_the_corruptions_of_its_type():
     ({'corruptions': ['rust']}, ('corruptions[0]', 'huge')), ({'seed': [1.0]}, ('seed',)),
 ])
 def test_wrong_parameters_are_named(given, words):
-    with pytest.raises(ParameterError) as raised:
-        links(given)
+    with pytest.raises(ParameterError) as raised:  # noqa: PT012
+        check_given(given, table(FaultSettings))
+        read(FaultSettings, given)
     assert [word for word in words if word not in str(raised.value)] == []

@@ -46,7 +46,7 @@ def exported(tmp_path_factory):
 @cache
 def firmware_of(name, precision='double'):
     """Return the firmware of a vehicle, with the loss of each rotor as its faults."""
-    parameters = checked(read(name))
+    parameters = checked(read(name)).allocation
     return Firmware.make(faults_of(Vehicle.load(name), ['single']), parameters, precision)
 
 
@@ -246,9 +246,9 @@ def test_literals_keep_every_bit(value):
 OPTIONS = [
     {},
     *({'policy': policy} for policy in POLICIES),
-    {'reversal': 'allow'},
+    {'thrust_deviation': 'allow'},
     {'order': ['yaw', 'roll pitch', 'thrust']},
-    {'slack': 1e-4},
+    {'residual_slack': 1e-4},
     {'solver': 'osqp'},
 ]
 
@@ -257,9 +257,10 @@ OPTIONS = [
 def test_the_options_of_the_file_are_those_of_the_firmware(options, variant):
     file = variant(**{f'allocation__exact__{name}': value for name, value in options.items()})
     vehicle = Vehicle.load(file)
-    firmware = Firmware.make(faults_of(vehicle, ['none']), checked(read(file)), 'double')
+    settings = checked(read(file)).allocation
+    firmware = Firmware.make(faults_of(vehicle, ['none']), settings, 'double')
     allocator = make_allocator('exact', VehicleProblem(vehicle), **options)
-    assert firmware.kernels[0].fields()['slack'][2] == [options.get('slack', 1e-9)]
+    assert firmware.kernels[0].fields()['slack'][2] == [options.get('residual_slack', 1e-9)]
     for u in golden.wrenches(firmware, 0, golden.SIZE)[golden.SIZE:]:
         answer = allocator.allocate(u)
         status, speeds = firmware.allocate(0, u)

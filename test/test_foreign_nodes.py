@@ -17,10 +17,11 @@ from ca_ros.commands import NODES
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import DECLARED, load
 from ca_ros.nodes.qos import STANDING
+from ca_ros.nodes.settings import DECLARED
 from ca_ros.testing import Diagnostics
 from ca_ros.vehicle.files import find
+from strategies import file_values
 from test_bringup import fly_offline, read
 
 # The command lines
@@ -64,7 +65,7 @@ def test_a_program_that_does_not_exist_is_refused_at_once(command, capsys):
 # What cannot be compared
 
 def test_it_says_which_parameters_of_a_program_it_cannot_compare(capsys):
-    parameters = {node: load('hexarotor', table=DECLARED[node]) for node in NODES}
+    parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
     assert not_compared(parameters, {'mode': 'lockstep'}) == []
     parameters['simulator'] = {}
     del parameters['controller']['vehicle.inertia']
@@ -88,7 +89,7 @@ def test_values_are_those_of_the_allocator_then_the_controller():
     ('realtime', (0.0,), None)])
 def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lacking):
     parameters = {
-        node: load('hexarotor', table=DECLARED[node]) | {'mode': mode} for node in NODES}
+        node: file_values('hexarotor', kind=DECLARED[node]) | {'mode': mode} for node in NODES}
     parameters['simulator'] = {}
     trajectory = Trajectory(
         tuple(round(time * 1e9) for time in times),
@@ -102,7 +103,7 @@ def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lac
 
 
 def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys):
-    parameters = {node: load('hexarotor', table=DECLARED[node]) for node in NODES}
+    parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
     del parameters['controller']['rotors.health']
     failing = RotorFailures((RotorFailure(1, 1.0),))
     Timeline(graph.node, Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0)), failing, parameters, 6)

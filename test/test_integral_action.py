@@ -77,7 +77,7 @@ def test_a_step_that_saturates_does_not_wind_up(mass):
     there = Waypoint.of(0.0, 0.0, 20.0, 0.0)
 
     def overshoot(maker):
-        controller = maker.from_parameters(loop.vehicle, loop.parameters)
+        controller = maker.from_settings(loop.vehicle, loop.flown)
         flight = fly(controller, loop.allocator('exact'), loop.plant(), there, 16.0)
         assert np.sum(np.all(flight.speeds > 399.9, axis=1)) > 180
         return flight.position[:, 2].max() - 20.0, flight.position_error(there)

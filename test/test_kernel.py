@@ -16,7 +16,8 @@ from strategies import FLEET, HEXAROTOR, SOME, length, need_kernel, random_vehic
 VEHICLES = length(10, 30, 1000)
 """How many random vehicles."""
 
-POLICIES = {'prioritize': {}, 'avoid': {'reversal': 'avoid'}, 'allow': {'reversal': 'allow'},
+POLICIES = {'prioritize': {}, 'avoid': {'thrust_deviation': 'avoid'},
+            'allow': {'thrust_deviation': 'allow'},
             'scale': {'policy': 'scale'}, 'reject': {'policy': 'reject'},
             'yaw first': {'order': ['yaw', 'roll pitch', 'thrust']}}
 
@@ -84,7 +85,7 @@ def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
     drawn = wrenches(problem, rng, 29)
     # With the default slack some wrenches near facets that are almost parallel are missed by it.
     for slack in (0.0, 1e-9):
-        engines = pair(problem, slack=slack)
+        engines = pair(problem, residual_slack=slack)
         for demands in drawn:
             compare(*engines, demands, max(slack, 1e-12))
 
@@ -203,7 +204,8 @@ def test_a_kernel_keeps_its_problem():
 @pytest.mark.parametrize(
     'twin', [copy.copy, copy.deepcopy, lambda a: pickle.loads(pickle.dumps(a))])
 def test_copies_give_the_same_answers(twin):
-    allocator = make_allocator('exact', HEXAROTOR, policy='scale', about=[12.0, 0.1, 0.0, 0.0])
+    allocator = make_allocator(
+        'exact', HEXAROTOR, policy='scale', scale_reference=[12.0, 0.1, 0.0, 0.0])
     for u in ([9.81, 0.1, 0.0, 0.0], [9.81, 3.0, 1.0, 0.2]):
         one, other = allocator.allocate(u), twin(allocator).allocate(u)
         np.testing.assert_array_equal(one.thrusts, other.thrusts)
@@ -237,6 +239,6 @@ def test_it_answers_as_numpy_does_with_rotors_lost(name, pair):
         health = np.ones(FLEET[name].n)
         health[lost] = 0.0
         problem = audit(FLEET[name].with_health(health)).problem
-        engines = pair(problem, slack=0.0)
+        engines = pair(problem, residual_slack=0.0)
         for demands in wrenches(problem, rng, 40):
             compare(*engines, demands)

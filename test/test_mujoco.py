@@ -5,6 +5,7 @@ import re
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
 )
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
+from ca_ros.nodes.settings import load
 from ca_ros.vehicle.files import shipped_vehicles
 from strategies import FLEET, build, length, ring
 from test_bringup import read
@@ -92,11 +93,11 @@ def test_a_motion_that_diverges_raises(tmp_path, monkeypatch):
 
 def fly_offline(name, duration, kind=lambda rigid: rigid, **simulator):
     """Return a flight without ROS to the default waypoint; `kind` makes the body of a plant."""
-    parameters = load(name) | {f'simulator.{key}': value for key, value in simulator.items()}
-    vehicle = Vehicle.from_parameters(parameters)
-    plant = Plant(kind(body_of(vehicle, parameters)), parameters)
+    settings = load(name)
+    vehicle, plant = Vehicle.load(name), replace(settings.simulator, **simulator)
+    plant = Plant(kind(body_of(vehicle, plant)), plant)
     return closed_loop.fly(
-        Controller.from_parameters(vehicle, parameters), make_allocator('exact', vehicle), plant,
+        Controller.from_settings(vehicle, settings), make_allocator('exact', vehicle), plant,
         Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0)), duration)
 
 

@@ -13,16 +13,18 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
-from ca_ros import Status, Vehicle, control_allocation_matrix, make_allocator
+from ca_ros import Status, Vehicle, control_allocation_matrix
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation.options import options_from_parameters
+from ca_ros.allocation.settings import allocator_of
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import read_wrench
-from ca_ros.nodes.parameters import ALLOCATOR, load
+from ca_ros.nodes.settings import AllocatorSettings
 from ca_ros.nodes.stream import STALL_MIN, Stalls, subscribe
 from ca_ros.problem.audit import audit
+from ca_ros.settings import table
 from ca_ros.testing import BEST_EFFORT, RELIABLE, Graph, six, wrench
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
+from strategies import settings_of
 
 VEHICLE = Vehicle.load('hexarotor')
 GAMMA = control_allocation_matrix(VEHICLE)
@@ -86,9 +88,8 @@ class Client:
 
 def twin(method='exact', health=1.0):
     """Return the allocator that the node should be the equal of."""
-    vehicle = audit(VEHICLE.with_health(health)).vehicle
-    parameters = load('hexarotor') | {'allocation.method': method}
-    return make_allocator(method, vehicle, **options_from_parameters(parameters, vehicle.axes))
+    problem = audit(VEHICLE.with_health(health)).problem
+    return allocator_of(settings_of({'allocation.method': method}).allocation, problem)
 
 
 def some_wrenches(size):
@@ -254,7 +255,7 @@ def test_a_change_of_health_counts_from_the_next_command_on_and_loses_none(graph
 
 
 def test_what_is_built_in_is_read_only(client):
-    fixed = [name for name, parameter in ALLOCATOR.items() if not parameter.mutable]
+    fixed = [name for name, parameter in table(AllocatorSettings).items() if not parameter.mutable]
     assert {'vehicle.mass', 'rotors.positions', 'rotors.spins', 'rotors.speed_max'} <= set(fixed)
     results = client.parameters.set(dict(zip(fixed, client.parameters.get(*fixed), strict=True)))
     assert [result.reason for result in results if result.successful] == []
@@ -268,6 +269,7 @@ from pathlib import Path
 from time import sleep
 
 from ca_ros.allocation import PseudoInverse
+from strategies import settings_of
 
 
 class Own(PseudoInverse):

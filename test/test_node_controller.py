@@ -9,14 +9,14 @@ from rcl_interfaces.msg import Log
 from rclpy.duration import Duration
 
 from ca_ros import Vehicle
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ca_ros.testing import DEADLINE, Diagnostics, Graph, counts, six
+from strategies import file_values, settings_of
 
 LAW = Controller(
-    audit(Vehicle.load('hexarotor')).vehicle, Gains.from_parameters(load('hexarotor')))
+    audit(Vehicle.load('hexarotor')).vehicle, settings_of({}).controller)
 WAYPOINT = (1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)
 REST = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
@@ -227,13 +227,12 @@ def test_it_gives_way_by_the_order_of_its_parameters(client):
     assert client.ask(*state).tobytes() == expected(state).tobytes()
     for result in client.parameters.set({'allocation.exact.order': order}):
         assert result.successful, result.reason
-    law = Controller.from_parameters(
-        LAW.vehicle, load('hexarotor') | {'allocation.exact.order': order})
+    law = Controller.from_settings(LAW.vehicle, settings_of({'allocation.exact.order': order}))
     parts = [np.array(part) for part in (*state, *WAYPOINT)]
     wrench = np.concatenate([np.zeros(2), law.wrench(*parts[:4], Waypoint(*parts[4:]))])
     assert abs(wrench[5] - expected(state)[5]) > 0.01
     assert client.ask(*state).tobytes() == wrench.tobytes()
-    default = load('hexarotor')['allocation.exact.order']
+    default = file_values('hexarotor')['allocation.exact.order']
     for result in client.parameters.set({'allocation.exact.order': default}):
         assert result.successful, result.reason
     (result,) = client.parameters.set({'allocation.exact.order': ['yaw']})

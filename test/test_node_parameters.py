@@ -16,24 +16,26 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.commands import NODES
-from ca_ros.nodes.parameters import ALLOCATOR, DECLARED, PARAMETERS, load
-from ca_ros.schema import REQUIRED
+from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings
+from ca_ros.settings import table
 from ca_ros.testing import Graph, wrench
+from strategies import file_values
 from test_node_allocator import HOVER, Client, some_wrenches, twin
 from test_parameters import SECTIONS, sections
 
-SHIPPED = {
-    name: value for name, value in {
-        **{name: parameter.default for name, parameter in PARAMETERS.items()},
-        **load('hexarotor')}.items()
-    if value is not REQUIRED}
+SHIPPED = file_values('hexarotor')
+PARAMETERS, ALLOCATOR = table(FileSettings), table(AllocatorSettings)
 
 
 def wrong_values(name):
     """Return values that a parameter must not have, each with a word that has to be said of it."""
     parameter = PARAMETERS[name]
-    if parameter.kind is str:
-        values = [(1.0, '1.0'), (True, 'True')]
+    if bool in parameter.kinds:
+        return [(1.0, '1.0'), ('wrong', 'wrong'), ([True, True], 'one value')]
+    if str in parameter.kinds:
+        values = [(True, 'True')]
+        if float not in parameter.kinds:
+            values.append((1.0, '1.0'))
         if parameter.choices:
             values.append(('magic', 'magic'))
     else:
@@ -45,11 +47,13 @@ def wrong_values(name):
             values.append((parameter.maximum + 0.5, str(parameter.maximum + 0.5)))
         if parameter.positive:
             values += [(0.0, '0.0'), (-0.5, '-0.5')]
+        if int in parameter.kinds:
+            values.append((1.5, '1.5'))
     if not parameter.array:
         array = [SHIPPED[name]] * 2
         return [*values, (array, 'one value')]
     good = SHIPPED[name] if isinstance(SHIPPED[name], list) else [SHIPPED[name]] * 6
-    kind = str if parameter.kind is str else float
+    kind = str if str in parameter.kinds else float
     entries = [value for value, _ in values if type(value) is kind]
     for i in range(len(good) if entries else 0):
         entry = entries[i % len(entries)]
@@ -85,7 +89,7 @@ def start_with(graph, folder, node, changes):
     for i, change in enumerate(changes):
         file = folder / f'{node}_{i}.yaml'
         file.write_text(
-            yaml.safe_dump({'/**': {'ros__parameters': {**load('hexarotor'), **change}}}),
+            yaml.safe_dump({'/**': {'ros__parameters': {**SHIPPED, **change}}}),
             encoding='utf-8')
         files.append(str(file))
     process = graph.start(sys.executable, '-c', STARTS, node, *files)
@@ -129,12 +133,12 @@ def test_the_audit_refuses_in_the_words_of_python(graph, tmp_path, node):
     answers = start_with(graph, tmp_path, node, changes)
     for change, (code, said) in zip(changes, answers, strict=True):
         with pytest.raises(ParameterError) as refused:
-            make_allocator('exact', Vehicle.from_parameters({**load('hexarotor'), **change}))
+            make_allocator('exact', Vehicle.from_parameters({**SHIPPED, **change}))
         assert (code, said) == (1, f'{node}: {refused.value}\n')
 
 
 def test_the_allocator_starts_from_a_file_without_an_inertia(graph, tmp_path):
-    values = load('hexarotor')
+    values = dict(SHIPPED)
     del values['vehicle.inertia']
     file = tmp_path / 'onboard.yaml'
     file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}), encoding='utf-8')
@@ -187,8 +191,9 @@ def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
           for word in ('-p', f'{name}:={json.dumps(value)}')))
     parameters = graph.connect(node)
     # A node declares what it uses, and no more.
-    assert parameters.get(*DECLARED[node]) == [SHIPPED[name] for name in DECLARED[node]]
-    others = [name for name in SHIPPED if name not in DECLARED[node]]
+    declared = table(DECLARED[node])
+    assert parameters.get(*declared) == [SHIPPED[name] for name in declared]
+    others = [name for name in SHIPPED if name not in declared]
     results = parameters.set({name: SHIPPED[name] for name in others})
     assert [name for name, result in zip(others, results, strict=True)
             if result.successful or f"'{name}'" not in result.reason] == []

@@ -22,6 +22,8 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
     velocity_in_body,
 )
+from ca_ros.flight.settings import PlantSettings
+from ca_ros.settings import read
 from ca_ros.testing import Diagnostics, counts
 from strategies import EVERY_EFFECT
 
@@ -110,14 +112,15 @@ def test_lockstep_takes_the_steps_of_the_rigid_body_to_the_last_bit(graph):
 def test_with_every_effect_a_reset_repeats_the_flight_to_the_last_bit(graph):
     words = [word for name, value in EVERY_EFFECT.items() for word in ('-p', f'{name}:={value}')]
     client = Client(
-        graph, 'lockstep', *words, '-p', 'simulator.publish_clock:=enabled',
-        '-p', 'simulator.publish_odometry:=enabled')
+        graph, 'lockstep', *words, '-p', 'simulator.publish_clock:=true',
+        '-p', 'simulator.publish_odometry:=true')
     clock = graph.listen(Clock, '/clock')
     odometry = graph.listen(Odometry, 'local_position/odometry')
     reset = graph.node.create_client(Trigger, 'simulator/reset')
-    body = body_of(BODY.vehicle, EVERY_EFFECT)
+    settings = read(PlantSettings, EVERY_EFFECT, 'simulator.')
+    body = body_of(BODY.vehicle, settings)
     for _ in range(2):
-        plant, rng = Plant(body, EVERY_EFFECT), np.random.default_rng(0)
+        plant, rng = Plant(body, settings), np.random.default_rng(0)
         assert client.state(0).tobytes() == published(plant.measured).tobytes()
         for i in range(30):
             speeds = rng.uniform(200.0, 350.0, 6)

@@ -12,8 +12,7 @@ import yaml
 from ca_ros import ParameterError, Status, make_allocator
 from ca_ros.evaluation import dynamic_study, static_study
 from ca_ros.evaluation.cases import Case
-from ca_ros.nodes.parameters import load
-from strategies import HEXAROTOR
+from strategies import HEXAROTOR, file_values
 
 PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'own_method.md'
 OWN = 'my_methods:Scaled'
@@ -64,13 +63,13 @@ def test_its_options_are_parameters(example):
         Case.load('hexarotor', [f'{RESERVE}:=2'], [OWN])
     with pytest.raises(ParameterError, match=f'{RESERVE}: no such parameter'):
         Case.load('hexarotor', [f'{RESERVE}:=0.3'])
-    values = load('hexarotor') | {'allocation.method': OWN, RESERVE: 0.1}
+    values = file_values('hexarotor') | {'allocation.method': OWN, RESERVE: 0.1}
     Path('mine.yaml').write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
-    assert load('mine.yaml') == values
+    assert file_values('mine.yaml') == values
     values['allocation.Scaled.reserv'] = values.pop(RESERVE)
     Path('mine.yaml').write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
     with pytest.raises(ParameterError, match=rf'mine.yaml: .*did you mean {RESERVE}\?'):
-        load('mine.yaml')
+        file_values('mine.yaml')
 
 
 @pytest.mark.parametrize(('method', 'words'), [

@@ -9,20 +9,27 @@ import pytest
 import yaml
 
 from ca_ros import ALLOCATORS, CaRosError, ParameterError, Vehicle, make_allocator
-from ca_ros.allocation.parameters import ALLOCATION
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.parameters import CONTROL, SIMULATION
 from ca_ros.flight.rigid_body import RigidBody
-from ca_ros.nodes.parameters import ALLOCATOR as ALLOCATOR_NODE
-from ca_ros.nodes.parameters import CONTROLLER as CONTROLLER_NODE
-from ca_ros.nodes.parameters import NODE, PARAMETERS, load
-from ca_ros.nodes.parameters import SIMULATOR as SIMULATOR_NODE
-from ca_ros.problem.prioritization import ORDER
-from ca_ros.schema import MissingParameterError, check, check_given, complete
+from ca_ros.flight.settings import ControllerSettings
+from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings, load, load_for
+from ca_ros.settings import (
+    REQUIRED,
+    MissingParameterError,
+    check,
+    check_given,
+    flat,
+    read,
+    renamed,
+    table,
+)
 from ca_ros.vehicle.files import NoSectionError
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.vehicle.settings import MovingVehicleSettings
+from strategies import file_values, settings_of
 
+PARAMETERS = table(FileSettings)
+VEHICLE = table(MovingVehicleSettings)
 NAN, INFINITY, MISSING = float('nan'), float('inf'), object()
 
 FAULTS = [
@@ -83,7 +90,7 @@ FAULTS = [
 def write(path, changes):
     """Write the hexarotor's file with some values changed or missing."""
     tree = {}
-    for name, value in (load('hexarotor') | changes).items():
+    for name, value in (file_values('hexarotor') | changes).items():
         if value is not MISSING:
             group = tree
             *parents, last = name.split('.')
@@ -178,7 +185,7 @@ def test_a_mapping_that_holds_itself_is_refused(tmp_path):
     assert 'line 3' in complaint(path)
 
 
-HEXAROTOR = load('hexarotor')
+HEXAROTOR = file_values('hexarotor')
 OTHER = {'vehicle': {'mass': 2.0}, 'rotors.health': 0.5}
 
 
@@ -218,24 +225,24 @@ def test_a_section_is_for_the_nodes_for_which_ros_takes_it(tmp_path, name, nodes
     path = sections(tmp_path, name)
     for node in ('/allocator', '/a/allocator', '/a/b/allocator'):
         if node in nodes:
-            assert load(path, node) == HEXAROTOR
+            assert file_values(path, node) == HEXAROTOR
         else:
             with pytest.raises(NoSectionError, match=f'sections.yaml: no section for {node}'):
                 load(path, node)
     # Without the name of a node there is only one that can be meant.
-    assert load(path) == HEXAROTOR
+    assert file_values(path) == HEXAROTOR
 
 
 def test_later_sections_override(tmp_path):
     overridden = HEXAROTOR | {'vehicle.mass': 2.0, 'rotors.health': 0.5}
-    assert load(sections(tmp_path, '/**', '/allocator')) == overridden
-    assert load(sections(tmp_path, '/allocator', '/**')) == overridden
-    assert load(sections(tmp_path, '/**', '/simulator'), '/simulator') == overridden
+    assert file_values(sections(tmp_path, '/**', '/allocator')) == overridden
+    assert file_values(sections(tmp_path, '/allocator', '/**')) == overridden
+    assert file_values(sections(tmp_path, '/**', '/simulator'), '/simulator') == overridden
 
 
 def test_a_vehicle_is_what_the_allocator_believes(tmp_path):
-    assert load(sections(tmp_path, '/**', '/simulator', '/a/controller')) == HEXAROTOR
-    assert load(sections(tmp_path, '/simulator')) == HEXAROTOR
+    assert file_values(sections(tmp_path, '/**', '/simulator', '/a/controller')) == HEXAROTOR
+    assert file_values(sections(tmp_path, '/simulator')) == HEXAROTOR
 
 
 def test_a_file_of_two_vehicles_is_refused_unless_a_node_is_named(tmp_path):
@@ -257,55 +264,58 @@ def test_what_is_no_text_is_refused(tmp_path):
 def test_a_number_without_a_point_is_a_number_as_in_ros(tmp_path, text):
     path = write(tmp_path / 'right.yaml', {'rotors.torque_coefficient': 'here'})
     path.write_text(path.read_text().replace('here', text))
-    assert load(path)['rotors.torque_coefficient'] == 1e-4
+    assert load(path).rotors.torque_coefficient == 1e-4
 
 
 def test_parameters_left_out_have_their_defaults(tmp_path):
     path = write(tmp_path / 'short.yaml', {'vehicle.gravity': MISSING, 'rotors.health': MISSING})
-    values = load(path)
-    assert values['vehicle.gravity'] == 9.81
-    assert values['rotors.health'] == 1.0
-    assert values.keys() == PARAMETERS.keys()
+    settings = load(path)
+    assert settings.vehicle.gravity == 9.81
+    assert settings.rotors.health == 1.0
+    assert flat(settings).keys() == PARAMETERS.keys()
 
 
 @pytest.mark.parametrize('name', PARAMETERS)
 def test_every_parameter_is_described_with_its_default(name):
     parameter = PARAMETERS[name]
     assert parameter.description
-    if isinstance(parameter.default, (float, str, list)):
-        assert check(name, parameter.default, PARAMETERS) == parameter.default
+    if parameter.default is not REQUIRED:
+        checked = check(name, parameter.default, parameter)
+        assert (tuple(checked) if isinstance(checked, list) else checked) == parameter.default
+        assert type(checked) in (*parameter.kinds, list)
 
 
 @pytest.mark.parametrize(
-    'name', ['controler.speed_max', 'rotor.health', 'Vehicle.mass', 'speed_max'])
+    'name', ['controler.speed_max', 'rotor.health', 'Vehicle.mass', 'speed_max',
+             'allocation.axis'])
 def test_a_name_that_looks_like_one_of_ours_is_not_passed_over(tmp_path, name):
     words = f'{name}: no such parameter .did you mean'
     with pytest.raises(ParameterError, match=words):
         load(write(tmp_path / 'wrong.yaml', {name: 1.0}))
-    if name in ('rotor.health', 'Vehicle.mass'):
+    if name in ('rotor.health', 'Vehicle.mass', 'allocation.axis'):
         with pytest.raises(ParameterError, match=words):
-            Vehicle.from_parameters({**load('hexarotor'), name: 1.0})
+            Vehicle.from_parameters({**HEXAROTOR, name: 1.0})
 
 
-def test_a_file_has_the_tables_of_the_rooms_in_their_order():
-    tables = VEHICLE, ALLOCATION, CONTROL, SIMULATION, NODE
-    assert list(PARAMETERS) == [name for table in tables for name in table]
-    declared = set().union(ALLOCATOR_NODE, CONTROLLER_NODE, SIMULATOR_NODE)
+def test_a_file_may_have_what_the_nodes_declare():
+    declared = set().union(*(table(kind) for kind in DECLARED.values()))
     assert declared == PARAMETERS.keys()
 
 
 def test_a_node_declares_only_what_it_uses_of_a_vehicle():
-    assert VEHICLE.keys() - ALLOCATOR_NODE == {'vehicle.inertia'}
-    assert VEHICLE.keys() - SIMULATOR_NODE == {'allocation.axes', 'allocation.lost_axes'}
-    assert VEHICLE.keys() <= CONTROLLER_NODE.keys()
-    assert not [name for name in SIMULATOR_NODE if name.startswith('allocation')]
+    allocator, controller, simulator = (table(DECLARED[node]) for node in (
+        'allocator', 'controller', 'simulator'))
+    assert VEHICLE.keys() - allocator == {'vehicle.inertia'}
+    assert VEHICLE.keys() - simulator == {'allocation.axes', 'allocation.lost_axes'}
+    assert VEHICLE.keys() <= controller.keys()
+    assert not [name for name in simulator if name.startswith('allocation')]
 
 
 def test_only_control_and_simulation_need_the_inertia(tmp_path):
     path = write(tmp_path / 'onboard.yaml', {'vehicle.inertia': MISSING})
     vehicle, complete_vehicle = Vehicle.load(path), Vehicle.load('hexarotor')
-    given = load(path, table=ALLOCATOR_NODE)
-    assert given == {name: HEXAROTOR[name] for name in ALLOCATOR_NODE}
+    given = load_for(AllocatorSettings, path)
+    assert flat(given) == {name: HEXAROTOR[name] for name in table(AllocatorSettings)}
     u = [9.81, 0.05, -0.02, 0.01]
     np.testing.assert_array_equal(*(
         make_allocator('exact', each).allocate(u).thrusts for each in (vehicle, complete_vehicle)))
@@ -313,35 +323,88 @@ def test_only_control_and_simulation_need_the_inertia(tmp_path):
     with pytest.raises(MissingParameterError, match=missing):
         RigidBody(vehicle)
     with pytest.raises(MissingParameterError, match=missing):
-        Controller.from_parameters(vehicle, given)
-    for table in (CONTROLLER_NODE, SIMULATOR_NODE, PARAMETERS):
+        Controller(vehicle, ControllerSettings())
+    for kind in (DECLARED['controller'], DECLARED['simulator'], FileSettings):
         with pytest.raises(ParameterError, match=r'onboard\.yaml: vehicle\.inertia: missing'):
-            load(path, table=table)
+            load_for(kind, path)
 
 
-def test_a_table_is_completed_from_a_file_of_more():
-    given = {**load('hexarotor'), 'controller.speed_max': 2.0}
-    assert complete(given, CONTROL).keys() == CONTROL.keys()
-    assert complete({'controller.speed_max': 2.0}, CONTROL)['controller.speed_max'] == 2.0
+def test_settings_are_read_from_the_values_of_more():
+    given = {**HEXAROTOR, 'controller.speed_max': 2.0}
+    assert read(ControllerSettings, given, 'controller.').speed_max == 2.0
+    assert read(ControllerSettings, {'speed_max': 2.0}) == ControllerSettings(speed_max=2.0)
     for wrong in ({'vehicle.mass': -1.0}, {'allocation.method': 'magic'}, {'vehicle.masss': 1.0}):
-        assert complete({**given, **wrong}, CONTROL).keys() == CONTROL.keys()
+        read(ControllerSettings, {**given, **wrong}, 'controller.')
         with pytest.raises(ParameterError, match=next(iter(wrong))):
             check_given({**given, **wrong}, PARAMETERS)
 
 
+def test_what_is_read_is_flat_again_and_frozen():
+    settings = load('hexarotor')
+    assert read(FileSettings, flat(settings)) == settings
+    assert flat(settings) == HEXAROTOR
+    with pytest.raises(AttributeError):
+        settings.command_timeout = 1.0
+    assert isinstance(settings.rotors.positions, tuple)
+
+
+@pytest.mark.parametrize(('given', 'words'), [
+    ({'controller.attitude': 'level'}, 'controller.attitude: level needs force_x, force_y in'),
+    ({'allocation.exact.weights': [1.0, 1e5]}, 'allocation.exact.weights: 100000 is more than'),
+    ({'simulator.initial_attitude': [0.0] * 4}, 'simulator.initial_attitude: .*quaternion'),
+    ({'simulator.seed': 0.5}, 'simulator.seed: must be a whole number, at least 0, got 0.5'),
+    ({'simulator.publish_clock': 'yes'}, "simulator.publish_clock: must be true or false, got 'y"),
+    ({'simulator.publish_clock': 1.0}, 'simulator.publish_clock: must be true or false, got 1.0'),
+])
+def test_a_limit_between_settings_and_a_type_are_named(given, words):
+    with pytest.raises(ParameterError, match=f'^{words}'):
+        settings_of(given)
+
+
+def test_settings_have_the_types_of_their_declaration():
+    settings = settings_of({'simulator.seed': 7.0, 'simulator.mass_factor': 1})
+    assert repr(settings.simulator.seed) == '7'
+    assert repr(settings.simulator.mass_factor) == '1.0'
+    assert settings.simulator.publish_clock is False
+
+
+OLD = {
+    'allocation.exact.reversal': 'avoid', 'allocation.exact.slack': 1e-6,
+    'simulator.publish_clock': 'enabled', 'allocation.betaflight_mixer.airmode': 'disabled'}
+
+
+def test_old_names_are_read_with_one_warning(tmp_path):
+    path = write(tmp_path / 'old.yaml', {
+        'allocation.exact.thrust_deviation': MISSING, 'allocation.exact.residual_slack': MISSING,
+        **OLD})
+    with pytest.warns(FutureWarning, match='old settings: .* is now ') as warned:
+        settings = load(path)
+    assert len(warned) == 1
+    assert settings.allocation.exact.thrust_deviation == 'avoid'
+    assert settings.allocation.exact.residual_slack == 1e-6
+    assert settings.simulator.publish_clock is True
+    assert settings.allocation.of('betaflight_mixer').airmode is False
+    assert renamed(flat(settings)) == flat(settings)
+
+
 @pytest.mark.parametrize('method', ALLOCATORS)
-def test_the_defaults_of_a_method_are_those_of_its_parameters(method):
-    options = signature(ALLOCATORS[method]).parameters
-    for name, parameter in ALLOCATORS[method].parameters.items():
-        default = options[name].default
-        if default is None:
-            default = [' '.join(group) for group in ORDER]
-        assert parameter.default == (list(default) if isinstance(default, tuple) else default)
-        assert check(name, parameter.default, ALLOCATORS[method].parameters) is not None
+def test_a_class_takes_the_settings_of_its_method(method):
+    kind = ALLOCATORS[method]
+    fields = table(kind.settings_type())
+    vehicle = Vehicle.load('hexarotor')
+    given = signature(kind).parameters
+    assert {*fields} <= {*given}
+    assert all(given[name].default == fields[name].default for name in fields)
+    allocator = kind(vehicle)
+    assert allocator.settings == kind.settings_type()()
+    assert kind(vehicle, allocator.settings).settings is allocator.settings
+    with pytest.raises(TypeError, match='colour'):
+        kind(vehicle, colour='red')
 
 
 def test_a_method_checks_its_options_as_its_parameters():
-    for wrong in ({'policy': 'hope'}, {'solver': 'magic'}, {'slack': 0.5}, {'slack': math.nan}):
+    for wrong in ({'policy': 'hope'}, {'solver': 'magic'}, {'residual_slack': 0.5},
+                  {'residual_slack': math.nan}):
         [(name, value)] = wrong.items()
         with pytest.raises(ParameterError, match=f'^{name}: must be .*, got {value!r}$'):
             make_allocator('exact', Vehicle.load('hexarotor'), **wrong)
@@ -356,7 +419,7 @@ def test_errors_have_one_base():
 
 
 def test_a_name_for_another_node_is_left_alone():
-    Vehicle.from_parameters({**load('hexarotor'), 'use_sim_time': True, 'camera.exposure': 3})
+    Vehicle.from_parameters({**HEXAROTOR, 'use_sim_time': True, 'camera.exposure': 3})
 
 
 def test_of_a_vehicle_only_the_health_can_change_in_flight():

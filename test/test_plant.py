@@ -15,7 +15,6 @@ from ca_ros.flight.delay import Delay
 from ca_ros.flight.drag import Drag
 from ca_ros.flight.mismatch import mismatched
 from ca_ros.flight.motor_lag import MotorLag
-from ca_ros.flight.parameters import SIMULATION
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
@@ -26,9 +25,10 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
 )
 from ca_ros.flight.sensors import turn
+from ca_ros.flight.settings import PlantSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.flight.wind import Wind
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from strategies import EVERY_EFFECT, HEXAROTOR
 
@@ -38,7 +38,8 @@ STOPPED = np.zeros(6)
 
 def plant(state=None, vehicle=HEXAROTOR, **given):
     given = {f'simulator.{name}': value for name, value in given.items()}
-    return Plant(body_of(vehicle, given), given, state)
+    settings = read(PlantSettings, given, 'simulator.')
+    return Plant(body_of(vehicle, settings), settings, state)
 
 
 def run(flown, command, steps):
@@ -249,7 +250,7 @@ def test_a_mismatch_is_the_vehicle_with_scaled_coefficients():
     factors = {
         'simulator.mass_factor': 1.1, 'simulator.thrust_factor': [0.9, 1.0, 1.0, 1.1, 1.0, 0.8],
         'simulator.torque_factor': 1.5}
-    other = body_of(HEXAROTOR, factors).vehicle
+    other = body_of(HEXAROTOR, read(PlantSettings, factors, 'simulator.')).vehicle
     k_f = HEXAROTOR.thrust_coefficient * factors['simulator.thrust_factor']
     expected = replace(
         HEXAROTOR, mass=1.1, thrust_coefficient=k_f, thrust_coefficient_reverse=k_f,
@@ -326,7 +327,8 @@ def test_all_off_is_the_rigid_body_to_the_last_bit():
 def flight(seed):
     case = Case.load('hexarotor')
     given = {**case.parameters, **EVERY_EFFECT, 'simulator.seed': seed}
-    flown = Plant(body_of(case.vehicle, given), given)
+    settings = read(PlantSettings, given, 'simulator.')
+    flown = Plant(body_of(case.vehicle, settings), settings)
     return fly(case.controller(), case.allocator('exact'), flown, Waypoint.of(1, 1, 1, 0.5), 0.5)
 
 
@@ -339,11 +341,12 @@ def test_the_seed_decides_every_bit():
 
 def test_every_parameter_has_an_effect():
     def moved(given):
-        flown = Plant(body_of(HEXAROTOR, given), given)
+        settings = read(PlantSettings, given, 'simulator.')
+        flown = Plant(body_of(HEXAROTOR, settings), settings)
         return np.array([flown.step(1.3 * HOVER) for _ in range(20)])
 
     every = moved(EVERY_EFFECT)
-    for name, parameter in SIMULATION.items():
+    for name, parameter in table(PlantSettings, 'simulator.').items():
         without = 10.0 if name == 'simulator.sub_steps' else parameter.default
         if name == 'simulator.time_step':
             continue
@@ -362,7 +365,7 @@ def test_the_initial_state_is_that_of_the_parameters():
 
 @pytest.mark.parametrize(('name', 'value', 'fault'), [
     ('initial_attitude', [0.0, 0.0, 0.0, 0.0], 'quaternion'),
-    ('initial_attitude', [0.0, 0.0, 1.0], 'quaternion'),
+    ('initial_attitude', [0.0, 0.0, 1.0], 'expected 4 numbers'),
     ('wind', [1.0, 2.0], '1 or 3 numbers, got 2'),
     ('sub_steps', 1.5, 'whole number'),
     ('seed', -1.0, 'at least 0'),
@@ -391,6 +394,6 @@ def test_a_flight_leaves_its_plant_alone():
 
 
 def test_mismatch_of_nothing_is_the_vehicle():
-    same = mismatched(HEXAROTOR, Case.load('hexarotor').parameters)
+    same = mismatched(HEXAROTOR, Case.load('hexarotor').flown.simulator)
     assert same.thrusts(HOVER).tobytes() == HEXAROTOR.thrusts(HOVER).tobytes()
     assert same.mass == HEXAROTOR.mass

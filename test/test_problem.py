@@ -72,7 +72,7 @@ def by_daqp(problem, u):
 def test_exact_gives_u_with_the_least_norm(seed, engine, monkeypatch):
     monkeypatch.setenv('CA_ROS_KERNEL', engine)
     problem, rng = random_problem(seed)
-    allocator = make_allocator('exact', problem, slack=0.0)
+    allocator = make_allocator('exact', problem, residual_slack=0.0)
     inside, border, outside = commands(problem, rng, 8)
     for u in np.vstack([inside, border]):
         answer = allocator.allocate(u)
@@ -106,7 +106,7 @@ def test_every_method_takes_a_shipped_problem(method, name):
             make_allocator(method, problem)
         return
     # Of harv some facets are almost parallel, where `exact` would use its slack.
-    options = {'slack': 0.0} if method == 'exact' else {}
+    options = {'residual_slack': 0.0} if method == 'exact' else {}
     allocator = make_allocator(method, problem, **options)
     demands = np.vstack(commands(problem, np.random.default_rng(5), 20))
     answers = allocator.allocate_batch(demands)

@@ -9,9 +9,9 @@ import pytest
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.evaluation.wrench_sets import WAYPOINTS
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller, Gains
+from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
-from ca_ros.nodes.parameters import load
+from ca_ros.nodes.settings import load
 from ca_ros.vehicle.files import config_directory
 from strategies import PARAMETERS, extreme, length
 
@@ -118,7 +118,7 @@ class Asking(Controller):
 @pytest.mark.parametrize('name', ['hexarotor', 'octorotor', 'quadrotor'])
 def test_the_saturated_commands_of_the_flight_of_the_benchmark(name):
     vehicle = Vehicle.load(name)
-    controller = Asking(vehicle, Gains.from_parameters(load(name)))
+    controller = Asking(vehicle, load(name).controller)
     allocator, state = make_allocator('exact', vehicle), NULL_STATE
     for waypoint in WAYPOINTS:
         flight = fly(controller, allocator, RigidBody(vehicle), waypoint, 2.5, state=state)
@@ -140,7 +140,8 @@ def test_yaw_is_not_reversed_worked_out_by_hand():
         'avoid': [2.0, 1.0, 1.0, 0.0],
         'prevent': [2.0, 1.0, 1.0, 0.0]}
     for reversal, wrench in expected.items():
-        allocation = make_allocator('exact', UNIT_QUADROTOR, reversal=reversal).allocate(demand)
+        allocation = make_allocator(
+            'exact', UNIT_QUADROTOR, thrust_deviation=reversal).allocate(demand)
         np.testing.assert_allclose(allocation.wrench, wrench, atol=1e-12)
     # With 3 of thrust asked for at a weight of 2.4, g may go down to 0.7 only, unless prevented.
     heavier = AdmissibleSet(Vehicle.from_parameters(UNIT | {'vehicle.mass': 2.4 / 9.81}))

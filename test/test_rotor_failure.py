@@ -17,10 +17,9 @@ from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
 from ca_ros.problem.audit import audit
 from ca_ros.testing import Diagnostics, wrench
-from strategies import length
+from strategies import length, settings_of
 
 HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
 NEXT = Waypoint.of(1.2, 1.2, 1.06, 0.0)
@@ -137,7 +136,7 @@ def test_without_any_rotor_every_method_leaves_them_at_rest(method, health):
     batch = allocator.allocate_batch(np.zeros((3, m)))
     assert set(batch.status.tolist()) == {Status.INEXACT}
     np.testing.assert_array_equal(batch.speeds, np.zeros((3, 6)))
-    wrench = Controller.from_parameters(vehicle, load('hexarotor')).wrench(
+    wrench = Controller.from_settings(vehicle, settings_of({})).wrench(
         np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), np.zeros(3), NEXT)
     np.testing.assert_array_equal(wrench, np.zeros(m))
 

@@ -96,8 +96,8 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         for word in (f'--{option}', str(executable(name)))]
     bringup = graph.start(
         'bringup', '--duration', '1e6', '--fail', '1@1e5', '--namespace', namespace, *foreign,
-        '--out', str(tmp_path), '--ros-args', '-p', 'simulator.publish_clock:=enabled',
-        '-p', 'simulator.publish_odometry:=enabled')
+        '--out', str(tmp_path), '--ros-args', '-p', 'simulator.publish_clock:=true',
+        '-p', 'simulator.publish_odometry:=true')
     seen = {}
 
     def agree():

@@ -14,11 +14,11 @@ from ca_ros.bringup.summary import summarize
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
+from strategies import file_values
 from test_bringup import WAYPOINT, fly_offline
 
 HINT = '  hint          the machine may be too slow for real time'
-PARAMETERS = load('hexarotor')
+PARAMETERS = file_values('hexarotor')
 SHORT = Flown(
     fly_offline('exact', 0.5), 0.5, Counter(), Counter(), Counter(), PARAMETERS,
     Vehicle.from_parameters(PARAMETERS))
@@ -107,7 +107,7 @@ def test_a_busy_machine_is_hinted_at_in_real_time_alone(monkeypatch):
     monkeypatch.setattr(summary.os, 'getloadavg', lambda: (7.25, 0.0, 0.0))
     [hint] = lines()
     assert hint.startswith(f'{HINT} (load average 7.2 on 2')
-    assert lines(parameters=load('hexarotor') | {'mode': 'lockstep'}) == []
+    assert lines(parameters=file_values('hexarotor') | {'mode': 'lockstep'}) == []
 
 
 def test_faults_are_counted_and_explain_a_miss():

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.testing import Diagnostics, counts, wrench
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 from load import start_flood
 from strategies import PARAMETERS, length, ring
 

@@ -27,7 +27,7 @@ STEPS_MAX = 100
 @pytest.mark.parametrize('precision', ['double', 'single'])
 def test_no_wrench_comes_near_the_bounds_or_is_inexact(name, precision):
     faults = faults_of(Vehicle.load(name), ['single'])
-    firmware = Firmware.make(faults, checked(read(name)), precision)
+    firmware = Firmware.make(faults, checked(read(name)).allocation, precision)
     sample, searched, bounds = worst_case.measure(
         firmware, size=length(10_000, 100_000), generations=length(2, 10))
     for found in (sample, searched):

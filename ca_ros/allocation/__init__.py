@@ -20,7 +20,7 @@ from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.schema import names_class
+from ca_ros.settings import Settings, names_class
 from ca_ros.vehicle.vehicle import Vehicle
 
 ALLOCATORS: dict[str, type[Allocator]] = {
@@ -77,27 +77,34 @@ def make_allocator(
         the lost axes; wrenches then have the components ``allocator.problem.axes``.  The default
         is the value in the vehicle's parameter file.
     **options
-        Keyword arguments of the method's class.
+        The settings of the method, see its class.
 
     Raises
     ------
     ValueError
-        If there is no such method, or an option is wrong.
+        If there is no such method, or a setting is wrong.
     ParameterError
         If the vehicle is refused.
     TypeError
-        If the method has no such option.
+        If the method has no such setting.
     """
     kind = method_class(method)
     if isinstance(vehicle, Vehicle):
         vehicle = accept(vehicle, lost_axes).problem
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
-    if isinstance(vehicle, VehicleProblem) and vehicle.vehicle.powerless:
-        # The options must suit the rotors when they return.
-        kind(accept(vehicle.vehicle.with_health(1.0), 'drop').problem, **options)
-        return Powerless(vehicle)
-    return kind(vehicle, **options)
+    return allocator_with(kind, vehicle, kind.settings_type()(**options))
+
+
+def allocator_with(
+    kind: type[Allocator], problem: AllocationProblem, settings: Settings
+) -> Allocator:
+    """Return the allocator of a class and its settings; see `make_allocator`."""
+    if isinstance(problem, VehicleProblem) and problem.vehicle.powerless:
+        # The settings must suit the rotors when they return.
+        kind.made(accept(problem.vehicle.with_health(1.0), 'drop').problem, settings)
+        return Powerless(problem)
+    return kind.made(problem, settings)
 
 
 __all__ = [
@@ -107,6 +114,7 @@ __all__ = [
     'Allocator',
     'Powerless',
     'Status',
+    'allocator_with',
     'make_allocator',
     'method_class',
 ]

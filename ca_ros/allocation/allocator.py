@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Callable
+from inspect import Parameter, Signature, signature
+from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,22 +15,62 @@ from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem, lengths
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.schema import Parameter
+from ca_ros.settings import Settings
 from ca_ros.vehicle.vehicle import Vehicle
+
+P = ParamSpec('P')
+S = TypeVar('S')
+A = TypeVar('A')
+
+
+def takes_settings(
+    kind: Callable[P, S],
+) -> Callable[
+    [Callable[[A, Vehicle | AllocationProblem, S], None]],
+    Callable[Concatenate[A, Vehicle | AllocationProblem, P], None],
+]:
+    """Decorate the ``__init__`` of a method that takes a problem and the settings of a class.
+
+    The method then takes the settings as keyword arguments, or as one object after the problem.
+    They are its attribute `settings`.
+    """
+
+    def decorate(init: Any) -> Any:
+        def __init__(self: Any, problem: Any, settings: Any = None, /, **given: Any) -> None:
+            if settings is None:
+                settings = kind(**given)  # type: ignore[call-arg]
+            elif given:
+                raise TypeError(f'expected settings or {", ".join(given)}, got both')
+            # The method that is made, not its base class, has the settings.
+            self.__dict__.setdefault('settings', settings)
+            init(self, problem, settings)
+
+        first = [Parameter(name, Parameter.POSITIONAL_ONLY) for name in ('self', 'problem')]
+        given = signature(kind).parameters.values()
+        vars(__init__).update(__signature__=Signature([*first, *given]), settings_type=kind)
+        __init__.__doc__ = init.__doc__
+        return __init__
+
+    return decorate
 
 
 class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle, or u among the effectors of a problem.
 
     A method is a subclass that implements `_allocate`.  The result depends only on the wrench, not
-    on earlier wrenches.  The dict `parameters` of a method in `ALLOCATORS` declares its options as
-    parameters of the nodes: the option ``slack`` of ``exact`` is ``allocation.exact.slack``.
-    The parameters of one's own ``module:Class`` begin with ``allocation.Class.``.
+    on earlier wrenches.  A method with settings declares them in a subclass of `Settings`, which
+    its ``__init__`` takes (`takes_settings`).  In the file of a vehicle and on a node they are
+    ``allocation.METHOD.NAME``, where METHOD is the name in `ALLOCATORS`, or ``Class`` for one's
+    own ``module:Class``.
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
         A vehicle is audited (`ca_ros.problem.audit.accept`); a problem is not.
+
+    Attributes
+    ----------
+    settings : Settings
 
     Raises
     ------
@@ -37,7 +78,7 @@ class Allocator(ABC):
         If the vehicle cannot command every axis or cannot hover, and its `lost_axes` is 'refuse'.
     """
 
-    parameters: ClassVar[Mapping[str, Parameter]] = {}
+    settings: Settings
     solves: ClassVar[str] = ''
     """For the table in docs/parameters.md; if empty, it has the first line of the docstring."""
     guarantees: ClassVar[str] = 'the bounds'
@@ -45,10 +86,25 @@ class Allocator(ABC):
     engine: str = 'NumPy'
     """What works out the thrusts."""
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
+    @takes_settings(Settings)
+    def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
         self.problem = (
-            accept(vehicle).problem if isinstance(vehicle, Vehicle) else problem_of(vehicle)
+            accept(problem).problem if isinstance(problem, Vehicle) else problem_of(problem)
         )
+
+    @classmethod
+    def settings_type(cls) -> type[Settings]:
+        """Return the class of the settings."""
+        return getattr(cls.__init__, 'settings_type', Settings)
+
+    @classmethod
+    def made(cls, problem: AllocationProblem, settings: Settings) -> Allocator:
+        """Return an allocator for a problem, with settings of the class of `settings_type`."""
+        kind: Any = cls
+        # An `__init__` of one's own may take the problem alone.
+        taken = hasattr(cls.__init__, 'settings_type')
+        made: Allocator = kind(problem, settings) if taken else cls(problem)
+        return made
 
     def allocate(self, u: ArrayLike) -> Allocation:
         """Allocate one wrench.

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.named_axes import check_axes, mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.schema import Parameter, check
+from ca_ros.settings import Settings, setting
 from ca_ros.vehicle.vehicle import Vehicle
 
 WEAK = 1e-9
 """Rotors with a smaller share of thrust, relative to the greatest, do not limit the throttle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BetaflightMixerSettings(Settings):
+    """The settings of `BetaflightMixer`."""
+
+    airmode: bool = setting(
+        True, 'false: below half throttle the torques are scaled down', mutable=True
+    )
 
 
 class BetaflightMixer(Allocator):
@@ -36,9 +45,9 @@ class BetaflightMixer(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
         With the axis thrust, and no axes but those of a multirotor.
-    airmode : 'enabled' or 'disabled'
+    airmode : bool
 
     Raises
     ------
@@ -55,21 +64,14 @@ class BetaflightMixer(Allocator):
         'f = Gamma^+ u with the torques scaled to fit and the thrust shifted (as in Betaflight)'
     )
     guarantees = 'the bounds, and the direction of the torques with equal, parallel rotors'
-    parameters: ClassVar = {
-        'airmode': Parameter(
-            'disabled: below half throttle the torques are scaled down',
-            str,
-            default='enabled',
-            choices=('enabled', 'disabled'),
-            mutable=True,
-        ),
-    }
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem, airmode: str = 'enabled') -> None:
-        super().__init__(vehicle)
-        check('airmode', airmode, self.parameters)
+    @takes_settings(BetaflightMixerSettings)
+    def __init__(
+        self, problem: Vehicle | AllocationProblem, settings: BetaflightMixerSettings
+    ) -> None:
+        super().__init__(problem)
         check_axes('betaflight_mixer', self.problem)
-        self.airmode = airmode
+        self.airmode = settings.airmode
         problem = self.problem
         columns = mixer(problem)
         self._thrust = problem.axes.index('thrust')
@@ -113,7 +115,7 @@ class BetaflightMixer(Allocator):
 
     def _authority(self, throttle: float) -> float:
         """Return the share of the torques that the throttle allows."""
-        if self.airmode == 'enabled':
+        if self.airmode:
             return 1.0
         low, high = self._throttles(np.zeros(len(self._ends[0])))
         share = (throttle - low) / (high - low) if high > low else 1.0

@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
-from ca_ros.problem.numbers import numbers
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.schema import Parameter
+from ca_ros.settings import Numbers, ParameterError, Settings, setting
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEPS_PER_ROTOR = 10
 """Iteration limit of the active-set method, in case rounding errors make it cycle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConventionalSettings(Settings):
+    """The settings of `Conventional`."""
+
+    weight: Numbers = setting(
+        1e-4,
+        'Q of the conventional allocator, Eq. (18): q for Q = q I, the diagonal, or the matrix '
+        'row by row',
+        mutable=True,
+    )
+    reference: Literal['hover', 'zero'] | Numbers = setting(
+        'hover',
+        'f_ref of the conventional allocator, Eq. (18): hover thrusts, zero, or the thrusts [N]',
+        mutable=True,
+    )
 
 
 class Conventional(Allocator):
@@ -28,7 +44,7 @@ class Conventional(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
     weight : float, (n,) or (n * n,) or (n, n) array
         Q, symmetric and positive semidefinite: q for Q = q I, the diagonal, or the matrix.
     reference : 'hover', 'zero' or (n,) array
@@ -42,33 +58,15 @@ class Conventional(Allocator):
     """
 
     solves = 'quadratic program: min |f - f_ref|^2_Q + |Gamma f - u|^2 within the bounds'
-    parameters: ClassVar = {
-        'weight': Parameter(
-            'Q of the conventional allocator, Eq. (18): q for Q = q I, the diagonal, or the '
-            'matrix row by row',
-            array=True,
-            default=1e-4,
-            mutable=True,
-        ),
-        'reference': Parameter(
-            'f_ref of the conventional allocator, Eq. (18): hover thrusts, or zero',
-            str,
-            default='hover',
-            choices=('hover', 'zero'),
-            mutable=True,
-        ),
-    }
 
+    @takes_settings(ConventionalSettings)
     def __init__(
-        self,
-        vehicle: Vehicle | AllocationProblem,
-        weight: ArrayLike = 1e-4,
-        reference: str | ArrayLike = 'hover',
+        self, problem: Vehicle | AllocationProblem, settings: ConventionalSettings
     ) -> None:
-        super().__init__(vehicle)
+        super().__init__(problem)
         n = self.problem.n
-        self.weight = _weight(weight, n)
-        self.reference = _reference(reference, self.problem)
+        self.weight = _weight(settings.weight, n)
+        self.reference = _reference(settings.reference, self.problem)
         self.hessian = self.weight + self.problem.gamma.T @ self.problem.gamma
         curvatures = np.linalg.eigvalsh(self.hessian)
         if curvatures[0] < 1e-9 * curvatures[-1]:
@@ -114,8 +112,11 @@ class Conventional(Allocator):
         return thrusts
 
 
-def _weight(weight: ArrayLike, n: int) -> Array:
-    matrix = numbers('weight', weight)
+def _weight(weight: Numbers, n: int) -> Array:
+    try:
+        matrix = np.array(weight, dtype=float)
+    except ValueError:
+        matrix = np.zeros(0)
     if matrix.size == 1:
         matrix = float(matrix.reshape(())) * np.eye(n)
     elif matrix.shape == (n,):
@@ -123,34 +124,30 @@ def _weight(weight: ArrayLike, n: int) -> Array:
     elif matrix.shape == (n * n,):
         matrix = matrix.reshape(n, n)
     if matrix.shape != (n, n):
-        raise ValueError(
+        raise ParameterError(
             f'weight: expected 1, {n} or {n} x {n} numbers, got shape {np.shape(weight)}'
         )
     if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
-        raise ValueError('weight: expected a symmetric matrix')
+        raise ParameterError('weight: expected a symmetric matrix')
     curvatures = np.linalg.eigvalsh(matrix)
     if curvatures[0] < -1e-9 * max(abs(curvatures[-1]), np.finfo(float).tiny):
-        raise ValueError(
+        raise ParameterError(
             f'weight: expected a positive semidefinite matrix, got '
             f'an eigenvalue of {curvatures[0]:g}'
         )
     return matrix
 
 
-def _reference(reference: str | ArrayLike, problem: AllocationProblem) -> Array:
-    if isinstance(reference, str):
-        if reference not in ('hover', 'zero'):
-            raise ValueError(
-                f"reference: expected 'hover', 'zero' or {problem.n} thrusts, got {reference!r}"
-            )
-        if reference == 'zero':
-            return np.zeros(problem.n)
+def _reference(reference: str | Numbers, problem: AllocationProblem) -> Array:
+    if reference == 'hover':
         if isinstance(problem, VehicleProblem):
             return np.full(problem.n, problem.vehicle.weight / problem.n)
         return np.array(np.linalg.pinv(problem.gamma) @ problem.reference)
-    thrusts = numbers('reference', reference)
+    if reference == 'zero':
+        return np.zeros(problem.n)
+    thrusts = np.asarray(reference, dtype=float)
     if thrusts.shape != (problem.n,):
-        raise ValueError(
+        raise ParameterError(
             f"reference: expected 'hover', 'zero' or {problem.n} thrusts, got {reference!r}"
         )
     return thrusts

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
-from ca_ros.allocation.option_values import per_rotor, weights_per_rotor
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import INVALID, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.prioritization import ORDER, REVERSAL, REVERSALS, default_order, groups_of
+from ca_ros.problem.prioritization import PrioritiesSettings
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.schema import Parameter, check
+from ca_ros.settings import Numbers, ParameterError, check_ratio, repeated, setting
 from ca_ros.vehicle.vehicle import Vehicle
 
 POLICIES = {
@@ -49,6 +49,50 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExactSettings(PrioritiesSettings):
+    """The settings of `Exact`."""
+
+    policy: Literal['prioritize', 'scale', 'reject'] = setting(
+        'prioritize',
+        'what exact allocates for an unattainable wrench. prioritize: the axes in the order of '
+        'their priorities; scale: the wrench scaled towards hover; reject: nothing',
+        mutable=True,
+    )
+    scale_reference: Numbers | None = setting(None, 'the reference of scale', unit='N, N m')
+    residual_slack: float = setting(
+        1e-9,
+        'greatest error of an attainable wrench u, as a share of max(1, |u|). It is used only for '
+        'vehicles that are symmetric except for the rounding of their file',
+        minimum=0.0,
+        maximum=1e-2,
+        mutable=True,
+    )
+    weights: Numbers = setting(
+        1.0,
+        'weight of each rotor in the cost: one number, or one for each rotor, at most 1e4 times '
+        'each other; a rotor with a greater weight deviates less from its preferred thrust',
+        positive=True,
+        mutable=True,
+    )
+    preferred: Numbers = setting(
+        0.0,
+        'thrusts that the cost prefers: one number, or one for each rotor',
+        unit='N',
+        mutable=True,
+    )
+    solver: Literal['newton', 'osqp'] = setting(
+        'newton',
+        'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of OSQP. '
+        'Both end at the same thrusts',
+        mutable=True,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_ratio('weights', self.weights)
+
+
 class Exact(Allocator):
     """Allocate the wrench exactly, with the smallest thrusts, Eqs. (20)-(22).
 
@@ -60,20 +104,20 @@ class Exact(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
     policy : 'prioritize', 'scale' or 'reject'
         What to allocate for a wrench outside the admissible set: the result of
         `AdmissibleSet.prioritize`, the result of `AdmissibleSet.scale`, or nothing.
-    order : sequence of groups of axes, optional
+    order : sequence of groups of axes
         The priorities of 'prioritize'.
-    about : (m,) array, optional
+    scale_reference : (m,) array, optional
         The reference of 'scale' [N, N m].
     solver : 'newton' or 'osqp'
         Where the solver starts: at the pseudo-inverse or at the solution of OSQP.  Both end at the
         same thrusts, to rounding.  With 'osqp' the NumPy implementation solves the problem.
-    reversal : 'prevent', 'avoid' or 'allow'
+    thrust_deviation : 'prevent', 'avoid' or 'allow'
         An option of 'prioritize', see `AdmissibleSet.prioritize`.
-    slack : float
+    residual_slack : float
         Greatest error of an attainable wrench u, as a share of max(1, |u|).  It is used only where
         facets of the admissible set are almost parallel, because the vehicle is symmetric except
         for the rounding of its file.  There it keeps the thrusts from jumping.
@@ -98,123 +142,54 @@ class Exact(Allocator):
 
     solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'
     guarantees = 'the bounds, and Gamma f = u for every admissible u'
-    parameters: ClassVar = {
-        'policy': Parameter(
-            'what exact allocates for an unattainable wrench. prioritize: the axes in the order '
-            'of their priorities; scale: the wrench scaled towards hover; reject: nothing',
-            str,
-            default='prioritize',
-            choices=tuple(POLICIES),
-            mutable=True,
-        ),
-        'order': Parameter(
-            'priorities of prioritize: groups of axes, the most important first',
-            str,
-            array=True,
-            default=[' '.join(group) for group in ORDER],
-            mutable=True,
-        ),
-        'reversal': Parameter(
-            'how far thrust may deviate from its demand so that no axis after the first group is '
-            'reversed. prevent: as far as necessary; avoid: no further than hover; allow: not '
-            'at all',
-            str,
-            default=REVERSAL,
-            choices=REVERSALS,
-            mutable=True,
-        ),
-        'slack': Parameter(
-            'greatest error of an attainable wrench u, as a share of max(1, |u|). It is used '
-            'only for vehicles that are symmetric except for the rounding of their file',
-            default=1e-9,
-            minimum=0.0,
-            maximum=1e-2,
-            mutable=True,
-        ),
-        'weights': Parameter(
-            'weight of each rotor in the cost: one number, or one for each rotor; a rotor with a '
-            'greater weight deviates less from its preferred thrust',
-            array=True,
-            default=1.0,
-            positive=True,
-            mutable=True,
-        ),
-        'preferred': Parameter(
-            'thrusts that the cost prefers: one number, or one for each rotor [N]',
-            array=True,
-            default=0.0,
-            mutable=True,
-        ),
-        'solver': Parameter(
-            'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of '
-            'OSQP. Both end at the same thrusts',
-            str,
-            default='newton',
-            choices=('newton', 'osqp'),
-            mutable=True,
-        ),
-    }
+    settings: ExactSettings
 
-    def __init__(
-        self,
-        vehicle: Vehicle | AllocationProblem,
-        policy: str = 'prioritize',
-        order: Sequence[Sequence[str]] | None = None,
-        about: ArrayLike | None = None,
-        solver: str = 'newton',
-        reversal: str = REVERSAL,
-        slack: float = 1e-9,
-        weights: ArrayLike = 1.0,
-        preferred: ArrayLike = 0.0,
-    ) -> None:
-        super().__init__(vehicle)
-        for name, value in (
-            ('policy', policy),
-            ('solver', solver),
-            ('slack', slack),
-            ('reversal', reversal),
-        ):
-            check(name, value, self.parameters)
-        self.policy, self.order, self.reversal, self.about = policy, order, reversal, about
-        self.slack, self.solver = slack, solver
+    @takes_settings(ExactSettings)
+    def __init__(self, problem: Vehicle | AllocationProblem, settings: ExactSettings) -> None:
+        super().__init__(problem)
         problem = self.problem
         self._n = problem.n
-        self.weights = weights_per_rotor('weights', weights, problem.n, self.parameters)
-        self.preferred = per_rotor('preferred', preferred, problem.n, self.parameters)
-        preference = None
+        self.weights = repeated('weights', settings.weights, problem.n)
+        self.preferred = repeated('preferred', settings.preferred, problem.n)
         limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())
         if np.abs(self.preferred).max() > limit:
-            raise ValueError(
+            raise ParameterError(
                 f'preferred: expected thrusts up to {limit:g}, got {self.preferred.tolist()}'
             )
+        preference = None
         if np.any(self.weights != 1.0) or np.any(self.preferred != 0.0):
             preference = self.weights, self.preferred
         self._preference = preference
-        axes = problem.axes
-        groups = default_order(axes) if order is None else groups_of(order, axes)
+        axes, about = problem.axes, settings.scale_reference
+        groups: Sequence[Sequence[str]] = settings.groups(axes)
         if about is not None:
             self.admissible.check_reference(about)
-        kernel = chosen(problem.n, len(axes)) if solver == 'newton' else None
-        status = POLICIES[policy]
-        if policy == 'prioritize':
+        kernel = chosen(problem.n, len(axes)) if settings.solver == 'newton' else None
+        status, reversal = POLICIES[settings.policy], settings.thrust_deviation
+        if settings.policy == 'prioritize':
             reference, inside = problem.reference, False
         else:
             groups, reversal, inside = (axes,), 'allow', True
             reference = self.admissible.reference if about is None else problem.check(about)
         self.setting = Setting(
-            groups, reversal, reference, inside, status, slack, *(preference or ())
+            groups,
+            reversal,
+            reference,
+            inside,
+            status,
+            settings.residual_slack,
+            *(preference or ()),
         )
         self.engine = 'C' if kernel else 'NumPy'
         self._engine = (
             kernel_for(kernel, problem, self.setting)
             if kernel
-            else NumpyEngine(problem, self.setting, solver == 'osqp')
+            else NumpyEngine(problem, self.setting, settings.solver == 'osqp')
         )
 
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:
         # The kernel cannot be copied; its set-up takes microseconds.
-        options = (self.policy, self.order, self.about, self.solver, self.reversal, self.slack)
-        return type(self), (self.problem, *options, self.weights, self.preferred)
+        return type(self), (self.problem, self.settings)
 
     @cached_property
     def admissible(self) -> AdmissibleSet:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 
 
 def check_axes(method: str, problem: AllocationProblem) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.settings import Settings
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -20,8 +21,9 @@ class PseudoInverse(Allocator):
 
     solves = 'f = sat(Gamma^+ u)'
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        super().__init__(vehicle)
+    @takes_settings(Settings)
+    def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
+        super().__init__(problem)
         # Without the columns of lost rotors, the others produce the whole wrench.
         lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)
         self._columns = self.problem.gamma * ~lost

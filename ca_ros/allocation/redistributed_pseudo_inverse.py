@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.option_values import weights_per_rotor, whole
+from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.result import Allocation
-from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse, weighted_inverse
+from ca_ros.allocation.weighted_pseudo_inverse import (
+    WeightedPseudoInverseSettings,
+    weighted_inverse,
+)
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
-from ca_ros.schema import Parameter
+from ca_ros.settings import repeated, setting
 from ca_ros.vehicle.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True)
+class RedistributedPseudoInverseSettings(WeightedPseudoInverseSettings):
+    """The settings of `RedistributedPseudoInverse`."""
+
+    iterations: int = setting(
+        100, 'greatest number of pseudo-inverses for one wrench', minimum=1, mutable=True
+    )
 
 
 class RedistributedPseudoInverse(Allocator):
@@ -27,10 +37,10 @@ class RedistributedPseudoInverse(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
     weights : float or (n,) array
         As for `WeightedPseudoInverse`.
-    iterations : float
+    iterations : int
         Greatest number of pseudo-inverses for one wrench.  With 1 the method is the clipped
         pseudo-inverse.
 
@@ -52,25 +62,14 @@ class RedistributedPseudoInverse(Allocator):
         'f = sat(Gamma^+ u), repeated for the rotors that are not saturated (cascaded '
         'generalised inverse)'
     )
-    parameters: ClassVar = {
-        **WeightedPseudoInverse.parameters,
-        'iterations': Parameter(
-            'greatest number of pseudo-inverses for one wrench',
-            default=100.0,
-            minimum=1.0,
-            mutable=True,
-        ),
-    }
 
+    @takes_settings(RedistributedPseudoInverseSettings)
     def __init__(
-        self,
-        vehicle: Vehicle | AllocationProblem,
-        weights: ArrayLike = 1.0,
-        iterations: float = 100.0,
+        self, problem: Vehicle | AllocationProblem, settings: RedistributedPseudoInverseSettings
     ) -> None:
-        super().__init__(vehicle)
-        self.weights = weights_per_rotor('weights', weights, self.problem.n, self.parameters)
-        self.iterations = whole('iterations', iterations, self.parameters)
+        super().__init__(problem)
+        self.weights = repeated('weights', settings.weights, self.problem.n)
+        self.iterations = settings.iterations
         # Rotors that cannot change their thrust are saturated from the start.
         self._movable = self.problem.half_range > 0.0
         self._rounding = EXACT_TOLERANCE * np.maximum(1.0, np.abs(self.problem.upper))

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.named_axes import check_axes, mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.schema import Parameter, check
+from ca_ros.settings import Settings, setting
 from ca_ros.vehicle.vehicle import Vehicle
-
-AIRMODES = ('disabled', 'roll_pitch', 'roll_pitch_yaw')
 
 WEAK = 0.2
 """Rotors whose normalised entry of a mixer column is smaller do not decide how far it is used."""
@@ -24,6 +23,15 @@ YAW_MARGIN = 0.15
 
 FOLD_MIN = 1e-3
 """Least relief of the worst saturation for which yaw is mixed early, as a share of the range."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequentialDesaturationSettings(Settings):
+    """The settings of `SequentialDesaturation`."""
+
+    airmode: Literal['disabled', 'roll_pitch', 'roll_pitch_yaw'] = setting(
+        'disabled', 'for which axes thrust may be raised. disabled: none', mutable=True
+    )
 
 
 class SequentialDesaturation(Allocator):
@@ -48,7 +56,7 @@ class SequentialDesaturation(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
         With the axis thrust, and no axes but those of a multirotor.
     airmode : 'disabled', 'roll_pitch' or 'roll_pitch_yaw'
 
@@ -67,21 +75,14 @@ class SequentialDesaturation(Allocator):
         'f = Gamma^+ u, moved along thrust, roll, pitch and yaw until it is within the '
         'bounds, by the airmode (as in PX4)'
     )
-    parameters: ClassVar = {
-        'airmode': Parameter(
-            'for which axes thrust may be raised. disabled: none',
-            str,
-            default='disabled',
-            choices=AIRMODES,
-            mutable=True,
-        ),
-    }
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem, airmode: str = 'disabled') -> None:
-        super().__init__(vehicle)
-        check('airmode', airmode, self.parameters)
+    @takes_settings(SequentialDesaturationSettings)
+    def __init__(
+        self, problem: Vehicle | AllocationProblem, settings: SequentialDesaturationSettings
+    ) -> None:
+        super().__init__(problem)
         check_axes('sequential_desaturation', self.problem)
-        self.airmode = airmode
+        self.airmode = settings.airmode
         problem = self.problem
         self._columns = mixer(problem)
         self._strong = _strong(self._columns)

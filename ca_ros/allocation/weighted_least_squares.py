@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.option_values import weights_per_rotor, whole
+from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.schema import Parameter, check
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.settings import (
+    Numbers,
+    ParameterError,
+    Settings,
+    Words,
+    check_ratio,
+    repeated,
+    setting,
+)
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
@@ -25,6 +32,38 @@ RATIO_MAX = 1e10
 
 ROUNDING = 1e-10
 """Size of multipliers that count as zero, relative to their terms."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeightedLeastSquaresSettings(Settings):
+    """The settings of `WeightedLeastSquares`."""
+
+    gamma: float = setting(
+        1e6, 'weight of the wrench against the preferred thrusts', positive=True, mutable=True
+    )
+    wu: Numbers = setting(
+        1.0,
+        'Wu: weight of each deviation from a preferred thrust, one number, or one for each rotor, '
+        'at most 1e4 times each other',
+        positive=True,
+        mutable=True,
+    )
+    wv: Words | Numbers = setting(
+        WV, 'Wv: weights of the axes; an axis that is not named has the weight 1', mutable=True
+    )
+    preferred: Literal['zero', 'minimum', 'middle'] | Numbers = setting(
+        'zero',
+        'preferred thrusts. zero: none; minimum: the lower bounds; middle: the middles of the '
+        'bounds; or numbers [N]',
+        mutable=True,
+    )
+    iterations: int = setting(
+        100, 'greatest number of least-squares problems for one wrench', minimum=1, mutable=True
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_ratio('wu', self.wu)
 
 
 class WeightedLeastSquares(Allocator):
@@ -38,7 +77,7 @@ class WeightedLeastSquares(Allocator):
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
     gamma : float
         Weight of the wrench against the preferred thrusts.  The default is that of QCAT, the
         toolbox of the author of [1]_.
@@ -51,7 +90,7 @@ class WeightedLeastSquares(Allocator):
     preferred : 'zero', 'minimum', 'middle' or (n,) array
         f_p [N]: no thrust (the default of Paparazzi [3]_), the lower bounds, the middles of the
         bounds, or numbers.
-    iterations : float
+    iterations : int
         Greatest number of least-squares problems for one wrench.
 
     Raises
@@ -73,64 +112,20 @@ class WeightedLeastSquares(Allocator):
         'min |Wu (f - f_p)|^2 + gamma |Wv (Gamma f - u)|^2 within the bounds, by an '
         'active set (as in Paparazzi)'
     )
-    parameters: ClassVar = {
-        'gamma': Parameter(
-            'weight of the wrench against the preferred thrusts',
-            default=1e6,
-            positive=True,
-            mutable=True,
-        ),
-        'wu': Parameter(
-            'Wu: weight of each deviation from a preferred thrust, one number, or one for each '
-            'rotor',
-            array=True,
-            default=1.0,
-            positive=True,
-            mutable=True,
-        ),
-        'wv': Parameter(
-            'Wv: weights of the axes; an axis that is not named has the weight 1',
-            str,
-            array=True,
-            default=list(WV),
-            mutable=True,
-        ),
-        'preferred': Parameter(
-            'preferred thrusts. zero: none; minimum: the lower bounds; middle: the middles of '
-            'the bounds',
-            str,
-            default='zero',
-            choices=('zero', 'minimum', 'middle'),
-            mutable=True,
-        ),
-        'iterations': Parameter(
-            'greatest number of least-squares problems for one wrench',
-            default=100.0,
-            minimum=1.0,
-            mutable=True,
-        ),
-    }
 
+    @takes_settings(WeightedLeastSquaresSettings)
     def __init__(
-        self,
-        vehicle: Vehicle | AllocationProblem,
-        gamma: float = 1e6,
-        wu: ArrayLike = 1.0,
-        wv: Sequence[str] | ArrayLike = WV,
-        preferred: str | ArrayLike = 'zero',
-        iterations: float = 100.0,
+        self, problem: Vehicle | AllocationProblem, settings: WeightedLeastSquaresSettings
     ) -> None:
-        super().__init__(vehicle)
-        problem, table = self.problem, self.parameters
-        check('gamma', gamma, table)
-        self.gamma = float(gamma)
-        self.wu = weights_per_rotor('wu', wu, problem.n, table)
-        self.wv = _weights(wv, problem.axes)
-        self.preferred = _preferred(preferred, problem)
-        self.iterations = whole('iterations', iterations, table)
-        self._scale = np.sqrt(self.gamma) * self.wv
+        super().__init__(problem)
+        problem = self.problem
+        self.wu = repeated('wu', settings.wu, problem.n)
+        self.wv = _weights(settings.wv, problem.axes)
+        self.preferred = _preferred(settings.preferred, problem)
+        self.iterations = settings.iterations
+        self._scale = np.sqrt(settings.gamma) * self.wv
         if self._scale.max() > RATIO_MAX * self.wu.min():
-            raise ValueError(
+            raise ParameterError(
                 f'gamma: sqrt(gamma) Wv, up to {self._scale.max():g}, is more than {RATIO_MAX:g} '
                 f'times Wu, {self.wu.min():g}, too much for the digits of the thrusts'
             )
@@ -185,45 +180,33 @@ class WeightedLeastSquares(Allocator):
         return thrusts
 
 
-def _weights(wv: Sequence[str] | ArrayLike, axes: Sequence[str]) -> Array:
+def _weights(wv: Words | Numbers, axes: Sequence[str]) -> Array:
     """Return the diagonal of Wv (m,)."""
-    words = [wv] if isinstance(wv, str) else wv
-    if not (isinstance(words, Sequence) and all(isinstance(word, str) for word in words)):
-        numbers = np.asarray(wv, dtype=float)
-        if numbers.shape not in ((), (len(axes),)):
-            raise ValueError(
-                f'wv: expected 1 or {len(axes)} numbers ({", ".join(axes)}), got shape '
-                f'{numbers.shape}'
-            )
+    words = wv if isinstance(wv, tuple) else (wv,)
+    if not all(isinstance(word, str) for word in words):
+        numbers = repeated('wv', wv, len(axes), f'axis ({", ".join(axes)})')
     else:
         given: dict[str, float] = {}
         for word in words:
             name, _, number = str(word).partition(' ')
             if name in given or name not in (*axes, *AXES):
                 known = ', '.join(dict.fromkeys((*axes, *AXES)))
-                raise ValueError(f'wv: expected each axis once, of {known}; got {word!r}')
+                raise ParameterError(f'wv: expected each axis once, of {known}; got {word!r}')
             try:
                 given[name] = float(number)
             except ValueError:
-                raise ValueError(
+                raise ParameterError(
                     f"wv: expected an axis and its weight, such as 'roll 1000', got {word!r}"
                 ) from None
         numbers = np.array([given.get(axis, 1.0) for axis in axes])
     if not (np.isfinite(numbers).all() and (numbers >= 0.0).all() and (numbers > 0.0).any()):
-        raise ValueError(f'wv: expected finite weights, at least 0 and not all 0, got {wv!r}')
-    return constant(np.broadcast_to(numbers, (len(axes),)))
+        raise ParameterError(f'wv: expected finite weights, at least 0 and not all 0, got {wv!r}')
+    return constant(numbers)
 
 
-def _preferred(preferred: str | ArrayLike, problem: AllocationProblem) -> Array:
+def _preferred(preferred: str | Numbers, problem: AllocationProblem) -> Array:
     """Return the preferred thrusts (n,) [N]."""
     if isinstance(preferred, str):
-        check('preferred', preferred, WeightedLeastSquares.parameters)
         named = {'zero': np.zeros(problem.n), 'minimum': problem.lower, 'middle': problem.middle}
         return constant(named[preferred])
-    thrusts = np.asarray(preferred, dtype=float)
-    if thrusts.shape not in ((), (problem.n,)) or not np.isfinite(thrusts).all():
-        raise ValueError(
-            f"preferred: expected 'zero', 'minimum', 'middle' or {problem.n} finite numbers, "
-            f'got {preferred!r}'
-        )
-    return constant(np.broadcast_to(thrusts, (problem.n,)))
+    return repeated('preferred', preferred, problem.n)

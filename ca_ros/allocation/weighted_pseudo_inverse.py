@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ca_ros.allocation.option_values import weights_per_rotor
+from ca_ros.allocation.allocator import takes_settings
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.schema import Parameter
+from ca_ros.settings import Numbers, Settings, check_ratio, repeated, setting
 from ca_ros.vehicle.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeightedPseudoInverseSettings(Settings):
+    """The settings of `WeightedPseudoInverse`."""
+
+    weights: Numbers = setting(
+        1.0,
+        'weight of each rotor in the norm of the thrusts: one number, or one for each rotor, at '
+        'most 1e4 times each other',
+        positive=True,
+        mutable=True,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_ratio('weights', self.weights)
 
 
 class WeightedPseudoInverse(PseudoInverse):
@@ -24,7 +40,7 @@ class WeightedPseudoInverse(PseudoInverse):
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
     weights : float or (n,) array
         The diagonal of W, positive, at most 1e4 times each other.  If all are equal, the method is
         `PseudoInverse`.
@@ -40,19 +56,13 @@ class WeightedPseudoInverse(PseudoInverse):
     """
 
     solves = 'f = sat(W^-1 (Gamma W^-1)^+ u), W the `weights` of the rotors'
-    parameters: ClassVar = {
-        'weights': Parameter(
-            'weight of each rotor in the norm of the thrusts: one number, or one for each rotor',
-            array=True,
-            default=1.0,
-            positive=True,
-            mutable=True,
-        ),
-    }
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem, weights: ArrayLike = 1.0) -> None:
-        super().__init__(vehicle)
-        self.weights = weights_per_rotor('weights', weights, self.problem.n, self.parameters)
+    @takes_settings(WeightedPseudoInverseSettings)
+    def __init__(
+        self, problem: Vehicle | AllocationProblem, settings: WeightedPseudoInverseSettings
+    ) -> None:
+        super().__init__(problem)
+        self.weights = repeated('weights', settings.weights, self.problem.n)
         self.inverse = weighted_inverse(self._columns, self.weights)
 
 

@@ -8,8 +8,11 @@ from typing import Any
 
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
-from ca_ros.nodes.parameters import DECLARED
-from ca_ros.vehicle.parameters import VEHICLE
+from ca_ros.nodes.settings import DECLARED
+from ca_ros.settings import table
+from ca_ros.vehicle.settings import MovingVehicleSettings
+
+VEHICLE = table(MovingVehicleSettings)
 
 REFERENCE_ORDER = ('allocator', 'controller', 'simulator')
 """The others are compared with the first of these nodes that declares a parameter."""
@@ -100,7 +103,8 @@ def not_compared(
     """
     found = []
     for node in NODES:
-        names = [name for name in (*asked, *VEHICLE) if name in DECLARED[node]]
+        declared = table(DECLARED[node])
+        names = [name for name in (*asked, *VEHICLE) if name in declared]
         lacking = [name for name in names if name not in parameters[node]]
         if not parameters[node]:
             found.append(

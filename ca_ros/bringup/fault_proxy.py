@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from array import array
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from math import inf
 from typing import Any
@@ -15,14 +15,14 @@ from rclpy.clock_type import ClockType
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.bringup.link_faults import FAULTS, Faults, Link, corrupted, links
+from ca_ros.bringup.link_faults import Faults, FaultSettings, Link, corrupted
 from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import mismatch
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.topics import LINKS
-from ca_ros.schema import Parameter, ParameterError
+from ca_ros.settings import ParameterError, Settings, table
 
 PREFIX = 'faulty/'
 
@@ -54,7 +54,7 @@ links, to cut only the first, and to restore them:
 class FaultProxyNode(ParameterNode):
     """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
 
-    declared = known = FAULTS
+    declared = known = FaultSettings
 
     def __init__(self, node_name: str = 'fault_proxy', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -64,7 +64,7 @@ class FaultProxyNode(ParameterNode):
         self._faults: dict[str, Faults] = {}
         self._in: dict[str, Subscription] = {}
         if self.unknown:
-            names = ', '.join(FAULTS)
+            names = ', '.join(table(FaultSettings))
             raise ParameterError(f'{self.unknown[0]}: no such parameter ({names})')
 
     def start(self) -> None:
@@ -87,9 +87,9 @@ class FaultProxyNode(ParameterNode):
         self._diagnostics = DiagnosticsPublisher(self, hardware_id='link')
         self.create_timer(1.0, self._diagnose, clock=self._steady)
 
-    def build(self, parameters: dict[str, Any]) -> dict[str, Faults]:
+    def build(self, settings: FaultSettings) -> dict[str, Faults]:
         """Return the faults of each link."""
-        return links(parameters)
+        return settings.links()
 
     def adopt(self, built: dict[str, Faults]) -> None:
         """Apply these faults from the next message on."""
@@ -170,17 +170,17 @@ def _numbers(message: Any) -> list[tuple[Any, str]]:
 
 
 def _parse(
-    prog: str, description: str, argv: Sequence[str], declared: Mapping[str, Parameter]
+    prog: str, description: str, argv: Sequence[str], declared: type[Settings]
 ) -> list[str]:
     """Return the arguments for ROS; the node has none of its own."""
-    table = '\n'.join(
-        f'  {name:<12} {parameter.description}; {parameter.range()}'
-        for name, parameter in declared.items()
+    lines = '\n'.join(
+        f'  {name:<12} {field.description}; {field.range()}'
+        for name, field in table(declared).items()
     )
     parser = argparse.ArgumentParser(
         prog=prog,
         description=description,
-        epilog=f'parameters:\n{table}\n\n{GUIDE}',
+        epilog=f'parameters:\n{lines}\n\n{GUIDE}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     own, ros = split(argv)

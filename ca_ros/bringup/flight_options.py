@@ -10,7 +10,7 @@ from ca_ros.arguments import finite
 from ca_ros.flight.rotor_failures import ANNOUNCE, LATEST, RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import COLUMNS, Trajectory
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 
 POSITION, HEADING = (1.0, 1.0, 1.0), 45.0
 """The paper's waypoint [m, degrees]."""

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from heapq import heappop, heappush
 from math import copysign, inf, nan
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
-from ca_ros.schema import Parameter, ParameterError, check_given, complete
+from ca_ros.settings import Numbers, ParameterError, Settings, Words, repeated, setting
 
 Message = TypeVar('Message')
 
@@ -31,39 +31,73 @@ LINK_CORRUPTIONS: dict[str, tuple[str, ...]] = {
 HUGE = 1e12
 
 
-def _share(description: str) -> Parameter:
-    return Parameter(description, array=True, default=0.0, minimum=0.0, maximum=1.0, mutable=True)
+@dataclass(frozen=True, kw_only=True)
+class FaultSettings(Settings):
+    """The faults of the links; shares and times are given once, or for each topic."""
 
-
-def _time(description: str) -> Parameter:
-    return Parameter(description, array=True, default=0.0, minimum=0.0, maximum=60.0, mutable=True)
-
-
-FAULTS: dict[str, Parameter] = {
-    'topics': Parameter(
-        'topics that are faulty',
-        str,
-        array=True,
-        default=list(LINK_CORRUPTIONS),
-        choices=tuple(LINK_CORRUPTIONS),
-    ),
-    'seed': Parameter('the faults of a message depend on seed, topic and number', default=0.0),
-    'drop': _share('share of the messages that are lost'),
-    'duplicate': _share('share that is sent twice'),
-    'reorder': _share('share that is sent after the next message'),
-    'corrupt': _share('share that is damaged'),
-    'delay': _time('delay of each message [s]'),
-    'jitter': _time('greatest random addition to the delay [s]'),
-    'corruptions': Parameter(
+    topics: Words = setting(
+        list(LINK_CORRUPTIONS), 'topics that are faulty', choices=tuple(LINK_CORRUPTIONS)
+    )
+    seed: int = setting(0, 'the faults of a message depend on seed, topic and number')
+    drop: Numbers = setting(
+        0.0, 'share of the messages that are lost', minimum=0.0, maximum=1.0, mutable=True
+    )
+    duplicate: Numbers = setting(
+        0.0, 'share that is sent twice', minimum=0.0, maximum=1.0, mutable=True
+    )
+    reorder: Numbers = setting(
+        0.0, 'share that is sent after the next message', minimum=0.0, maximum=1.0, mutable=True
+    )
+    corrupt: Numbers = setting(
+        0.0, 'share that is damaged', minimum=0.0, maximum=1.0, mutable=True
+    )
+    delay: Numbers = setting(
+        0.0, 'delay of each message', unit='s', minimum=0.0, maximum=60.0, mutable=True
+    )
+    jitter: Numbers = setting(
+        0.0,
+        'greatest random addition to the delay',
+        unit='s',
+        minimum=0.0,
+        maximum=60.0,
+        mutable=True,
+    )
+    corruptions: Words = setting(
+        list(CORRUPTIONS),
         'kinds of damage; each topic has those that its type allows',
-        str,
-        array=True,
-        default=list(CORRUPTIONS),
         choices=CORRUPTIONS,
         mutable=True,
-    ),
-}
-"""Parameters of the proxy; shares and times are given once, or for each topic."""
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = _listed(self.topics)
+        if not names or len({*names}) < len(names):
+            raise ParameterError(f'topics: expected different topics, got {names}')
+        for name in AMOUNTS:
+            repeated(name, getattr(self, name), len(names), 'topic')
+
+    def links(self) -> dict[str, Faults]:
+        """Return the faults of each topic."""
+        names, corruptions = _listed(self.topics), _listed(self.corruptions)
+        columns = {
+            name: repeated(name, getattr(self, name), len(names), 'topic').tolist()
+            for name in AMOUNTS
+        }
+        return {
+            topic: Faults(
+                topic,
+                # As a number with a point: the random numbers depend on its digits.
+                float(self.seed),
+                corruptions=tuple(kind for kind in LINK_CORRUPTIONS[topic] if kind in corruptions),
+                **{name: column[i] for name, column in columns.items()},
+            )
+            for i, topic in enumerate(names)
+        }
+
+
+AMOUNTS = ('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter')
+"""The settings that are given once, or for each topic."""
 
 
 FAULT_KINDS = ('dropped', 'duplicated', 'delayed', 'reordered', 'corrupted')
@@ -109,7 +143,7 @@ class Fate:
 
 @dataclass(frozen=True)
 class Faults:
-    """The faults of one link; see `FAULTS`."""
+    """The faults of one link; see `FaultSettings`."""
     topic: str
     seed: float = 0.0
     drop: float = 0.0
@@ -123,8 +157,7 @@ class Faults:
     @property
     def active(self) -> dict[str, float]:
         """Shares and times that are not zero, by name."""
-        names = ('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter')
-        return {name: getattr(self, name) for name in names if getattr(self, name)}
+        return {name: getattr(self, name) for name in AMOUNTS if getattr(self, name)}
 
     def fate(self, k: int) -> Fate:
         """Return the fate of message k, which does not depend on any other message.
@@ -153,43 +186,8 @@ def _draws(seed: float, topic: str, k: int) -> tuple[float, ...]:
     return tuple((word >> 11) * 2.0**-53 for word in words)
 
 
-def links(given: Mapping[str, Any]) -> dict[str, Faults]:
-    """Return the faults of each topic from parameters by name.
-
-    Raises
-    ------
-    ParameterError
-        If a name or a value is wrong; the message names it.
-    """
-    check_given(given, FAULTS)
-    p: dict[str, Any] = complete(given, FAULTS)
-    names, corruptions = _words(p.pop('topics')), _words(p.pop('corruptions'))
-    if not names or len(set(names)) < len(names):
-        raise ParameterError(f'topics: expected different topics, got {names}')
-    seed = p.pop('seed')
-    columns = {name: _one_each(name, value, len(names)) for name, value in p.items()}
-    return {
-        topic: Faults(
-            topic,
-            seed,
-            corruptions=tuple(kind for kind in LINK_CORRUPTIONS[topic] if kind in corruptions),
-            **{name: column[i] for name, column in columns.items()},
-        )
-        for i, topic in enumerate(names)
-    }
-
-
-def _words(value: Any) -> list[str]:
-    return [value] if isinstance(value, str) else list(value)
-
-
-def _one_each(name: str, value: Any, n: int) -> list[float]:
-    values = value if isinstance(value, list) else [value]
-    if len(values) not in (1, n):
-        raise ParameterError(
-            f'{name}: expected 1 number, or one for each of {n} topics, got {len(values)}'
-        )
-    return values * n if len(values) == 1 else values
+def _listed(words: str | Sequence[str]) -> list[str]:
+    return [words] if isinstance(words, str) else list(words)
 
 
 def corrupted(numbers: list[float], corruption: str, place: float) -> list[float]:

@@ -11,11 +11,12 @@ from pathlib import Path
 from ca_ros.allocation import ALLOCATORS, method_class
 from ca_ros.arguments import HelpFormatter, finite, renamed
 from ca_ros.bringup.flight_options import add_options, failures_of, trajectory_of
-from ca_ros.bringup.link_faults import FAULTS
+from ca_ros.bringup.link_faults import FaultSettings
 from ca_ros.bringup.plan import Plan
 from ca_ros.flight.figures import add_options as add_figure_options
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split
-from ca_ros.nodes.parameters import NODE
+from ca_ros.nodes.settings import NodeSettings
+from ca_ros.settings import table
 
 REPLACEMENTS = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}
 """The options that start a program of one's own, and the node whose place it takes."""
@@ -47,7 +48,7 @@ def parse(argv: Sequence[str]) -> Plan:
     )
     parser.add_argument(
         '--mode',
-        choices=NODE['mode'].choices,
+        choices=table(NodeSettings)['mode'].choices,
         help="follow the clock, or step as fast as possible (default: the parameter file's)",
     )
     parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
@@ -162,7 +163,7 @@ def _faults(text: str) -> list[str]:
     words = _words(text)
     for word in words:
         name, assigned, _ = word.partition(':=')
-        if not assigned or name not in FAULTS:
+        if not assigned or name not in table(FaultSettings):
             raise argparse.ArgumentTypeError(f'{word} is not a parameter of fault_proxy')
         if name == 'topics':
             raise argparse.ArgumentTypeError('topics: bringup always uses all four')

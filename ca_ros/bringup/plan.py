@@ -14,7 +14,7 @@ from ca_ros.flight.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments
-from ca_ros.nodes.parameters import DECLARED
+from ca_ros.nodes.settings import DECLARED
 from ca_ros.vehicle.files import ParameterFile
 
 

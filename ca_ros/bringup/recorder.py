@@ -18,12 +18,13 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import speeds_stamp
-from ca_ros.nodes.parameters import DECLARED
 from ca_ros.nodes.qos import STANDING, offered
+from ca_ros.nodes.settings import DECLARED
 from ca_ros.nodes.topics import Topic
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.parameters import Call, ParameterClient
 from ca_ros.process.samples import SAMPLED, Samples
+from ca_ros.settings import table
 
 LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
 
@@ -56,7 +57,7 @@ class Recorder(Node):
         self._parameter_clients = {node: ParameterClient(self, node) for node in DECLARED}
         # The names of a program's parameters come first: a request of others has no values.
         self._names: dict[str, list[str]] = {
-            node: [*DECLARED[node]] for node in DECLARED if node not in foreign
+            node: [*table(DECLARED[node])] for node in DECLARED if node not in foreign
         }
         self._calls: dict[str, Call[list[Any]]] = {
             node: client.get(self._names[node]) if node in self._names else client.names()
@@ -143,7 +144,9 @@ class Recorder(Node):
         if node in self._names:
             self.parameters[node] = dict(zip(self._names[node], answer, strict=True))
         else:
-            self._names[node] = [name for name in DECLARED[node] if name in answer]
+            self._names[node] = [
+                name for name in table(DECLARED[node]) if name in answer
+            ]
             self._calls[node] = self._parameter_clients[node].get(self._names[node])
 
     def send(self, waypoint: Waypoint) -> None:

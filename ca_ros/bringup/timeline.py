@@ -15,7 +15,7 @@ from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.parameters import ParameterClient
-from ca_ros.vehicle.values import per_rotor
+from ca_ros.settings import repeated
 
 TIMEOUT = 60.0
 """Time limit for a node to accept a parameter [s]."""
@@ -74,7 +74,7 @@ class Timeline:
                 'trajectories need'
             )
         self._health = {
-            name: per_rotor(parameters[name], 'rotors.health', n)
+            name: repeated('rotors.health', parameters[name]['rotors.health'], n)
             for name in NODES
             if 'rotors.health' in parameters[name]
         }

@@ -21,7 +21,7 @@ from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 from ca_ros.solver.polytope import Polytope
 from ca_ros.vehicle.failures import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle

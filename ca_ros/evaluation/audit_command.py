@@ -9,10 +9,10 @@ from itertools import zip_longest
 
 import numpy as np
 
-from ca_ros.nodes.parameters import ALLOCATOR, load
+from ca_ros.nodes.settings import AllocatorSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.commandable import lift, unit
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -35,7 +35,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def run(options: argparse.Namespace) -> int:
     """Print the audit; return the exit code."""
     try:
-        load(options.vehicle, table=ALLOCATOR)
+        load_for(AllocatorSettings, options.vehicle)
         vehicle = Vehicle.load(options.vehicle)
         if options.fail is not None:
             try:

@@ -5,14 +5,18 @@ from __future__ import annotations
 import signal
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator, make_allocator
-from ca_ros.allocation.options import options_from_parameters
-from ca_ros.allocation.parameters import ALLOCATION, own_parameters
+from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
+from ca_ros.allocation.settings import (
+    MethodSettings,
+    allocator_of,
+    own_methods,
+    with_methods,
+)
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
@@ -21,13 +25,21 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.nodes.parameters import PARAMETERS, load
+from ca_ros.nodes.settings import FileSettings, with_own_methods
 from ca_ros.problem.audit import accept, audit
 from ca_ros.problem.files import read_problem
-from ca_ros.problem.prioritization import default_order
 from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of
-from ca_ros.schema import Parameter, ParameterError, check_given, complete, names_class
-from ca_ros.vehicle.files import read_value
+from ca_ros.settings import (
+    Field,
+    ParameterError,
+    check_given,
+    flat,
+    names_class,
+    read,
+    renamed,
+    table,
+)
+from ca_ros.vehicle import files
 from ca_ros.vehicle.vehicle import Vehicle
 
 PAPER = ('exact', 'pseudo_inverse', 'conventional', 'direct')
@@ -35,8 +47,6 @@ PAPER = ('exact', 'pseudo_inverse', 'conventional', 'direct')
 
 SETS = {'paper': PAPER, 'all': tuple(ALLOCATORS)}
 """Words that stand for several methods."""
-
-ORDER = 'allocation.exact.order'
 
 
 class CaseError(CaRosError):
@@ -51,8 +61,10 @@ class Case:
     ----------
     name : str
         A shipped vehicle or problem, or the path of a file.
-    parameters : dict
-        All parameters by name, checked; those of the methods alone if there is no vehicle.
+    settings : FileSettings or None
+        All settings; None if there is no vehicle.
+    methods : MethodSettings
+        The settings of the methods.
     problem : AllocationProblem
         Of a vehicle: with the axes that its rotors can command.
     changes : tuple of str
@@ -62,7 +74,8 @@ class Case:
     """
 
     name: str
-    parameters: dict[str, Any]
+    settings: FileSettings | None
+    methods: MethodSettings
     problem: AllocationProblem
     changes: tuple[str, ...] = ()
     left_out: dict[str, str] = field(default_factory=dict)
@@ -90,28 +103,45 @@ class Case:
         The parameters are those of a file, and those that one's own `methods` declare.  If
         `flying`, only a vehicle is right.
         """
-        read = None if flying else read_problem(name)
-        table: dict[str, Parameter] = {**(PARAMETERS if read is None else ALLOCATION)}
-        for method in methods:
-            table |= own_parameters(method)
-        changed = dict(_change(change, table) for change in changes)
-        if read is not None:
-            problem, options = read
-            given = options | changed
-            try:
-                check_given(given, table)
-                parameters: dict[str, Any] = complete(given, table)
-            except ParameterError as error:
-                raise ParameterError(f'{name}: {error}') from None
-            if ORDER not in given:
-                parameters[ORDER] = default_order(problem.axes)
-            return cls(name, parameters, problem, tuple(changes))
-        parameters = complete(dict(load(name)) | changed, table)
+        found = None if flying else read_problem(name)
+        problem, given = (None, files.read(name)) if found is None else found
+        own = own_methods(*methods, str(given.get('allocation.method')))
         try:
-            vehicle = accept(Vehicle.from_parameters(parameters)).vehicle
+            if problem is not None:
+                kind = with_methods(MethodSettings, own)
+                given = _changed(given, changes, known := table(kind, 'allocation.'))
+                check_given(given, known)
+                return cls(name, None, read(kind, given, 'allocation.'), problem, tuple(changes))
+            complete = with_own_methods(FileSettings, *own)
+            given = _changed(given, changes, known := table(complete))
+            check_given(given, known)
+            settings = read(complete, given)
+            vehicle = accept(
+                Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+            ).vehicle
         except ParameterError as error:
             raise ParameterError(f'{name}: {error}') from None
-        return cls(name, parameters, VehicleProblem(vehicle), tuple(changes))
+        return cls(name, settings, settings.allocation, VehicleProblem(vehicle), tuple(changes))
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """All settings by full name; those of the methods alone if there is no vehicle."""
+        if self.settings is None:
+            return flat(self.methods, 'allocation.')
+        return flat(self.settings)
+
+    @property
+    def flown(self) -> FileSettings:
+        """The settings of a vehicle.
+
+        Raises
+        ------
+        TypeError
+            If there is no vehicle.
+        """
+        if self.settings is None:
+            raise TypeError(f'{self.name} is not a vehicle')
+        return self.settings
 
     @classmethod
     def of(cls, options: Namespace, flying: bool = False) -> tuple[Case, dict[str, Allocator]]:
@@ -143,19 +173,22 @@ class Case:
 
     def audited(self, health: Array) -> Vehicle:
         """Return the vehicle with other rotor health (n,), and the axes it can then command."""
-        return audit(Vehicle.from_parameters(self.parameters).with_health(health)).vehicle
+        given = self.flown
+        vehicle = Vehicle.from_settings(given.vehicle, given.rotors, given.allocation)
+        return audit(vehicle.with_health(health)).vehicle
 
     def controller(self, vehicle: Vehicle | None = None) -> Controller:
         """Return the controller for a vehicle; by default for `self.vehicle`."""
-        return Controller.from_parameters(vehicle or self.vehicle, self.parameters)
+        return Controller.from_settings(vehicle or self.vehicle, self.flown)
 
     def body(self, health: Array | None = None) -> RigidBody:
         """Return the rigid body, optionally with other rotor health (n,)."""
-        return body_of(self.vehicle if health is None else self.audited(health), self.parameters)
+        vehicle = self.vehicle if health is None else self.audited(health)
+        return body_of(vehicle, self.flown.simulator)
 
     def plant(self) -> Plant:
         """Return the plant, with all effects of the parameters ``simulator.*``."""
-        return Plant(self.body(), self.parameters)
+        return Plant(self.body(), self.flown.simulator)
 
     def failing(self, method: str, failures: RotorFailures) -> list[Change]:
         """Return the changes of a method's closed loop that rotor failures cause."""
@@ -186,9 +219,8 @@ class Case:
         subject = vehicle or (self.vehicle if self.flies else self.problem)
         if method in FOR_COMPARISON:
             return FOR_COMPARISON[method](subject)
-        chosen = {**self.parameters, 'allocation.method': method}
-        options = options_from_parameters(chosen, subject.axes)
-        return make_allocator(method, subject, **options)
+        problem = accept(subject).problem if isinstance(subject, Vehicle) else subject
+        return allocator_of(replace(self.methods, method=method), problem)
 
 
 def methods_of(text: str) -> list[str]:
@@ -211,9 +243,16 @@ def methods_of(text: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _change(text: str, table: Mapping[str, Parameter]) -> tuple[str, Any]:
-    name, given, value = text.partition(':=')
-    if not given or name not in table:
-        fault = 'no such parameter' if given else 'expected NAME:=VALUE'
-        raise ParameterError(f'{name}: {fault}')
-    return name, read_value(name, value)
+def _changed(
+    given: Mapping[str, Any], changes: Sequence[str], known: Mapping[str, Field]
+) -> dict[str, Any]:
+    """Return given values with changes ``NAME:=VALUE``."""
+    values: dict[str, Any] = {}
+    for change in changes:
+        name, assigned, value = change.partition(':=')
+        if not assigned:
+            raise ParameterError(f'{name}: expected NAME:=VALUE')
+        values |= renamed({name: files.read_value(name, value)})
+    if unknown := [name for name in values if name not in known]:
+        raise ParameterError(f'{unknown[0]}: no such parameter')
+    return {**given, **values}

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ca_ros.nodes.parameters import load
+from ca_ros.nodes.settings import load
+from ca_ros.settings import flat
 
 SAMPLES = 1000
 """The number of samples in the paper."""
@@ -74,6 +75,6 @@ def why(found: Mapping[str, Any], method: str) -> str:
 def _as_shipped(parameters: Mapping[str, Any], *groups: str) -> bool:
     return all(
         parameters.get(name) == value
-        for name, value in load('hexarotor').items()
+        for name, value in flat(load('hexarotor')).items()
         if name.startswith(groups) or name == 'allocation.axes'
     )

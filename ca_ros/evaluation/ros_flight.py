@@ -13,13 +13,13 @@ import pandas as pd
 import yaml
 
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation.parameters import own_parameters
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.record import Flight
-from ca_ros.nodes.parameters import PARAMETERS
+from ca_ros.nodes.settings import FileSettings, with_own_methods
 from ca_ros.process.processes import end, start
+from ca_ros.settings import table
 
 ENDING = 30.0
 """Time that an interrupted flight has to end [s]."""
@@ -46,7 +46,7 @@ def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str])
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        names = {**PARAMETERS, **own_parameters(method)}
+        names = table(with_own_methods(FileSettings, method))
         own = {name: value for name, value in case.parameters.items() if name in names}
         own['allocation.method'] = method
         parameters = {'/**': {'ros__parameters': own}}

@@ -11,12 +11,13 @@ from ca_ros.allocation import make_allocator
 from ca_ros.arrays import Array
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.gains import Gains
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
+from ca_ros.flight.settings import ControllerSettings
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.parameters import load
+from ca_ros.nodes.settings import load
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.settings import flat
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 BLOCK = 1000
@@ -85,7 +86,7 @@ def near_boundary(admissible: AdmissibleSet, rng: np.random.Generator, size: int
     return center + offsets * (1.0 + side * rng.choice(DEPTHS, size))[:, None]
 
 
-def flown(vehicle: Vehicle, gains: Gains, size: int) -> Array:
+def flown(vehicle: Vehicle, gains: ControllerSettings, size: int) -> Array:
     """Return the commands (size, m) of a flight to `WAYPOINTS` in turn [N, N m]."""
     allocator, body = make_allocator('exact', vehicle), RigidBody(vehicle)
     controller, state, wrenches = Controller(vehicle, gains), NULL_STATE, []
@@ -110,7 +111,7 @@ def ring(n: int, tilt: float = 0.0) -> dict[str, Any]:
     All n together give the same thrust as the six, so the admissible sets are similar.  Rotors
     with a tilt about their arms, alternately left and right [rad], control all six axes.
     """
-    parameters: dict[str, Any] = dict(load('hexarotor'))
+    parameters = flat(load('hexarotor'))
     radius = float(np.linalg.norm(parameters['rotors.positions'][:2]))
     angles = 2.0 * np.pi * np.arange(n) / n
     cos, sin, zero = np.cos(angles), np.sin(angles), np.zeros(n)

@@ -8,17 +8,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ca_ros.allocation.parameters import ALLOCATION
+from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.arguments import split
 from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES, Firmware
-from ca_ros.schema import ParameterError, Value, check_given, complete
-from ca_ros.vehicle.files import read
-from ca_ros.vehicle.parameters import ALLOCATED
+from ca_ros.settings import ParameterError, check_given, read, table
+from ca_ros.vehicle import files
 from ca_ros.vehicle.vehicle import Vehicle
-
-USED = {**ALLOCATED, **ALLOCATION}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,15 +23,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parse(split(sys.argv[1:] if argv is None else argv)[0])
     try:
         vehicle = Vehicle.load(options.vehicle)
-        given = read(options.vehicle)
+        given = files.read(options.vehicle)
     except ParameterError as error:
         print(f'firmware: {error}', file=sys.stderr)
         return 1
     try:
-        parameters = checked(given)
-        name = identifier(str(parameters['vehicle.name']))
+        settings = checked(given)
+        name = identifier(settings.vehicle.name)
         faults = faults_of(vehicle, options.faults)
-        firmware = Firmware.make(faults, parameters, options.precision)
+        firmware = Firmware.make(faults, settings.allocation, options.precision)
         write(firmware, name, options.out)
     except (ValueError, OSError) as error:
         print(f'firmware: {options.vehicle}: {error}', file=sys.stderr)
@@ -46,8 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def checked(given: Mapping[str, Any]) -> dict[str, Value]:
-    """Return the parameters of the vehicle and of its allocation.
+def checked(given: Mapping[str, Any]) -> AllocatedVehicleSettings:
+    """Return the settings of the vehicle and of its allocation.
 
     Raises
     ------
@@ -55,8 +52,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, Value]:
         If one of them is wrong.
     """
     ours = {name: value for name, value in given.items() if name.startswith('allocation.')}
-    check_given(ours, USED)
-    return complete(given, USED)
+    check_given(ours, table(AllocatedVehicleSettings))
+    return read(AllocatedVehicleSettings, given)
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:

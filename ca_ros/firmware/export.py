@@ -13,7 +13,7 @@ from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.footprint import measure
 from ca_ros.firmware.readme import facts
 from ca_ros.problem.commandable import unit
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 
 KERNEL_FILES = ('exact.h', 'numbers.h', 'exact.c', 'least_norm.c', 'priorities.c')
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')

@@ -9,7 +9,7 @@ import numpy as np
 
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,15 +11,15 @@ import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_engines import kernel_for
-from ca_ros.allocation.options import allocator_from_parameters
 from ca_ros.allocation.result import Status
+from ca_ros.allocation.settings import VehicleMethodSettings, allocator_of
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
 from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 
 DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float64}
 
@@ -37,28 +37,28 @@ class Firmware:
         The first is that there is none.
     kernels : sequence of Kernel
         One for each fault.
-    parameters : mapping
+    settings : VehicleMethodSettings
         Of the vehicle's file.
     precision : 'single' or 'double'
     """
 
     faults: Sequence[Fault]
     kernels: Sequence[Kernel]
-    parameters: Mapping[str, Any]
+    settings: VehicleMethodSettings
     precision: str
 
     @classmethod
     def make(
-        cls, faults: Sequence[Fault], parameters: Mapping[str, Any], precision: str
+        cls, faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
     ) -> Firmware:
-        """Set the kernels up, with the options of the method `exact` in the parameters.
+        """Set the kernels up, with the settings of the method `exact`.
 
         Raises
         ------
         ParameterError
             If the method is another, the vehicle is too large or the kernel is not built.
         """
-        method = parameters['allocation.method']
+        method = settings.method
         if method != 'exact':
             raise ParameterError(
                 f'allocation.method: firmware is made of the method exact, got {method}'
@@ -72,8 +72,8 @@ class Firmware:
                 f'the extension module ca_ros.kernel._{precision} is not built: install a C '
                 'compiler, then ca_ros again'
             )
-        made = [_kernel(kind, fault.problem, parameters, DTYPES[precision]) for fault in faults]
-        return cls(faults, made, parameters, precision)
+        made = [_kernel(kind, fault.problem, settings, DTYPES[precision]) for fault in faults]
+        return cls(faults, made, settings, precision)
 
     @property
     def problem(self) -> VehicleProblem:
@@ -163,11 +163,11 @@ class Firmware:
 def _kernel(
     kind: type[Kernel],
     problem: AllocationProblem,
-    parameters: Mapping[str, Any],
+    settings: VehicleMethodSettings,
     dtype: type[np.floating],
 ) -> Kernel:
     # The kernel starts at the pseudo-inverse; OSQP may be absent.
-    chosen = {**parameters, 'allocation.exact.solver': 'newton'}
-    exact = allocator_from_parameters(chosen, problem)
+    chosen = replace(settings, exact=replace(settings.exact, solver='newton'))
+    exact = allocator_of(chosen, problem)
     assert isinstance(exact, Exact)
     return kernel_for(kind, problem, exact.setting, dtype)

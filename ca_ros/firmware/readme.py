@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from ca_ros.allocation.options import order_from_parameters
+from ca_ros.allocation.exact import ExactSettings
 from ca_ros.firmware import golden
 from ca_ros.firmware.firmware import LIMIT, Firmware
 from ca_ros.firmware.footprint import Footprint
@@ -28,7 +27,7 @@ FORWARD_RIGHT_DOWN = {
 
 UNATTAINABLE = {
     'prioritize': 'is served in the order of priorities: {order} (`CA_PRIORITIZED`, with\n'
-    '`allocation.exact.reversal: {reversal}`)',
+    '`allocation.exact.thrust_deviation: {deviation}`)',
     'scale': 'is scaled towards hover until it is attainable (`CA_SCALED`)',
     'reject': 'is rejected: all rotors get the speed nearest to zero (`CA_REJECTED`)',
 }
@@ -63,7 +62,7 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
             f'| {k} | {axis} [{unit(axis)}] | {FORWARD_RIGHT_DOWN[axis]} |'
             for k, axis in enumerate(problem.axes)
         ),
-        'unattainable': unattainable(firmware.parameters, problem.axes),
+        'unattainable': unattainable(firmware.settings.exact, problem.axes),
         'fault_table': '\n'.join(
             f'| {i} | `{fault.constant}` | {", ".join(fault.problem.axes)} | {fault.report} |'
             for i, fault in enumerate(firmware.faults)
@@ -79,12 +78,10 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
     }
 
 
-def unattainable(parameters: Mapping[str, Any], axes: Sequence[str]) -> str:
+def unattainable(settings: ExactSettings, axes: Sequence[str]) -> str:
     """Return how a wrench that is not attainable is served."""
-    order = '; '.join(' and '.join(group) for group in order_from_parameters(parameters, axes))
-    return UNATTAINABLE[parameters['allocation.exact.policy']].format(
-        order=order, reversal=parameters['allocation.exact.reversal']
-    )
+    order = '; '.join(' and '.join(group) for group in settings.groups(axes))
+    return UNATTAINABLE[settings.policy].format(order=order, deviation=settings.thrust_deviation)
 
 
 def measured(footprint: Footprint | str) -> str:

@@ -19,6 +19,7 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
     velocity_in_body,
 )
+from ca_ros.flight.settings import PlantSettings
 from ca_ros.flight.waypoint import Waypoint
 
 
@@ -94,7 +95,8 @@ def fly(
     states: list[Array] = []
     velocities, commands = [], []
     if isinstance(body, RigidBody):
-        body = Plant(body, {} if time_step is None else {'simulator.time_step': time_step})
+        given = PlantSettings() if time_step is None else PlantSettings(time_step=time_step)
+        body = Plant(body, given)
     elif time_step is not None:
         raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
     plant = body.restarted(state)

@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from math import atan2, hypot, tan
-from typing import Any
 
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
-from ca_ros.allocation.options import order_from_parameters
-from ca_ros.allocation.parameters import PRIORITIES
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
 from ca_ros.flight.disturbance_observer import DisturbanceObserver
-from ca_ros.flight.gains import Gains
-from ca_ros.flight.parameters import CONTROL
 from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
+from ca_ros.flight.settings import SIDEWAYS, ControllerSettings, ControlSettings, triple
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.problem.prioritization import REVERSAL
+from ca_ros.problem.prioritization import PrioritiesSettings
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.schema import ParameterError, complete
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 LIFT_MIN = 0.3
 """Least vertical force over the weight: the vehicle does not turn over to descend faster."""
-
-SIDEWAYS = ('force_x', 'force_y')
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -48,7 +41,7 @@ class Controller:
     Wrenches that are not admissible are moved into the admissible set by priority, as `Exact`
     does with its policy prioritize.
 
-    With integral action (`Gains.integral`), the controller subtracts an estimate of the constant
+    With integral action (`integral_gain`), the controller subtracts an estimate of the constant
     disturbances: see `ca_ros.flight.disturbance_observer`.  With the gains k_p and k_d of the
     position, the integral gain of the position error is then L k_p.
 
@@ -56,10 +49,8 @@ class Controller:
     ----------
     vehicle : Vehicle
         With the announced health of the rotors.
-    gains : Gains
-    order : sequence of groups of axes, optional
-        Priorities, see `AdmissibleSet.prioritize`.
-    reversal : 'prevent', 'avoid' or 'allow'
+    settings : ControllerSettings
+    priorities : PrioritiesSettings, optional
         See `AdmissibleSet.prioritize`.
 
     Attributes
@@ -72,52 +63,53 @@ class Controller:
     Raises
     ------
     ValueError
-        If `order` does not name each of the vehicle's axes once, there is no such `reversal`, or
-        the vehicle's admissible set has no volume, or the vehicle has no inertia.
+        If the order does not name each of the vehicle's axes once, the vehicle's admissible set
+        has no volume, or the vehicle has no inertia.
     """
 
     def __init__(
         self,
         vehicle: Vehicle,
-        gains: Gains,
-        order: Sequence[Sequence[str]] | None = None,
-        reversal: str = REVERSAL,
+        settings: ControllerSettings,
+        priorities: PrioritiesSettings | None = None,
     ) -> None:
-        self.vehicle, self.gains, self.order, self.reversal = vehicle, gains, order, reversal
+        priorities = PrioritiesSettings() if priorities is None else priorities
+        self.vehicle, self.settings, self.priorities = vehicle, settings, priorities
         self._inertia = inertia_of(vehicle)
         self.problem = VehicleProblem(vehicle)
         self._exact = (
-            None if vehicle.powerless else Exact(self.problem, order=order, reversal=reversal)
+            None
+            if vehicle.powerless
+            else Exact(
+                self.problem,
+                order=priorities.order,
+                thrust_deviation=priorities.thrust_deviation,
+            )
         )
         self.unallocated = np.zeros(len(vehicle.axes))
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
-        self._level = gains.level and set(SIDEWAYS) <= set(vehicle.axes)
-        observed = gains.integral > 0.0
-        self.disturbances = DisturbanceObserver(vehicle, gains.integral) if observed else None
+        self._level = settings.attitude == 'level' and set(SIDEWAYS) <= set(vehicle.axes)
+        self._position_stiffness = triple(settings.position_stiffness)
+        self._position_damping = triple(settings.position_damping)
+        self._attitude_stiffness = triple(settings.attitude_stiffness)
+        self._attitude_damping = triple(settings.attitude_damping)
+        gain = settings.integral_gain
+        self.disturbances = DisturbanceObserver(vehicle, gain) if gain > 0.0 else None
 
     @classmethod
-    def from_parameters(cls, vehicle: Vehicle, given: Mapping[str, Any]) -> Controller:
-        """Make a vehicle's controller with the gains and the priorities of its parameters.
+    def from_settings(cls, vehicle: Vehicle, settings: ControlSettings) -> Controller:
+        """Make the controller of a vehicle from the settings of a file or node.
 
         Raises
         ------
         ParameterError
-            If a parameter is wrong; it is named.
+            If settings contradict each other; they are named.
         """
-        p: dict[str, Any] = complete(given, {**PRIORITIES, **CONTROL})
-        gains = Gains.from_parameters(p)
-        # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
-        missing = set(SIDEWAYS) - set(given.get('allocation.axes', vehicle.axes))
-        if gains.level and missing:
-            raise ParameterError(
-                f'controller.attitude: level needs {", ".join(sorted(missing))} in allocation.axes'
-            )
-        return cls(
-            vehicle,
-            gains,
-            order_from_parameters(p, vehicle.axes),
-            p['allocation.exact.reversal'],
-        )
+        try:
+            return cls(vehicle, settings.controller, settings.allocation.exact)
+        except ParameterError as error:
+            place = 'allocation.exact.' if str(error).startswith('order:') else ''
+            raise ParameterError(f'{place}{error}') from None
 
     def wrench(
         self,
@@ -217,8 +209,8 @@ class Controller:
             )
             turn_x, turn_y, spin = angular_velocity.tolist()
             acceleration = (
-                self.gains.attitude_stiffness * error
-                - self.gains.attitude_damping * angular_velocity
+                self._attitude_stiffness * error
+                - self._attitude_damping * angular_velocity
                 # The x and y axes rotate with a body that spins about z.  Without this term, the
                 # direction of a tilt would rotate with the spin.
                 + np.array([spin * turn_y, -spin * turn_x, 0.0])
@@ -232,19 +224,19 @@ class Controller:
 
     def _force(self, position: Array, velocity: Array, waypoint: Waypoint) -> Array:
         """Return the wanted force in the world frame [N]."""
-        gains = self.gains
         approach = (
-            gains.position_stiffness / gains.position_damping * (waypoint.position - position)
+            self._position_stiffness / self._position_damping * (waypoint.position - position)
         )
-        approach = np.minimum(np.maximum(approach, -gains.speed_max), gains.speed_max)
-        force = self.vehicle.mass * gains.position_damping * (approach - velocity)
+        speed_max = self.settings.speed_max
+        approach = np.minimum(np.maximum(approach, -speed_max), speed_max)
+        force = self.vehicle.mass * self._position_damping * (approach - velocity)
         force[2] += self.vehicle.weight
         if self.disturbances is not None:
             force -= self.disturbances.estimate[:3]
         if self._level:
             return force
         force[2] = max(force[2], LIFT_MIN * self.vehicle.weight)
-        sideways, allowed = hypot(*force[:2].tolist()), tan(gains.tilt_max) * force[2]
+        sideways, allowed = hypot(*force[:2].tolist()), tan(self.settings.tilt_max) * force[2]
         if sideways > allowed:
             force[:2] *= allowed / sideways
         return force

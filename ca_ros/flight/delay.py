@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Generic, TypeVar
 
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 
 T = TypeVar('T')
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import hypot
-from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.option_values import whole
 from ca_ros.arrays import Array
 from ca_ros.flight.delay import Delay, delay_steps
 from ca_ros.flight.drag import Drag
@@ -16,28 +13,27 @@ from ca_ros.flight.ground import stopped_by_ground
 from ca_ros.flight.integrators import INTEGRATORS
 from ca_ros.flight.mismatch import mismatched
 from ca_ros.flight.motor_lag import MotorLag
-from ca_ros.flight.parameters import MEASURED, SIMULATION, triple
-from ca_ros.flight.rigid_body import ATTITUDE, POSITION, RigidBody
+from ca_ros.flight.rigid_body import POSITION, RigidBody
 from ca_ros.flight.sensors import Sensors
+from ca_ros.flight.settings import PlantSettings, triple
 from ca_ros.flight.wind import Wind
-from ca_ros.schema import ParameterError, complete
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
 
-def body_of(vehicle: Vehicle, given: Mapping[str, Any]) -> RigidBody:
-    """Return the rigid body of a vehicle with the mismatch and the drag of its parameters.
+def body_of(vehicle: Vehicle, settings: PlantSettings) -> RigidBody:
+    """Return the rigid body of a vehicle with the mismatch and the drag of the settings.
 
     Raises
     ------
     ParameterError
-        If a parameter is wrong, or the vehicle has no inertia.
+        If the vehicle has no inertia, or not one factor for each rotor.
     """
-    p: dict[str, Any] = complete(given, SIMULATION)
-    linear = triple(p, 'simulator.linear_drag')
-    rotor, rotational = p['simulator.rotor_drag'], p['simulator.rotational_drag']
+    linear = triple(settings.linear_drag)
+    rotor, rotational = settings.rotor_drag, settings.rotational_drag
     dragged = linear.any() or rotor or rotational
     drag = Drag(linear, rotor, rotational) if dragged else None
-    return RigidBody(mismatched(vehicle, p), drag)
+    return RigidBody(mismatched(vehicle, settings), drag)
 
 
 class Plant:
@@ -49,15 +45,15 @@ class Plant:
     Parameters
     ----------
     body : RigidBody
-    given : mapping, optional
-        Parameters ``simulator.*`` by name; all effects are off by default.
+    settings : PlantSettings, optional
+        All effects are off by default.
     state : (13,) array, optional
-        Initial state, see `ca_ros.flight.rigid_body`; by default that of the parameters.
+        Initial state, see `ca_ros.flight.rigid_body`; by default that of the settings.
 
     Raises
     ------
     ParameterError
-        If a parameter is wrong; it is named.
+        If settings contradict each other; they are named.
 
     Attributes
     ----------
@@ -74,28 +70,27 @@ class Plant:
     """
 
     def __init__(
-        self, body: RigidBody, given: Mapping[str, Any] | None = None, state: Array | None = None
+        self,
+        body: RigidBody,
+        settings: PlantSettings | None = None,
+        state: Array | None = None,
     ) -> None:
-        p: dict[str, Any] = complete(given or {}, SIMULATION)
-        self.body, self._parameters = body, p
-        self.time_step_ns = round(p['simulator.time_step'] * 1e9)
+        settings = PlantSettings() if settings is None else settings
+        self.body, self._settings = body, settings
+        self.time_step_ns = round(settings.time_step * 1e9)
         self.time_step = self.time_step_ns / 1e9
-        self._sub_steps = whole('simulator.sub_steps', p['simulator.sub_steps'], SIMULATION)
+        self._sub_steps = settings.sub_steps
         self._sub_step = self.time_step / self._sub_steps
-        self._integrate = INTEGRATORS[p['simulator.integrator']]
-        self.state = initial_state(p) if state is None else state
-        self._grounded = p['simulator.ground'] == 'flat'
+        self._integrate = INTEGRATORS[settings.integrator]
+        self.state = initial_state(settings) if state is None else state
+        self._grounded = settings.ground == 'flat'
         if self._grounded and self.state[POSITION][2] < 0.0:
             raise ParameterError(
                 f'simulator.ground: the vehicle starts below it, at z = {self.state[2]:g} m'
             )
-        seed = whole('simulator.seed', p['simulator.seed'], SIMULATION)
-        gusts, noise = np.random.default_rng(seed).spawn(2)
+        gusts, noise = np.random.default_rng(settings.seed).spawn(2)
         self._wind = Wind(
-            triple(p, 'simulator.wind'),
-            triple(p, 'simulator.gust_intensity'),
-            p['simulator.gust_time'],
-            gusts,
+            triple(settings.wind), triple(settings.gust_intensity), settings.gust_time, gusts
         )
         windy = self._wind.mean.any() or self._wind.intensity.any()
         if windy and not (body.drag and body.drag.takes_wind):
@@ -103,17 +98,19 @@ class Plant:
                 'simulator.wind and simulator.gust_intensity act through the drag: set '
                 'simulator.linear_drag or simulator.rotor_drag'
             )
-        self._lag = MotorLag(p['simulator.motor_time_constant'])
+        self._lag = MotorLag(settings.motor_time_constant)
         self.speeds = np.zeros(body.vehicle.n)
-        self._commands = self._delay('simulator.command_delay', self.speeds)
-        self._states = self._delay('simulator.state_delay', self.state)
-        self._sensors = Sensors(_errors(p, 'noise'), _errors(p, 'bias'), noise)
+        late = delay_steps('simulator.command_delay', settings.command_delay, self._sub_step)
+        self._commands = Delay(late, self.speeds)
+        late = delay_steps('simulator.state_delay', settings.state_delay, self._sub_step)
+        self._states = Delay(late, self.state)
+        self._sensors = Sensors(*_errors(settings), noise)
         self._late = self.state
         self.measure()
 
     def restarted(self, state: Array | None = None) -> Plant:
-        """Return a plant with the same body and parameters in the initial state, or another."""
-        return Plant(self.body, self._parameters, state)
+        """Return a plant with the same body and settings in the initial state, or another."""
+        return Plant(self.body, self._settings, state)
 
     def step(self, command: Array) -> Array:
         """Take a step with rotor speeds (n,) [rad/s]; return the measured state (13,).
@@ -138,25 +135,32 @@ class Plant:
         self.measured = self._sensors(self._late)
         return self.measured
 
-    def _delay(self, name: str, first: Array) -> Delay[Array]:
-        return Delay(delay_steps(name, self._parameters[name], self._sub_step), first)
 
-
-def initial_state(parameters: Mapping[str, Any]) -> Array:
-    """Return the initial state (13,) of the parameters."""
-    position, velocity, omega = (
-        triple(parameters, f'simulator.initial_{each}')
-        for each in ('position', 'velocity', 'angular_velocity')
+def initial_state(settings: PlantSettings) -> Array:
+    """Return the initial state (13,) of the settings."""
+    attitude = np.array(settings.initial_attitude, dtype=float)
+    return np.concatenate(
+        [
+            triple(settings.initial_position),
+            triple(settings.initial_velocity),
+            attitude / hypot(*attitude.tolist()),
+            triple(settings.initial_angular_velocity),
+        ]
     )
-    attitude = np.asarray(parameters['simulator.initial_attitude'], dtype=float)
-    if attitude.shape != (4,) or not attitude.any():
-        raise ParameterError(
-            f'simulator.initial_attitude: expected a quaternion x, y, z, w, got {attitude}'
-        )
-    state = np.concatenate([position, velocity, attitude, omega])
-    state[ATTITUDE] /= hypot(*attitude.tolist())
-    return state
 
 
-def _errors(parameters: Mapping[str, Any], kind: str) -> Array:
-    return np.concatenate([triple(parameters, f'simulator.{part}_{kind}') for part in MEASURED])
+def _errors(settings: PlantSettings) -> tuple[Array, Array]:
+    """Return noise and bias (12,) of the measured state."""
+    noise = (
+        settings.position_noise,
+        settings.velocity_noise,
+        settings.attitude_noise,
+        settings.angular_velocity_noise,
+    )
+    bias = (
+        settings.position_bias,
+        settings.velocity_bias,
+        settings.attitude_bias,
+        settings.angular_velocity_bias,
+    )
+    return np.concatenate([*map(triple, noise)]), np.concatenate([*map(triple, bias)])

@@ -16,7 +16,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.flight.drag import Drag
 from ca_ros.flight.integrators import Derivative, euler
-from ca_ros.schema import MissingParameterError
+from ca_ros.settings import MissingParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 
 LATEST = 1e6
 """Latest time of a failure or an announcement [s]."""

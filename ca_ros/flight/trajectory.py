@@ -12,7 +12,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 
 COLUMNS = ('t', 'x', 'y', 'z', 'heading')
 

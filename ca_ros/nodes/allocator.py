@@ -14,7 +14,7 @@ from rclpy.duration import Duration
 from std_msgs.msg import Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
-from ca_ros.allocation.options import allocator_from_parameters
+from ca_ros.allocation.settings import allocator_of
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Latencies
@@ -27,16 +27,16 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
-from ca_ros.nodes.parameters import ALLOCATOR
 from ca_ros.nodes.qos import offered
+from ca_ros.nodes.settings import AllocatorSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.vehicle_problem import vehicle_of
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 
 ACKNOWLEDGED_MAX = 2.0
 """Time to wait at the end for the motors to acknowledge the last command [s]."""
@@ -54,7 +54,8 @@ class AllocatorNode(VehicleNode):
     When commands cease, the node publishes the timeout action until commands return.
     """
 
-    declared = ALLOCATOR
+    declared = AllocatorSettings
+    settings: AllocatorSettings
     method: Allocator
 
     def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
@@ -82,12 +83,12 @@ class AllocatorNode(VehicleNode):
                 'which gives the same answers'
             )
 
-    def build(self, parameters: dict[str, Any]) -> tuple[Audit, Allocator]:
+    def build(self, settings: AllocatorSettings) -> tuple[Audit, Allocator]:
         """Create the allocation method for the axes that the rotors can control.
 
         A node in flight loads no code.
         """
-        method = parameters['allocation.method']
+        method = settings.allocation.method
         if self.audit is None:
             self._loaded = dict.fromkeys((*ALLOCATORS, method))
         if method not in self._loaded:
@@ -95,8 +96,8 @@ class AllocatorNode(VehicleNode):
                 f'allocation.method: {method} was not loaded at the start; in flight it can be '
                 f'{", ".join(self._loaded)}'
             )
-        report = self.audited(parameters)
-        return report, allocator_from_parameters(parameters, report.problem)
+        report = self.audited(settings)
+        return report, allocator_of(settings.allocation, report.problem)
 
     def adopt(self, built: tuple[Audit, Allocator]) -> None:
         """Use this method from the next command on."""
@@ -111,10 +112,10 @@ class AllocatorNode(VehicleNode):
             self._last = fallback('idle', vehicle, self._last)
         self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
         self._message = speeds_message(self._last, None)
-        self._watchdog.timeout = self.parameters['command_timeout']
-        self._frame = self.parameters['command_frame']
-        self._age_max = self.parameters['command_age_max'] * 1e9
-        self._newer_only = self.parameters['command_order'] == 'newer'
+        self._watchdog.timeout = self.settings.command_timeout
+        self._frame = self.settings.command_frame
+        self._age_max = self.settings.command_age_max * 1e9
+        self._newer_only = self.settings.command_order == 'newer'
 
     def state(self) -> tuple[bytes, str]:
         """Return the status of the last answer."""
@@ -126,7 +127,7 @@ class AllocatorNode(VehicleNode):
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
         return {
-            'method': self.parameters['allocation.method'],
+            'method': self.settings.allocation.method,
             'engine': self.method.engine,
             'audit': self.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
@@ -145,7 +146,7 @@ class AllocatorNode(VehicleNode):
         """Command idle, or stop if that is the timeout action."""
         if not self._watchdog.awake:
             return
-        action = 'stop' if self.parameters['timeout_action'] == 'stop' else 'idle'
+        action = 'stop' if self.settings.timeout_action == 'stop' else 'idle'
         for _ in range(REPEATS):
             self.fall_back(action)
             sleep(TICK)

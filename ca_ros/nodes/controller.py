@@ -25,11 +25,11 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
-from ca_ros.nodes.parameters import CONTROLLER
 from ca_ros.nodes.qos import COMMAND, STANDING, offered
+from ca_ros.nodes.settings import ControllerNodeSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 
 NOTHING = 1e-9
 """Size of a component up to which it is left out of a text [N, N m]."""
@@ -40,7 +40,8 @@ SAME_STAMP = 'pose and velocity with the same stamp'
 class ControllerNode(VehicleNode):
     """Answers each state, a pose and a velocity with the same stamp, with command/wrench."""
 
-    declared = CONTROLLER
+    declared = ControllerNodeSettings
+    settings: ControllerNodeSettings
     awaited = 'state'
     controller: Controller
 
@@ -89,10 +90,10 @@ class ControllerNode(VehicleNode):
             quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
             self._standing = self._listen_to_waypoints(STANDING, quiet)
 
-    def build(self, parameters: dict[str, Any]) -> tuple[Audit, Controller]:
+    def build(self, settings: ControllerNodeSettings) -> tuple[Audit, Controller]:
         """Create the controller for the axes that the rotors can control."""
-        report = self.audited(parameters)
-        return report, Controller.from_parameters(report.vehicle, parameters)
+        report = self.audited(settings)
+        return report, Controller.from_settings(report.vehicle, settings)
 
     def adopt(self, built: tuple[Audit, Controller]) -> None:
         """Use this controller from the next state on."""
@@ -103,7 +104,7 @@ class ControllerNode(VehicleNode):
         self.controller = controller
         self.adopt_audit(report)
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
-        self._watchdog.timeout = self.parameters['command_timeout']
+        self._watchdog.timeout = self.settings.command_timeout
 
     def state(self) -> tuple[bytes, str]:
         """Return the level of the last answer, or what the node waits for."""
@@ -210,7 +211,7 @@ class ControllerNode(VehicleNode):
             return
         self._watchdog.feed()
         self.counts['served' if first else 'served again'] += 1
-        header = Header(stamp=self._pose.header.stamp, frame_id=self.parameters['command_frame'])
+        header = Header(stamp=self._pose.header.stamp, frame_id=self.settings.command_frame)
         self._wrench.publish(wrench_message(wrench, header))
         if self.controller.unallocated.any():
             self.counts['cut'] += 1
@@ -234,7 +235,7 @@ class ControllerNode(VehicleNode):
 
     def _wrong_frame(self, message: PoseStamped | TwistStamped, name: str) -> str | None:
         """Return how a message's frame contradicts a parameter; None if it does not."""
-        fault = wrong_frame(message.header.frame_id, self.parameters[name])
+        fault = wrong_frame(message.header.frame_id, getattr(self.settings, name))
         return f'{fault} (parameter {name})' if fault else None
 
 

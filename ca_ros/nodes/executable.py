@@ -8,7 +8,7 @@ import gc
 import json
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -23,9 +23,18 @@ from ca_ros.arguments import full_name, renamed
 from ca_ros.nodes.console import never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameter_node import ParameterNode
-from ca_ros.nodes.parameters import PARAMETERS, load
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
-from ca_ros.schema import REQUIRED, MissingParameterError, Parameter, ParameterError, check
+from ca_ros.nodes.settings import FileSettings, load_for
+from ca_ros.settings import (
+    REQUIRED,
+    MissingParameterError,
+    ParameterError,
+    Settings,
+    check_given,
+    flat,
+    table,
+)
+from ca_ros.settings import renamed as present_names
 from ca_ros.signals import ending_signals
 from ca_ros.vehicle.files import NoSectionError, find, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle
@@ -35,7 +44,7 @@ DEFAULT_VEHICLE = 'hexarotor'
 ENDING_MAX = 20.0
 """Longest time that a node may take to end [s]."""
 
-Parse = Callable[[str, str, Sequence[str], Mapping[str, Parameter]], list[str]]
+Parse = Callable[[str, str, Sequence[str], type[Settings]], list[str]]
 
 WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
 
@@ -60,7 +69,7 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     return arguments.split(argv)
 
 
-def vehicle_arguments(vehicle: str, node: str, declared: Mapping[str, Parameter]) -> list[str]:
+def vehicle_arguments(vehicle: str, node: str, declared: type[Settings]) -> list[str]:
     """Return the ROS arguments that give a node the parameters of a vehicle.
 
     Parameters
@@ -70,8 +79,8 @@ def vehicle_arguments(vehicle: str, node: str, declared: Mapping[str, Parameter]
     node : str
         Full name of the node.  If the file has no section for it, such as the dump of another
         node, the node gets the parameters that `Vehicle.load` reads.
-    declared : mapping
-        The parameters that the node declares.
+    declared : type
+        The settings of the node.
 
     Raises
     ------
@@ -79,18 +88,18 @@ def vehicle_arguments(vehicle: str, node: str, declared: Mapping[str, Parameter]
         If there is no such vehicle, or it is wrong.
     """
     try:
-        load(vehicle, node, declared)
+        load_for(declared, vehicle, node)
         Vehicle.load(vehicle, node)
     except NoSectionError:
         Vehicle.load(vehicle)
-        own = load(vehicle, table=declared)
+        own = flat(load_for(declared, vehicle))
         values = [f'{name}:={json.dumps(value)}' for name, value in own.items()]
         return ['--ros-args', *(word for value in values for word in ('-p', value)), '--']
     return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
 
 
 def parse(
-    prog: str, description: str, argv: Sequence[str], declared: Mapping[str, Parameter]
+    prog: str, description: str, argv: Sequence[str], declared: type[Settings]
 ) -> list[str]:
     """Parse a command line; return the ROS arguments, with those for the vehicle's parameters."""
     parser = argparse.ArgumentParser(
@@ -108,18 +117,20 @@ def parse(
     own, ros = split(argv)
     node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
     # ROS silently ignores a -p whose type differs from that of the value in a parameter file.
-    given = set()
+    names = set()
     for option, rule in pairwise(ros):
         if option not in ('-p', '--param'):
             continue
         name, _, value = rule.partition(':=')
         owner, _, name = name.rpartition(':')
-        given.add(name)
-        if name in PARAMETERS and (not owner or matches(f'/{owner.strip("/")}', node)):
-            check(name, read_value(name, value), PARAMETERS)
+        names.add(name)
+        if not owner or matches(f'/{owner.strip("/")}', node):
+            known = table(FileSettings)
+            given = present_names({name: read_value(name, value)})
+            check_given({each: given[each] for each in given if each in known}, known)
     vehicle = parser.parse_args(own).vehicle
-    required = {name for name, each in declared.items() if each.default is REQUIRED}
-    if vehicle is None and '--params-file' not in ros and not required <= given:
+    required = {name for name, each in table(declared).items() if each.default is REQUIRED}
+    if vehicle is None and '--params-file' not in ros and not required <= names:
         vehicle = DEFAULT_VEHICLE
         with suppress(OSError):
             print(

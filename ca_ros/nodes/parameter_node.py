@@ -1,31 +1,53 @@
-"""A node whose parameters are a table; a change takes effect completely or not at all."""
+"""A node whose parameters are settings; a change takes effect completely or not at all."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import isfinite
 from traceback import format_exception
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ca_ros.nodes.executor import Executor
-from ca_ros.nodes.parameters import NODE
 from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.schema import REQUIRED, MissingParameterError, ParameterError, check_given, complete
-from ca_ros.schema import Parameter as Declared
+from ca_ros.settings import (
+    Field,
+    MissingParameterError,
+    ParameterError,
+    Settings,
+    check,
+    check_given,
+    flat,
+    read,
+    renamed,
+    table,
+)
 
 
-def slider(parameter: Declared) -> list[FloatingPointRange]:
-    """Return the range in which tools show a slider; none unless both ends are finite."""
-    low = 0.0 if parameter.positive else parameter.minimum
-    if not (isfinite(low) and isfinite(parameter.maximum)):
-        return []
-    return [FloatingPointRange(from_value=low, to_value=parameter.maximum)]
+def descriptor(field: Field) -> ParameterDescriptor:
+    """Return what ROS tells of a setting; tools show a slider if both of its ends are finite."""
+    low, high = 0.0 if field.positive else field.minimum, field.maximum
+    found = ParameterDescriptor(
+        description=field.description,
+        additional_constraints=field.range(),
+        read_only=not field.mutable,
+        dynamic_typing=True,
+    )
+    if isfinite(low) and isfinite(high):
+        if int in field.kinds:
+            found.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+        else:
+            found.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    return found
 
 
 class _Starting(type):
@@ -38,7 +60,7 @@ class _Starting(type):
 
 
 class ParameterNode(Node, metaclass=_Starting):
-    """A node with a table of parameters.
+    """A node with settings.
 
     A subclass defines `build` and `adopt`.  The constructors only set attributes and declare the
     parameters.  After all of them `start` runs, which calls `build` and `adopt`, so these methods
@@ -58,71 +80,65 @@ class ParameterNode(Node, metaclass=_Starting):
 
     Attributes
     ----------
-    declared : mapping
-        The parameters that the node declares.
-    known : mapping
-        The parameters that its files may have, those of other nodes included.
-    parameters : dict
-        The present values by name.
+    declared : type
+        The settings of the node, a subclass of `Settings`.
+    known : type
+        The settings that its files may have, those of other nodes included.
+    settings : Settings
+        The present settings, of the class `declared`.
     unknown : list of str
         The names of given parameters that are not in `known`.
     """
 
-    declared: Mapping[str, Declared]
-    known: Mapping[str, Declared]
+    declared: type[Settings]
+    known: type[Settings]
+    settings: Any
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        self._candidate: tuple[dict[str, Any], Any] | None = None
-        self.parameters: dict[str, Any] = self._declare()
+        self._candidate: tuple[Settings, Any] | None = None
+        self.settings = self._declare()
 
-    def _declare(self) -> dict[str, Any]:
-        """Declare the parameters and return their values by name."""
-        values = {}
-        given = {name: override.value for name, override in given_parameters(self).items()}
+    def _declare(self) -> Settings:
+        """Declare the settings as parameters and return them."""
+        given = renamed({name: each.value for name, each in given_parameters(self).items()})
         # Before rclpy compares the values with the ranges, because its message says less.
-        check_given(given, self.known)
-        for name, parameter in self.declared.items():
-            descriptor = ParameterDescriptor(
-                description=parameter.description,
-                additional_constraints=parameter.range(),
-                floating_point_range=slider(parameter),
-                read_only=not parameter.mutable,
-                dynamic_typing=True,
-            )
-            default = None if parameter.default is REQUIRED else parameter.default
-            values[name] = self.declare_parameter(name, default, descriptor).value
+        check_given(given, known := table(self.known))
+        try:
+            settings = read(self.declared, given)
+        except MissingParameterError as error:
+            name = self.get_fully_qualified_name()
+            raise MissingParameterError(f'{error}; looked for by the node {name}') from None
+        values, self._fields = flat(settings), table(self.declared)
+        for name, field in self._fields.items():
+            self.declare_parameter(name, values[name], descriptor(field), ignore_override=True)
         # Files from `ros2 param dump` also have rclpy's own parameters.
         self.unknown = [
             name
             for name in given
-            if not (name in self.known or self.has_parameter(name))
+            if not (name in known or self.has_parameter(name))
             and not name.startswith('qos_overrides.')
         ]
-        try:
-            return complete({**values, **given}, self.declared)
-        except MissingParameterError as error:
-            name = self.get_fully_qualified_name()
-            raise MissingParameterError(f'{error}; looked for by the node {name}') from None
+        return settings
 
     def start(self) -> None:
-        """Build and adopt from the parameters, now and on each change of them."""
-        self._built = self.build(self.parameters)
+        """Build and adopt from the settings, now and on each change of them."""
+        self._built = self.build(self.settings)
         self.adopt(self._built)
         self.add_on_set_parameters_callback(self._consider)
         self.add_post_set_parameters_callback(self._accept)
 
-    def build(self, parameters: dict[str, Any]) -> Any:
-        """Build from the parameters; the result goes to `adopt`.
+    def build(self, settings: Any) -> Any:
+        """Build from the settings; the result goes to `adopt`.
 
-        A change of parameters that are all in `NODE` does not call `build`.  An exception refuses
-        the change, and ends the node only at its start.  In flight `build` runs in a thread of its
-        own, while the node serves its streams, so it must change nothing.
+        A change of settings that are declared without `rebuild` does not call `build`.  An
+        exception refuses the change, and ends the node only at its start.  In flight `build` runs
+        in a thread of its own, while the node serves its streams, so it must change nothing.
 
         Raises
         ------
         ValueError
-            If the parameters are wrong.
+            If the settings are wrong.
         """
         raise NotImplementedError
 
@@ -149,18 +165,21 @@ class ParameterNode(Node, metaclass=_Starting):
         return super().set_parameters_atomically(parameter_list)
 
     def _checked(self, changes: list[Parameter]) -> dict[str, Any]:
-        """Return the checked values of those changes that are in `declared`."""
-        ours = {change.name: change.value for change in changes if change.name in self.declared}
-        return complete(ours, {name: self.declared[name] for name in ours})
+        """Return the checked values of those changes that are settings."""
+        return {
+            change.name: check(change.name, change.value, self._fields[change.name])
+            for change in changes
+            if change.name in self._fields
+        }
 
-    def _build_beside(self, parameters: dict[str, Any]) -> Future[Any]:
+    def _build_beside(self, settings: Any) -> Future[Any]:
         """Return the end of `build`; until then the streams are served by what it replaces.
 
         Executors of rclpy cannot serve them meanwhile.
         """
         executor = self.executor
         with ThreadPoolExecutor(1) as pool:
-            building = pool.submit(self.build, parameters)
+            building = pool.submit(self.build, settings)
             if isinstance(executor, Executor):
                 building.add_done_callback(lambda _: executor.wake())
                 while not building.done():
@@ -170,14 +189,15 @@ class ParameterNode(Node, metaclass=_Starting):
     def _consider(self, changes: list[Parameter]) -> SetParametersResult:
         try:
             checked = self._checked(changes)
+            settings = read(self.declared, {**flat(self.settings), **checked})
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         if not checked:
             return SetParametersResult(successful=True)
-        parameters, built = {**self.parameters, **checked}, self._built
+        built = self._built
         # A rebuild takes longer than an allocation, and happens only where necessary.
-        if any(name not in NODE for name in checked):
-            building = self._build_beside(parameters)
+        if any(self._fields[name].rebuild for name in checked):
+            building = self._build_beside(settings)
             if fault := building.exception():
                 reason = str(fault)
                 if not isinstance(fault, ValueError):
@@ -185,11 +205,11 @@ class ParameterNode(Node, metaclass=_Starting):
                     self.get_logger().error(''.join(format_exception(fault)))
                 return SetParametersResult(successful=False, reason=reason)
             built = building.result()
-        self._candidate = parameters, built
+        self._candidate = settings, built
         return SetParametersResult(successful=True)
 
     def _accept(self, _: list[Parameter]) -> None:
         if self._candidate is not None:
-            self.parameters, self._built = self._candidate
+            self.settings, self._built = self._candidate
             self._candidate = None
             self.adopt(self._built)

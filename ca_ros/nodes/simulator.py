@@ -15,8 +15,8 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import answers_nothing, speeds_message, speeds_stamp
-from ca_ros.nodes.parameters import SIMULATOR
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
+from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.state_publisher import StatePublisher
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
@@ -45,7 +45,8 @@ class SimulatorNode(VehicleNode):
     states until that parameter changes, so other parameters can be set at a defined time.
     """
 
-    declared = SIMULATOR
+    declared = SimulatorSettings
+    settings: SimulatorSettings
     plant: Plant
 
     def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
@@ -59,7 +60,7 @@ class SimulatorNode(VehicleNode):
         lockstep = self.mode == 'lockstep'
         self._command = np.zeros(self.plant.body.vehicle.n)
         self._step_ns = self.plant.time_step_ns
-        self._period_ns = round(self._step_ns / self.parameters['simulator.real_time_factor'])
+        self._period_ns = round(self._step_ns / self.settings.simulator.real_time_factor)
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
         self._states = StatePublisher(self)
@@ -73,9 +74,10 @@ class SimulatorNode(VehicleNode):
         )
         self.start_diagnostics('simulation')
 
-    def build(self, parameters: dict[str, Any]) -> Plant:
+    def build(self, settings: SimulatorSettings) -> Plant:
         """Create the plant in its initial state."""
-        return Plant(body_of(Vehicle.from_parameters(parameters), parameters), parameters)
+        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
+        return Plant(body_of(vehicle, settings.simulator), settings.simulator)
 
     def adopt(self, built: Plant) -> None:
         """Use this plant; in flight only its body, from the next step on."""
@@ -85,8 +87,8 @@ class SimulatorNode(VehicleNode):
         self._greatest = vehicle.speed_max * (1.0 + 1e-9)
         # Rotors may stop, whatever their least speed.
         self._least = np.minimum(vehicle.speed_min, 0.0) * (1.0 + 1e-9)
-        self._watchdog.timeout = self.parameters['command_timeout']
-        self._hold_ns = round(self.parameters['simulator.hold_at'] * 1e9)
+        self._watchdog.timeout = self.settings.command_timeout
+        self._hold_ns = round(self.settings.simulator.hold_at * 1e9)
         if self._held:
             self._publish()
 

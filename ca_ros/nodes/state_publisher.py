@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from ca_ros.arrays import Array
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import odometry_message, stamp, state_messages
-from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.vehicle_node import VehicleNode
 
 
@@ -19,18 +17,20 @@ class StatePublisher:
     Parameters
     ----------
     node : VehicleNode
-        Its parameters name the frames and the optional topics.
+        Its settings name the frames and the optional topics.
     """
 
     def __init__(self, node: VehicleNode) -> None:
         self._node = node
         self._pose, self._velocity = map(node.publish_stream, (topics.POSE, topics.VELOCITY))
-        self._odometry = self._if_enabled('simulator.publish_odometry', topics.ODOMETRY)
-        self._clock = self._if_enabled('simulator.publish_clock', topics.CLOCK)
-
-    def _if_enabled(self, name: str, topic: Topic) -> Publisher | None:
-        enabled = self._node.parameters[name] == 'enabled'
-        return self._node.publish_stream(topic) if enabled else None
+        settings = node.settings.simulator
+        self._odometry, self._clock = (
+            node.publish_stream(topic) if enabled else None
+            for topic, enabled in (
+                (topics.ODOMETRY, settings.publish_odometry),
+                (topics.CLOCK, settings.publish_clock),
+            )
+        )
 
     def publish(self, state: Array, time: int) -> None:
         """Publish a state (13,) of a time [ns]."""
@@ -40,8 +40,8 @@ class StatePublisher:
             velocity_in_body(state),
             state[ANGULAR_VELOCITY],
             stamp(time),
-            self._node.parameters['world_frame'],
-            self._node.parameters['command_frame'],
+            self._node.settings.world_frame,
+            self._node.settings.command_frame,
         )
         # The clock comes first: nodes that use it must not see stamps of the future.
         if self._clock is not None:

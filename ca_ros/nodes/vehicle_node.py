@@ -15,18 +15,17 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from ca_ros.allocation.parameters import own_parameters
 from ca_ros.nodes.diagnostics import ERROR, WARN, StatusPublisher
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.parameter_node import ParameterNode
-from ca_ros.nodes.parameters import PARAMETERS
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.rclpy_internals import given_parameters
+from ca_ros.nodes.settings import FileSettings, with_own_methods
 from ca_ros.nodes.stream import Stalls, subscribe
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.vehicle.values import per_rotor
+from ca_ros.settings import Settings, repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -51,7 +50,7 @@ class VehicleNode(ParameterNode):
         If a parameter is missing or wrong.
     """
 
-    known = PARAMETERS
+    known = FileSettings
     awaited: ClassVar[str] = 'command'
     """What the node cannot work without; its absence is a timeout."""
 
@@ -63,7 +62,7 @@ class VehicleNode(ParameterNode):
         self._logged_audit: Audit | None = None
         self.counts: Counter[str] = Counter()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.mode = str(self.parameters['mode'])
+        self.mode = str(self.settings.mode)
         self._watchdog = Watchdog()
         self._stalls = Stalls()
         self._streams: list[Subscription] = []
@@ -76,13 +75,11 @@ class VehicleNode(ParameterNode):
         """Create a publisher as rclpy does, but without rclpy's default event handlers."""
         return super().create_publisher(*args, **{'event_callbacks': NO_EVENTS, **kwargs})
 
-    def _declare(self) -> dict[str, Any]:
-        """Declare the parameters, and those of an allocation method of one's own."""
-        method = given_parameters(self).get('allocation.method')
-        own = own_parameters(method.value) if method else {}
-        self.known = {**self.known, **own}
-        if 'allocation.method' in self.declared:
-            self.declared = {**self.declared, **own}
+    def _declare(self) -> Settings:
+        """Declare the settings, and those of an allocation method of one's own."""
+        if method := given_parameters(self).get('allocation.method'):
+            self.known = with_own_methods(self.known, str(method.value))
+            self.declared = with_own_methods(self.declared, str(method.value))
         return super()._declare()
 
     def destroy_node(self) -> None:
@@ -92,7 +89,7 @@ class VehicleNode(ParameterNode):
         finally:
             super().destroy_node()
 
-    def audited(self, parameters: dict[str, Any]) -> Audit:
+    def audited(self, settings: Any) -> Audit:
         """Audit which axes the vehicle's rotors can control.
 
         Raises
@@ -101,10 +98,12 @@ class VehicleNode(ParameterNode):
             If an axis or hover is lost at the start, and `allocation.lost_axes` is refuse.
         """
         if self.audit is None:
-            return accept(Vehicle.from_parameters(parameters))
+            return accept(
+                Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+            )
         # In a running node only the health can change, and lost axes are dropped, not refused.
         vehicle = self.audit.asked.vehicle
-        health = per_rotor(parameters, 'rotors.health', vehicle.n)
+        health = repeated('rotors.health', settings.rotors.health, vehicle.n)
         return accept(vehicle.with_health(health), 'drop')
 
     def adopt_audit(self, report: Audit) -> None:
@@ -165,7 +164,7 @@ class VehicleNode(ParameterNode):
     def start_diagnostics(self, subject: str) -> None:
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
         self._looked = monotonic()
-        vehicle = str(self.parameters['vehicle.name'])
+        vehicle = self.settings.vehicle.name
         self._diagnostics = StatusPublisher(self, subject, self.levels, self.values, vehicle)
         self.create_timer(TICK, self._tick, clock=self.steady)
 
@@ -219,7 +218,7 @@ class VehicleNode(ParameterNode):
 
     def _action(self, before: str = '') -> str:
         """Return the timeout action after some text; nothing if the node has none."""
-        action = self.parameters.get('timeout_action', '')
+        action = getattr(self.settings, 'timeout_action', '')
         return f'{before}{action}' if action else ''
 
     def _tick(self) -> None:

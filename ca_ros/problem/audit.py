@@ -21,11 +21,9 @@ from ca_ros.problem.commandable import (
     unit_rows,
 )
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.schema import ParameterError
-from ca_ros.vehicle.parameters import COMMANDED_AXES
+from ca_ros.settings import ParameterError, read
+from ca_ros.vehicle.settings import AxesSettings
 from ca_ros.vehicle.vehicle import Vehicle
-
-LOST_AXES = COMMANDED_AXES['allocation.lost_axes'].choices
 
 STATED_CHOICES_MAX = 2000
 """Facet candidates up to which the audit states the hover margin: they take a millisecond."""
@@ -218,8 +216,7 @@ def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
         If the vehicle is refused; the message says why, and what 'drop' would do.
     """
     choice = vehicle.lost_axes if lost_axes is None else lost_axes
-    if choice not in LOST_AXES:
-        raise ParameterError(f'lost_axes: expected one of {", ".join(LOST_AXES)}, got {choice!r}')
+    read(AxesSettings, {'lost_axes': choice})
     report = audit(vehicle)
     if choice == 'refuse' and not report.sound:
         without = f'without {", ".join(report.lost)}' if report.lost else 'as it is'

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError, renamed
 from ca_ros.vehicle.files import find, flatten, read_yaml, shipped_problems
 
 ARGUMENTS = {
@@ -113,4 +113,4 @@ def _options(content: Mapping[str, Any]) -> dict[str, Any]:
     given = content.get('allocation') or {}
     if not isinstance(given, Mapping):
         raise ParameterError(f'allocation: expected options of methods, got {given!r}')
-    return flatten({'allocation': given})
+    return renamed(flatten({'allocation': given}))

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.settings import ParameterError, Settings, setting
 from ca_ros.solver.simplex import Simplex
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES, AxesSettings
 
 INSIDE = 0.99
 """Greatest share of the way from the middle of the set to its boundary where a line may begin."""
 
 ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 """The default order: groups of axes, the most important first."""
+
+DEFAULT_ORDER = tuple(' '.join(group) for group in ORDER)
+"""The same in words."""
 
 REVERSALS = ('prevent', 'avoid', 'allow')
 REVERSAL = 'prevent'
@@ -33,6 +38,47 @@ LAG_RATIO = 1e-6
 
 DOUBT = 10.0
 """A demand counts as served within DOUBT times the error estimate of the simplex method."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrioritiesSettings(Settings):
+    """The priorities of the axes."""
+
+    order: Annotated[Sequence[Sequence[str]], str] = setting(
+        DEFAULT_ORDER,
+        'priorities of prioritize: groups of axes, the most important first',
+        mutable=True,
+    )
+    thrust_deviation: Literal['prevent', 'avoid', 'allow'] = setting(
+        REVERSAL,
+        'how far thrust may deviate from its demand so that no axis after the first group is '
+        'reversed. prevent: as far as necessary; avoid: no further than hover; allow: not at all',
+        mutable=True,
+    )
+
+    def groups(self, axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+        """Return the groups of the axes that are commanded; see `groups_of`.
+
+        Axes that a vehicle cannot have are one more group of the default order, the last.
+
+        Raises
+        ------
+        ParameterError
+            If an axis is missing, repeated or unknown, or a group is empty.
+        """
+        if self.order == DEFAULT_ORDER:
+            return default_order(axes)
+        try:
+            return groups_of(self.order, axes)
+        except ValueError as error:
+            raise ParameterError(str(error)) from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrioritizedAxesSettings(AxesSettings):
+    """The axes of a vehicle and their priorities, which are those of the method exact."""
+
+    exact: PrioritiesSettings
 
 
 class Served(NamedTuple):

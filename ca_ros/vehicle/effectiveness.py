@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.vehicle.parameters import AXES
+from ca_ros.vehicle.settings import AXES
 
 if TYPE_CHECKING:
     from ca_ros.vehicle.vehicle import Vehicle

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
 ALL = 'all'

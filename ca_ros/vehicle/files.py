@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from ca_ros.schema import ParameterError
+from ca_ros.settings import ParameterError, renamed
 
 DEPTH_MAX = 20
 """Largest depth of nested lists and mappings in a YAML text."""
@@ -182,7 +182,7 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     file = vehicle if isinstance(vehicle, ParameterFile) else ParameterFile(vehicle)
     path = find(vehicle)
     try:
-        return _ros_parameters(file.content, node)
+        return renamed(_ros_parameters(file.content, node))
     except NoSectionError as error:
         raise NoSectionError(f'{path}: {error}') from None
     except ParameterError as error:

@@ -14,10 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant, is_constant
-from ca_ros.schema import ParameterError, check_given, complete
-from ca_ros.vehicle import values
-from ca_ros.vehicle.files import read
-from ca_ros.vehicle.parameters import ALLOCATED, VEHICLE
+from ca_ros.settings import ParameterError, check_given, read, repeated, table
+from ca_ros.vehicle import files, values
+from ca_ros.vehicle.settings import (
+    AxesSettings,
+    BodySettings,
+    MovingBodySettings,
+    MovingVehicleSettings,
+    RotorSettings,
+    VehicleSettings,
+)
 
 HEALTH_MIN = 1e-9
 """A rotor whose health is below this counts as lost."""
@@ -60,7 +66,7 @@ class Vehicle:
         Thrust delivered over thrust expected, in [0, 1]; below `HEALTH_MIN` the rotor is lost.
     axes : tuple of str
         The components of the wrench that are commanded, in the order of
-        `ca_ros.vehicle.parameters.AXES`.
+        `ca_ros.vehicle.settings.AXES`.
     lost_axes : 'refuse' or 'drop'
         Whether a vehicle that cannot command every axis and hover is refused, or flies without
         the lost axes: see `ca_ros.problem.audit.accept`.
@@ -91,7 +97,7 @@ class Vehicle:
     def load(cls, vehicle: str | Path, node: str | None = None) -> Vehicle:
         """Read a vehicle from a parameter file.
 
-        Only the vehicle's own parameters are checked; `ca_ros.nodes.parameters.load` checks the
+        Only the vehicle's own parameters are checked; `ca_ros.nodes.settings.load` checks the
         whole file.
 
         Parameters
@@ -106,7 +112,7 @@ class Vehicle:
         ParameterError
             In one line that names the file, the key and the fault.
         """
-        given = read(vehicle, node)
+        given = files.read(vehicle, node)
         try:
             return cls.from_parameters(given)
         except ParameterError as error:
@@ -116,37 +122,55 @@ class Vehicle:
     def from_parameters(cls, given: Mapping[str, Any]) -> Vehicle:
         """Build a vehicle from parameters by name, as in a parameter file.
 
-        Unknown names are ignored, except in the groups ``vehicle`` and ``rotors``.  The inertia
-        may be missing.
+        Unknown names are ignored, except in the groups ``vehicle`` and ``rotors``, and those that
+        are similar to the vehicle's.  The inertia may be missing.
 
         Raises
         ------
         ParameterError
             In one line that names the key and the fault.
         """
-        concerned = {name: given[name] for name in given if _concerns_vehicle(name.split('.')[0])}
-        check_given(concerned, VEHICLE)
-        table = VEHICLE if 'vehicle.inertia' in given else ALLOCATED
-        p: dict[str, Any] = complete(given, table)
-        arms = values.arms(p)
+        groups = table(MovingVehicleSettings)
+        check_given({name: given[name] for name in given if _concerns_vehicle(name)}, groups)
+        moving = 'vehicle.inertia' in given
+        settings = read(MovingVehicleSettings if moving else VehicleSettings, given)
+        return cls.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+
+    @classmethod
+    def from_settings(
+        cls, body: BodySettings, rotors: RotorSettings, axes: AxesSettings | None = None
+    ) -> Vehicle:
+        """Build a vehicle from its settings; by default it commands the usual four axes.
+
+        Raises
+        ------
+        ParameterError
+            If settings contradict each other.
+        """
+        axes = AxesSettings() if axes is None else axes
+        arms = values.arms(body, rotors)
         n = len(arms)
-        speed_min, speed_max = values.speed_bounds(p, n)
+        speed_min, speed_max = values.speed_bounds(rotors, n)
         return cls(
-            mass=p['vehicle.mass'],
-            gravity=p['vehicle.gravity'],
-            buoyancy=p['vehicle.buoyancy'],
-            inertia=values.inertia(p) if 'vehicle.inertia' in p else None,
+            mass=body.mass,
+            gravity=body.gravity,
+            buoyancy=body.buoyancy,
+            inertia=values.inertia(body) if isinstance(body, MovingBodySettings) else None,
             arms=arms,
-            rotor_axes=values.rotor_axes(p, n),
-            spins=values.spins(p, n),
-            thrust_coefficient=values.per_rotor(p, 'rotors.thrust_coefficient', n),
-            thrust_coefficient_reverse=values.reverse_coefficients(p, n),
-            torque_coefficient=values.per_rotor(p, 'rotors.torque_coefficient', n),
+            rotor_axes=values.rotor_axes(rotors, n),
+            spins=values.spins(rotors, n),
+            thrust_coefficient=repeated(
+                'rotors.thrust_coefficient', rotors.thrust_coefficient, n
+            ),
+            thrust_coefficient_reverse=values.reverse_coefficients(rotors, n),
+            torque_coefficient=repeated(
+                'rotors.torque_coefficient', rotors.torque_coefficient, n
+            ),
             speed_min=speed_min,
             speed_max=speed_max,
-            health=values.per_rotor(p, 'rotors.health', n),
-            axes=values.commanded_axes(p),
-            lost_axes=p['allocation.lost_axes'],
+            health=repeated('rotors.health', rotors.health, n),
+            axes=values.commanded_axes(axes),
+            lost_axes=axes.lost_axes,
         )
 
     def with_health(self, health: ArrayLike) -> Vehicle:
@@ -271,6 +295,9 @@ class Vehicle:
 
 
 @lru_cache
-def _concerns_vehicle(group: str) -> bool:
-    """Return whether a group of parameters is the vehicle's, or a misspelling of one."""
+def _concerns_vehicle(name: str) -> bool:
+    """Return whether a parameter is the vehicle's, or a misspelling of one."""
+    group, _, rest = name.partition('.')
+    if group == 'allocation':
+        return bool(get_close_matches(rest, table(AxesSettings), cutoff=0.6))
     return bool(get_close_matches(group, ('vehicle', 'rotors'), cutoff=0.8))

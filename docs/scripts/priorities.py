@@ -1,4 +1,4 @@
-"""Compare the values of `allocation.exact.reversal`; fill the tables of docs/priorities.md.
+"""Compare the values of `thrust_deviation`; fill the tables of docs/priorities.md.
 
 Flies manoeuvres that saturate the rotors with every shipped vehicle.  Takes about two minutes.
 """

@@ -6,12 +6,12 @@ With --check nothing is written, and the exit code is 1 if a page is not up to d
 import re
 import subprocess
 import sys
+from functools import partial
 
 from pages import DOCS, filled
 
-from ca_ros import ALLOCATORS
-from ca_ros.nodes.parameters import PARAMETERS
-from ca_ros.schema import REQUIRED, Parameter
+from ca_ros import ALLOCATORS, settings
+from ca_ros.nodes.settings import DECLARED
 
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
@@ -26,15 +26,18 @@ SYMBOLS = {
 }
 
 
-def table() -> str:
-    """Return the parameters as a Markdown table."""
+def parameters(node: str) -> str:
+    """Return the parameters of a node as a Markdown table, without those of the allocator."""
+    shared = settings.table(DECLARED['allocator']) if node != 'allocator' else {}
     rows = ['| name | default | allowed | meaning |', '|---|---|---|---|']
-    for name, parameter in PARAMETERS.items():
-        mark = '*' if parameter.mutable else ''
-        rows.append(
-            f'| `{name}`{mark} | {_default(parameter)} | {ALLOWED.get(name) or parameter.range()} '
-            f'| {parameter.description} |'
-        )
+    for name, field in settings.table(DECLARED[node]).items():
+        if name not in shared:
+            mark = '*' if field.mutable else ''
+            allowed = ALLOWED.get(name) or field.range()
+            meaning = field.description.replace('|', '\\|')
+            rows.append(
+                f'| `{name}`{mark} | {_default(field)} | {allowed} | {meaning} |'
+            )
     return '\n'.join(rows)
 
 
@@ -55,11 +58,11 @@ def _formula(text: str) -> str:
     return text
 
 
-def _default(parameter: Parameter) -> str:
-    if parameter.default is REQUIRED:
+def _default(field: settings.Field) -> str:
+    if field.default is settings.REQUIRED:
         return 'none'
-    words = parameter.default if isinstance(parameter.default, list) else [parameter.default]
-    return ', '.join(str(word) for word in words)
+    words = field.default if isinstance(field.default, tuple) else [field.default]
+    return ', '.join(str(word).lower() if isinstance(word, bool) else str(word) for word in words)
 
 
 def printed(code: str) -> str:
@@ -76,7 +79,8 @@ def fresh(text: str) -> str:
         text,
         flags=re.DOTALL,
     )
-    for mark, content in (('parameters', table), ('methods', methods)):
+    contents = {node: partial(parameters, node) for node in DECLARED} | {'methods': methods}
+    for mark, content in contents.items():
         if f'<!-- {mark} -->' in text:
             text = filled(text, mark, content())
     return text

@@ -191,7 +191,7 @@ def row(task: tuple[str, str, int, int]) -> list[str]:
     """Return the row of one vehicle and precision."""
     name, precision, size, generations = task
     faults = faults_of(Vehicle.load(name), ['single'])
-    firmware = Firmware.make(faults, checked(read(name)), precision)
+    firmware = Firmware.make(faults, checked(read(name)).allocation, precision)
     sample, searched, bounds = measure(firmware, size, generations)
     counts = max(sample.steps, searched.steps), bounds.steps
     counts += max(sample.pivots, searched.pivots), bounds.pivots

@@ -24,17 +24,18 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.flight.parameters import SIMULATION
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
 from ca_ros.nodes import messages, topics
-from ca_ros.nodes.parameters import SIMULATOR
 from ca_ros.nodes.qos import offered, requested
-from ca_ros.schema import REQUIRED, complete
-from ca_ros.vehicle.parameters import SIMULATED
+from ca_ros.nodes.settings import SimulatorSettings
+from ca_ros.settings import REQUIRED, flat, read, table
 
-USED = {*SIMULATED, *SIMULATION, 'simulator.hold_at', 'mode', 'world_frame', 'command_frame'}
-TABLE = {name: SIMULATOR[name] for name in sorted(USED - {'simulator.integrator'})}
+UNUSED = {
+    'command_timeout', 'timeout_action', 'simulator.integrator', 'simulator.real_time_factor',
+    'simulator.publish_clock', 'simulator.publish_odometry',
+}
+DECLARED = {name: each for name, each in table(SimulatorSettings).items() if name not in UNUSED}
 CHANGEABLE = 'rotors.health', 'simulator.hold_at'
 
 REPEAT = 0.2
@@ -47,19 +48,20 @@ class MujocoPlant(Node):
     def __init__(self) -> None:
         super().__init__('simulator')
         given = {}
-        for name, each in TABLE.items():
+        for name, each in DECLARED.items():
             default = None if each.default is REQUIRED else each.default
+            default = list(default) if isinstance(default, tuple) else default
             descriptor = ParameterDescriptor(
                 description=each.description,
                 dynamic_typing=True,
                 read_only=name not in CHANGEABLE,
             )
             given[name] = self.declare_parameter(name, default, descriptor).value
-        self.parameters = complete(given, TABLE)
-        self.plant = Plant(self.build(self.parameters), self.parameters)
+        self.settings = read(SimulatorSettings, given)
+        self.plant = Plant(self.build(self.settings), self.settings.simulator)
         n, self.step_ns = self.plant.body.vehicle.n, self.plant.time_step_ns
         self.speeds, self.resting, self.held = np.zeros(n), True, False
-        mode = self.parameters['mode']
+        mode = self.settings.mode
         self.lockstep = mode == 'lockstep'
         self.time = 0 if self.lockstep else self.get_clock().now().nanoseconds
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -76,18 +78,20 @@ class MujocoPlant(Node):
         )
         self.add_on_set_parameters_callback(self.change)
 
-    def build(self, parameters: dict) -> MujocoBody:
+    def build(self, settings: SimulatorSettings) -> MujocoBody:
         """Create the body of the vehicle."""
-        return MujocoBody(body_of(Vehicle.from_parameters(parameters), parameters))
+        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
+        return MujocoBody(body_of(vehicle, settings.simulator))
 
     def change(self, changes: list[Parameter]) -> SetParametersResult:
         """Take over a new health of the rotors, or a new time to wait at."""
-        parameters = {**self.parameters, **{each.name: each.value for each in changes}}
+        given = {**flat(self.settings), **{each.name: each.value for each in changes}}
         try:
-            self.plant.body = self.build(parameters)
+            settings = read(SimulatorSettings, given)
+            self.plant.body = self.build(settings)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        self.parameters = parameters
+        self.settings = settings
         if self.held:
             self.publish()
         return SetParametersResult(successful=True)
@@ -135,7 +139,7 @@ class MujocoPlant(Node):
 
     def publish(self) -> None:
         """Publish the state, unless lockstep is to wait here for a change of parameters."""
-        hold = round(self.parameters['simulator.hold_at'] * 1e9)
+        hold = round(self.settings.simulator.hold_at * 1e9)
         self.held = self.lockstep and 0 < hold <= self.time
         if self.held:
             return
@@ -148,8 +152,8 @@ class MujocoPlant(Node):
             velocity_in_body(state),
             state[ANGULAR_VELOCITY],
             messages.stamp(self.time),
-            self.parameters['world_frame'],
-            self.parameters['command_frame'],
+            self.settings.world_frame,
+            self.settings.command_frame,
         )
         self.pose.publish(pose)
         self.velocity.publish(twist)

@@ -1,0 +1,111 @@
+"""The settings of allocation: the method, and a group of settings for each method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from ca_ros.allocation import (
+    ALLOCATORS,
+    AllocationProblem,
+    Allocator,
+    allocator_with,
+    method_class,
+)
+from ca_ros.allocation.exact import ExactSettings
+from ca_ros.problem.prioritization import PrioritizedAxesSettings
+from ca_ros.settings import (
+    ParameterError,
+    Settings,
+    group,
+    names_class,
+    setting,
+    table,
+    with_groups,
+)
+from ca_ros.vehicle.settings import VehicleSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodSettings(Settings):
+    """The method; a class of `with_methods` has a group for the settings of each method."""
+
+    method: str = setting(
+        'exact', 'allocation method', choices=tuple(ALLOCATORS), own_class=True, mutable=True
+    )
+
+    def of(self, method: str) -> Settings:
+        """Return the settings of a method."""
+        settings: Settings = getattr(self, group_name(method))
+        return settings
+
+
+M = TypeVar('M', bound=MethodSettings)
+
+_MADE: dict[tuple[type[MethodSettings], tuple[str, ...]], Any] = {}
+
+
+def with_methods(base: type[M], own: tuple[str, ...] = ()) -> type[M]:
+    """Return a class of settings with a group for each shipped method, and for one's own.
+
+    Raises
+    ------
+    ParameterError
+        If there is no class ``module:Class``.
+    """
+    if (base, own) not in _MADE:
+        try:
+            kinds = {**ALLOCATORS, **{group_name(each): method_class(each) for each in own}}
+        except ValueError as error:
+            raise ParameterError(f'allocation.method: {error}') from None
+        groups = {name: kind.settings_type() for name, kind in kinds.items()}
+        _MADE[base, own] = with_groups(base, groups, (with_methods, (base, own)))
+    return _MADE[base, own]
+
+
+def own_methods(*methods: str) -> tuple[str, ...]:
+    """Return those methods that are ``module:Class``."""
+    return tuple(dict.fromkeys(method for method in methods if names_class(method)))
+
+
+def group_name(method: str) -> str:
+    """Return the group of a method: its name, or the ``Class`` of ``module:Class``."""
+    return method.rpartition(':')[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleMethodSettings(MethodSettings, PrioritizedAxesSettings):
+    """The method, and the axes of the vehicle."""
+
+    exact: ExactSettings
+
+
+ProblemAllocation = with_methods(MethodSettings)
+"""The settings ``allocation.*`` of a problem without a vehicle."""
+
+VehicleAllocation = with_methods(VehicleMethodSettings)
+"""The settings ``allocation.*`` of a vehicle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllocatedVehicleSettings(VehicleSettings):
+    """A vehicle and its allocation."""
+
+    allocation: VehicleMethodSettings = group(VehicleAllocation)
+
+
+def allocator_of(settings: MethodSettings, problem: AllocationProblem) -> Allocator:
+    """Return the allocator that the settings of a file or node describe.
+
+    Raises
+    ------
+    ParameterError
+        If a setting is wrong; the message has its full name.
+    """
+    kind, own = method_class(settings.method), settings.of(settings.method)
+    try:
+        return allocator_with(kind, problem, own)
+    except ValueError as error:
+        named = any(str(error).startswith((f'{name}:', f'{name}[')) for name in table(type(own)))
+        place = f'allocation.{group_name(settings.method)}.' if named else ''
+        raise ParameterError(f'{place}{error}') from None

@@ -1,0 +1,222 @@
+"""The settings of the nodes, and all that a file may have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from ca_ros.allocation.settings import (
+    AllocatedVehicleSettings,
+    VehicleAllocation,
+    VehicleMethodSettings,
+    own_methods,
+    with_methods,
+)
+from ca_ros.flight.settings import ControlSettings, PlantSettings
+from ca_ros.settings import (
+    ParameterError,
+    Settings,
+    check_given,
+    group,
+    read,
+    setting,
+    table,
+    with_groups,
+)
+from ca_ros.vehicle import files
+from ca_ros.vehicle.settings import (
+    MovingBodySettings,
+    RotorSettings,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeSettings(Settings):
+    """What all nodes of the loop have."""
+
+    mode: Literal['realtime', 'lockstep'] = setting(
+        'realtime',
+        'realtime: the simulator follows the clock; lockstep: it steps once per command',
+    )
+    command_timeout: float = setting(
+        0.1,
+        'time without a valid command after which the timeout action begins',
+        unit='s',
+        positive=True,
+        mutable=True,
+        rebuild=False,
+    )
+    command_frame: str = setting(
+        'base_link',
+        'frame_id of wrenches and body velocities; messages with another frame_id are dropped, '
+        'those with an empty frame_id are used',
+        mutable=True,
+        rebuild=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeoutSettings(Settings):
+    """What a node does without commands."""
+
+    timeout_action: Literal['idle', 'stop', 'hold'] = setting(
+        'idle',
+        'rotor speeds until commands return. idle: the speeds within the bounds that are nearest '
+        'to zero; stop: zero; hold: the last speeds',
+        mutable=True,
+        rebuild=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldSettings(Settings):
+    """What nodes with poses have."""
+
+    world_frame: str = setting(
+        'map',
+        'frame_id of poses and waypoints; messages with another frame_id are dropped, those with '
+        'an empty frame_id are used',
+        mutable=True,
+        rebuild=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandSettings(Settings):
+    """Which wrenches the allocator serves."""
+
+    command_age_max: float = setting(
+        0.0,
+        'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
+        'dropped; 0: no limit',
+        unit='s',
+        minimum=0.0,
+        mutable=True,
+        rebuild=False,
+    )
+    command_order: Literal['any', 'newer'] = setting(
+        'any',
+        'wrenches whose stamps are out of order. any: serve them; newer: drop them',
+        mutable=True,
+        rebuild=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationSettings(PlantSettings):
+    """The simulated vehicle, and the clock of its node."""
+
+    real_time_factor: float = setting(
+        1.0,
+        'simulated time per second of real time, in mode realtime; at values other than 1, stamps '
+        'deviate from the clock',
+        unit='s/s',
+        minimum=0.01,
+        maximum=10.0,
+    )
+    publish_clock: bool = setting(
+        False, 'publish the simulated time on /clock, for nodes with use_sim_time'
+    )
+    publish_odometry: bool = setting(
+        False, 'publish pose and velocity also as one message on local_position/odometry'
+    )
+    hold_at: float = setting(
+        0.0,
+        'simulated time at which the simulator waits in mode lockstep, until this parameter is '
+        'set to a later time; 0: never',
+        unit='s',
+        minimum=0.0,
+        mutable=True,
+        rebuild=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllocatorSettings(CommandSettings, TimeoutSettings, NodeSettings, AllocatedVehicleSettings):
+    """The settings of the allocator node."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerNodeSettings(WorldSettings, NodeSettings, ControlSettings):
+    """The settings of the controller node."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorSettings(WorldSettings, TimeoutSettings, NodeSettings):
+    """The settings of the simulator node."""
+
+    vehicle: MovingBodySettings
+    rotors: RotorSettings
+    simulator: SimulationSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
+    """All settings that the file of a vehicle may have."""
+
+    vehicle: MovingBodySettings
+    allocation: VehicleMethodSettings = group(VehicleAllocation)
+    simulator: SimulationSettings
+
+
+DECLARED: dict[str, type[NodeSettings]] = {
+    'allocator': AllocatorSettings,
+    'controller': ControllerNodeSettings,
+    'simulator': SimulatorSettings,
+}
+"""The settings of each node, by the name of the node."""
+
+K = TypeVar('K', bound=Settings)
+
+
+def with_own_methods(kind: type[K], *methods: str) -> type[K]:
+    """Return a class of settings that also has those of methods ``module:Class``.
+
+    A class without methods, such as that of the simulator, stays as it is.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such class.
+    """
+    own = own_methods(*methods)
+    if not own or 'allocation.method' not in table(kind):
+        return kind
+    groups = {'allocation': with_methods(VehicleMethodSettings, own)}
+    return with_groups(kind, groups, (with_own_methods, (kind, *own)))
+
+
+def load(vehicle: str | Path, node: str | None = None) -> FileSettings:
+    """Read and check the parameter file of a vehicle; see `load_for`."""
+    return load_for(FileSettings, vehicle, node)
+
+
+def load_for(kind: type[K], vehicle: str | Path, node: str | None = None) -> K:
+    """Read and check the parameter file of a vehicle.
+
+    Parameters
+    ----------
+    kind : type
+        Which settings to return; the others in the file are checked, too.
+    vehicle, node
+        As in `ca_ros.vehicle.files.read`.
+
+    Returns
+    -------
+    Settings
+        With the settings of one's own method, if the file names one.
+
+    Raises
+    ------
+    ParameterError
+        As in `ca_ros.vehicle.files.read`, or if a name or a value is wrong; the message names the
+        file, the setting and the fault.
+    """
+    given = files.read(vehicle, node)
+    try:
+        method = str(given.get('allocation.method'))
+        check_given(given, table(with_own_methods(FileSettings, method)))
+        return read(with_own_methods(kind, method), given)
+    except ParameterError as error:
+        raise ParameterError(f'{files.find(vehicle)}: {error}') from None

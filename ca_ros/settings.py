@@ -1,0 +1,468 @@
+"""Settings: each is declared once, as a field of a frozen dataclass.
+
+::
+
+    @dataclass(frozen=True, kw_only=True)
+    class ScaledSettings(Settings):
+        reserve: float = setting(0.1, 'share of each range to keep free', minimum=0.0, maximum=0.9)
+
+``ScaledSettings(reserve=0.5)`` checks the value, and ``read(ScaledSettings, given, 'scaled.')``
+reads it from the values of a parameter file.  `table` returns what a file, ROS and the pages need:
+names, types, limits and descriptions.  A field whose type is another such class is a group; the
+name of the group and a dot come before the names of its settings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from math import inf, isfinite, nan
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array, constant
+from ca_ros.errors import CaRosError
+
+Numbers = Annotated[ArrayLike, float]
+"""The type of a setting that is one number or several."""
+
+Words = Annotated[Sequence[str], str]
+"""The type of a setting that is several words."""
+
+REQUIRED = object()
+"""The default of a setting that a file must have."""
+
+LARGEST, SMALLEST = 1e9, 1e-30
+"""Greatest number, and least positive one; products of others could overflow."""
+
+WEIGHTS_MAX = 1e4
+"""Greatest ratio of two weights."""
+
+SWITCH: dict[str, Any] = {'enabled': True, 'disabled': False}
+
+RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
+    'allocation.exact.reversal': ('allocation.exact.thrust_deviation', {}),
+    'allocation.exact.slack': ('allocation.exact.residual_slack', {}),
+    **{
+        name: (name, SWITCH)
+        for name in (
+            'allocation.betaflight_mixer.airmode',
+            'simulator.publish_clock',
+            'simulator.publish_odometry',
+        )
+    },
+}
+"""By the old name of a setting its new name, and new values for old ones."""
+
+
+class ParameterError(CaRosError, ValueError):
+    """A parameter file, the name of a setting or its value is wrong."""
+
+
+class MissingParameterError(ParameterError):
+    """A setting without a default is not given."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """The declaration of a setting; see `setting`.
+
+    Attributes
+    ----------
+    description : str
+        With the unit in brackets.
+    kinds : tuple of types
+        `bool`, `int`, `float` and `str`, as far as allowed.
+    array : bool
+        Whether several values are allowed.
+    default : value or REQUIRED
+    """
+
+    description: str
+    kinds: tuple[type, ...] = (float,)
+    array: bool = False
+    default: Any = REQUIRED
+    minimum: float = -inf
+    maximum: float = inf
+    positive: bool = False
+    choices: tuple[str, ...] = ()
+    sizes: tuple[int, ...] = ()
+    own_class: bool = False
+    mutable: bool = False
+    rebuild: bool = True
+
+    def range(self) -> str:
+        """Return a phrase for the allowed values."""
+        if bool in self.kinds:
+            return 'true or false'
+        if str in self.kinds:
+            words = f'one of {", ".join(self.choices)}' if self.choices else 'a word'
+            own = ', or module:Class for your own' if self.own_class else ''
+            return f'{words}{own}{", or numbers" if float in self.kinds else ""}'
+        whole = 'a whole number' if int in self.kinds else ''
+        return ', '.join(part for part in (whole, self._limits()) if part) or 'a finite number'
+
+    def _limits(self) -> str:
+        if self.positive:
+            return 'positive' if self.maximum == inf else f'in (0, {self.maximum:g}]'
+        if self.minimum == -inf and self.maximum == inf:
+            return ''
+        if self.maximum == inf:
+            return f'at least {self.minimum:g}'
+        return f'in [{self.minimum:g}, {self.maximum:g}]'
+
+
+def setting(
+    default: Any = REQUIRED,
+    description: str = '',
+    *,
+    unit: str = '',
+    minimum: float = -inf,
+    maximum: float = inf,
+    positive: bool = False,
+    choices: Sequence[str] = (),
+    sizes: Sequence[int] = (),
+    own_class: bool = False,
+    mutable: bool = False,
+    rebuild: bool = True,
+) -> Any:
+    """Declare a setting, a field of a subclass of `Settings`.
+
+    Its type is `bool`, `int`, `float`, `str`, a `Literal` of words, `Numbers`, `Words`, or a union
+    of these.
+
+    Parameters
+    ----------
+    default : optional
+        Without a default, the setting must be given.  A setting whose default is None is for
+        Python alone: files and nodes do not have it.
+    description : str
+    unit : str
+    minimum, maximum : float
+        Each number is in [minimum, maximum], and greater than zero if `positive`.
+    choices : sequence of str
+        The allowed words, if they are not in the type.
+    sizes : sequence of int
+        How many numbers there may be.
+    own_class : bool
+        Whether ``module:Class`` is allowed beside the choices.
+    mutable : bool
+        Whether it can be set on a running node.
+    rebuild : bool
+        Whether a node then builds its allocator, controller or plant again.
+    """
+    declared = Field(
+        f'{description} [{unit}]' if unit else description,
+        minimum=minimum,
+        maximum=maximum,
+        positive=positive,
+        choices=tuple(choices),
+        sizes=tuple(sizes),
+        own_class=own_class,
+        mutable=mutable,
+        rebuild=rebuild,
+        default=_frozen(default),
+    )
+    given = {} if default is REQUIRED else {'default': declared.default}
+    return dataclasses.field(**given, metadata={'setting': declared})
+
+
+def group(kind: type[Settings]) -> Any:
+    """Declare a group of settings whose class is not its type."""
+    return dataclasses.field(metadata={'group': kind})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """The base class of settings, which are frozen dataclasses; values are checked when made.
+
+    A limit between settings is checked in `__post_init__`, after that of this class; the message
+    of its `ParameterError` begins with the name of a setting.
+    """
+
+    def __post_init__(self) -> None:
+        for name, field in _fields(type(self)).items():
+            if isinstance(field, Field):
+                value = getattr(self, name)
+                if value is not field.default:
+                    object.__setattr__(self, name, _frozen(check(name, value, field)))
+
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        # Pickle finds other classes by their names.
+        recipe = vars(type(self)).get('_recipe')
+        return (_restored, (*recipe, vars(self))) if recipe else super().__reduce_ex__(protocol)
+
+
+S = TypeVar('S', bound=Settings)
+
+_FOUND: dict[type[Settings], Mapping[str, Field | type[Settings]]] = {}
+
+
+def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
+    """Return the settings of a class by name, and the classes of its groups."""
+    if kind in _FOUND:
+        return _FOUND[kind]
+    hints = get_type_hints(kind, include_extras=True)
+    found: dict[str, Field | type[Settings]] = {}
+    for each in dataclasses.fields(kind):
+        hint, declared = hints[each.name], each.metadata.get('setting')
+        if declared is None:
+            found[each.name] = each.metadata.get('group', hint)
+            continue
+        parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        kinds, choices, array = [], list(declared.choices), False
+        for part in parts:
+            if get_origin(part) is Literal:
+                kinds.append(str)
+                choices += get_args(part)
+            elif get_origin(part) is Annotated:
+                kinds.append(part.__metadata__[0])
+                array = True
+            elif part is not type(None):
+                kinds.append(part)
+        found[each.name] = dataclasses.replace(
+            declared, kinds=tuple(kinds), choices=tuple(choices), array=array
+        )
+    _FOUND[kind] = found
+    return found
+
+
+def with_groups(
+    base: type[S], groups: Mapping[str, type[Settings]], recipe: tuple[Callable[..., Any], Any]
+) -> type[S]:
+    """Return a subclass with further groups, or others of the same name.
+
+    Parameters
+    ----------
+    base : type
+    groups : mapping
+        The class of each group.
+    recipe : tuple
+        A function that returns the subclass and its arguments, for pickle.
+    """
+    fields = [(name, Settings, group(kind)) for name, kind in groups.items()]
+    namespace = {'_recipe': recipe}
+    return dataclasses.make_dataclass(
+        base.__name__, fields, bases=(base,), namespace=namespace, frozen=True, kw_only=True
+    )
+
+
+def _restored(function: Callable[..., type[S]], arguments: Any, values: dict[str, Any]) -> S:
+    """Return unpickled settings of a class of `with_groups`."""
+    settings = object.__new__(function(*arguments))
+    vars(settings).update(values)
+    return settings
+
+
+def table(kind: type[Settings], prefix: str = '') -> dict[str, Field]:
+    """Return the settings of a class and its groups by full name, without those of Python alone.
+
+    Parameters
+    ----------
+    kind : type
+        A subclass of `Settings`.
+    prefix : str
+        What comes before the names.
+    """
+    found = {}
+    for name, field in _fields(kind).items():
+        if isinstance(field, type):
+            found.update(table(field, f'{prefix}{name}.'))
+        elif field.default is not None:
+            found[prefix + name] = field
+    return found
+
+
+def read(kind: type[S], given: Mapping[str, Any], prefix: str = '') -> S:
+    """Return the settings that are given by full name; others have their defaults.
+
+    Names that the class does not have are ignored: see `check_given`.
+
+    Raises
+    ------
+    ParameterError
+        If a value is wrong; the message has the full name.
+    MissingParameterError
+        If a setting without a default is missing.
+    """
+    values: dict[str, Any] = {}
+    for name, field in _fields(kind).items():
+        full = prefix + name
+        if isinstance(field, type):
+            values[name] = read(field, given, f'{full}.')
+        elif field.default is not None:
+            value = given.get(full, field.default)
+            if value is REQUIRED or value is None:
+                raise MissingParameterError(f'{full}: missing; it is the {field.description}')
+            values[name] = value
+    try:
+        return kind(**values)
+    except ParameterError as error:
+        raise ParameterError(f'{prefix}{error}') from None
+
+
+def flat(settings: Settings, prefix: str = '') -> dict[str, Any]:
+    """Return the values of settings by full name, as `read` takes them; arrays are lists."""
+    values: dict[str, Any] = {}
+    for name, field in _fields(type(settings)).items():
+        value = getattr(settings, name)
+        if isinstance(value, Settings):
+            values.update(flat(value, f'{prefix}{name}.'))
+        elif not (isinstance(field, Field) and field.default is None):
+            values[prefix + name] = _listed(value)
+    return values
+
+
+def renamed(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by full name under their present names, with one warning of all old names."""
+    values: dict[str, Any] = {}
+    notes = []
+    for name, value in given.items():
+        new, words = RENAMED.get(name, (name, {}))
+        changed = words.get(value, value) if isinstance(value, str) else value
+        if (new, changed) != (name, value):
+            now = f'{new}: {_shortened(changed)}' if changed is not value else new
+            notes.append(f'{name} is now {now}')
+        values.setdefault(new, changed)
+    if notes:
+        warnings.warn(f'old settings: {"; ".join(notes)}', FutureWarning, stacklevel=1)
+    return values
+
+
+def check_given(given: Mapping[str, Any], known: Mapping[str, Field]) -> None:
+    """Check the names and values of given settings.
+
+    Unknown names are accepted, because they may belong to another package, unless they are similar
+    to a known name or in the same group (``rotors.``).
+
+    Parameters
+    ----------
+    given : mapping
+        Values by full name.
+    known : mapping
+        All settings that may be given.
+
+    Raises
+    ------
+    ParameterError
+        If a name or a value is wrong; the message names it.
+    """
+    groups = {name.split('.')[0] for name in known if '.' in name}
+    for name, value in given.items():
+        if name in known:
+            check(name, value, known[name])
+            continue
+        near = get_close_matches(name, known, n=1, cutoff=0.7)
+        if near or name.split('.')[0] in groups:
+            hint = f' (did you mean {near[0]}?)' if near else ''
+            raise ParameterError(f'{name}: no such parameter{hint}')
+
+
+def check(name: str, value: Any, field: Field) -> Any:
+    """Return the value of a setting with its type; raise a `ParameterError` if it is wrong."""
+    if hasattr(value, 'tolist'):
+        value = value.tolist()
+    is_array = not isinstance(value, (str, bool)) and hasattr(value, '__len__')
+    if is_array and not field.array:
+        raise ParameterError(f'{name}: expected one value ({field.range()}), got {len(value)}')
+    if str not in field.kinds and isinstance(value, str) and value.lstrip().startswith('['):
+        raise ParameterError(
+            f'{name}: expected numbers, got the string {_shortened(value)}; ROS takes a list for '
+            'numbers only if all have a decimal point or none has: write [0.0, 0.5, 1.0]'
+        )
+    size = len(value) if is_array else 1
+    if field.sizes and size not in field.sizes:
+        expected = ' or '.join(map(str, field.sizes))
+        raise ParameterError(f'{name}: expected {expected} numbers, got {size}')
+    if is_array:
+        entry = dataclasses.replace(field, sizes=())
+        return [check(f'{name}[{i}]', each, entry) for i, each in enumerate(value)]
+    found = _typed(value, field)
+    if found is None:
+        raise ParameterError(f'{name}: must be {field.range()}, got {_shortened(value)}')
+    if not isinstance(found, str) and abs(found) > LARGEST:
+        raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {found:g}')
+    if field.positive and not isinstance(found, str) and found < SMALLEST:
+        raise ParameterError(f'{name}: expected a number from {SMALLEST:g}, got {found:g}')
+    return found
+
+
+def _typed(value: Any, field: Field) -> Any:
+    """Return one value with its type; None if it is not allowed."""
+    if bool in field.kinds:
+        return value if isinstance(value, bool) else None
+    if str in field.kinds and isinstance(value, str):
+        own = field.own_class and names_class(value)
+        return value if own or not field.choices or value in field.choices else None
+    if not {int, float} & {*field.kinds}:
+        return None
+    try:
+        # YAML 1.1 reads 1e-4, without a point, as a string.  ROS reads a number, as here.
+        number = nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if (
+        not isfinite(number)
+        or not field.minimum <= number <= field.maximum
+        or (field.positive and number <= 0.0)
+        or (int in field.kinds and not number.is_integer())
+    ):
+        return None
+    return int(number) if int in field.kinds else number
+
+
+def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:
+    """Return `Numbers` as a constant array (n,); one number counts for all.
+
+    Raises
+    ------
+    ParameterError
+        If there is neither one number nor n numbers.
+    """
+    numbers = np.asarray(value, dtype=float)
+    if numbers.shape not in ((), (1,), (n,)):
+        raise ParameterError(
+            f'{name}: expected 1 or {n} numbers, one per {what}, got {numbers.size}'
+        )
+    return constant(np.broadcast_to(numbers, (n,)))
+
+
+def check_ratio(name: str, weights: ArrayLike) -> None:
+    """Raise a `ParameterError` if a weight is more than `WEIGHTS_MAX` times another one."""
+    least, greatest = float(np.min(weights)), float(np.max(weights))
+    if greatest > WEIGHTS_MAX * least:
+        raise ParameterError(
+            f'{name}: {greatest:g} is more than {WEIGHTS_MAX:g} times {least:g}, too much for '
+            'the digits of the thrusts'
+        )
+
+
+def names_class(word: Any) -> bool:
+    """Tell whether a word has the form ``module:Class``."""
+    module, colon, name = str(word).partition(':')
+    return bool(colon) and all(part.isidentifier() for part in (*module.split('.'), name))
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(map(_frozen, value)) if isinstance(value, (list, tuple)) else value
+
+
+def _listed(value: Any) -> Any:
+    return list(map(_listed, value)) if isinstance(value, tuple) else value
+
+
+def _shortened(value: Any) -> str:
+    """Return the repr of a value, cut to one line."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):
+        # For example an integer with thousands of digits.
+        return f'a value of type {type(value).__name__} that is too long'
+    return text if len(text) <= 80 else f'{text[:80]}...'
