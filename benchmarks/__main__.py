@@ -23,8 +23,8 @@ from benchmarks.sizes import FULL, QUICK, Sizes
 from benchmarks.timing import summarize
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import Case, methods_of
-from ca_ros.evaluation.environment import machine, versions
 from ca_ros.evaluation.paper import of_the_paper
+from ca_ros.evaluation.result_files import machine, versions
 from ca_ros.evaluation.tables import listed
 from ca_ros.flight.figures import save
 

@@ -12,7 +12,7 @@ from signal import SIG_DFL, SIGPIPE, signal
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
-from ca_ros.evaluation import audit_command
+from ca_ros.evaluation.sets import audit_command
 from ca_ros.kernel import chosen, load
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import config_directory

@@ -20,12 +20,12 @@ parameters.
 
 COMMANDS = {
     **{node: f'ca_ros.nodes.{node}' for node in NODES},
-    'attainable': 'ca_ros.evaluation.attainable',
+    'attainable': 'ca_ros.evaluation.sets.attainable',
     'bringup': 'ca_ros.bringup.bringup',
-    'dynamic_study': 'ca_ros.evaluation.dynamic_study',
+    'dynamic_study': 'ca_ros.evaluation.dynamic.study',
     'fault_proxy': 'ca_ros.bringup.fault_proxy',
     'firmware': 'ca_ros.firmware.command',
-    'static_study': 'ca_ros.evaluation.static_study',
+    'static_study': 'ca_ros.evaluation.static.study',
 }
 """The module of each command, which has the function main."""
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from ca_ros import Vehicle
-from ca_ros.evaluation import dynamic_study
 from ca_ros.evaluation.cases import PAPER, Case
-from ca_ros.evaluation.dynamic_study import main
-from ca_ros.evaluation.flight_metrics import judge_samples, metrics
-from ca_ros.evaluation.observations import observe
-from ca_ros.evaluation.ros_flight import RosFlightError, fly_over_ros, read_flight
+from ca_ros.evaluation.dynamic import study as dynamic_study
+from ca_ros.evaluation.dynamic.metrics import judge_samples, metrics
+from ca_ros.evaluation.dynamic.paper_checks import observe
+from ca_ros.evaluation.dynamic.ros_flight import RosFlightError, fly_over_ros, read_flight
+from ca_ros.evaluation.dynamic.study import main
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight

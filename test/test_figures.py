@@ -10,9 +10,9 @@ from matplotlib import image
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from ca_ros.evaluation.animation import BODY, FRONT, LOST, THRUST, animate
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.flight_metrics import judge_samples
+from ca_ros.evaluation.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
+from ca_ros.evaluation.dynamic.metrics import judge_samples
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.figures import COLORS, FORMATS, formats, millimetres, save
 from ca_ros.flight.plots import draw_flight

@@ -12,7 +12,7 @@ from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
 from ca_ros.bringup.bringup import main as bringup
 from ca_ros.bringup.flight_options import failure_words
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic_study import main as dynamic_study
+from ca_ros.evaluation.dynamic.study import main as dynamic_study
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures

@@ -7,7 +7,7 @@ import pytest
 
 from ca_ros import ParameterError
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic_study import main as dynamic_study
+from ca_ros.evaluation.dynamic.study import main as dynamic_study
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -142,34 +140,6 @@ class Case:
         if self.settings is None:
             raise TypeError(f'{self.name} is not a vehicle')
         return self.settings
-
-    @classmethod
-    def of(cls, options: Namespace, flying: bool = False) -> tuple[Case, dict[str, Allocator]]:
-        """Return case and allocators of a command line; make the folder of the results.
-
-        Methods of a set such as ``all`` that do not apply to a problem without a vehicle are left
-        out; see `left_out`.  With `flying`, a problem without a vehicle is refused.
-
-        From then on SIGINT raises a KeyboardInterrupt, also in a background process, which shells
-        start with SIGINT ignored. Raises a CaseError if the command line is wrong.
-        """
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        try:
-            methods = methods_of(options.methods)
-            case = cls.load(options.vehicle, options.param, methods, flying)
-            asked = [word.strip() for word in options.methods.split(',')]
-            allocators = {}
-            for method in methods:
-                try:
-                    allocators[method] = case.allocator(method)
-                except ValueError as error:
-                    if case.flies or method in asked:
-                        raise
-                    case.left_out[method] = str(error)
-        except ValueError as error:
-            raise CaseError(str(error)) from None
-        options.out.mkdir(parents=True, exist_ok=True)
-        return case, allocators
 
     def audited(self, health: Array) -> Vehicle:
         """Return the vehicle with other rotor health (n,), and the axes it can then command."""

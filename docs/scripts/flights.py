@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ca_ros.allocation import Allocation
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.flight_metrics import RECOVERED, changes_of, height_lost
+from ca_ros.evaluation.dynamic.metrics import RECOVERED, changes_of, height_lost
 from ca_ros.evaluation.wrench_metrics import energy
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller

@@ -6,8 +6,8 @@ from collections.abc import Callable, Collection, Mapping
 from math import degrees
 from typing import Any
 
-from ca_ros.evaluation.flight_metrics import RECOVERED
-from ca_ros.evaluation.observations import HEIGHT_ERROR
+from ca_ros.evaluation.dynamic.metrics import RECOVERED
+from ca_ros.evaluation.dynamic.paper_checks import HEIGHT_ERROR
 from ca_ros.evaluation.tables import render, table
 
 Metrics = Mapping[str, Any]

@@ -82,7 +82,6 @@ class StaticChunks:
                 rows.insert(0, 'sample', rows.index + start)
                 kept.append(rows.sort_values('sample', kind='stable'))
         return {
-            'samples': end - first,
             'rows': pd.concat(kept).to_dict('list') if kept else {},
             'methods': {name: merged(own) for name, own in summaries.items()},
         }

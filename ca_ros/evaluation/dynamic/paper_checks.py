@@ -10,7 +10,7 @@ import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.evaluation.cases import PAPER
-from ca_ros.evaluation.flight_metrics import at_bounds, steady
+from ca_ros.evaluation.dynamic.metrics import at_bounds, steady
 from ca_ros.evaluation.tables import number
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint

@@ -19,16 +19,16 @@ from ca_ros.bringup.flight_options import (
     trajectory_of,
     trajectory_words,
 )
-from ca_ros.evaluation.animation import animate
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic_plots import draw
-from ca_ros.evaluation.dynamic_tables import document
-from ca_ros.evaluation.environment import machine, versions
-from ca_ros.evaluation.flight_metrics import judge_samples, metrics
-from ca_ros.evaluation.observations import findings, observe
-from ca_ros.evaluation.options import command, concluded, parser, positive, write
+from ca_ros.evaluation.dynamic.animation import animate
+from ca_ros.evaluation.dynamic.metrics import judge_samples, metrics
+from ca_ros.evaluation.dynamic.paper_checks import findings, observe
+from ca_ros.evaluation.dynamic.plots import draw
+from ca_ros.evaluation.dynamic.ros_flight import check, fly_over_ros
+from ca_ros.evaluation.dynamic.tables import document
 from ca_ros.evaluation.paper import flown_as_in_the_paper
-from ca_ros.evaluation.ros_flight import check, fly_over_ros
+from ca_ros.evaluation.result_files import command, machine, versions, write
+from ca_ros.evaluation.study_cli import case_of, concluded, parser, positive
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import NULL_STATE
@@ -44,7 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _study(options: argparse.Namespace) -> None:
     """Fly, write all files and print dynamic.md; after Ctrl-C with the complete flights."""
-    case, allocators = Case.of(options, flying=True)
+    case, allocators = case_of(options, flying=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     failures = failures_of(options)
     failures.check(case.vehicle.n)
     options.goals = goals = trajectory_of(options)

@@ -1,36 +1,25 @@
-"""The command lines and result files of the studies and the benchmark."""
+"""The command lines of the studies."""
 
 from __future__ import annotations
 
 import argparse
-import json
+import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from ca_ros.allocation import ALLOCATORS
+from ca_ros.allocation import ALLOCATORS, Allocator
 from ca_ros.arguments import HelpFormatter
 from ca_ros.errors import CaRosError
+from ca_ros.evaluation.cases import Case, CaseError, methods_of
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.figures import add_options
 
-NOT_REPEATED = (
-    'out', 'figures', 'figure_width', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint',
-    'heading', 'trajectory', 'workers', 'scheduler',
-)  # fmt: skip
-"""Options that `command` leaves out: places of files and of computation, and what the dynamic
-study adds itself."""
 
-
-def parser(prog: str, description: str, methods: bool = True) -> argparse.ArgumentParser:
-    """Return a parser with the options that the studies and the benchmark share.
-
-    A study without `methods` has no plots either.
-    """
+def parser(prog: str, description: str) -> argparse.ArgumentParser:
+    """Return a parser with the options that the studies share."""
     made = argparse.ArgumentParser(prog=prog, description=description)
     made.formatter_class = HelpFormatter
     add = made.add_argument
@@ -39,14 +28,46 @@ def parser(prog: str, description: str, methods: bool = True) -> argparse.Argume
         f'what to compare: {", ".join([*ALLOCATORS, *FOR_COMPARISON])}, module:Class for a '
         f"method of your own; paper for the paper's four, all for the first {len(ALLOCATORS)}"
     )
-    if methods:
-        add('--methods', default='paper', metavar='A,B', help=compared)
+    add('--methods', default='paper', metavar='A,B', help=compared)
     change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
     add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
     add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
-    if methods:
-        add_options(made)
+    add_options(made)
     return made
+
+
+def case_of(
+    options: argparse.Namespace, flying: bool = False
+) -> tuple[Case, dict[str, Allocator]]:
+    """Return case and allocators of a command line.
+
+    Methods of a set such as ``all`` that do not apply to a problem without a vehicle are left
+    out; see `Case.left_out`.  With `flying`, a problem without a vehicle is refused.  Raises a
+    CaseError if the command line is wrong.
+    """
+    try:
+        methods = methods_of(options.methods)
+        case = Case.load(options.vehicle, options.param, methods, flying)
+        asked = [word.strip() for word in options.methods.split(',')]
+        allocators = {}
+        for method in methods:
+            try:
+                allocators[method] = case.allocator(method)
+            except ValueError as error:
+                if case.flies or method in asked:
+                    raise
+                case.left_out[method] = str(error)
+    except ValueError as error:
+        raise CaseError(str(error)) from None
+    return case, allocators
+
+
+def handle_interrupts() -> None:
+    """Let SIGINT raise a KeyboardInterrupt, also in a background process.
+
+    Shells start background processes with SIGINT ignored.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def concluded(prog: str, study: Callable[[], None]) -> int:
@@ -54,6 +75,7 @@ def concluded(prog: str, study: Callable[[], None]) -> int:
 
     Errors in a method of the user's own are shown with their traceback.
     """
+    handle_interrupts()
     try:
         study()
     except (CaRosError, FloatingPointError, OSError) as error:
@@ -84,21 +106,3 @@ def natural(text: str) -> int:
     if text.isdecimal():
         return int(text)
     raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
-
-
-def write(stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str) -> None:
-    """Write the rows as CSV, the metrics as JSON and a document as Markdown."""
-    rows.to_csv(stem.with_suffix('.csv'), index=False, lineterminator='\n')
-    text = json.dumps(found, indent=2) + '\n'
-    stem.with_suffix('.json').write_text(text, encoding='utf-8')
-    stem.with_suffix('.md').write_text(document, encoding='utf-8')
-
-
-def command(prog: str, options: argparse.Namespace) -> list[str]:
-    """Return the command line that gives the same results, with the defaults spelled out."""
-    words = [prog]
-    for name, value in vars(options).items():
-        if name not in NOT_REPEATED and value is not None and value is not False:
-            for each in value if isinstance(value, list) else [value]:
-                words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]
-    return words

@@ -15,14 +15,13 @@ import pandas as pd
 from ca_ros.allocation import AllocationProblem, Allocator
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.chunk_file import ChunkFile
-from ca_ros.evaluation.chunks import add_options, chunk_size, compute
-from ca_ros.evaluation.environment import machine, versions
+from ca_ros.evaluation.engine import add_options, chunk_size, compute
 from ca_ros.evaluation.errors import ERRORS, columns
-from ca_ros.evaluation.options import command, concluded, natural, parser, positive, write
-from ca_ros.evaluation.static_chunks import StaticChunks, Summary, merged
-from ca_ros.evaluation.static_plots import draw
-from ca_ros.evaluation.static_tables import document, standard_error
+from ca_ros.evaluation.result_files import command, machine, versions, write
+from ca_ros.evaluation.static.chunks import StaticChunks, Summary, merged
+from ca_ros.evaluation.static.plots import draw
+from ca_ros.evaluation.static.tables import document, standard_error
+from ca_ros.evaluation.study_cli import case_of, concluded, natural, parser, positive
 from ca_ros.evaluation.wrench_metrics import metrics
 from ca_ros.evaluation.wrench_sets import SAMPLINGS
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -44,8 +43,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _study(options: argparse.Namespace) -> None:
-    """Do the study, write its files and print the table; after Ctrl-C with what is done."""
-    case, allocators = Case.of(options)
+    """Do the study, write its files and print the table."""
+    case, allocators = case_of(options)
+    options.out.mkdir(parents=True, exist_ok=True)
     batch = options.samples > SINGLE_MAX
     if not batch:
         # Calls that are timed run alone.
@@ -55,24 +55,11 @@ def _study(options: argparse.Namespace) -> None:
     drawn = options.sampling, options.seed, options.samples
     task = StaticChunks(case, list(allocators), *drawn, size, step, batch, rows)
     own = [name for name in allocators if ':' in name]
-    file = ChunkFile(options.out, _inputs(case, options), own)
     count = -(-options.samples // size)
-    parts = compute(task, count, file, options, unit=' samples', unit_scale=size)
-    done = sum(part['samples'] for part in parts)
-    if done:
-        text = _write(case, allocators, parts, options)
-        print(text.partition('\n## ')[0])
-        print(f'written: static.csv, .json, .md and plots in {options.out}')
-    file.conclude(done, options.samples, 'samples')
-
-
-def _inputs(case: Case, options: argparse.Namespace) -> dict[str, Any]:
-    """Return all that the results depend on, apart from code."""
-    return {
-        'command': command('static_study', options),
-        'parameters': case.parameters,
-        'problem': [getattr(case.problem, name).tolist() for name in ('gamma', 'lower', 'upper')],
-    }
+    parts = compute(task, count, options, own, unit=' samples', unit_scale=size)
+    text = _write(case, allocators, parts, options)
+    print(text.partition('\n## ')[0])
+    print(f'written: static.csv, .json, .md and plots in {options.out}')
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -110,10 +97,9 @@ def _write(
     """Write all files; return static.md."""
     rows = pd.concat([pd.DataFrame(part['rows']) for part in parts], ignore_index=True)
     methods = {name: merged([part['methods'][name] for part in parts]) for name in allocators}
-    samples = sum(part['samples'] for part in parts)
+    samples = options.samples
     found = {
         'samples': samples,
-        'requested': options.samples,
         'rows': len(rows) // len(methods),
         'judged': min(samples, KEPT),
         'seed': options.seed,

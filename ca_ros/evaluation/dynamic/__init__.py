@@ -1,0 +1,1 @@
+"""The dynamic study: flights with each method, and their metrics."""

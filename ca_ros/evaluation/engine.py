@@ -1,0 +1,209 @@
+"""The engine of studies: chunks on one executor, of local processes or of a Dask cluster."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pickle
+import signal
+import sys
+from asyncio import TimeoutError as AsyncTimeoutError
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+)
+from contextlib import contextmanager
+from functools import cache
+from hashlib import sha256
+from inspect import getsource
+from multiprocessing import active_children, get_context, parent_process
+from pathlib import Path
+from threading import Thread, local
+from time import perf_counter
+from typing import Any
+
+from tqdm import tqdm
+
+from ca_ros.allocation.exact import processors
+from ca_ros.allocation.own_method import own_class
+from ca_ros.errors import CaRosError
+from ca_ros.evaluation.result_files import versions
+from ca_ros.evaluation.study_cli import positive
+from ca_ros.kernel import chosen
+
+CHUNKS_MAX = 500
+"""Greatest number of chunks of a study: Dask's cost per chunk, some milliseconds, is small."""
+
+ARRIVAL = 30.0
+"""How long to wait for the first worker of a cluster [s]."""
+
+NEWS = 10.0
+"""Time between two lines of progress where there is no terminal [s]."""
+
+
+class EngineError(CaRosError):
+    """The chunks of a study cannot be computed here."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `compute` to a command line."""
+    where = parser.add_mutually_exclusive_group()
+    cores = 'processes that compute (default: one for each core)'
+    where.add_argument('--workers', type=positive(int), metavar='N', help=cores)
+    cluster = 'compute on a Dask cluster: the address of its scheduler'
+    where.add_argument('--scheduler', metavar='tcp://HOST:PORT', help=cluster)
+
+
+def chunk_size(total: int, least: int) -> int:
+    """Return the size of chunks, a multiple of `least` that makes at most `CHUNKS_MAX` of them."""
+    return least * max(1, -(-total // (least * CHUNKS_MAX)))
+
+
+def compute(
+    task: Callable[[int], Any],
+    count: int,
+    options: argparse.Namespace,
+    methods: Sequence[str] = (),
+    **bar: Any,
+) -> list[Any]:
+    """Compute the chunks of a study.
+
+    Parameters
+    ----------
+    task : callable
+        Returns the result of a chunk, which depends on its number alone; can be pickled.
+    count : int
+        Number of chunks.
+    options : Namespace
+        With `workers` and `scheduler`, see `add_options`.
+    methods : sequence of str
+        Methods of the user's own, ``module:Class``, on whose code the results depend too.
+    **bar
+        Arguments of the progress bar, which counts chunks.
+
+    Returns
+    -------
+    list
+        The results in the order of the chunks' numbers, whatever computed them.
+
+    Raises
+    ------
+    EngineError
+        If a worker process was killed, the cluster cannot be reached, or it has other code.
+    """
+    given, done, news = (pickle.dumps(task), code(*methods)), 0, perf_counter() + NEWS
+    with _executor(options, count) as executor, tqdm(total=count, disable=None, **bar) as shown:
+        try:
+            futures = [executor.submit(call, *given, number) for number in range(count)]
+            for done, future in enumerate(as_completed(futures), 1):
+                future.result()
+                shown.update()
+                if shown.disable and perf_counter() > news:
+                    print(f'{done} of {count} chunks', file=sys.stderr, flush=True)
+                    news = perf_counter() + NEWS
+        except BaseException as error:
+            executor.shutdown(wait=False, cancel_futures=True)
+            for child in active_children():
+                child.terminate()
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(f' after {done} of {count} chunks') from None
+            raise
+    return [future.result() for future in futures]
+
+
+@contextmanager
+def _executor(options: argparse.Namespace, count: int) -> Iterator[Executor]:
+    """Open the executor; report what the user can mend as an EngineError."""
+    workers = min(options.workers or processors(), count)
+    if options.scheduler:
+        with _cluster(options.scheduler) as executor:
+            yield executor
+    elif workers == 1:
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+    else:
+        try:
+            with ProcessPoolExecutor(workers, get_context('spawn'), _start) as executor:
+                yield executor
+        except BrokenExecutor:
+            raise EngineError('a worker was killed, perhaps for want of memory') from None
+
+
+def _start() -> None:
+    """Let Ctrl-C end a worker without a traceback, and let it end with its parent."""
+
+    def follow() -> None:
+        process = parent_process()
+        if process is not None:
+            process.join()
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    Thread(target=follow, daemon=True).start()
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[Executor]:
+    """Connect to a Dask cluster, which itself repeats the chunks of lost workers."""
+    from distributed import Client, KilledWorker
+
+    try:
+        client = Client(scheduler)
+        client.wait_for_workers(1, timeout=ARRIVAL)
+    except (OSError, ValueError, AsyncTimeoutError) as error:
+        raise EngineError(f'--scheduler {scheduler}: {error}') from None
+    try:
+        with client:
+            yield client.get_executor(pure=False)
+    except (CancelledError, KilledWorker) as error:
+        raise EngineError(f'--scheduler {scheduler}: {type(error).__name__}') from None
+
+
+class _Last(local):
+    """The last task of a thread: solvers such as OSQP must not be shared by threads."""
+
+    pickled: bytes = b''
+    task: Callable[[int], Any]
+
+
+_last = _Last()
+
+
+def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
+    """Compute a chunk on a worker.
+
+    Raises an EngineError if the worker has other code than `expected`: its digits might differ.
+    """
+    found = code(*(name for name in expected if ':' in name))
+    if found != expected:
+        names = ', '.join(name for name in expected if found.get(name) != expected[name])
+        raise EngineError(f'a worker has another version of {names} than this process')
+    if _last.pickled != pickled:
+        _last.task, _last.pickled = pickle.loads(pickled), pickled
+    return _last.task(number)
+
+
+@cache
+def code(*methods: str) -> dict[str, str]:
+    """Return what identifies the code on which digits depend: digests, kernel, versions.
+
+    The methods are the user's own, ``module:Class``, as this process imported them.
+    """
+    digest, package, installed = sha256(), Path(__file__).parents[1], versions()
+    for path in sorted(package.rglob('*')):
+        if path.suffix in ('.py', '.c', '.h'):
+            digest.update(path.read_bytes())
+    found = {'ca_ros': digest.hexdigest(), 'kernel': 'NumPy' if chosen(1, 1) is None else 'C'}
+    found |= {name: installed[name] for name in ('numpy', 'scipy', 'osqp')}
+    for method in methods:
+        try:
+            module = sys.modules[own_class(method).__module__]
+        except ValueError as error:
+            raise EngineError(str(error)) from None
+        found[method] = sha256(getsource(module).encode()).hexdigest()
+    return found

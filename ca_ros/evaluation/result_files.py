@@ -1,0 +1,60 @@
+"""The result files of the studies, and what they say about how they were made."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+PACKAGES = ('ca_ros', 'numpy', 'scipy', 'osqp', 'pandas', 'matplotlib')
+
+NOT_REPEATED = (
+    'out', 'figures', 'figure_width', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint',
+    'heading', 'trajectory', 'workers', 'scheduler',
+)  # fmt: skip
+"""Options that `command` leaves out: places of files and of computation, and what the dynamic
+study adds itself."""
+
+
+def write(stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str) -> None:
+    """Write the rows as CSV, the metrics as JSON and a document as Markdown."""
+    rows.to_csv(stem.with_suffix('.csv'), index=False, lineterminator='\n')
+    text = json.dumps(found, indent=2) + '\n'
+    stem.with_suffix('.json').write_text(text, encoding='utf-8')
+    stem.with_suffix('.md').write_text(document, encoding='utf-8')
+
+
+def command(prog: str, options: argparse.Namespace) -> list[str]:
+    """Return the command line that gives the same results, with the defaults spelled out."""
+    words = [prog]
+    for name, value in vars(options).items():
+        if name not in NOT_REPEATED and value is not None and value is not False:
+            for each in value if isinstance(value, list) else [value]:
+                words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]
+    return words
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that are installed."""
+    found = {'python': platform.python_version(), **dict.fromkeys(PACKAGES, 'not installed')}
+    for package in PACKAGES:
+        with suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
+
+
+def machine() -> dict[str, str | int]:
+    """Return processor, number of cores and system."""
+    names = re.findall('^model name.*?: (.*)', Path('/proc/cpuinfo').read_text(), re.MULTILINE)
+    processor = names[0].strip() if names else platform.processor() or platform.machine()
+    system = platform.platform(terse=True)
+    return {'processor': processor, 'cores': os.cpu_count() or 1, 'system': system}

@@ -1,0 +1,1 @@
+"""Admissible sets: sections, plots, the table of the audit."""

@@ -1,0 +1,1 @@
+"""The static study: random wrenches, the errors of each method."""
