@@ -51,12 +51,13 @@ workers = $(shell expr 2 '*' $$(nproc))
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600
 
-.PHONY: help demo test test-all soak benchmark readme docs venv clean
+.PHONY: help demo test test-all test-numpy soak benchmark readme docs venv clean
 
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test       lint, types and tests, in some minutes'
 	@echo 'make test-all   the same tests in their long forms, and those that take long'
+	@echo 'make test-numpy tests of allocation without the kernel in C'
 	@echo 'make benchmark  time everything beside other solvers, for minutes; results in benchmarks'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
@@ -75,6 +76,12 @@ test: .venv/.test
 
 test-all: export CA_ROS_LONG = 1
 test-all: test
+
+# What depends on the engine of `exact`, with the one that needs no compiler.
+test-numpy: .venv/.test
+	CA_ROS_KERNEL=numpy .venv/bin/python -m pytest --numprocesses auto -m 'not slow' \
+	    $(patsubst %,test/test_%.py,admissible_set allocators conventional exact preference \
+	    prioritize problem reversal slew)
 
 benchmark: .venv/.benchmark
 	.venv/bin/python -m benchmarks --out benchmarks

@@ -21,6 +21,9 @@ PAGES = sorted(
     path.relative_to(ROOT).as_posix()
     for pattern in ('*.md', 'docs/*.md', 'examples/*.md') for path in ROOT.glob(pattern))
 
+STUDIES = {f'docs/{page}.md' for page in ('failure', 'reproduction', 'studies')}
+"""Pages whose commands are README's with other arguments, for `make test-all`."""
+
 NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
     'needs PX4': 'PX4, its simulation and px4_msgs (docs/px4.md, "What was not run")',
@@ -72,8 +75,7 @@ def blocks(page):
 def clone(tmp_path):
     """Return a copy of the sources, with a virtual environment that is this one."""
     place = tmp_path / 'clone'
-    left_out = shutil.ignore_patterns(
-        '.*', 'out', 'build', 'install', 'log', '__pycache__', '*.egg-info')
+    left_out = shutil.ignore_patterns('.*', 'out', 'build', 'install', 'log', '*.egg-info')
     shutil.copytree(ROOT, place, ignore=left_out)
     shutil.copytree(ROOT / '.ci', place / '.ci')
     activate = place / '.venv' / 'bin' / 'activate'
@@ -81,7 +83,9 @@ def clone(tmp_path):
     activate.touch()
     for name, arguments in ({} if LONG else SHORT).items():
         file = activate.with_name(name)
-        file.write_text(f"#!/bin/sh\nexec '{executable(name)}' {arguments}\n", encoding='utf-8')
+        file.write_text(
+            '#!/bin/sh\ncase " $* " in *" --ros-args "*) set -- "$@" --;; esac\n'
+            f"exec '{executable(name)}' {arguments}\n", encoding='utf-8')
         file.chmod(0o755)
     return place
 
@@ -121,7 +125,8 @@ def write(place, block):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('page', PAGES)
+@pytest.mark.parametrize('page', [
+    pytest.param(page, marks=pytest.mark.long if page in STUDIES else ()) for page in PAGES])
 def test_the_commands_of_a_page_run_one_after_the_other(page, clone, graph):
     for block in blocks(page):
         if block.mark.startswith(('file ', 'insert ')):
