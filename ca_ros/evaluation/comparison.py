@@ -8,6 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ca_ros.allocation import Allocation, AllocationProblem, Allocator, Status
+from ca_ros.allocation.direct import Direct
+from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
@@ -26,7 +28,39 @@ class FixedPseudoInverse(PseudoInverse):
         self.inverse = np.linalg.pinv(self.problem.gamma)
 
 
-class PlainOsqp(Allocator):
+class DirectAboutHover(Allocator):
+    """Direct allocation of the change from hover, which keeps the direction of this change.
+
+    From zero, which rotors that cannot stop cannot produce, it has no answer to many wrenches.
+    """
+
+    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+        super().__init__(problem)
+        whole, reference = self.problem, self.problem.reference
+        self._still = Exact(problem).allocate(reference).thrusts
+        bounds = whole.lower - self._still, whole.upper - self._still
+        self._direct = Direct(AllocationProblem(whole.gamma, *bounds, axes=whole.axes))
+
+    def _allocate(self, u: Array) -> Allocation:
+        change = self._direct.allocate(u - self.problem.reference).thrusts
+        thrusts = self.problem.clip(self._still + change)
+        return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
+
+
+class Saturated(Allocator):
+    """The thrusts of a solver, saturated."""
+
+    def _saturated(self, u: Array, wanted: Array) -> Allocation:
+        """Return the allocation of thrusts that are NaN where there is no answer."""
+        if not np.isfinite(wanted).all():
+            rest = self.problem.rest.copy()
+            return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
+        thrusts = self.problem.clip(wanted)
+        violation = float(np.abs(wanted - thrusts).max())
+        return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
+
+
+class PlainOsqp(Saturated):
     """Eqs. (20)-(22) by OSQP at its default tolerances, saturated; no refinement follows.
 
     Raises
@@ -49,13 +83,7 @@ class PlainOsqp(Allocator):
     def _allocate(self, u: Array) -> Allocation:
         # OSQP adapts rho and keeps it: the answer would depend on the wrenches before this one.
         self._solver.update_settings(rho=self._rho)
-        wanted = np.asarray(self._solve(u).x, dtype=float)
-        if not np.isfinite(wanted).all():
-            rest = self.problem.rest.copy()
-            return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
-        thrusts = self.problem.clip(wanted)
-        violation = float(np.abs(wanted - thrusts).max())
-        return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
+        return self._saturated(u, np.asarray(self._solve(u).x, dtype=float))
 
 
 class TightOsqp(PlainOsqp):
@@ -64,7 +92,7 @@ class TightOsqp(PlainOsqp):
     SETTINGS: ClassVar[dict[str, Any]] = {'eps_abs': 1e-8, 'eps_rel': 1e-8}
 
 
-class HierarchicalDaqp(Allocator):
+class HierarchicalDaqp(Saturated):
     """The hierarchical quadratic program of DAQP, which also serves unattainable wrenches.
 
     Raises
@@ -82,12 +110,7 @@ class HierarchicalDaqp(Allocator):
 
     def _allocate(self, u: Array) -> Allocation:
         wanted, _, flag, _ = self._solve(u)
-        if flag <= 0:
-            rest = self.problem.rest.copy()
-            return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
-        thrusts = self.problem.clip(wanted)
-        violation = float(np.abs(wanted - thrusts).max())
-        return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
+        return self._saturated(u, np.where(flag > 0, wanted, np.nan))
 
 
 def hierarchical(problem: AllocationProblem) -> Callable[[Array], Any]:
@@ -118,5 +141,6 @@ FOR_COMPARISON: dict[str, type[Allocator]] = {
     'osqp_default': PlainOsqp,
     'osqp_tight': TightOsqp,
     'daqp_hierarchical': HierarchicalDaqp,
+    'direct_about_hover': DirectAboutHover,
     'fixed_pseudo_inverse': FixedPseudoInverse,
 }

@@ -29,8 +29,9 @@ AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'
 
 CONTENDERS: dict[str, tuple[str, tuple[str, ...]]] = {
     **{name: (name, ()) for name in ALLOCATORS if name != 'weighted_pseudo_inverse'},
-    'direct, about hover': ('about_hover:DirectAboutHover', ()),
+    'direct_about_hover': ('direct_about_hover', ()),
     'sequential_desaturation, airmode': ('sequential_desaturation', (AIRMODE,)),
+    'daqp_hierarchical': ('daqp_hierarchical', ()),
 }
 """Method and parameters of each row."""
 
