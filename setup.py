@@ -19,11 +19,12 @@ studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
 parts = ('exact', 'least_norm', 'priorities', 'module')
+headers = ('exact', 'least_norm', 'numbers', 'priorities', 'problem')
 kernels = [
     Extension(
         f'{package}.kernel._{name}',
         [f'{package}/kernel/{part}.c' for part in parts],
-        depends=[f'{package}/kernel/{header}.h' for header in ('exact', 'numbers')],
+        depends=[f'{package}/kernel/{header}.h' for header in headers],
         define_macros=[('CA_MODULE', f'_{name}'), *macros],
         # No fused multiplications: all machines are to give the same bits.
         extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off'],

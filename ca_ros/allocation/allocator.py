@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.audit import accept
-from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import Settings
 from ca_ros.vehicle.vehicle import Vehicle
@@ -177,8 +177,7 @@ class Allocator(ABC):
         A method that can still refine its thrusts uses a `share` of the tolerance, so that the
         result is also exact with another order of summation.
         """
-        residual = lengths(demands - thrusts @ self.problem.gamma.T)
-        return residual <= share * self.problem.tolerance(demands)
+        return self.problem.is_exact(demands, thrusts, share)
 
     def _status(self, u: Array, thrusts: Array) -> Status:
         return Status.EXACT if self._judge(u, thrusts) else Status.INEXACT

@@ -8,6 +8,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.solver.dual_newton import DualNewton
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +80,12 @@ def certify(
     """
     wrench = thrusts @ problem.gamma.T
     rows = wrench.reshape(-1, wrench.shape[-1])
-    if preference is None:
-        multipliers = np.array([problem.multipliers(row) for row in rows]).reshape(wrench.shape)
-        least = problem.least(multipliers)
-    else:
-        weights, preferred = preference
-        scaled, offset = problem.preferring(weights, preferred), problem.gamma @ preferred
-        found = [scaled.multipliers(row - offset) for row in rows]
-        multipliers = np.array(found).reshape(wrench.shape)
-        least = problem.clip(preferred + scaled.least(multipliers) / weights)
+    solver = problem.least_norm
+    if preference is not None:
+        solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
+    found = [solver.solve(row, float(problem.tolerance(row))).multipliers for row in rows]
+    multipliers = np.array(found).reshape(wrench.shape)
+    least = solver.least_norm(multipliers)
     image = problem.image
     heights = (demand - image.center) @ image.normals.T
     slacks = image.widths - np.abs(heights)

@@ -83,4 +83,4 @@ class Direct(Allocator):
         simplex.push(rows.stop, -1.0)
         shares = np.array(simplex.value[: problem.n])
         thrusts = problem.clip(problem.middle + problem.half_range * shares)
-        return problem.least_norm.settle(thrusts, u, 0.5 * float(problem.tolerance(u)))
+        return problem.least_norm.settle(thrusts, u, float(problem.tolerance(u)))

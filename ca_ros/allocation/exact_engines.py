@@ -16,7 +16,7 @@ from ca_ros.arrays import Array, IntArray
 from ca_ros.kernel import Kernel
 from ca_ros.problem.prioritization import Prioritization, sensed
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
-from ca_ros.solver.dual_newton import Solution
+from ca_ros.solver.dual_newton import AIM, DualNewton, Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,52 +127,46 @@ class NumpyEngine:
         if not problem.spans:
             raise problem.no_volume()
         rows = [[problem.axes.index(axis) for axis in group] for group in setting.groups]
-        reference = setting.reference
-        self._given, self._preference = problem, setting.preference(problem.n)
-        if self._preference is not None:
-            self._offset = problem.gamma @ self._preference[1]
-            reference = reference - self._offset
-            problem = problem.preferring(*self._preference)
-        begin = reference if setting.on_reference else None
+        begin = setting.reference if setting.on_reference else None
+        preference = setting.preference(problem.n)
         self._problem, self._slack, self._status = problem, setting.slack, setting.status
-        self._serve = Prioritization(problem, rows, reference, setting.reversal, begin)
-        self._osqp = OsqpStart(problem) if osqp else None
+        self._serve = Prioritization(problem, rows, setting.reference, setting.reversal, begin)
+        self._osqp = OsqpStart(problem, preference) if osqp else None
+        self._solver = problem.least_norm
+        if preference is not None:
+            self._solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
+        self._idle = ~problem.gamma.any(axis=0)
 
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
         """Write the thrusts for u; see `Kernel.allocate`.  Steps are not counted."""
-        if self._preference is None:
-            return self._allocate(u, thrusts)
-        given, scaled = self._given, self._problem
-        answer = self._allocate(given.check(u) - self._offset, thrusts)
-        if answer is not None and answer[0] == Status.REJECTED:
-            thrusts[:] = given.rest
-            return answer
-        weight, preferred = self._preference
-        low, high = thrusts <= scaled.lower, thrusts >= scaled.upper
-        thrusts[:] = given.clip(preferred + thrusts / weight)
-        thrusts[low], thrusts[high] = given.lower[low], given.upper[high]
-        return answer
-
-    def _allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
-        problem = self._problem
+        problem, solver = self._problem, self._solver
         u = problem.check(u)
-        if problem.attains_unbounded(u):
-            thrusts[:] = problem.least_norm.unbounded(u)
-            if lengths(u - problem.gamma @ thrusts) <= 0.5 * problem.tolerance(u):
-                return None
-        served, levels, reached = self._serve(u)
-        if reached:
-            solution = self._least(u)
-            thrusts[:] = solution.thrusts
-            if solution.attained or self._within_slack(u, served, thrusts):
-                return None
+        thrusts[:] = solver.unbounded(u)
+        if (thrusts == problem.clip(thrusts)).all() and problem.is_exact(u, thrusts, AIM):
+            return None
+        solution = self._least(u)
+        thrusts[:] = solution.thrusts
+        # Whether u counts as attainable depends on u alone and not on the policy.
+        missed = lengths(u - problem.gamma @ thrusts)
+        size = problem.tolerance(u) / EXACT_TOLERANCE
+        if solution.attained or (not solution.unattainable and missed <= self._slack * size):
+            return None
+        served = self._serve(u)
+        other = np.where(self._idle, solution.thrusts, served.thrusts)
+        if not solution.unattainable and problem.is_exact(u, other):
+            thrusts[:] = other
+            return None
         if self._status == Status.REJECTED:
             thrusts[:] = problem.rest
             return self._status, 0.0, 0, 0
-        solution = self._least(served)
+        solution = self._least(served.wrenches)
         thrusts[:] = solution.thrusts
-        status = self._status if solution.attained else Status.INEXACT
-        return int(status), float(levels.min()), 0, 0
+        status = self._status
+        if not solution.attained:
+            thrusts[:] = np.where(self._idle, solution.thrusts, served.thrusts)
+            if not problem.is_exact(served.wrenches, thrusts):
+                status = Status.INEXACT
+        return int(status), float(served.levels.min()), 0, 0
 
     def allocate_batch(
         self, wrenches: Array, thrusts: Array, status: IntArray, levels: Array, work: None
@@ -182,17 +176,8 @@ class NumpyEngine:
             answer = self.allocate(u, thrusts[i])
             status[i], levels[i] = (0, 1.0) if answer is None else answer[:2]
 
-    def _within_slack(self, u: Array, served: Array, thrusts: Array) -> bool:
-        """Tell whether u is attainable, as `served` proves, and missed by no more than `slack`."""
-        tolerance = self._problem.tolerance(u)
-        missed = lengths(u - self._problem.gamma @ thrusts)
-        return bool(
-            lengths(served - u) <= tolerance
-            and missed <= tolerance / EXACT_TOLERANCE * self._slack
-        )
-
     def _least(self, u: Array) -> Solution:
         start = None if self._osqp is None else self._osqp.multipliers(u)
         tolerance = float(self._problem.tolerance(u))
         slack = tolerance / EXACT_TOLERANCE * self._slack
-        return self._problem.least_norm.solve(u, tolerance, start, slack)
+        return self._solver.solve(u, tolerance, start, slack)

@@ -13,13 +13,15 @@ from ca_ros.problem.problem import AllocationProblem
 
 
 def osqp_program(
-    problem: AllocationProblem, **settings: Any
+    problem: AllocationProblem, preference: tuple[Array, Array] | None = None, **settings: Any
 ) -> tuple[Any, Callable[[Array], Any]]:
-    """Set OSQP up for ``min |f|^2 / 2`` with ``Gamma f = u`` and bounds, Eqs. (20)-(22).
+    """Set OSQP up for ``min |W (f - f_p)|^2 / 2`` with ``Gamma f = u`` and bounds, Eqs. (20)-(22).
 
     Parameters
     ----------
     problem : AllocationProblem
+    preference : tuple of two (n,) arrays, optional
+        The diagonal of W, and f_p; by default ones and zeros [1, N].
     **settings
         Settings of OSQP other than its defaults.
 
@@ -41,8 +43,10 @@ def osqp_program(
     low = np.concatenate([problem.center, problem.lower])
     high = np.concatenate([problem.center, problem.upper])
     solver = osqp.OSQP()
-    hessian = sparse.identity(n, format='csc')
-    solver.setup(hessian, np.zeros(n), rows, low, high, verbose=False, **settings)
+    weights, preferred = (np.ones(n), np.zeros(n)) if preference is None else preference
+    squares = weights * weights
+    hessian = sparse.diags(squares, format='csc')
+    solver.setup(hessian, -squares * preferred, rows, low, high, verbose=False, **settings)
 
     def solve(u: Array) -> Any:
         low[:m] = high[:m] = u

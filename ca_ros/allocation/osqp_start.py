@@ -19,6 +19,8 @@ class OsqpStart:
     Parameters
     ----------
     problem : AllocationProblem
+    preference : tuple of two (n,) arrays, optional
+        As for `osqp_program`.
 
     Raises
     ------
@@ -26,11 +28,13 @@ class OsqpStart:
         If the package osqp is not installed.
     """
 
-    def __init__(self, problem: AllocationProblem) -> None:
+    def __init__(
+        self, problem: AllocationProblem, preference: tuple[Array, Array] | None = None
+    ) -> None:
         # The result must depend on the wrench alone; a bad start costs only time.
         settings = {'warm_starting': False, 'max_iter': 200, 'eps_abs': 1e-5, 'eps_rel': 1e-5}
         try:
-            _, self._solve = osqp_program(problem, **settings)
+            _, self._solve = osqp_program(problem, preference, **settings)
         except ImportError:
             raise ValueError(
                 "solver: 'osqp' needs the package osqp (pip install osqp); "

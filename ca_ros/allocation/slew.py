@@ -13,7 +13,7 @@ from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.audit import accept
 from ca_ros.problem.numbers import numbers
-from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -111,7 +111,7 @@ class SlewLimited:
 def _held(problem: AllocationProblem, u: ArrayLike) -> Allocation:
     """Return the allocation of effectors that cannot move."""
     demand, thrusts = problem.check(u), problem.clip(problem.middle)
-    exact = lengths(problem.residual(demand, thrusts)) <= problem.tolerance(demand)
+    exact = problem.is_exact(demand, thrusts)
     return Allocation(problem, demand, thrusts, Status.EXACT if exact else Status.INEXACT)
 
 

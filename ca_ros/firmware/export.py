@@ -15,7 +15,10 @@ from ca_ros.firmware.readme import facts
 from ca_ros.problem.commandable import unit
 from ca_ros.settings import ParameterError
 
-KERNEL_FILES = ('exact.h', 'numbers.h', 'exact.c', 'least_norm.c', 'priorities.c')
+KERNEL_FILES = (
+    *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'numbers.h'),
+    *('exact.c', 'least_norm.c', 'priorities.c'),
+)
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
 TEMPLATES = {
     'vehicle.h': '{name}.h',

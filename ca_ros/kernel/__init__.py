@@ -1,6 +1,7 @@
 """The exact allocator in C, as extension modules that may be missing.
 
-The library itself is `exact.h`, `exact.c`, `least_norm.c` and `priorities.c`; `module.c` binds it.
+The library is a stair of headers: `problem.h`, `least_norm.h`, `priorities.h`, and the public
+`exact.h`, each with what it needs; `numbers.h` has small functions.  `module.c` binds it.
 It is built for double and for single precision.  A third module, of double precision, is for
 exactly four axes, and faster; it gives the same bits.  `CA_ROS_KERNEL=numpy` in the environment
 chooses the NumPy implementation instead, and `CA_ROS_KERNEL=c` makes a missing extension an error.

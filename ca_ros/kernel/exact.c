@@ -1,5 +1,7 @@
 /* Set-up, allocation, and the queries of exact.h. */
+#include "exact.h"
 #include "numbers.h"
+#include "priorities.h"
 
 /* Share of an axis that is independent of the other axes, below which the set has no volume. */
 #define INDEPENDENT CA_CHOOSE(1e-9, 1e-5)
@@ -9,8 +11,9 @@ static int is_finite(ca_real x)
     return ca_abs(x) <= CA_ABSURD;
 }
 
-/* Orthonormal columns that span the rows of Gamma, or of Gamma times the ranges of the thrusts:
- * Gamma^T = basis R by the Gram-Schmidt method, twice. Returns 0 if the rows are dependent. */
+/* Orthonormal columns that span the rows of Gamma times the ranges of the thrusts, or over their
+ * weights: Gamma^T = basis R by the Gram-Schmidt method, twice. Returns 0 if the rows are
+ * dependent. */
 static int span(ca_problem *p, int ranges)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
@@ -19,7 +22,7 @@ static int span(ca_problem *p, int ranges)
         for (int j = 0; j < m; j++)
             p->back[k][j] = 0;
         for (int i = 0; i < n; i++)
-            column[i] = p->gamma[k][i] * (ranges ? p->half_range[i] : 1);
+            column[i] = ranges ? p->gamma[k][i] * p->half_range[i] : p->gamma[k][i] / p->weight[i];
         const ca_real whole = ca_length(n, column);
         for (int round = 0; round < 2; round++)
             for (int j = 0; j < k; j++) {
@@ -65,6 +68,7 @@ static int order_is_sound(const ca_options *options, int m)
 static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *lower,
                    const ca_real *upper, const ca_options *options)
 {
+    ca_real most[CA_N] = {0};
     *p = (ca_problem){0};
     if (n < 1 || n > CA_N || m < 1 || m > CA_M)
         return CA_BAD_SIZE;
@@ -89,15 +93,17 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
         p->weighted = p->weighted || weight < 1 || weight > 1 || preferred < 0 || preferred > 0;
         p->weight[i] = weight;
         p->preferred[i] = preferred;
-        p->thrust_lower[i] = lower[i];
-        p->thrust_upper[i] = upper[i];
-        p->lower[i] = weight * (lower[i] - preferred);
-        p->upper[i] = weight * (upper[i] - preferred);
-        if (!is_finite(p->lower[i]) || !is_finite(p->upper[i]))
+        p->lower[i] = lower[i];
+        p->upper[i] = upper[i];
+        p->deviation_lower[i] = weight * (lower[i] - preferred);
+        p->deviation_upper[i] = weight * (upper[i] - preferred);
+        const ca_real size = ca_max(ca_abs(p->deviation_lower[i]), ca_abs(p->deviation_upper[i]));
+        if (!is_finite(size))
             return CA_BAD_NUMBER;
-        p->middle[i] = (p->lower[i] + p->upper[i]) / 2;
-        p->half_range[i] = (p->upper[i] - p->lower[i]) / 2;
-        p->greatest = ca_max(p->greatest, ca_max(ca_abs(p->lower[i]), ca_abs(p->upper[i])));
+        p->middle[i] = (lower[i] + upper[i]) / 2;
+        p->half_range[i] = (upper[i] - lower[i]) / 2;
+        p->greatest = ca_max(p->greatest, size);
+        most[i] = ca_max(ca_abs(lower[i]), ca_abs(upper[i]));
     }
     for (int k = 0; k < m; k++) {
         p->order[k] = options->order[k];
@@ -110,19 +116,19 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
             const ca_real entry = gamma[k * n + i];
             if (!is_finite(entry))
                 return CA_BAD_NUMBER;
-            p->gamma[k][i] = entry / p->weight[i];
-            if (!is_finite(p->gamma[k][i]))
+            if (!is_finite(entry / p->weight[i]))
                 return CA_BAD_NUMBER;
+            p->gamma[k][i] = entry;
             p->offset[k] += entry * p->preferred[i];
-            p->center[k] += p->gamma[k][i] * p->middle[i];
-            p->extent[k] += ca_abs(p->gamma[k][i] * p->half_range[i]);
+            p->center[k] += entry * p->middle[i];
+            p->extent[k] += ca_abs(entry * p->half_range[i]);
         }
-        p->reference[k] -= p->offset[k];
         if (!(p->extent[k] > 0))
             return CA_NO_VOLUME;
     }
     if (!span(p, 1) || !span(p, 0))
         return CA_NO_VOLUME;
+    p->rounding = ca_rounding(p, most);
     ca_priorities_set_up(p, options->on_reference);
     return CA_SOUND;
 }
@@ -141,52 +147,82 @@ int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *
 static void rest(const ca_problem *p, ca_real *thrusts)
 {
     for (int i = 0; i < CA_ROTORS(p); i++)
-        thrusts[i] = ca_clip(0, p->thrust_lower[i], p->thrust_upper[i]);
+        thrusts[i] = ca_clip(0, p->lower[i], p->upper[i]);
 }
 
-/* Thrusts of g = weight (f - preferred), in place. */
-static void unweight(const ca_problem *p, ca_real *thrusts)
+/* Whether thrusts produce u. */
+static int produce(const ca_problem *p, const ca_search *search, const ca_real *thrusts)
+{
+    ca_real missed[CA_M];
+    ca_leave(p, search->wrench, thrusts, missed);
+    return ca_within(p, ca_length(CA_AXES(p), missed), search->tolerance, 1, thrusts);
+}
+
+/* The thrusts of the simplex method, if not with the least norm: rotors without effect are. */
+static void take(const ca_problem *p, const ca_face *face, ca_real *thrusts)
 {
     for (int i = 0; i < CA_ROTORS(p); i++) {
-        const ca_real g = thrusts[i], f = p->preferred[i] + g / p->weight[i];
-        thrusts[i] = g <= p->lower[i]   ? p->thrust_lower[i]
-                     : g >= p->upper[i] ? p->thrust_upper[i]
-                                        : ca_clip(f, p->thrust_lower[i], p->thrust_upper[i]);
+        ca_real effect = 0;
+        for (int k = 0; k < CA_AXES(p); k++)
+            effect += ca_abs(p->gamma[k][i]);
+        thrusts[i] =
+            effect > 0 ? face->thrusts[i] : ca_clip(p->preferred[i], p->lower[i], p->upper[i]);
     }
 }
 
-/* Allocate in the units of the prepared problem, with a residual relative to `size`. If u is
- * rejected, the thrusts are not set. */
-static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real size, ca_real *thrusts)
+/* Least-norm thrusts for a served wrench on its face. */
+static int thrusts_on(const ca_problem *p, const ca_served *served, ca_real *thrusts, int *steps)
 {
-    const int n = CA_ROTORS(p), m = CA_AXES(p);
-    const ca_real tolerance = CA_TOLERANCE * size;
+    if (!served->least)
+        return ca_least_norm_on_face(p, &served->face, thrusts, steps);
+    ca_search search;
+    ca_start(p, served->face.wrench, 1, steps, &search);
+    ca_copy(CA_ROTORS(p), served->face.thrusts, thrusts);
+    return produce(p, &search, thrusts);
+}
+
+/* Find thrusts for u if nothing has proven yet that it is not attainable. Whether it counts as
+ * attainable depends on u alone and not on the policy, whose wrench may be `served` instead. */
+static int insist(const ca_problem *p, ca_search *search, const ca_served *served, int on_face,
+                  ca_real *thrusts)
+{
+    ca_real missed[CA_M];
+    if (on_face && served->reached &&
+        ca_settle(p, search->wrench, search->tolerance, thrusts, search->steps))
+        return 1;
+    if (ca_least_norm(p, search, thrusts))
+        return 1;
+    /* Newton's method can stall near almost parallel facets. */
+    ca_leave(p, search->wrench, thrusts, missed);
+    if (!search->unattainable && ca_length(CA_AXES(p), missed) <= p->slack * search->size)
+        return 1;
+    take(p, &served->face, thrusts);
+    return produce(p, search, thrusts);
+}
+
+/* Returns the answer for u; if it is rejected, the thrusts are not set. */
+static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
+{
     ca_answer answer = {CA_EXACT, 1, 0, 0};
-    ca_real missed[CA_M] = {0}, y[CA_M] = {0};
-    if (ca_attempt(p, u, tolerance, thrusts, y, &answer.steps) <= tolerance)
+    ca_search search, other;
+    ca_start(p, u, 0, &answer.steps, &search);
+    if (ca_attempt(p, &search, thrusts))
         return answer;
 
     ca_served served = {0};
     ca_prioritize(p, u, &served, &answer.pivots, &answer.steps);
-    const ca_real goal = CA_TOLERANCE * ca_max(1, ca_length(m, served.wrench));
-    ca_real residual = CA_INFINITY;
     const int on_face = !served.almost_parallel && (served.unique || !served.reached);
+    int found = 0;
     if (on_face && (served.reached || p->policy != CA_REJECTED)) {
-        residual = ca_least_norm_on_face(p, &served, goal, thrusts, &answer.steps);
-        ca_leave(p, u, thrusts, missed);
-        if (ca_length(m, missed) <= tolerance)
+        found = thrusts_on(p, &served, thrusts, &answer.steps);
+        if (produce(p, &search, thrusts))
             return answer;
     }
-    if (served.reached) {
-        /* u is attainable according to the simplex method, but the thrusts miss it. */
-        ca_real least[CA_N], left;
-        ca_copy(n, thrusts, least);
-        left = on_face ? ca_settle(p, u, tolerance, least, &answer.steps)
-                       : ca_least_norm(p, u, tolerance, 1, least, y, &answer.steps);
-        for (int k = 0; k < m; k++)
-            missed[k] = served.wrench[k] - u[k];
-        if (left <= tolerance || (ca_length(m, missed) <= tolerance && left <= p->slack * size)) {
-            ca_copy(n, least, thrusts);
+    if (!search.unattainable) {
+        ca_real least[CA_N];
+        ca_copy(CA_ROTORS(p), thrusts, least);
+        if (insist(p, &search, &served, on_face, least)) {
+            ca_copy(CA_ROTORS(p), least, thrusts);
             return answer;
         }
     }
@@ -196,19 +232,13 @@ static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real size, ca_r
         answer.level = 0;
         return answer;
     }
+    ca_start(p, served.face.wrench, 1, &answer.steps, &other);
     if (!on_face)
-        residual = ca_least_norm(p, served.wrench, goal, 0, thrusts, y, &answer.steps);
-    if (!(residual <= goal)) {
-        /* The thrusts of the simplex method produce the wrench too, if not with the least norm. */
-        ca_copy(n, served.thrusts, thrusts);
-        ca_leave(p, served.wrench, thrusts, missed);
-        if (!(ca_length(m, missed) <= goal))
+        found = ca_least_norm(p, &other, thrusts);
+    if (!found) {
+        take(p, &served.face, thrusts);
+        if (!produce(p, &other, thrusts))
             answer.status = CA_INEXACT;
-        ca_leave(p, u, thrusts, missed);
-        if (ca_length(m, missed) <= tolerance) {
-            answer.status = CA_EXACT;
-            answer.level = 1;
-        }
     }
     return answer;
 }
@@ -221,51 +251,11 @@ ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     for (int k = 0; k < m && length <= CA_ABSURD; k++)
         length = is_finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
     length = length <= CA_ABSURD ? ca_length(m, u) : length;
-    if (length <= CA_ABSURD) {
-        const ca_real size = ca_max(1, length);
-        if (!p->weighted) {
-            answer = solve(p, u, size, thrusts);
-        } else {
-            ca_real shifted[CA_M];
-            for (int k = 0; k < m; k++)
-                shifted[k] = u[k] - p->offset[k];
-            answer = solve(p, shifted, size, thrusts);
-            if (answer.status != CA_REJECTED)
-                unweight(p, thrusts);
-        }
-    }
+    if (length <= CA_ABSURD)
+        answer = solve(p, u, thrusts);
     if (answer.status == CA_INVALID || answer.status == CA_REJECTED)
         rest(p, thrusts);
     return answer;
-}
-
-void ca_leave(const ca_problem *p, const ca_real *u, const ca_real *f, ca_real *left)
-{
-    for (int k = 0; k < CA_AXES(p); k++)
-        left[k] = u[k] - ca_dot(CA_ROTORS(p), p->gamma[k], f);
-}
-
-void ca_residual(const ca_problem *p, const ca_real *u, const ca_real *thrusts, ca_real *residual)
-{
-    ca_real shifted[CA_M], g[CA_N];
-    if (!p->weighted) {
-        ca_leave(p, u, thrusts, residual);
-        return;
-    }
-    for (int k = 0; k < CA_AXES(p); k++)
-        shifted[k] = u[k] - p->offset[k];
-    for (int i = 0; i < CA_ROTORS(p); i++)
-        g[i] = p->weight[i] * (thrusts[i] - p->preferred[i]);
-    ca_leave(p, shifted, g, residual);
-}
-
-void ca_active_set(const ca_problem *p, const ca_real *thrusts, signed char *active)
-{
-    for (int i = 0; i < CA_ROTORS(p); i++) {
-        const ca_real low = CA_TOLERANCE * ca_max(1, ca_abs(p->thrust_lower[i]));
-        const ca_real high = CA_TOLERANCE * ca_max(1, ca_abs(p->thrust_upper[i]));
-        active[i] = thrusts[i] <= p->thrust_lower[i] + low ? -1 : thrusts[i] >= p->thrust_upper[i] - high ? 1 : 0;
-    }
 }
 
 void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
@@ -358,7 +348,7 @@ ca_real ca_margin(const ca_problem *p, const ca_real *u)
         ca_real normal[CA_M], height = 0, width = 0;
         if (normal_of(p, choice, normal)) {
             for (int k = 0; k < m; k++)
-                height += normal[k] * (u[k] - p->offset[k] - p->center[k]);
+                height += normal[k] * (u[k] - p->center[k]);
             for (int i = 0; i < n; i++) {
                 ca_real side = 0;
                 for (int k = 0; k < m; k++)

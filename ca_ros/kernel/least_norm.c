@@ -1,10 +1,13 @@
 /* Least-norm thrusts within bounds, Eqs. (20)-(22), by a dual Newton method.
  *
- * The cost is separable, so for given multipliers y of basis^T f = c the optimal thrusts are
- * f(y) = clip(basis y). The remaining equation basis^T f(y) = c is piecewise linear, and it is the
- * gradient of a concave function, the dual. Newton's method starts at the pseudo-inverse, y = c,
- * treats the rotors between their bounds as free, and searches exactly along each step.
+ * The cost is |g|^2 with the deviations g = weight (f - preferred) of the thrusts. It is separable,
+ * so for given multipliers y of basis^T g = c the optimal deviations are g(y) = clip(basis y). The
+ * remaining equation basis^T g(y) = c is piecewise linear, and it is the gradient of a concave
+ * function, the dual. Newton's method starts at the pseudo-inverse, y = c, treats the rotors
+ * between their bounds as free, and searches exactly along each step. The residual is that of the
+ * thrusts and the given wrench, so that preferred thrusts far away take no digits from it.
  */
+#include "least_norm.h"
 #include "numbers.h"
 
 /* Bounds of Newton's iteration: for any wrench, and for a wrench known to be attainable. */
@@ -35,6 +38,8 @@
 #define STILL CA_CHOOSE(1e-12, 1e-6)
 /* Rounding error of a sum along a step, as a share of its terms. */
 #define SUM CA_CHOOSE(1e-14, 1e-6)
+/* Rounding error of Gamma f that counts as exact, as a share of |Gamma| |f|. */
+#define EXACT_SUM CA_CHOOSE(4 * 2.2e-16, 4 * 1.2e-7)
 
 /* A relaxed program has one more actuator for each axis: the error of the axis. */
 #define WIDE (CA_N + CA_M)
@@ -43,9 +48,29 @@ typedef struct {
     const ca_problem *problem;
     int count;                     /* n, or n + m if relaxed */
     const ca_real (*basis)[CA_M];
-    const ca_real *lower, *upper;
+    const ca_real *lower, *upper;  /* bounds of the deviations */
+    const ca_real *least, *most;   /* of the thrusts */
     ca_real rate;                  /* of the actuators beyond n */
 } bounded_program;
+
+static bounded_program program_of(const ca_problem *p)
+{
+    const bounded_program program = {p, CA_ROTORS(p), p->basis, p->deviation_lower,
+                                     p->deviation_upper, p->lower, p->upper, 0};
+    return program;
+}
+
+/* Thrusts of deviations. */
+static void weigh(const bounded_program *program, const ca_real *g, ca_real *f)
+{
+    const ca_problem *p = program->problem;
+    for (int i = 0; i < program->count; i++)
+        f[i] = i >= CA_ROTORS(p)            ? g[i]
+               : g[i] <= program->lower[i]  ? program->least[i]
+               : g[i] >= program->upper[i]  ? program->most[i]
+                                            : ca_clip(p->preferred[i] + g[i] / p->weight[i],
+                                                      program->least[i], program->most[i]);
+}
 
 /* Solve h x = right for a positive definite matrix, given and overwritten in its lower triangle.
  * Returns 0 if it is ill-conditioned. */
@@ -344,6 +369,31 @@ static void solve_free(const bounded_program *program, const int *free, int free
         solve_by_columns(program, free, frees, slopes, step, change, away);
 }
 
+void ca_leave(const ca_problem *p, const ca_real *u, const ca_real *f, ca_real *left)
+{
+    for (int k = 0; k < CA_AXES(p); k++)
+        left[k] = u[k] - ca_dot(CA_ROTORS(p), p->gamma[k], f);
+}
+
+ca_real ca_rounding(const ca_problem *p, const ca_real *f)
+{
+    ca_real sizes[CA_M];
+    for (int k = 0; k < CA_AXES(p); k++) {
+        sizes[k] = 0;
+        for (int i = 0; i < CA_ROTORS(p); i++)
+            sizes[k] += ca_abs(p->gamma[k][i] * f[i]);
+    }
+    return EXACT_SUM * ca_length(CA_AXES(p), sizes);
+}
+
+int ca_within(const ca_problem *p, ca_real residual, ca_real tolerance, ca_real share,
+              const ca_real *f)
+{
+    if (residual <= share * tolerance)
+        return 1;
+    return residual <= share * p->rounding && residual <= share * ca_rounding(p, f);
+}
+
 /* left = u - A f */
 static void leave(const bounded_program *program, const ca_real *u, const ca_real *f, ca_real *left)
 {
@@ -372,7 +422,7 @@ static void multiply_basis(const bounded_program *program, const ca_real *y, ca_
 /* Return t >= 0 at which `excess`, which is negative at t = 0 and grows with t by
  * rates . (clip(z + t rates) - f), is zero. If every rotor reaches a bound before that, `short_of`
  * is the remaining gap: the wrench is unattainable. */
-static ca_real search(const bounded_program *program, const ca_real *z, const ca_real *f,
+static ca_real search_along(const bounded_program *program, const ca_real *z, const ca_real *f,
                       const ca_real *rates, ca_real excess, ca_real *short_of)
 {
     /* Each rotor moves between its bounds until `end`. `change` is where its slope changes next. */
@@ -446,40 +496,49 @@ static ca_real search(const bounded_program *program, const ca_real *z, const ca
 /* Newton's iteration, and the best of its iterates. */
 typedef struct {
     const bounded_program *program;
-    const ca_real *u;
-    ca_real tolerance;
-    ca_real *thrusts;     /* of the best iterate; of an attempt only if within the tolerance */
-    ca_real *multipliers; /* in: the first iterate; out: of the best or, of an attempt, the last */
+    ca_search *search;    /* its y in: the first iterate; out: of the best or, if early, the last */
+    ca_real *thrusts;     /* of the best iterate; if early only if within the tolerance */
     ca_real residual;     /* of the best iterate */
-    int *steps;
+    int early;            /* whether to end when u is proven or likely to be unattainable */
 } newton;
 
+/* The share of the tolerance that the iteration aims at: its answers are also exact with another
+ * order of summation. */
+#define AIM CA_REAL(0.5)
+
 /* Keep an iterate if it is the best. Returns whether it is within the tolerance. */
-static int keep(newton *it, int early, ca_real residual, const ca_real *f, const ca_real *y)
+static int keep(newton *it, ca_real residual, const ca_real *f, const ca_real *y)
 {
-    const int done = residual <= it->tolerance;
-    if (done || (!early && residual < it->residual)) {
+    const ca_problem *problem = it->program->problem;
+    const int done = ca_within(problem, residual, it->search->tolerance, AIM, f);
+    if (done || (!it->early && residual < it->residual)) {
         it->residual = residual;
         ca_copy(it->program->count, f, it->thrusts);
-        ca_copy(CA_AXES(it->program->problem), y, it->multipliers);
+        ca_copy(CA_AXES(problem), y, it->search->y);
     }
     return done;
 }
 
-/* If a step does not change the active set, set g to the thrusts f after the step. Adding `change` to
- * f loses fewer digits than adding the step to the multipliers, which may be large. */
+/* If a step does not change the active set, set `after` to the thrusts f after the step. Adding
+ * `change` to them loses fewer digits than adding the step to the multipliers, which may be large. */
 static int completes(const bounded_program *program, const ca_real *z, const ca_real *rates,
-                     const ca_real *f, const ca_real *change, ca_real limit, ca_real *g)
+                     const ca_real *g, const ca_real *f, const ca_real *change, ca_real limit,
+                     ca_real *after)
 {
+    const ca_problem *problem = program->problem;
     for (int i = 0; i < program->count; i++) {
         const ca_real lower = program->lower[i], upper = program->upper[i];
         const ca_real aimed = z[i] + rates[i];
         if (z[i] > lower && z[i] < upper) {
-            g[i] = ca_clip(f[i] + change[i], lower, upper);
-            if (ca_abs(aimed - g[i]) > limit)
+            const ca_real end = ca_clip(g[i] + change[i], lower, upper);
+            after[i] = problem->weighted && i < CA_ROTORS(problem) && end > lower && end < upper
+                           ? ca_clip(f[i] + change[i] / problem->weight[i], program->least[i],
+                                     program->most[i])
+                           : end;
+            if (ca_abs(aimed - end) > limit)
                 return 0;
         } else {
-            g[i] = f[i];
+            after[i] = f[i];
             if (ca_abs(ca_clip(aimed, lower, upper) - g[i]) > limit)
                 return 0;
         }
@@ -490,7 +549,7 @@ static int completes(const bounded_program *program, const ca_real *z, const ca_
 /* Whether a gap along a direction of multipliers proves that u is not attainable: all attainable
  * wrenches are on one side of a plane. */
 static int proves(const ca_problem *problem, ca_real tolerance, const ca_real *way,
-                   ca_real short_of)
+                  ca_real short_of)
 {
     const int m = CA_AXES(problem);
     ca_real normal[CA_M];
@@ -499,13 +558,49 @@ static int proves(const ca_problem *problem, ca_real tolerance, const ca_real *w
         for (int j = k; j < m; j++)
             normal[k] += problem->coordinates[j][k] * way[j];
     }
-    return short_of > 4 * tolerance * ca_length(m, normal);
+    return short_of > tolerance * ca_length(m, normal);
+}
+
+/* The same for any multipliers: whether u is beyond a plane that touches the set along them. */
+static int is_beyond(const ca_problem *p, const ca_search *search, const ca_real *way)
+{
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
+    ca_real goal[CA_M], shifted[CA_M], low = 0, high = 0, rounding = 0;
+    for (int k = 0; k < m; k++)
+        shifted[k] = search->wrench[k] - p->offset[k];
+    multiply(m, p->coordinates, shifted, goal);
+    for (int i = 0; i < n; i++) {
+        const ca_real rate = ca_dot(m, p->basis[i], way);
+        const ca_real a = rate * p->deviation_lower[i], b = rate * p->deviation_upper[i];
+        low += ca_min(a, b);
+        high += ca_max(a, b);
+        rounding += ca_max(ca_abs(a), ca_abs(b));
+    }
+    const ca_real height = ca_dot(m, way, goal);
+    const ca_real gap = ca_max(height - high, low - height) - SUM * rounding;
+    return gap > 0 && proves(p, search->tolerance, way, gap);
+}
+
+/* The row of the basis of the rotor that is furthest beyond its bounds. */
+static const ca_real *furthest_row(const bounded_program *program, const ca_real *z)
+{
+    ca_real most = -1;
+    int furthest = 0;
+    for (int i = 0; i < program->count; i++) {
+        const ca_real out = ca_max(program->lower[i] - z[i], z[i] - program->upper[i]);
+        if (out > most) {
+            most = out;
+            furthest = i;
+        }
+    }
+    return program->basis[furthest];
 }
 
 /* The step if the normal equations cannot be solved. Returns whether it goes along an axis that the
  * free rotors do not span, until the next rotor becomes free; then `change` is not set. */
-static int solve_singular(bounded_program plain, ca_real tolerance, const int *free, int frees, const ca_real *slopes,
-                           ca_real *step, ca_real *change)
+static int solve_singular(bounded_program plain, ca_real tolerance, const ca_real *f,
+                          const int *free, int frees, const ca_real *slopes, ca_real *step,
+                          ca_real *change)
 {
     const bounded_program *program = &plain;
     const int m = CA_AXES(plain.problem);
@@ -516,7 +611,7 @@ static int solve_singular(bounded_program plain, ca_real tolerance, const int *f
         solve_by_columns(program, free, frees, slopes, step, change, away);
     multiply(m, program->problem->back, away, missed);
     /* A smaller residual along such an axis is a rounding error, which is ignored. */
-    if (ca_length(m, missed) > CA_REAL(0.8) * tolerance) {
+    if (!ca_within(plain.problem, ca_length(m, missed), tolerance, CA_REAL(0.8) * AIM, f)) {
         ca_copy(m, away, step);
         return 1;
     }
@@ -534,24 +629,25 @@ static ca_real search_in_span(bounded_program plain, const int *free, int frees,
     ca_real change[WIDE], away[CA_M];
     solve_free(program, free, frees, slopes, step, change, away);
     multiply_basis(program, step, rates);
-    return search(program, z, f, rates, -ca_dot(CA_AXES(program->problem), step, slopes),
+    return search_along(program, z, f, rates, -ca_dot(CA_AXES(program->problem), step, slopes),
                   short_of);
 }
 
-/* With `early` the iteration stops when u is proven or likely to be unattainable. */
-static ca_real iterate(newton *it, int early, int bound)
+static void iterate(newton *it)
 {
     const bounded_program *program = it->program;
     const ca_problem *problem = program->problem;
+    ca_search *search = it->search;
     const int m = CA_AXES(problem), count = program->count;
     ca_real y[CA_M] = {0}, z[WIDE];
     int strays = 0, idle = 0;
 
     it->residual = CA_INFINITY;
-    ca_copy(m, it->multipliers, y);
+    ca_copy(m, search->y, y);
     multiply_basis(program, y, z);
-    for (int number = 0; number < bound; number++) {
-        ca_real f[WIDE], left[CA_M];
+    for (int number = 0; number < (it->early ? ATTEMPT : STEPS); number++) {
+        ca_real f[WIDE], deviations[WIDE], left[CA_M];
+        const ca_real *g = f;
         int free[WIDE], held[WIDE], frees = 0, helds = 0;
         for (int i = 0; i < count; i++) {
             const ca_real lower = program->lower[i], upper = program->upper[i];
@@ -561,187 +657,262 @@ static ca_real iterate(newton *it, int early, int bound)
             else
                 held[helds++] = i;
         }
-        leave(program, it->u, f, left);
+        if (problem->weighted) {
+            ca_copy(count, f, deviations);
+            g = deviations;
+            weigh(program, g, f);
+        }
+        leave(program, search->wrench, f, left);
         const ca_real residual = ca_length(m, left), least = it->residual;
-        if (keep(it, early, residual, f, y))
+        if (keep(it, residual, f, y))
             break;
         /* In single precision, steps rarely help if rounding errors of y exceed the tolerance. */
         const int uncertain = CA_CHOOSE_INT(
-            0, ROUNDING * ROUNDING * ca_dot(m, y, y) > 256 * it->tolerance * it->tolerance);
+            0, ROUNDING * ROUNDING * ca_dot(m, y, y) > 64 * search->tolerance * search->tolerance);
         idle = residual < (uncertain ? least / 2 : least) ? 0 : idle + 1;
-        /* With as many rotors as axes there is only one solution. */
-        if (idle > (uncertain ? IDLE / 4 : IDLE) || (early && count == m))
+        if (it->early && count == m) {
+            /* With as many rotors as axes there is only one solution. */
+            search->unattainable = is_beyond(problem, search, furthest_row(program, z));
+            break;
+        }
+        if (idle > (uncertain ? IDLE / 4 : IDLE))
             break;
 
         ca_real slopes[CA_M], step[CA_M], rates[WIDE], change[WIDE], short_of;
-        ++*it->steps;
+        ++*search->steps;
         multiply(m, problem->coordinates, left, slopes);
         const int normal = solve_normal(program, free, frees, held, slopes, step);
-        const int astray =
-            !normal && solve_singular(*program, it->tolerance, free, frees, slopes, step, change);
-        if (astray && early && ++strays > STRAYS)
+        const int astray = !normal && solve_singular(*program, search->tolerance, f, free, frees,
+                                                     slopes, step, change);
+        if (astray && it->early && ++strays > STRAYS) {
+            search->unattainable =
+                is_beyond(problem, search, step) || is_beyond(problem, search, y);
             break;
+        }
         multiply_basis(program, step, rates);
         if (!astray) {
-            ca_real after[CA_M], g[WIDE];
+            ca_real after[CA_M], goal[WIDE];
             for (int k = 0; k < m; k++)
                 after[k] = y[k] + step[k];
             const ca_real limit =
                 CHANGED * (1 + problem->greatest) + ROUNDING * ca_length(m, after);
-            if (completes(program, z, rates, f, normal ? rates : change, limit, g)) {
-                leave(program, it->u, g, left);
-                if (keep(it, early, ca_length(m, left), g, after))
-                    return it->residual;
+            if (completes(program, z, rates, g, f, normal ? rates : change, limit, goal)) {
+                leave(program, search->wrench, goal, left);
+                if (keep(it, ca_length(m, left), goal, after))
+                    return;
             }
         }
         ca_real advance =
-            search(program, z, f, rates, -ca_dot(m, step, slopes), &short_of);
+            search_along(program, z, g, rates, -ca_dot(m, step, slopes), &short_of);
+        if (!search->attainable && short_of > 0 &&
+            proves(problem, search->tolerance, step, short_of)) {
+            search->unattainable = 1;
+            break;
+        }
         if (astray && !(advance > 0))
-            advance = search_in_span(*program, free, frees, slopes, z, f, step, rates, &short_of);
-        if (!(advance > 0) || (early && short_of > 0 && proves(problem, it->tolerance, step, short_of)))
+            advance = search_in_span(*program, free, frees, slopes, z, g, step, rates, &short_of);
+        if (!(advance > 0))
             break;
         for (int k = 0; k < m; k++)
             y[k] += advance * step[k];
         for (int i = 0; i < count; i++)
             z[i] += advance * rates[i];
     }
-    if (early && !(it->residual <= it->tolerance))
-        ca_copy(m, y, it->multipliers);
-    return it->residual;
+    if (it->early && !(it->residual < CA_INFINITY))
+        ca_copy(m, y, search->y);
+    else if (!it->early && !search->attainable && !search->unattainable)
+        search->unattainable = is_beyond(problem, search, y);
 }
 
-static ca_real iterate_on(newton *it)
+/* One step towards a smaller residual by the free rotors. Newton's coordinates serve problems whose
+ * axes are almost dependent; the axes themselves keep their digits where coordinates lose them. */
+static void settle_once(const bounded_program *program, int in_axes, const int *free, int frees,
+                        const ca_real *left, ca_real *f)
 {
-    return iterate(it, 0, STEPS);
-}
-
-ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
-                  int *steps)
-{
+    const ca_problem *problem = program->problem;
     const int n = CA_ROTORS(problem), m = CA_AXES(problem);
-    const bounded_program program = {problem, n, problem->basis, problem->lower, problem->upper, 0};
-    ca_real f[CA_N], least = CA_INFINITY;
-    ca_copy(n, thrusts, f);
-    for (int number = 0; number < CA_CHOOSE_INT(n, 3); number++) {
-        ca_real left[CA_M], slopes[CA_M], step[CA_M], away[CA_M], change[CA_N];
-        int free[CA_N], frees = 0;
-        ca_leave(problem, u, f, left);
-        const ca_real residual = ca_length(m, left);
-        if (residual < least) {
-            least = residual;
-            ca_copy(n, f, thrusts);
+    ca_real slopes[CA_M], step[CA_M], away[CA_M], change[CA_N];
+    if (in_axes) {
+        ca_real columns[CA_N][CA_M];
+        bounded_program axes = *program;
+        for (int k = 0; k < m; k++) {
+            const ca_real length = ca_length(n, problem->gamma[k]);
+            slopes[k] = left[k] / length;
+            for (int i = 0; i < n; i++)
+                columns[i][k] = problem->gamma[k][i] / length;
         }
-        for (int i = 0; i < n; i++)
-            if (f[i] > problem->lower[i] && f[i] < problem->upper[i])
-                free[frees++] = i;
-        if (residual <= tolerance || frees == 0)
-            break;
-        ++*steps;
+        axes.basis = (const ca_real (*)[CA_M])columns;
+        solve_by_columns(&axes, free, frees, slopes, step, change, away);
+    } else {
         multiply(m, problem->coordinates, left, slopes);
-        solve_free(&program, free, frees, slopes, step, change, away);
-        for (int i = 0; i < frees; i++)
-            f[free[i]] = ca_clip(f[free[i]] + change[free[i]], problem->lower[free[i]],
-                                 problem->upper[free[i]]);
+        solve_free(program, free, frees, slopes, step, change, away);
+        for (int j = 0; problem->weighted && j < frees; j++)
+            change[free[j]] /= problem->weight[free[j]];
     }
-    return least;
+    for (int j = 0; j < frees; j++) {
+        const int i = free[j];
+        f[i] = ca_clip(f[i] + change[i], program->least[i], program->most[i]);
+    }
+}
+
+static int settle(const bounded_program *program, const ca_real *u, ca_real tolerance,
+                  ca_real *thrusts, int *steps)
+{
+    const ca_problem *problem = program->problem;
+    const int n = CA_ROTORS(problem), m = CA_AXES(problem);
+    ca_real f[CA_N], least = CA_INFINITY;
+    for (int in_axes = 0; in_axes < 2; in_axes++) {
+        ca_copy(n, thrusts, f);
+        for (int number = 0; number < CA_CHOOSE_INT(n, 3); number++) {
+            ca_real left[CA_M];
+            int free[CA_N], frees = 0;
+            ca_leave(problem, u, f, left);
+            const ca_real residual = ca_length(m, left);
+            if (residual < least) {
+                least = residual;
+                ca_copy(n, f, thrusts);
+            }
+            for (int i = 0; i < n; i++)
+                if (f[i] > program->least[i] && f[i] < program->most[i])
+                    free[frees++] = i;
+            if (ca_within(problem, residual, tolerance, AIM, f)) {
+                ca_copy(n, f, thrusts);
+                return 1;
+            }
+            if (frees == 0)
+                break;
+            ++*steps;
+            settle_once(program, in_axes, free, frees, left, f);
+        }
+        if (ca_within(problem, least, tolerance, 1, thrusts))
+            return 1;
+    }
+    return 0;
+}
+
+int ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
+              int *steps)
+{
+    const bounded_program program = program_of(problem);
+    return settle(&program, u, tolerance, thrusts, steps);
 }
 
 /* If the multipliers y are large, allow an error of u up to the slack for smaller thrusts. */
-static void relax(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
-                  const ca_real *y, int *steps)
+static void relax(const ca_problem *problem, ca_search *search, ca_real *thrusts)
 {
     const int n = CA_ROTORS(problem), m = CA_AXES(problem);
     const ca_real steep = STEEP * problem->greatest;
-    const ca_real slack = problem->slack * ca_max(1, ca_length(m, u));
-    if (!(tolerance < slack && ca_length(m, y) > steep))
+    const ca_real slack = problem->slack * search->size;
+    if (!(search->tolerance < slack && ca_length(m, search->y) > steep))
         return;
     /* One more actuator for each axis stands for its error. */
-    ca_real basis[WIDE][CA_M], lower[WIDE], upper[WIDE], f[WIDE], multipliers[CA_M];
+    ca_real basis[WIDE][CA_M], lower[WIDE], upper[WIDE], least[WIDE], most[WIDE], f[WIDE];
     ca_real norm = 0, difference = 0;
     for (int k = 0; k < m; k++)
         norm += ca_dot(m, problem->back[k], problem->back[k]);
     const ca_real room = slack / ca_sqrt(CA_REAL(m) * norm);
     const ca_real rate = ca_sqrt(room / (SOFT * steep));
     for (int i = 0; i < n; i++) {
-        lower[i] = problem->lower[i];
-        upper[i] = problem->upper[i];
+        lower[i] = problem->deviation_lower[i];
+        upper[i] = problem->deviation_upper[i];
+        least[i] = problem->lower[i];
+        most[i] = problem->upper[i];
         for (int k = 0; k < m; k++)
             basis[i][k] = problem->basis[i][k];
     }
     for (int k = 0; k < m; k++) {
-        upper[n + k] = room / rate;
-        lower[n + k] = -upper[n + k];
+        most[n + k] = upper[n + k] = room / rate;
+        least[n + k] = lower[n + k] = -upper[n + k];
         for (int j = 0; j < m; j++)
             basis[n + k][j] = j == k ? rate : 0;
     }
     const bounded_program relaxed = {problem, n + m, (const ca_real (*)[CA_M])basis, lower, upper,
-                                     rate};
+                                     least, most, rate};
     ca_real missed[CA_M];
-    newton it = {&relaxed, u, tolerance / 2, f, multipliers, 0, steps};
-    multiply(m, problem->coordinates, u, multipliers);
-    iterate_on(&it);
-    ca_leave(problem, u, f, missed);
+    ca_search again;
+    newton it = {&relaxed, &again, f, 0, 0};
+    ca_start(problem, search->wrench, 1, search->steps, &again);
+    again.tolerance = search->tolerance;
+    iterate(&it);
+    ca_leave(problem, search->wrench, f, missed);
     /* On the boundary multipliers may be large although slack changes nothing. */
     for (int i = 0; i < n; i++)
-        difference = ca_max(difference, ca_abs(f[i] - thrusts[i]));
+        difference = ca_max(difference, problem->weight[i] * ca_abs(f[i] - thrusts[i]));
     if (difference > SAME * problem->greatest && ca_length(m, missed) <= slack)
         ca_copy(n, f, thrusts);
 }
 
-ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
-                   ca_real *thrusts, ca_real *y, int *steps)
+void ca_start(const ca_problem *problem, const ca_real *u, int attainable, int *steps,
+              ca_search *search)
 {
-    const bounded_program plain = {
-        problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    newton it = {&plain, u, tolerance / 2, thrusts, y, 0, steps};
-    multiply(CA_AXES(problem), problem->coordinates, u, y);
-    const ca_real residual = iterate(&it, 1, ATTEMPT);
-    if (residual <= tolerance)
-        relax(problem, u, tolerance, thrusts, y, steps);
-    return residual;
+    const int m = CA_AXES(problem);
+    ca_real shifted[CA_M];
+    search->wrench = u;
+    search->size = ca_max(1, ca_length(m, u));
+    search->tolerance = CA_TOLERANCE * search->size;
+    search->attainable = attainable;
+    search->unattainable = 0;
+    search->steps = steps;
+    for (int k = 0; k < m; k++)
+        shifted[k] = u[k] - problem->offset[k];
+    multiply(m, problem->coordinates, shifted, search->y);
 }
 
-ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance, int start,
-                      ca_real *thrusts, ca_real *y, int *steps)
+int ca_attempt(const ca_problem *problem, ca_search *search, ca_real *thrusts)
 {
-    const bounded_program plain = {
-        problem, CA_ROTORS(problem), problem->basis, problem->lower, problem->upper, 0};
-    newton it = {&plain, u, tolerance / 2, thrusts, y, 0, steps};
-    if (!start)
-        multiply(CA_AXES(problem), problem->coordinates, u, y);
-    ca_real residual = iterate_on(&it);
-    if (residual > tolerance / 2)
-        residual = ca_settle(problem, u, tolerance / 2, thrusts, steps);
-    if (residual <= tolerance)
-        relax(problem, u, tolerance, thrusts, y, steps);
-    return residual;
+    const bounded_program program = program_of(problem);
+    newton it = {&program, search, thrusts, 0, 1};
+    iterate(&it);
+    if (!(it.residual < CA_INFINITY))
+        return 0;
+    relax(problem, search, thrusts);
+    return 1;
 }
 
-ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served,
-                              ca_real tolerance, ca_real *thrusts, int *steps)
+int ca_least_norm(const ca_problem *problem, ca_search *search, ca_real *thrusts)
+{
+    const bounded_program program = program_of(problem);
+    newton it = {&program, search, thrusts, 0, 0};
+    iterate(&it);
+    if (search->unattainable)
+        return 0;
+    if (ca_within(problem, it.residual, search->tolerance, AIM, thrusts) ||
+        settle(&program, search->wrench, search->tolerance, thrusts, search->steps)) {
+        relax(problem, search, thrusts);
+        return 1;
+    }
+    search->unattainable = !search->attainable && is_beyond(problem, search, search->y);
+    return 0;
+}
+
+int ca_least_norm_on_face(const ca_problem *problem, const ca_face *face, ca_real *thrusts,
+                          int *steps)
 {
     const int n = CA_ROTORS(problem), m = CA_AXES(problem);
-    ca_real lower[CA_N], upper[CA_N], f[CA_N], left[CA_M], slopes[CA_M], y[CA_M], away[CA_M];
-    ca_real change[CA_N];
+    ca_real lower[CA_N], upper[CA_N], least[CA_N], most[CA_N], f[CA_N], left[CA_M], slopes[CA_M];
+    ca_real away[CA_M], change[CA_N];
     int free[CA_N], frees = 0;
-    if (served->least) {
-        ca_copy(n, served->thrusts, thrusts);
-        ca_leave(problem, served->wrench, thrusts, left);
-        return ca_length(m, left);
-    }
     /* With the held thrusts fixed, the multipliers are small. */
     for (int i = 0; i < n; i++) {
-        lower[i] = served->held[i] ? served->thrusts[i] : problem->lower[i];
-        upper[i] = served->held[i] ? served->thrusts[i] : problem->upper[i];
-        f[i] = lower[i] < upper[i] ? 0 : lower[i];
+        const ca_real held = face->thrusts[i];
+        const ca_real deviation = problem->weight[i] * (held - problem->preferred[i]);
+        least[i] = face->held[i] ? held : problem->lower[i];
+        most[i] = face->held[i] ? held : problem->upper[i];
+        lower[i] = face->held[i] ? deviation : problem->deviation_lower[i];
+        upper[i] = face->held[i] ? deviation : problem->deviation_upper[i];
+        f[i] = lower[i] < upper[i] ? problem->preferred[i] : least[i];
         if (lower[i] < upper[i])
             free[frees++] = i;
     }
-    const bounded_program face = {problem, n, problem->basis, lower, upper, 0};
-    newton it = {&face, served->wrench, tolerance / 2, thrusts, y, 0, steps};
+    const bounded_program program = {problem, n, problem->basis, lower, upper, least, most, 0};
+    ca_search search;
+    newton it = {&program, &search, thrusts, 0, 0};
+    ca_start(problem, face->wrench, 1, steps, &search);
     ++*steps;
-    ca_leave(problem, served->wrench, f, left);
+    ca_leave(problem, face->wrench, f, left);
     multiply(m, problem->coordinates, left, slopes);
-    solve_free(&face, free, frees, slopes, y, change, away);
-    return iterate_on(&it);
+    solve_free(&program, free, frees, slopes, search.y, change, away);
+    iterate(&it);
+    return ca_within(problem, it.residual, search.tolerance, AIM, thrusts) ||
+           settle(&program, face->wrench, search.tolerance, thrusts, steps);
 }

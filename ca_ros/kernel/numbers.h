@@ -1,10 +1,10 @@
-/* Constants and functions shared by the files of the library. */
+/* Constants, and functions of numbers and vectors. */
 #ifndef CA_ROS_KERNEL_NUMBERS_H
 #define CA_ROS_KERNEL_NUMBERS_H
 
 #include <math.h>
 
-#include "exact.h"
+#include "problem.h"
 
 #define CA_REAL(x) ((ca_real)(x))
 #define CA_INFINITY CA_REAL(INFINITY)
@@ -66,46 +66,5 @@ static inline void ca_copy(int count, const ca_real *from, ca_real *to)
     for (int i = 0; i < count; i++)
         to[i] = from[i];
 }
-
-#define ca_leave CA_SYMBOL(ca_leave)
-#define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)
-#define ca_prioritize CA_SYMBOL(ca_prioritize)
-#define ca_attempt CA_SYMBOL(ca_attempt)
-#define ca_least_norm CA_SYMBOL(ca_least_norm)
-#define ca_least_norm_on_face CA_SYMBOL(ca_least_norm_on_face)
-#define ca_settle CA_SYMBOL(ca_settle)
-
-/* The attainable wrench that is served for a demand. */
-typedef struct {
-    ca_real wrench[CA_M];  /* attainable */
-    ca_real thrusts[CA_N]; /* thrusts that produce it */
-    int held[CA_N];        /* nonzero if a thrust is at its bound in all solutions */
-    int unique;            /* whether there is only one solution */
-    int least;             /* whether the thrusts have the least norm */
-    int almost_parallel;   /* whether the facet is almost parallel to another one */
-    int reached;           /* whether the wrench equals the demand, up to rounding */
-    ca_real level;         /* smallest share of its demand that an axis got */
-} ca_served;
-
-/* left = u - Gamma f, in the units of the prepared problem. */
-void ca_leave(const ca_problem *problem, const ca_real *u, const ca_real *f, ca_real *left);
-
-/* Set `begin` and the fields after it. */
-void ca_priorities_set_up(ca_problem *problem, int on_reference);
-void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *served, int *pivots,
-                   int *steps);
-
-/* Least-norm thrusts for u. The functions return |u - Gamma f| and count their steps. `attempt`
- * stops when u is proven or likely to be unattainable; `least_norm` can continue from its y. */
-ca_real ca_attempt(const ca_problem *problem, const ca_real *u, ca_real tolerance,
-                   ca_real *thrusts, ca_real *y, int *steps);
-ca_real ca_least_norm(const ca_problem *problem, const ca_real *u, ca_real tolerance, int start,
-                      ca_real *thrusts, ca_real *y, int *steps);
-ca_real ca_least_norm_on_face(const ca_problem *problem, const ca_served *served,
-                              ca_real tolerance, ca_real *thrusts, int *steps);
-
-/* Remove the rounding error of u by the rotors between their bounds. */
-ca_real ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
-                  int *steps);
 
 #endif

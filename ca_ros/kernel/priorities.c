@@ -6,6 +6,7 @@
  * m basic variables as linear functions of the nonbasic ones. All variables always satisfy their
  * bounds. A push moves one variable towards its goal, as far as the bounds of the others allow.
  */
+#include "priorities.h"
 #include "numbers.h"
 
 /* Rate below which a variable does not depend on another; rates are of the order of 1. */
@@ -545,8 +546,9 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
             return 0;
     }
     for (int i = 0; i < n; i++) {
-        slope += rates[i] * thrusts[i];
-        curvature += rates[i] * rates[i];
+        const ca_real square = p->weight[i] * p->weight[i];
+        slope += square * rates[i] * (thrusts[i] - p->preferred[i]);
+        curvature += square * rates[i] * rates[i];
         if (ca_abs(rates[i]) > STILL * p->half_range[i]) {
             const ca_real down = (p->lower[i] - thrusts[i]) / rates[i];
             const ca_real up = (p->upper[i] - thrusts[i]) / rates[i];
@@ -566,7 +568,7 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     simplex s;
     ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M], wrench[CA_M], missed[CA_M];
-    ca_real *thrusts = served->thrusts;
+    ca_real *thrusts = served->face.thrusts;
 
     scale(p, u, goals);
     scale(p, p->reference, reference);
@@ -576,7 +578,7 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
         thrusts[i] = ca_clip(p->middle[i] + p->half_range[i] * value_of(&s, i), p->lower[i],
                              p->upper[i]);
     for (int i = 0; i < n; i++)
-        served->held[i] = s.held[i];
+        served->face.held[i] = s.held[i];
     served->almost_parallel = s.least_rate < PARALLEL;
     const int choices = choose(p, &s, thrusts);
     served->unique = choices == 0;
@@ -585,26 +587,28 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
         wrench[k] = p->center[k] + p->extent[k] * axes[k];
     /* The small pivots of almost symmetric vehicles lose digits. */
     ca_leave(p, wrench, thrusts, missed);
-    const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench)) / 2;
-    if (ca_length(m, missed) > tolerance) {
+    const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench));
+    if (!ca_within(p, ca_length(m, missed), tolerance, CA_REAL(0.5), thrusts)) {
         ca_settle(p, wrench, tolerance, thrusts, steps);
         ca_leave(p, wrench, thrusts, missed);
     }
     served->reached = 1;
     served->level = 1;
     for (int k = 0; k < m; k++)
-        served->wrench[k] = wrench[k] - missed[k];
+        served->face.wrench[k] = wrench[k] - missed[k];
+    const ca_real rounding = ca_rounding(p, thrusts);
     for (int i = 0; i < m; i++) {
         const int axis = p->order[i];
         const ca_real way = u[axis] - p->reference[axis];
         ca_real level = 0;
-        if (ca_abs(served->wrench[axis] - u[axis]) <= DOUBT * s.doubt * p->extent[axis])
+        const ca_real doubt = DOUBT * s.doubt * p->extent[axis];
+        if (ca_abs(served->face.wrench[axis] - u[axis]) <= ca_max(doubt, rounding))
             continue;
         served->reached = 0;
         if (i < first && first > 1 && p->on_reference)
             level = share;
         else if (way != 0)
-            level = ca_clip((served->wrench[axis] - p->reference[axis]) / way, 0, 1);
+            level = ca_clip((served->face.wrench[axis] - p->reference[axis]) / way, 0, 1);
         served->level = ca_min(served->level, level);
     }
 }

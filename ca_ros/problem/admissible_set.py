@@ -263,13 +263,14 @@ class AdmissibleSet:
             # For a single wrench, computing all facets would take too long.
             if self.problem.attains_unbounded(u):
                 return served, levels
-            answer = serve(u)
-            if answer.reached and self.problem.attains(u):
+            if self.problem.attains(u):
                 return served, levels
+            answer = serve(u)
             return answer.wrenches, answer.levels
         outside = self.zonotope.margin(served) < 0.0
         if outside.any():
-            served[outside], levels[outside], _ = serve(served[outside])
+            answers = serve(served[outside])
+            served[outside], levels[outside] = answers.wrenches, answers.levels
         return served, levels
 
     def check_reference(self, about: ArrayLike | None) -> Prioritization:

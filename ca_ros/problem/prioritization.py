@@ -9,8 +9,9 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.problem import AllocationProblem, lengths
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError, Settings, setting
+from ca_ros.solver.dual_newton import AIM, sum_rounding
 from ca_ros.solver.simplex import Simplex
 from ca_ros.vehicle.settings import AXES, AxesSettings
 
@@ -93,11 +94,14 @@ class Served(NamedTuple):
         reversed, 1 at the demand and beyond it.
     reached : (...) array of bool
         Whether the demand itself is served, up to rounding errors.
+    thrusts : (..., n) array
+        Some that produce the wrenches, not those of least norm [N].
     """
 
     wrenches: Array
     levels: Array
     reached: BoolArray
+    thrusts: Array
 
 
 def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -242,20 +246,22 @@ class Prioritization:
         served = thrusts @ problem.gamma.T
         # Pivots of almost symmetric vehicles are small and cost digits.
         goals = problem.center + problem.extent * reaches[:, n:]
-        tolerances = problem.tolerance(goals)
-        for i in np.flatnonzero(lengths(goals - served) > 0.5 * tolerances):
-            settled = problem.least_norm.settle(thrusts[i], goals[i], 0.5 * tolerances[i])
-            served[i] = problem.gamma @ settled
+        for i in np.flatnonzero(~problem.is_exact(goals, thrusts, AIM)):
+            tolerance = float(problem.tolerance(goals[i]))
+            thrusts[i] = problem.least_norm.settle(thrusts[i], goals[i], tolerance)
+            served[i] = problem.gamma @ thrusts[i]
         ways = demands - self._wrench
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             levels = np.clip(np.where(ways != 0.0, (served - self._wrench) / ways, 0.0), 0.0, 1.0)
         if len(self._first) > 1 and self._begin == [self._reference[row] for row in self._first]:
             levels[:, self._first] = np.array([share for _, share in ends])[:, None]
         doubts = np.array([end.doubt for end, _ in ends]).reshape(-1, 1)
-        near = np.abs(served - demands) <= DOUBT * doubts * problem.extent
+        rounding = sum_rounding(problem.gamma, thrusts)[:, None]
+        near = np.abs(served - demands) <= np.maximum(DOUBT * doubts * problem.extent, rounding)
         levels[near] = 1.0
         reached = np.asarray(near.all(axis=-1)).reshape(u.shape[:-1])
-        return Served(served.reshape(u.shape), levels.reshape(u.shape), reached)
+        thrusts = thrusts.reshape(*u.shape[:-1], n)
+        return Served(served.reshape(u.shape), levels.reshape(u.shape), reached, thrusts)
 
     def _serve(self, goals: list[float]) -> tuple[Simplex, float]:
         """Serve a demand (m,) in the units of the simplex.

@@ -9,9 +9,9 @@ from math import comb, hypot
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, constant
+from ca_ros.arrays import Array, BoolArray, constant
 from ca_ros.problem.numbers import ABSURD, different_names, numbers
-from ca_ros.solver.dual_newton import DualNewton
+from ca_ros.solver.dual_newton import DualNewton, sum_rounding
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
 
@@ -85,8 +85,9 @@ class AllocationProblem:
 
     Notes
     -----
-    EXACT means that |u - B f| is at most 1e-12 max(1, |u|), with all axes together.  Therefore
-    units are refused in which the range of an axis is below 1e-6, or 1e-6 of the greatest.
+    EXACT means that |u - B f| is at most 1e-12 max(1, |u|), with all axes together, or the
+    rounding error of the sum B f if large effectors cancel each other.  Therefore units are
+    refused in which the range of an axis is below 1e-6, or 1e-6 of the greatest.
 
     A problem is not audited: axes that the effectors cannot command independently are an error
     only where the admissible set must have a volume.
@@ -215,7 +216,7 @@ class AllocationProblem:
         return len(self.lower)
 
     def attains(self, u: Array) -> bool:
-        """Tell whether a wrench (m,) is attainable, up to `tolerance`."""
+        """Tell whether a wrench (m,) is attainable, up to `tolerance` and rounding errors."""
         return self.least_norm.solve(u, float(self.tolerance(u))).attained
 
     def attains_unbounded(self, u: Array) -> bool:
@@ -262,29 +263,6 @@ class AllocationProblem:
         """The quadratic program of Eqs. (20)-(22)."""
         return DualNewton(self.gamma, self.lower, self.upper)
 
-    def preferring(self, weights: Array, preferred: Array) -> AllocationProblem:
-        """Return the problem of g = W (f - f_p), whose demand is u - Gamma f_p.
-
-        Its thrusts g of least norm belong to the thrusts f of least ``|W (f - f_p)|``.
-
-        Parameters
-        ----------
-        weights : (n,) array
-            The diagonal of W, positive.
-        preferred : (n,) array
-            f_p [N].
-        """
-        return self._like(
-            self.gamma / weights,
-            weights * (self.lower - preferred),
-            weights * (self.upper - preferred),
-            self.reference - self.gamma @ preferred,
-        )
-
-    def multipliers(self, u: Array) -> Array:
-        """Return the multipliers (m,) of that program for a wrench (m,) in the admissible set."""
-        return self.least_norm.solve(u, float(self.tolerance(u)))[1]
-
     def check(self, u: ArrayLike, batch: bool = False) -> Array:
         """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.
 
@@ -330,10 +308,19 @@ class AllocationProblem:
         """Return how far thrusts (..., n) are outside their bounds at most, (...) [N]."""
         return np.abs(thrusts - self.clip(thrusts)).max(axis=-1)
 
-    def least(self, multipliers: Array) -> Array:
-        """Return the least-norm thrusts (..., n) for multipliers (..., m) [N]."""
-        return self.clip(multipliers @ self.gamma)
-
     def tolerance(self, u: Array) -> Array:
-        """Return the residual (...) up to which wrenches (..., m) count as exact [N, N m]."""
+        """Return the residual (...) up to which wrenches (..., m) count as exact [N, N m].
+
+        A residual within the rounding error of Gamma f counts as exact too: see `is_exact`.
+        """
         return EXACT_TOLERANCE * np.maximum(1.0, lengths(u))
+
+    def is_exact(self, u: Array, thrusts: Array, share: float = 1.0) -> BoolArray:
+        """Tell (...) whether thrusts (..., n) produce wrenches (..., m) exactly.
+
+        The residual is at most a `share` of ``1e-12 max(1, |u|)``, or of the rounding error of
+        the sum Gamma f, which is greater where large thrusts cancel each other.
+        """
+        residual = lengths(u - thrusts @ self.gamma.T)
+        rounding = sum_rounding(self.gamma, thrusts)
+        return np.asarray(residual <= share * np.maximum(self.tolerance(u), rounding))

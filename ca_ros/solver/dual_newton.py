@@ -24,8 +24,23 @@ SOFT = 0.05
 SAME = 1e-7
 """Change of a thrust, in units of the greatest thrust, for which no slack is used."""
 
-IMAGE_ROUNDING = 16 * float(np.finfo(float).eps)
+IMAGE_ROUNDING = 16 * 2.2e-16
 """Rounding error of thrusts that are computed from y, as a share of |y|."""
+
+CHANGED = 1e-10
+"""Difference of thrusts that counts as a change of the active set."""
+
+STILL = 1e-12
+"""Share of the fastest rate below which a rotor does not move along a step."""
+
+EXACT_SUM = 4 * 2.2e-16
+"""Rounding error of A f that counts as exact, as a share of |A| |f|."""
+
+SUM = 1e-14
+"""Rounding error of a sum along a step, as a share of its terms."""
+
+AIM = 0.5
+"""Share of the tolerance that the method aims at."""
 
 
 class Solution(NamedTuple):
@@ -36,9 +51,11 @@ class Solution(NamedTuple):
     thrusts : (n,) array
         Within their bounds; of all iterates those with the least |A f - u| [N].
     multipliers : (m,) array
-        y with ``thrusts = clip(A^T y)``, up to rounding.
+        y with ``thrusts = clip(f_p + W^-2 A^T y)``, up to rounding.
     attained : bool
-        Whether |A f - u| is within the tolerance.
+        Whether |A f - u| is within the tolerance, or the rounding error of A f.
+    unattainable : bool
+        Whether a plane proves that |A f - u| exceeds the tolerance for all thrusts.
     relaxed : bool
         Whether the thrusts use the slack.
     """
@@ -46,17 +63,26 @@ class Solution(NamedTuple):
     thrusts: Array
     multipliers: Array
     attained: bool
+    unattainable: bool
     relaxed: bool
 
 
-class DualNewton:
-    """Solve ``min |f|^2`` subject to ``A f = u`` and ``lower <= f <= upper``, Eqs. (20)-(22).
+def sum_rounding(matrix: Array, thrusts: Array) -> Array:
+    """Return the rounding error (...) of A f that counts as exact, for thrusts (..., n)."""
+    sums = np.abs(thrusts) @ np.abs(matrix).T
+    return EXACT_SUM * np.sqrt(np.einsum('...i,...i->...', sums, sums))
 
-    The cost is separable, so for given multipliers y of the equation the optimal thrusts are
-    ``f(y) = clip(A^T y)``.  The remaining equation ``A f(y) = u`` is piecewise linear, and it is
-    the gradient of a concave function, the dual.  Newton's method solves it: it starts at the
-    pseudo-inverse, treats the rotors between their bounds as free, and searches exactly along
-    each step.  It ends after finitely many steps.  The bounds hold in every iteration.
+
+class DualNewton:
+    """Solve ``min |W (f - f_p)|^2`` with ``A f = u`` and ``lower <= f <= upper``, Eqs. (20)-(22).
+
+    The cost is separable, so for given multipliers y of the equation the optimal deviations
+    ``g = W (f - f_p)`` are ``g(y) = clip((A W^-1)^T y)``.  The remaining equation ``A f(y) = u``
+    is piecewise linear, and it is the gradient of a concave function, the dual.  Newton's method
+    solves it: it starts at the pseudo-inverse, treats the rotors between their bounds as free, and
+    searches exactly along each step.  It ends after finitely many steps.  The bounds hold in every
+    iteration.  The residual is that of the thrusts, so that preferred thrusts far away take no
+    digits from it.
 
     Parameters
     ----------
@@ -64,23 +90,40 @@ class DualNewton:
         A, with rank m.
     lower, upper : (n,) arrays
         Bounds.
+    weights, preferred : (n,) arrays, optional
+        The diagonal of W, positive, and f_p; by default ones and zeros.
 
     Attributes
     ----------
     basis : (n, m) array
-        Orthonormal columns that span the rows of A.
+        Orthonormal columns that span the rows of A W^-1.
     coordinates : (m, m) array
-        The equation is equivalent to ``basis^T f = coordinates u``.
+        The equation is equivalent to ``basis^T g = coordinates (u - A f_p)``.
     greatest : float
-        The greatest size of a bound, at least 1.
+        The greatest size of a bound of g, at least 1.
     """
 
-    def __init__(self, matrix: Array, lower: Array, upper: Array) -> None:
+    def __init__(
+        self,
+        matrix: Array,
+        lower: Array,
+        upper: Array,
+        weights: Array | None = None,
+        preferred: Array | None = None,
+    ) -> None:
+        n = len(lower)
         self.matrix, self.lower, self.upper = matrix, lower, upper
-        self.basis, triangle = np.linalg.qr(matrix.T)
+        self._weights = np.ones(n) if weights is None else weights
+        self._preferred = np.zeros(n) if preferred is None else preferred
+        self._low, self._high = (
+            self._weights * (end - self._preferred) for end in (lower, upper)
+        )
+        self._offset = matrix @ self._preferred
+        self.basis, triangle = np.linalg.qr((matrix / self._weights).T)
         self._back = triangle.T
         self.coordinates = np.linalg.inv(self._back)
-        self.greatest = max(1.0, *np.abs([lower, upper]).ravel().tolist())
+        self._lengths = np.linalg.norm(matrix, axis=1)
+        self.greatest = max(1.0, *np.abs([self._low, self._high]).ravel().tolist())
 
     def solve(
         self, u: Array, tolerance: float, start: Array | None = None, slack: float = 0.0
@@ -96,7 +139,7 @@ class DualNewton:
         Parameters
         ----------
         u : (m,) array
-            Attainable, up to rounding.
+            If it is not attainable, the thrusts are some that produce about the nearest wrench.
         tolerance : float
             Goal for |A f - u|.
         start : (m,) array, optional
@@ -108,10 +151,12 @@ class DualNewton:
         -------
         Solution
         """
-        first = None if start is None else self._back.T @ start
-        thrusts, y, residual = self._solve(u, tolerance, first)
+        y = self._target(u) if start is None else self._back.T @ start
+        thrusts, y, residual, proven = self._solve(u, tolerance, y)
+        attained = self.within(residual, tolerance, thrusts)
+        proven = proven and not attained
         steep = STEEP * self.greatest
-        relaxed = residual <= tolerance < slack and float(np.linalg.norm(y)) > steep
+        relaxed = attained and tolerance < slack and float(np.linalg.norm(y)) > steep
         if relaxed:
             n, m = self.basis.shape
             room = slack / (np.sqrt(m) * np.linalg.norm(self._back))
@@ -120,87 +165,132 @@ class DualNewton:
             wider = copy(self)
             wider.basis = np.vstack([self.basis, rate * np.eye(m)])
             wider.matrix = np.hstack([self.matrix, rate * self._back])
-            wider.lower = np.append(self.lower, np.full(m, -room / rate))
-            wider.upper = np.append(self.upper, np.full(m, room / rate))
-            softer, after, _ = wider._solve(u, tolerance, None)
+            ends = np.full(m, room / rate)
+            wider.lower, wider._low = np.append(self.lower, -ends), np.append(self._low, -ends)
+            wider.upper, wider._high = np.append(self.upper, ends), np.append(self._high, ends)
+            wider._weights = np.append(self._weights, np.ones(m))
+            wider._preferred = np.append(self._preferred, np.zeros(m))
+            softer, after, _, _ = wider._solve(u, tolerance, self._target(u))
             # On the boundary multipliers may be large although slack changes nothing.
-            greatest = float(np.abs(softer[:n] - thrusts).max())
+            greatest = float((self._weights * np.abs(softer[:n] - thrusts)).max())
             missed = float(np.linalg.norm(u - self.matrix @ softer[:n]))
             relaxed = greatest > SAME * self.greatest and missed <= slack
             if relaxed:
                 thrusts, y = softer[:n], after
-        return Solution(thrusts, self.coordinates.T @ y, residual <= tolerance, relaxed)
+        return Solution(thrusts, self.coordinates.T @ y, attained, proven, relaxed)
+
+    def _target(self, u: Array) -> Array:
+        target: Array = self.coordinates @ (u - self._offset)
+        return target
+
+    def within(
+        self, residual: float, tolerance: float, thrusts: Array, share: float = 1.0
+    ) -> bool:
+        """Tell whether |A f - u| is within a share of the tolerance or of the rounding error."""
+        return residual <= share * tolerance or bool(
+            residual <= share * sum_rounding(self.matrix, thrusts)
+        )
+
+    def thrusts(self, deviations: Array) -> Array:
+        """Return the thrusts (n,) of deviations (n,), within their bounds."""
+        thrusts = self.clip(self._preferred + deviations / self._weights)
+        low, high = deviations <= self._low, deviations >= self._high
+        return np.where(low, self.lower, np.where(high, self.upper, thrusts))
+
+    def least_norm(self, multipliers: Array) -> Array:
+        """Return the least-norm thrusts (..., n) for multipliers (..., m) [N]."""
+        slopes = multipliers @ self.matrix
+        return self.clip(self._preferred + slopes / (self._weights * self._weights))
 
     def _solve(
-        self, u: Array, tolerance: float, start: Array | None
-    ) -> tuple[Array, Array, float]:
-        """Return thrusts, multipliers of `basis` and the residual."""
-        tolerance = 0.5 * tolerance
-        basis, lower, upper = self.basis, self.lower, self.upper
-        target = self.coordinates @ u
-        y = target if start is None else start
-        best, least = (lower, y), np.inf
+        self, u: Array, tolerance: float, y: Array
+    ) -> tuple[Array, Array, float, bool]:
+        """Return thrusts, multipliers of `basis`, the residual, and whether u is out of reach."""
+        best, least, proven = (self.lower, y), np.inf, False
         for _ in range(STEPS):
-            thrusts, after, left, steps = self._steps(u, y, tolerance)
-            residual = float(np.linalg.norm(left))
+            now, slopes, thrusts, after, steps = self._steps(u, y, tolerance)
+            residual = float(np.linalg.norm(u - self.matrix @ thrusts))
             if residual < least:
                 best, least = (thrusts, after), residual
-            if residual <= tolerance:
+            if self.within(residual, tolerance, thrusts, AIM):
                 break
             for step in steps:
-                advance = _search(basis @ y, basis @ step, lower, upper, float(target @ step))
+                rate, lag = self.basis @ step, float(slopes @ step)
+                advance, gap = _search(self.basis @ y, now, rate, self._low, self._high, lag)
+                beyond = gap > tolerance * np.linalg.norm(self.coordinates.T @ step)
+                proven = proven or bool(beyond)
                 if advance > 0.0:
                     y = y + advance * step
                     break
             else:
                 break
+            if proven:
+                break
         thrusts, y = best
-        if least > tolerance:
+        if not proven and not self.within(least, tolerance, thrusts, AIM):
             thrusts = self.settle(thrusts, u, tolerance)
             least = float(np.linalg.norm(u - self.matrix @ thrusts))
-        return thrusts, y, least
+            proven = self._is_beyond(u, y, tolerance)
+        return thrusts, y, least, proven
+
+    def _is_beyond(self, u: Array, way: Array, tolerance: float) -> bool:
+        """Tell whether u is beyond a plane that touches the attainable set along multipliers."""
+        ends = (self.basis @ way) * np.array([self._low, self._high])
+        height = float(way @ self._target(u))
+        gap = max(height - ends.max(axis=0).sum(), ends.min(axis=0).sum() - height)
+        gap -= SUM * np.abs(ends).max(axis=0).sum()
+        return bool(gap > tolerance * np.linalg.norm(self.coordinates.T @ way))
 
     def _steps(
         self, u: Array, y: Array, tolerance: float
-    ) -> tuple[Array, Array, Array, list[Array]]:
-        """Return thrusts, their y, the residual of u, and the steps to try."""
+    ) -> tuple[Array, Array, Array, Array, list[Array]]:
+        """Return deviations and slopes of the dual at y, thrusts, their y, and steps to try."""
         basis = self.basis
         unbounded = basis @ y
-        free = (unbounded > self.lower) & (unbounded < self.upper)
-        thrusts = self.clip(unbounded)
+        free = (unbounded > self._low) & (unbounded < self._high)
+        deviations = self._clip(unbounded)
+        thrusts = self.thrusts(deviations)
         left = u - self.matrix @ thrusts
         # Newton's system is basis_F^T basis_F step = gradient.  The singular values of basis_F
         # solve it without squaring its condition number.
         directions, singular, axes = np.linalg.svd(basis[free], full_matrices=True)
         sizes = np.zeros(len(y))
         sizes[: len(singular)] = singular
-        slopes = axes @ (self.coordinates @ left)
+        slopes = self.coordinates @ left
+        turned = axes @ slopes
         flat = sizes < SINGULAR_MIN
-        shares = slopes[~flat] / sizes[~flat]
+        shares = turned[~flat] / sizes[~flat]
         step = (shares / sizes[~flat]) @ axes[~flat]
         # Along an axis that the free rotors do not span, the residual is either a rounding error,
         # which is ignored, or the step goes along this axis until the next rotor becomes free.
-        away = slopes[flat] @ axes[flat]
-        if float(np.linalg.norm(self._back @ away)) > 0.8 * tolerance:
-            return thrusts, y, left, [away, step]
+        away = turned[flat] @ axes[flat]
+        missed = float(np.linalg.norm(self._back @ away))
+        if not self.within(missed, tolerance, thrusts, 0.8 * AIM):
+            return deviations, slopes, thrusts, y, [away, step]
         change = np.zeros(len(thrusts))
         change[free] = directions[:, : len(shares)] @ shares
         # If the step does not change the active set, it ends at the solution.  Adding the step to
         # the thrusts loses fewer digits than adding it to y, which may be large.
-        stepped = self.clip(thrusts + change)
-        aimed = self.clip(unbounded + basis @ step)
-        lost = 1e-10 * (1.0 + np.abs(stepped).max()) + IMAGE_ROUNDING * np.linalg.norm(y + step)
+        stepped = self._clip(deviations + change)
+        aimed = self._clip(unbounded + basis @ step)
+        lost = CHANGED * (1.0 + np.abs(stepped).max()) + IMAGE_ROUNDING * np.linalg.norm(y + step)
         if np.abs(aimed - stepped).max() <= lost:
-            return stepped, y + step, u - self.matrix @ stepped, [step]
-        return thrusts, y, left, [step]
+            inside = free & (stepped > self._low) & (stepped < self._high)
+            moved = self.clip(thrusts + change / self._weights)
+            after = np.where(inside, moved, self.thrusts(stepped))
+            return deviations, slopes, after, y + step, [step]
+        return deviations, slopes, thrusts, y, [step]
 
     def unbounded(self, u: Array) -> Array:
         """Return the smallest thrusts (n,) for u (m,) without bounds, Eq. (12)."""
-        thrusts: Array = self.basis.dot(self.coordinates.dot(u))
-        return thrusts
+        deviations: Array = self.basis.dot(self.coordinates.dot(u - self._offset))
+        return self._preferred + deviations / self._weights
 
     def settle(self, thrusts: Array, u: Array, tolerance: float) -> Array:
         """Remove the rounding error of u by the rotors between their bounds.
+
+        Newton's coordinates serve problems whose axes are almost dependent; the axes themselves
+        keep their digits where coordinates lose them.
 
         Parameters
         ----------
@@ -208,7 +298,7 @@ class DualNewton:
             Within their bounds.
         u : (m,) array
         tolerance : float
-            Goal for |A f - u|.
+            Goal for |A f - u|; the method aims at a share of it.
 
         Returns
         -------
@@ -216,41 +306,60 @@ class DualNewton:
             Of all iterates those with the least |A f - u|.
         """
         best, least = thrusts, np.inf
-        for _ in range(len(thrusts)):
-            left = u - self.matrix @ thrusts
-            residual = float(np.linalg.norm(left))
-            if residual < least:
-                best, least = thrusts, residual
-            free = (thrusts > self.lower) & (thrusts < self.upper)
-            if residual <= tolerance or not free.any():
+        for in_axes in (False, True):
+            thrusts = best
+            for _ in range(len(thrusts)):
+                left = u - self.matrix @ thrusts
+                residual = float(np.linalg.norm(left))
+                if residual < least:
+                    best, least = thrusts, residual
+                free = (thrusts > self.lower) & (thrusts < self.upper)
+                if self.within(residual, tolerance, thrusts, AIM):
+                    return thrusts
+                if not free.any():
+                    break
+                if in_axes:
+                    columns, goal = self.matrix / self._lengths[:, None], left / self._lengths
+                else:
+                    columns, goal = self.basis.T, self.coordinates @ left
+                change = np.zeros(len(thrusts))
+                change[free] = np.linalg.lstsq(columns[:, free], goal, rcond=SINGULAR_MIN)[0]
+                thrusts = self.clip(thrusts + (change if in_axes else change / self._weights))
+            if self.within(least, tolerance, best):
                 break
-            change = np.zeros(len(thrusts))
-            goal = self.coordinates @ left
-            change[free] = np.linalg.lstsq(self.basis[free].T, goal, rcond=SINGULAR_MIN)[0]
-            thrusts = self.clip(thrusts + change)
         return best
 
     def clip(self, thrusts: Array) -> Array:
         """Return thrusts (..., n) within their bounds."""
         return np.minimum(np.maximum(thrusts, self.lower), self.upper)
 
+    def _clip(self, deviations: Array) -> Array:
+        return np.minimum(np.maximum(deviations, self._low), self._high)
 
-def _search(start: Array, rate: Array, lower: Array, upper: Array, goal: float) -> float:
-    """Return t >= 0 with ``rate @ clip(start + t rate) = goal``; the left side grows with t."""
+
+def _search(
+    start: Array, now: Array, rate: Array, lower: Array, upper: Array, lag: float
+) -> tuple[float, float]:
+    """Search along a step for t >= 0 with ``rate @ (clip(start + t rate) - now) = lag``.
+
+    Return t, and by how much the left side stays below `lag` for all t, or zero.
+    """
     # The corner of a rotor that moves only by rounding would be far away.
-    moving: BoolArray = np.abs(rate) > 1e-12 * np.abs(rate).max(initial=0.0)
-    start, rate, lower, upper = start[moving], rate[moving], lower[moving], upper[moving]
+    moving: BoolArray = np.abs(rate) > STILL * np.abs(rate).max(initial=0.0)
+    start, now, rate = start[moving], now[moving], rate[moving]
+    lower, upper = lower[moving], upper[moving]
     corners = np.concatenate([(lower - start) / rate, (upper - start) / rate])
     corners = np.sort(np.append(corners[corners > 0.0], 0.0))
-    values = np.minimum(np.maximum(start + np.outer(corners, rate), lower), upper) @ rate - goal
+    ways = np.minimum(np.maximum(start + np.outer(corners, rate), lower), upper) - now
+    values = ways @ rate - lag
     # On the boundary of the admissible set the goal is reached at a corner, and kept beyond it:
     # the search ends at the corner.
-    rounding = 1e-14 * float(np.abs(rate) @ np.maximum(np.abs(lower), np.abs(upper)))
+    rounding = SUM * float(np.abs(rate) @ np.maximum(np.abs(lower), np.abs(upper)))
     after = int(np.searchsorted(values, -rounding))
     if after == 0:
-        return 0.0
+        return 0.0, 0.0
     if after == len(corners):
         # Unattainable, perhaps by a rounding error: move every rotor clearly to its bound.
-        return float(2.0 * corners[-1])
+        return float(2.0 * corners[-1]), -float(values[-1])
     share = min(values[after - 1] / (values[after - 1] - values[after]), 1.0)
-    return float(corners[after - 1] + share * (corners[after] - corners[after - 1]))
+    return float(corners[after - 1] + share * (corners[after] - corners[after - 1])), 0.0
