@@ -101,7 +101,7 @@ def test_policies_agree_on_what_is_attainable(n, first, digits, monkeypatch):
     positions = np.round(ring(n, first=np.radians(first)), digits)
     problem = VehicleProblem(build(positions, 'PN' * (n // 2)))
     demands = near_the_boundary(problem, 400)
-    options = [{'policy': 'reject'}, {'policy': 'scale'}, {}, {'reversal': 'allow'},
+    options = [{'policy': 'reject'}, {'policy': 'scale'}, {}, {'thrust_deviation': 'allow'},
                {'order': ['yaw', 'roll pitch', 'thrust']}]
     margins = problem.image.margin(demands)
     for engine, some in zip(ENGINES, (demands, demands[:60]), strict=True):
