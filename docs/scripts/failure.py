@@ -4,8 +4,8 @@ Takes some minutes.
 """
 
 import warnings
-from dataclasses import dataclass
 from math import degrees, inf
+from typing import NamedTuple
 
 import numpy as np
 from pages import fill, shipped
@@ -30,19 +30,18 @@ DRAG = 5e-4
 """Rotational drag of six cylindrical arms, see the page [N m s^2/rad^2]."""
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """The result of a flight with a lost rotor: distances [m], greatest tilt [rad], spin [rad/s].
 
     `away` is the greatest distance from the waypoint after `SETTLED`, `end` the distance at the
     end, `drop` the depth below the height at which the vehicle lost the rotor.
     """
 
-    away: float
-    tilt: float
-    drop: float
-    spin: float
-    end: float
+    away: float = inf
+    tilt: float = np.pi
+    drop: float = inf
+    spin: float = inf
+    end: float = inf
 
     @property
     def flies(self) -> bool:
@@ -55,11 +54,10 @@ def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> O
     failures = RotorFailures((RotorFailure(rotor, LOST),), announce)
     changes = [*case.failing(method, failures), Change(round(SENT * 1e9), waypoint=GOAL)]
     try:
-        flight = fly(
-            case.controller(), case.allocator(method), case.body(), START, END, changes=changes
-        )
+        loop = case.controller(), case.allocator(method), case.body()
+        flight = fly(*loop, START, END, changes=changes)
     except FloatingPointError:
-        return Outcome(inf, np.pi, inf, inf, inf)
+        return Outcome()
     late = flight.position[flight.time >= SETTLED]
     return Outcome(
         float(np.linalg.norm(late - GOAL.position, axis=1).max()),
@@ -115,13 +113,9 @@ def verdict(outcome: Outcome) -> str:
 
 def spans(numbers: list[int]) -> str:
     """Return numbers as ranges: 1-4, 6."""
-    parts: list[list[int]] = []
-    for number in numbers:
-        if parts and number == parts[-1][-1] + 1:
-            parts[-1].append(number)
-        else:
-            parts.append([number])
-    return ', '.join(f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts)
+    first = [number for number in numbers if number - 1 not in numbers]
+    last = [number for number in numbers if number + 1 not in numbers]
+    return ', '.join(f'{a}' if a == b else f'{a}-{b}' for a, b in zip(first, last, strict=True))
 
 
 def delays_table() -> str:
@@ -139,12 +133,7 @@ def delays_table() -> str:
     return table(('rotor 1 of', *(f'{d:g} s' if d else 'never' for d in delays)), rows)
 
 
-def main() -> None:
-    """Fill the page and draw the plot."""
+if __name__ == '__main__':
     # The state of a tumbling vehicle overflows.
     warnings.simplefilter('ignore', RuntimeWarning)
     fill('failure.md', rotors=rotors_table(), delays=delays_table())
-
-
-if __name__ == '__main__':
-    main()

@@ -31,11 +31,11 @@ FAIL, ANNOUNCE, DURATION, SLALOM_DURATION = 0.5, 0.1, 8.0, 12.0
 ROUNDING = 1e-9
 
 
+Three = Sequence[float]
+
+
 def upset(
-    tilt: float = 0.0,
-    towards: float = 0.0,
-    turn: Sequence[float] = (0.0, 0.0, 0.0),
-    velocity: Sequence[float] = (0.0, 0.0, 0.0),
+    tilt: float = 0, towards: float = 0, turn: Three = (0, 0, 0), velocity: Three = (0, 0, 0)
 ) -> Array:
     """Return a state: tilted [degrees] towards an azimuth [degrees], rotating and moving."""
     state = NULL_STATE.copy()
@@ -125,18 +125,13 @@ class Outcome(NamedTuple):
     drop: float = inf
     energy: float = inf
     change: float = inf
-    tilt: float = inf
     heading: float = inf
     inexact: int = 0
     off: int = 0
 
 
 def flown(
-    case: Case,
-    method: str,
-    state: Array,
-    to: Waypoint,
-    changes: Sequence[Change] = (),
+    case: Case, method: str, state: Array, to: Waypoint, changes: Sequence[Change] = (),
     duration: float = DURATION,
 ) -> Outcome:
     """Fly one manoeuvre."""
@@ -154,7 +149,6 @@ def flown(
         height_lost(flight, min(float(each.position[2]) for each in goals)),
         float(energy(thrusts)[:-1].sum() * step),
         float(changes_of(thrusts).sum() / flight.time[-1]),
-        float(flight.tilt.sum() * step),
         float(np.abs(off).sum() * step),
         recorder.inexact,
         recorder.off,

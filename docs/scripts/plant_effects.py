@@ -6,7 +6,6 @@ Takes some minutes.
 import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import inf
 
 import numpy as np
 from pages import fill, shipped, telling
@@ -101,24 +100,21 @@ def limits_table() -> str:
 
 def offsets_table() -> str:
     """Return the errors at the end of flights with constant errors of the model."""
-    rows = []
-    for name, effects in ERRORS.items():
-        flights = [flown('hexarotor', gain, effects) for gain in GAINS]
-        errors = [
-            (each.position_error(GOAL), each.heading_error(GOAL)) if each else (inf, inf)
-            for each in flights
-        ]
-        cells = (f'{1e3 * there:.1f} mm, {np.degrees(turned):.1f}°' for there, turned in errors)
-        rows.append((name, *cells))
+
+    def cell(flight: Flight | None) -> str:
+        if flight is None:
+            return 'diverges'
+        turned = np.degrees(flight.heading_error(GOAL))
+        return f'{1e3 * flight.position_error(GOAL):.1f} mm, {turned:.1f}°'
+
+    rows = [
+        (name, *(cell(flown('hexarotor', gain, effects)) for gain in GAINS))
+        for name, effects in ERRORS.items()
+    ]
     return table(('error', *(f'gain {gain:g}' for gain in GAINS)), rows)
 
 
-def main() -> None:
-    """Fill the page."""
+if __name__ == '__main__':
     # The state of a tumbling vehicle overflows.
     warnings.simplefilter('ignore', RuntimeWarning)
     fill('plant_effects.md', offsets=offsets_table(), limits=limits_table())
-
-
-if __name__ == '__main__':
-    main()

@@ -89,10 +89,5 @@ def rows_table() -> str:
     return table(titles, lines)
 
 
-def main() -> None:
-    """Fill the page."""
-    fill('priorities.md', rows=rows_table(), flights=flights_table())
-
-
 if __name__ == '__main__':
-    main()
+    fill('priorities.md', rows=rows_table(), flights=flights_table())
