@@ -50,14 +50,15 @@ def outcomes(label: str, vehicles: Sequence[str]) -> Outcomes:
     return {
         (title, manoeuvre): outcome
         for name in vehicles
-        for title, case in both_masses(name, changes)
+        for title, case in both_masses(name, changes, [method])
         for manoeuvre, outcome in compared(case, method)
     }
 
 
 def static(name: str, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the metrics of each contender on wrenches inside and outside the admissible set."""
-    cases = {label: Case.load(name, CONTENDERS[label][1]) for label in labels}
+    chosen = {label: CONTENDERS[label] for label in labels}
+    cases = {label: Case.load(name, own, [method]) for label, (method, own) in chosen.items()}
     allocators = {label: cases[label].allocator(CONTENDERS[label][0]) for label in labels}
     admissible = AdmissibleSet(next(iter(cases.values())).problem)
     problem = admissible.problem

@@ -155,12 +155,14 @@ def flown(
     )
 
 
-def both_masses(name: str, changes: Sequence[str] = ()) -> Iterator[tuple[str, Case]]:
+def both_masses(
+    name: str, changes: Sequence[str] = (), methods: Sequence[str] = ()
+) -> Iterator[tuple[str, Case]]:
     """Yield a vehicle as its file says and as a heavy one, with their titles."""
-    case = Case.load(name, changes)
+    case = Case.load(name, changes, methods)
     yield f'`{name}`', case
     mass = float(case.vehicle.thrust_max.sum()) / case.vehicle.gravity / HEAVY
-    yield f'`{name}`, heavy', Case.load(name, (*changes, f'vehicle.mass:={mass}'))
+    yield f'`{name}`, heavy', Case.load(name, (*changes, f'vehicle.mass:={mass}'), methods)
 
 
 def compared(case: Case, method: str) -> Iterator[tuple[str, Outcome]]:

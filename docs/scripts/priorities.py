@@ -28,7 +28,7 @@ def flights_table() -> str:
             # A vehicle in water neither falls nor has a heavy variant.
             continue
         for value in REVERSALS:
-            for title, case in both_masses(name, [f'allocation.exact.reversal:={value}']):
+            for title, case in both_masses(name, [f'allocation.exact.thrust_deviation:={value}']):
                 found = [flown(case, 'exact', *each) for each in MANOEUVRES.values()]
                 sums = np.sum(found, axis=0)
                 total = Outcome(*sums.tolist())
