@@ -44,7 +44,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     """Return the vehicle as it is, and its faults.
 
     As in the nodes, a vehicle that cannot command every axis and hover at the start is refused
-    unless its `lost_axes` is 'drop', and axes lost through a fault are always dropped.
+    unless its `lost_axes` is 'drop', and a fault is always accepted without the lost axes.
 
     Parameters
     ----------

@@ -85,8 +85,8 @@ class AxesSettings(Settings):
     )
     lost_axes: Literal['refuse', 'drop'] = setting(
         'refuse',
-        'at the start, if the rotors cannot command every axis or cannot hover: refuse the '
-        'vehicle, or drop the lost axes (axes that are lost in flight are always dropped)',
+        'at the start, if the rotors cannot control every axis or cannot hover: refuse the '
+        'vehicle, or accept it without the lost axes, as always in flight',
     )
 
     def __post_init__(self) -> None:
