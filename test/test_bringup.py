@@ -23,7 +23,6 @@ from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.settings import DECLARED
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.testing import DEADLINE
@@ -139,15 +138,6 @@ def test_only_parameters_that_both_nodes_declare_are_compared():
     assert differences(parameters) == ''
     parameters['simulator'] = {'vehicle.name': 'other'}
     assert differences(parameters) == 'the simulator differs from the allocator in vehicle.name'
-
-
-def test_what_the_allocator_does_not_declare_is_compared_with_the_controller():
-    parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
-    assert differences(parameters) == ''
-    parameters['simulator'] |= {'vehicle.inertia': [0.02] * 3, 'vehicle.mass': 2.0}
-    assert differences(parameters) == (
-        'the simulator differs from the allocator in vehicle.mass; '
-        'the simulator differs from the controller in vehicle.inertia')
 
 
 def test_it_warns_of_nodes_with_different_vehicles_and_refuses_different_modes(graph, tmp_path):

@@ -190,14 +190,6 @@ def test_identical_columns_share_alike():
         np.testing.assert_allclose(thrusts[:, :4], thrusts[:, 4:], rtol=0.0, atol=1e-9)
 
 
-def test_hover_is_shared_alike_by_all_rotors():
-    # m g / n = 9.81 / 6 N each, sqrt(9.81 / (6 * 2.5e-5)) = 255.73 rad/s.
-    hover = make_allocator('exact', FLEET['hexarotor']).allocate([9.81, 0.0, 0.0, 0.0])
-    np.testing.assert_allclose(hover.thrusts, 1.635, rtol=1e-13)
-    np.testing.assert_allclose(hover.speeds, 255.734, atol=5e-4)
-    assert hover.status is Status.EXACT
-
-
 def test_a_vertex_of_the_set_leaves_one_solution():
     # Where the rotors are all at the bounds that a price y of the wrench sends them to, nothing
     # else gives that wrench.

@@ -13,7 +13,6 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.delay import Delay
 from ca_ros.flight.drag import Drag
-from ca_ros.flight.mismatch import mismatched
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import (
@@ -74,10 +73,6 @@ def test_a_motor_follows_a_step_as_one_minus_exp():
     for _ in range(5):
         slow.step(HOVER)
     np.testing.assert_allclose(slow.speeds, (1.0 - exp(-1.0)) * HOVER, rtol=1e-14)
-
-
-def test_without_a_lag_the_rotors_have_their_commands():
-    assert MotorLag(0.0)(STOPPED, HOVER, 0.01) is HOVER
 
 
 def test_a_delay_returns_what_it_was_given_some_steps_ago():
@@ -296,13 +291,6 @@ def test_noise_and_bias_have_their_statistics():
     assert np.abs(np.corrcoef(white.T) - np.eye(12)).max() < 0.07
 
 
-def test_the_measurement_of_a_state_is_taken_once():
-    flown = plant(position_noise=1.0)
-    before = flown.measured.copy()
-    np.testing.assert_array_equal(flown.measured, before)
-    assert flown.step(HOVER) is flown.measured
-
-
 @pytest.mark.parametrize('vector', [[0.3, -0.2, 0.5], [1e-9, 0, 0], [0, 0, 0], [0, 3, 0]])
 def test_a_turn_is_that_of_scipy(vector):
     quaternion = Rotation.from_euler('XYZ', [0.3, -0.4, 1.0]).as_quat()
@@ -391,9 +379,3 @@ def test_a_flight_leaves_its_plant_alone():
     np.testing.assert_array_equal(flown.state, NULL_STATE)
     with pytest.raises(ValueError, match='time_step: the plant has its own'):
         fly(*loop, time_step=0.01)
-
-
-def test_mismatch_of_nothing_is_the_vehicle():
-    same = mismatched(HEXAROTOR, Case.load('hexarotor').flown.simulator)
-    assert same.thrusts(HOVER).tobytes() == HEXAROTOR.thrusts(HOVER).tobytes()
-    assert same.mass == HEXAROTOR.mass

@@ -262,16 +262,6 @@ def test_plain_osqp_shows_what_the_finish_is_for(tmp_path, plain):
         assert methods['exact']['status'] == {'EXACT': 300}
 
 
-def test_plain_osqp_does_not_depend_on_what_was_asked_before():
-    pytest.importorskip('osqp')
-    case = Case.load('hexarotor')
-    demands = samples(AdmissibleSet(case.vehicle), 'volume', 0, 0, 50)
-    used = case.allocator('osqp_default')
-    for u in demands:
-        fresh = case.allocator('osqp_default').allocate(u)
-        np.testing.assert_array_equal(used.allocate(u).thrusts, fresh.thrusts)
-
-
 # Problems without a vehicle
 
 def test_a_problem_has_the_names_of_its_axes_and_one_error(tmp_path):
