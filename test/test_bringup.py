@@ -28,7 +28,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.testing import DEADLINE
 from ca_ros.vehicle.files import find
 from load import fly_in_real_time
-from strategies import file_values, settings_of
+from strategies import file_values, length, settings_of
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
@@ -240,8 +240,8 @@ def test_an_interrupt_ends_all_in_the_namespace_in_which_it_flies(graph, tmp_pat
     assert graph.alive() == []
 
 
-@pytest.mark.parametrize(
-    ('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(('number', 'code'), [
+    (signal.SIGINT, 130), *length([], [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])])
 def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
     flight = graph.start('bringup', '--out', str(tmp_path))
     graph.spin_until(lambda: len(graph.alive()) == 4, 'four processes')

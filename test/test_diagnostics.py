@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros import Vehicle, make_allocator
 from ca_ros.testing import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts, wrench
+from strategies import length
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
@@ -378,7 +379,7 @@ def test_others_that_come_and_go_are_no_mismatch(graph):
         sys.executable, '-c', CURIOUS, '--vehicle', 'hexarotor', '--ros-args',
         '-r', '__node:=allocator')
     graph.connect('allocator')
-    for _ in range(100):
+    for _ in range(length(30, 100)):
         publisher = graph.node.create_publisher(WrenchStamped, 'command/wrench', RELIABLE)
         subscription = graph.node.create_subscription(
             Float64MultiArray, 'command/motor_speed', [].append, BEST_EFFORT)

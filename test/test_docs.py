@@ -21,7 +21,8 @@ PAGES = sorted(
     path.relative_to(ROOT).as_posix()
     for pattern in ('*.md', 'docs/*.md', 'examples/*.md') for path in ROOT.glob(pattern))
 
-STUDIES = {f'docs/{page}.md' for page in ('failure', 'reproduction', 'studies')}
+STUDIES = {f'docs/{page}.md' for page in (
+    'failure', 'performance', 'reproduction', 'studies')}
 """Pages whose commands are README's with other arguments, for `make test-all`."""
 
 NOT_HERE = {

@@ -12,6 +12,7 @@ from ca_ros.bringup.options import parse
 from ca_ros.commands import COMMANDS, NODES
 from ca_ros.nodes.executable import split
 from ca_ros.vehicle.files import find
+from strategies import length
 
 OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (
     '--method', '--mode', '--duration', '--out', '--vehicle', '--params-file', '--namespace')}
@@ -31,7 +32,7 @@ def test_the_help_of_every_executable_names_its_options(graph):
         assert [option for option in options if option not in out] == [], name
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', length([signal.SIGINT], [signal.SIGINT, signal.SIGTERM]))
 def test_signals_end_the_nodes_cleanly_in_full_flight(graph, number):
     nodes = [graph.start(name, '--vehicle', 'hexarotor') for name in NODES]
     waypoint = graph.publisher(PoseStamped, 'command/pose')

@@ -143,6 +143,7 @@ def distance(flight):
     return np.linalg.norm(np.column_stack([flight[axis] for axis in 'xyz']) - 1.0, axis=1)
 
 
+@pytest.mark.long
 def test_the_hexarotor_loses_a_rotor_and_reaches_its_waypoint(graph, tmp_path):
     out, flight = fly(graph, tmp_path, '--fail', '1@2')
     assert 'rotor 1 lost; lost axes: yaw' in out
