@@ -33,12 +33,19 @@ def _logs(tmp_path_factory):
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('log'))
 
 
+FLIGHTS = 'exported', 'failing', 'flights', 'study'
+"""Fixtures that take seconds."""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Mark what starts nodes as slow; leave out what is long, but in `make test-all`."""
+    """Mark what takes seconds as slow; leave out what is long, but in `make test-all`."""
     for item in items:
-        if {'graph', 'nodes'} & {*item.fixturenames} and not item.get_closest_marker('slow'):
+        if item.get_closest_marker('slow'):
+            continue
+        if {'graph', 'nodes', 'client'} & {*item.fixturenames}:
             item.add_marker('nodes')
+        if {'graph', 'nodes', 'client', *FLIGHTS} & {*item.fixturenames}:
             item.add_marker('slow')
     if not LONG:
         long = [item for item in items if item.get_closest_marker('long')]

@@ -13,6 +13,7 @@ def grey(path):
     return image.imread(path)[..., :3].mean(axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('arguments', [
     ['--axes', 'roll,pitch', '--fail', '3=0.6'],
     ['--axes', 'roll,pitch,yaw', '--fail', '3'],

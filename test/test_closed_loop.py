@@ -67,6 +67,7 @@ def test_the_flight_is_the_same_to_the_last_bit_each_time(flights, method):
             getattr(again, name), getattr(flights[method], name)[:201], name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vehicle', length(['hexarotor', 'y6'], SHIPPED))
 @pytest.mark.parametrize(('position', 'heading'), [
     *length([], [((8.0, 0.0, 0.0), 179.0)]), ((8.0, -6.0, 4.0), 170.0)])

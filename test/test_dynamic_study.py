@@ -197,6 +197,7 @@ def test_the_observations_can_fail():
 
 # Vehicles, methods and mistakes
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vehicle', ['hexarotor_tilted', *length([], ['octorotor'])])
 def test_other_vehicles(vehicle, tmp_path, plain):
     methods = length('exact,direct', 'all')
@@ -247,6 +248,7 @@ def test_a_vehicle_that_has_lost_an_axis_flies_if_told_to(tmp_path, plain):
         '--methods', 'exact', '--duration', '1', '--out', str(tmp_path)]) == 0
 
 
+@pytest.mark.slow
 def test_what_is_done_when_interrupted_is_written(tmp_path, monkeypatch, capsys):
     (tmp_path / 'stopping.py').write_text("""
 import os, signal

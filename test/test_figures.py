@@ -40,6 +40,7 @@ def pixels_of(picture, color):
     return int((np.abs(picture[..., :3] - to_rgb(color)) < 0.02).all(axis=-1).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['quadrotor', 'x8'])
 def test_a_flight_becomes_a_png_with_a_line_for_each_rotor(tmp_path, name):
     vehicle = FLEET[name]
@@ -55,6 +56,7 @@ def test_a_flight_becomes_a_png_with_a_line_for_each_rotor(tmp_path, name):
         assert (drawn > 500) == (i < max(vehicle.n, 3)), color
 
 
+@pytest.mark.slow
 def test_a_plot_is_the_same_file_each_time(tmp_path, monkeypatch):
     written = []
     for day, folder in enumerate([tmp_path / 'a', tmp_path / 'b']):

@@ -272,6 +272,7 @@ def test_the_readme_of_an_export_describes_every_policy():
     assert UNATTAINABLE.keys() == POLICIES.keys()
 
 
+@pytest.mark.slow
 def test_faults_are_none_or_have_any_health(tmp_path, capsys):
     assert len(faults_of(Vehicle.load('hexarotor'), ['none'])) == 1
     faults = ['--faults', 'single', '1,2=0.5']
@@ -282,6 +283,7 @@ def test_faults_are_none_or_have_any_health(tmp_path, capsys):
     assert 'hexarotor with 7 faults' in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_vehicle_of_one_axis_is_exported(variant, tmp_path):
     needs('make', 'gcc')
     file = variant(allocation__axes=['thrust'])

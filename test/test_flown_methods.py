@@ -437,6 +437,7 @@ def test_wrong_options(method, option, wrong, words):
 
 # The studies
 
+@pytest.mark.slow
 def test_the_studies_have_all_methods(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for study in (static_study, dynamic_study):

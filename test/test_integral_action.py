@@ -33,6 +33,7 @@ def flown(case, waypoint=WAYPOINT, duration=20.0, changes=()):
                changes=changes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('error', length(['wind of 0.9 N', 'k_f of each rotor'], ERRORS))
 def test_constant_errors_vanish(error):
     changes, offset = ERRORS[error]
@@ -68,6 +69,7 @@ class WindsUp(Controller):
         return wrench
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('mass', length([1.0], [0.9, 1.0, 1.1]))
 def test_a_step_that_saturates_does_not_wind_up(mass):
     # A climb of 20 m with a load that leaves little thrust: 24 N of 19.6 N, for two seconds and
@@ -190,6 +192,7 @@ def test_states_that_overtake_each_other_leave_the_integral_action_on():
     assert controller.disturbances.counts['late'] > 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('height', [-0.5, 1.0])
 def test_a_vehicle_that_has_landed_keeps_the_estimate_of_its_flight(height):
     # In the air with k_f 10 % low, landing on z = 0, then motors off for 20 s while the waypoint

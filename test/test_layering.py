@@ -78,6 +78,7 @@ sys.path.insert(0, {str(Path(__file__).parent.parent)!r})
         cwd=directory, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_every_module_but_the_nodes_imports_without_ros(tmp_path):
     result = run(tmp_path, EVERY_MODULE)
     assert result.returncode == 0, result.stderr

@@ -101,6 +101,7 @@ def fly_offline(name, duration, kind=lambda rigid: rigid, **simulator):
         Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0)), duration)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', length(['hexarotor'], SHIPPED))
 def test_flights_differ_by_the_errors_of_the_integrators(name):
     flight = fly_offline(name, 12.0, MujocoBody)
@@ -111,6 +112,7 @@ def test_flights_differ_by_the_errors_of_the_integrators(name):
     assert np.linalg.norm(rk4_steps.position - flight.position, axis=1).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_lag_delay_and_noise_cost_as_much_as_with_our_rigid_body():
     def error(kind):
         """Return how far the vehicle hovers from its waypoint, RMS [m]."""

@@ -43,6 +43,7 @@ def test_python_has_it(example):
     assert a.thrusts.min() == pytest.approx(2.02 - 0.99)
 
 
+@pytest.mark.slow
 def test_the_studies_have_it_beside_the_others(example, capsys):
     methods = f'exact,pseudo_inverse,{OWN}'
     command = ['--methods', methods, '--samples', '100', '--vehicle', 'hexarotor_ppnnpn']

@@ -327,6 +327,7 @@ def test_the_seed_decides_every_bit():
         assert np.any(getattr(one, name) != getattr(other, name)), name
 
 
+@pytest.mark.slow
 def test_every_parameter_has_an_effect():
     def moved(given):
         settings = read(PlantSettings, given, 'simulator.')

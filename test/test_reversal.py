@@ -86,6 +86,7 @@ def judge(vehicle, demands, size, reversal):
     return len(reversed_)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('reversal', ['prevent', 'avoid'])
 def test_a_grid_of_commands_on_a_quadrotor(reversal):
     steps = np.linspace(-4.0, 4.0, 9)

@@ -110,6 +110,7 @@ def test_an_unannounced_loss_is_fatal(vehicle):
     assert away(flight) > 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'method', length(['direct'], ['pseudo_inverse', 'conventional', 'direct']))
 def test_the_other_methods_fly_on_too(method):

@@ -238,6 +238,7 @@ def test_every_shipped_vehicle(vehicle, tmp_path, plain):
     assert ('paper:' in (tmp_path / 'static.md').read_text()) is (vehicle == 'hexarotor')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('axes', length(
     ['[thrust, roll]'], ['[thrust, roll]', '[force_x, force_y, thrust, roll, pitch, yaw]']))
 def test_a_vehicle_with_other_axes_is_drawn(axes, tmp_path):
@@ -249,6 +250,7 @@ def test_a_vehicle_with_other_axes_is_drawn(axes, tmp_path):
     assert (tmp_path / 'violations.png').stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_plain_osqp_shows_what_the_finish_is_for(tmp_path, plain):
     pytest.importorskip('osqp')
     command = ['--samples', '300', '--methods', 'exact,osqp_default,osqp_tight']
@@ -264,6 +266,7 @@ def test_plain_osqp_shows_what_the_finish_is_for(tmp_path, plain):
 
 # Problems without a vehicle
 
+@pytest.mark.slow
 def test_a_problem_has_the_names_of_its_axes_and_one_error(tmp_path):
     command = ['--vehicle', 'admire', '--methods', 'all', '--samples', '60']
     assert main([*command, '--out', str(tmp_path)]) == 0
@@ -289,6 +292,7 @@ def test_a_problem_has_the_names_of_its_axes_and_one_error(tmp_path):
     assert (tmp_path / 'slices.png').stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_a_problem_of_any_names_is_drawn_and_takes_options_of_its_file(tmp_path):
     file = tmp_path / 'plane.yaml'
     file.write_text("""

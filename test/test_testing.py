@@ -42,6 +42,7 @@ def ready(graph, process):
 
 # The plugin
 
+@pytest.mark.slow
 def test_the_fixture_names_what_is_not_installed(tmp_path):
     (tmp_path / 'test_it.py').write_text('def test_it(graph): pass')
     script = 'import sys, pytest; sys.modules["rclpy"] = None; pytest.main(["-q"])'

@@ -69,6 +69,7 @@ def test_over_the_nodes_it_is_the_same_flight_to_the_last_bit(square, tmp_path, 
         np.testing.assert_array_equal(table[f'speed_{i + 1}'], flight.speeds[:, i])
 
 
+@pytest.mark.slow
 def test_the_study_flies_it_and_judges_the_end(square, tmp_path):
     out = tmp_path / 'out'
     assert dynamic_study(['--trajectory', str(square), '--duration', '12', '--methods',
@@ -81,6 +82,7 @@ def test_the_study_flies_it_and_judges_the_end(square, tmp_path):
     assert found['observations'] == {}
 
 
+@pytest.mark.slow
 def test_the_study_flies_to_an_own_waypoint(tmp_path):
     out = tmp_path / 'out'
     assert dynamic_study(['--waypoint', '0', '0', '2', '--heading', '0', '--methods', 'exact',
