@@ -53,21 +53,11 @@ def start(command: Sequence[str], **options: Any) -> Process:
 
 
 def end(processes: Sequence[Process], number: int, patience: float) -> list[Process]:
-    """End processes of `start` with their descendants.
+    """End processes of `start` with their descendants; return those that had to be killed.
 
-    Parameters
-    ----------
-    processes : sequence of Popen
-    number : int
-        The signal that each process group gets.  Python answers SIGINT with a traceback while it
-        imports, so SIGTERM is the better one; a wrapper such as `ros2 run` does not pass it on.
-    patience : float
-        Time after which what still runs is killed [s].
-
-    Returns
-    -------
-    list of Popen
-        The processes that were killed; each has a line on standard error.
+    Each group gets the signal, since a wrapper such as `ros2 run` does not pass it on.  Python
+    answers SIGINT with a traceback while it imports, so SIGTERM is the better one.  What still
+    runs after `patience` [s] is killed, with a line on standard error.
     """
     running = [process for process in processes if process.poll() is None]
     for process in running:
