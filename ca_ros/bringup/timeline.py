@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rcl_interfaces.srv import SetParameters
+
 from ca_ros.bringup.agreement import combined
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.commands import NODES
@@ -87,7 +89,8 @@ class Timeline:
                 )
         self._set_to = {name: health.tolist() for name, health in self._health.items()}
         self._ahead = round(common.get('simulator.time_step', 0.0) * 1e9) if self._lockstep else 0
-        self._clients = {name: ParameterClient(recorder, name) for name in self._health}
+        services = [SetParameters] if self._times else []
+        self._clients = {name: ParameterClient(recorder, name, *services) for name in self._health}
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
         """Do what is due.

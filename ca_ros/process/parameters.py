@@ -65,11 +65,16 @@ class Call(Generic[Answer]):
 
 
 class ParameterClient:
-    """Gets and sets the parameters of the node `name`, for the node `node`."""
+    """Gets and sets the parameters of the node `name`, for the node `node`.
 
-    def __init__(self, node: Node, name: str) -> None:
+    A client is created for each of `services` at once, for others with the first call.
+    """
+
+    def __init__(self, node: Node, name: str, *services: Any) -> None:
         self._node, self._name = node, name
         self._clients: dict[str, Client] = {}
+        for kind in services:
+            self._client(kind)
 
     def names(self) -> Call[list[str]]:
         """Ask for the names of all parameters."""
@@ -94,10 +99,13 @@ class ParameterClient:
         return self._call(SetParametersAtomically, request, lambda answer: answer.result)
 
     def _call(self, kind: Any, request: Any, read: Callable[[Any], Any]) -> Call[Any]:
+        return Call(self._client(kind), request, read)
+
+    def _client(self, kind: Any) -> Client:
         service = SERVICES[kind]
         if service not in self._clients:
             self._clients[service] = self._node.create_client(kind, f'{self._name}/{service}')
-        return Call(self._clients[service], request, read)
+        return self._clients[service]
 
 
 def _messages(values: Mapping[str, Any]) -> list[Any]:
