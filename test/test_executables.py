@@ -20,7 +20,7 @@ OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (
 
 def test_the_help_of_every_executable_names_its_options(graph):
     scripts = entry_points(group='console_scripts')
-    names = [script.name for script in scripts if script.module.startswith('ca_ros.')]
+    names = [script.name for script in scripts if script.module.startswith('ca_ros')]
     assert sorted(names) == sorted(COMMANDS)
     processes = {name: graph.start(name, '--help') for name in names}
     for name, process in processes.items():
