@@ -8,7 +8,7 @@ import pytest
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.disturbance_observer import DisturbanceObserver
+from ca_ros.flight.momentum_observer import MomentumObserver
 from ca_ros.flight.rigid_body import rotation_matrix, velocity_in_body
 from ca_ros.flight.waypoint import Waypoint
 from strategies import HEXAROTOR, length
@@ -106,7 +106,7 @@ VELOCITY, OMEGA = np.array([0.3, 0.2, -0.1]), np.array([0.1, -0.2, 0.3])
 
 def observed(gain, steps, step_ns, disturbance=(0.5, 0.0, 0.0), observer=None, start=0):
     """Observe a vehicle at hover whose velocity a disturbance [N] changes."""
-    observer = observer or DisturbanceObserver(HEXAROTOR, gain)
+    observer = observer or MomentumObserver(HEXAROTOR, gain)
     weight = np.array([0.0, 0.0, 9.81])
     velocity = VELOCITY.copy()
     # It stands until it has moved for a while.
@@ -126,7 +126,7 @@ def test_the_estimate_approaches_the_disturbance_exponentially():
 
 def test_a_torque_is_estimated_in_the_body_frame():
     # J domega/dt = d - omega x J omega, from the rates of a rigid body that spins.
-    observer, omega = DisturbanceObserver(HEXAROTOR, 1.0), OMEGA.copy()
+    observer, omega = MomentumObserver(HEXAROTOR, 1.0), OMEGA.copy()
     observer.observe(-1_000_000_000, np.ones(3), omega)
     torque, inertia = np.array([0.01, -0.02, 0.005]), HEXAROTOR.inertia
     for i in range(1000):

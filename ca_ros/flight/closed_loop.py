@@ -10,6 +10,7 @@ import numpy as np
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
+from ca_ros.flight.detection import Detection
 from ca_ros.flight.plant import Plant
 from ca_ros.flight.record import Flight, steps
 from ca_ros.flight.rigid_body import (
@@ -58,6 +59,7 @@ def fly(
     time_step: float | None = None,
     state: Array | None = None,
     changes: Iterable[Change] = (),
+    detection: Detection | None = None,
 ) -> Flight:
     """Fly to a waypoint.
 
@@ -78,6 +80,8 @@ def fly(
         the plant.
     changes : iterable of Change
         Each takes effect at the first sample at or after its time.
+    detection : Detection, optional
+        Failures that it finds in a sample take effect at that sample.
 
     Returns
     -------
@@ -110,6 +114,10 @@ def fly(
             plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
         state = plant.measured
+        parts = detection.observe(step * step_ns, state) if detection else None
+        if parts is not None:
+            controller = Change(step * step_ns, parts[0]).controller_after(controller)
+            allocator = parts[1]
         velocity = velocity_in_body(state)
         try:
             wrench = controller.wrench(
@@ -124,6 +132,8 @@ def fly(
             time = step * time_step
             raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
         speeds = allocator.allocate(wrench).speeds
+        if detection:
+            detection.command(step * step_ns, speeds)
         states.append(state)
         velocities.append(velocity)
         commands.append(speeds)

@@ -9,7 +9,7 @@ import numpy as np
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
-from ca_ros.flight.disturbance_observer import DisturbanceObserver
+from ca_ros.flight.momentum_observer import MomentumObserver
 from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.settings import SIDEWAYS, ControllerSettings, ControlSettings, triple
 from ca_ros.flight.waypoint import Waypoint
@@ -42,7 +42,7 @@ class Controller:
     does with its policy prioritize.
 
     With integral action (`integral_gain`), the controller subtracts an estimate of the constant
-    disturbances: see `ca_ros.flight.disturbance_observer`.  With the gains k_p and k_d of the
+    disturbances: see `ca_ros.flight.momentum_observer`.  With the gains k_p and k_d of the
     position, the integral gain of the position error is then L k_p.
 
     Parameters
@@ -57,7 +57,7 @@ class Controller:
     ----------
     unallocated : (m,) array
         The last demand minus the wrench that was served of it [N, N m]; zero if it was attainable.
-    disturbances : DisturbanceObserver or None
+    disturbances : MomentumObserver or None
         The state of the integral action; None without one.
 
     Raises
@@ -94,7 +94,7 @@ class Controller:
         self._attitude_stiffness = triple(settings.attitude_stiffness)
         self._attitude_damping = triple(settings.attitude_damping)
         gain = settings.integral_gain
-        self.disturbances = DisturbanceObserver(vehicle, gain) if gain > 0.0 else None
+        self.disturbances = MomentumObserver(vehicle, gain) if gain > 0.0 else None
 
     @classmethod
     def from_settings(cls, vehicle: Vehicle, settings: ControlSettings) -> Controller:

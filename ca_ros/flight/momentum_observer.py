@@ -1,8 +1,9 @@
-"""Integral action: an estimate of the constant force and torque that the model lacks."""
+"""The momentum observer: the force and torque on a vehicle that the model lacks."""
 
 from __future__ import annotations
 
 from collections import Counter
+from math import expm1
 
 import numpy as np
 
@@ -23,15 +24,17 @@ KEEP = 1.0
 rest."""
 
 
-class DisturbanceObserver:
-    """Estimates the disturbance d of the momentum p of a vehicle, dp/dt = w + d.
+class MomentumObserver:
+    """Compares the momentum p of a vehicle with the known wrench w: dp/dt = w + d.
 
-    w is the known wrench: that of the rotors, the weight and the gyroscopic torque.  The estimate
-    is L (p - integral of (w + estimate)), so it approaches a constant disturbance as
-    1 - exp(-L t) (De Luca and Mattone, Actuator failure detection and isolation using generalized
-    momenta, ICRA 2003).  A controller that subtracts the estimate from its demand has integral
-    action.  The wrench of the rotors is the attainable one, not the demand, so the estimate does
-    not wind up while the demand is unattainable.
+    w is the wrench of the rotors, the weight and the gyroscopic torque; d is what the model lacks.
+    The estimate of d approaches a constant disturbance as 1 - exp(-L t) (De Luca and Mattone,
+    Actuator failure detection and isolation using generalized momenta, ICRA 2003).
+
+    A controller that subtracts the estimate from its demand has integral action.  It expects the
+    attainable wrench, not its demand, so the estimate does not wind up while the demand is
+    unattainable.  The detector of rotor failures (`ca_ros.flight.failure_detector`) expects the
+    wrench of the commanded rotor speeds, and compares each impulse with the rotors.
 
     While the vehicle stands (`ca_ros.flight.standing`), the estimate does not change; it is that
     of the flight before.
@@ -46,8 +49,14 @@ class DisturbanceObserver:
 
     Attributes
     ----------
+    gain : float
+        May change between two states; with 0 the estimate stays.
     estimate : (6,) array
         Force in the world frame before torque in the body frame [N, N m].
+    step : float
+        Time between the last two states [s]; 0 if the last one was ignored, or the vehicle stands.
+    impulse : (6,) array
+        The integral of d over the last step [N s, N m s].
     counts : Counter
         How many states were ignored as 'late', because of a 'step' of their stamps by seconds, or
         because of a 'jump' of the velocity.
@@ -62,10 +71,16 @@ class DisturbanceObserver:
         self._jump_max = JUMP_MAX * np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
         self._time: int | None = None
         self._doubtful: int | None = None
-        self._expected = self._wrench = np.zeros(6)
+        self._momentum = self._wrench = np.zeros(6)
         self._standing, self._flown = Standing(vehicle), 0.0
+        self.step, self.impulse = 0.0, np.zeros(6)
         self.estimate: Array = np.zeros(6)
         self._before = self._latest = self.estimate
+
+    @property
+    def time(self) -> int | None:
+        """Stamp of the last state that was not ignored [ns]."""
+        return self._time
 
     @property
     def standing(self) -> bool:
@@ -88,6 +103,7 @@ class DisturbanceObserver:
         angular_velocity : (3,) array
             In the body frame [rad/s].
         """
+        self.step = 0.0
         momentum = np.concatenate([self._mass * velocity, self._inertia @ angular_velocity])
         step = 0 if self._time is None else time - self._time
         if self._time is not None and not 0 < step < RESTART:
@@ -100,24 +116,22 @@ class DisturbanceObserver:
             if step < 0:
                 self._standing, self._flown = Standing(self._vehicle), 0.0
                 self.estimate = self._before = self._latest = np.zeros(6)
-            self._resume(momentum)
         else:
             self._update(step / 1e9, momentum, np.concatenate([velocity, angular_velocity]))
-        self._time, self._doubtful = time, None
+        self._time, self._doubtful, self._momentum = time, None, momentum
 
     def _update(self, step: float, momentum: Array, motion: Array) -> None:
-        stood, expected = self.standing, self._expected
-        if not stood:
-            expected = expected + step * (self._wrench + self.estimate)
-        offset = momentum - expected - self.estimate / self.gain
-        if step and not (abs(offset) <= self._jump_max).all():
+        stood = self.standing
+        impulse = momentum - self._momentum - (0.0 if stood else step) * self._wrench
+        excess = impulse - (0.0 if stood else step) * self.estimate
+        if step and not (abs(excess) <= self._jump_max).all():
             self.counts['jump'] += 1
-            self._resume(momentum)
         elif self._standing.observe(step, motion, self._wrench) or stood:
             self.estimate = self._before if not stood else self.estimate
-            self._resume(momentum)
         else:
-            self._expected, self.estimate = expected, self.gain * (momentum - expected)
+            self.step, self.impulse = step, impulse
+            share = -expm1(-self.gain * step)
+            self.estimate = self.estimate + share * (impulse / step - self.estimate)
             self._flown += step * (self._standing.still == 0.0)
             if self._flown > KEEP:
                 self._before, self._latest, self._flown = self._latest, self.estimate, 0.0
@@ -135,7 +149,3 @@ class DisturbanceObserver:
         gyroscopic = cross(angular_velocity, self._inertia @ angular_velocity)
         self._wrench = np.concatenate([force, torque - gyroscopic])
         self._wrench[2] -= self._weight
-
-    def _resume(self, momentum: Array) -> None:
-        """Continue from a momentum with the estimate as it is."""
-        self._expected = momentum - self.estimate / self.gain

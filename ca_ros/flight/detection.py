@@ -1,0 +1,45 @@
+"""The detector of rotor failures in the closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ca_ros.allocation import Allocator
+from ca_ros.arrays import Array
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
+
+Rebuild = Callable[[Array], tuple[Controller, Allocator]]
+
+
+class Detection:
+    """A detector, and what a closed loop does when it finds a failure.
+
+    Parameters
+    ----------
+    detector : FailureDetector
+    rebuild : callable
+        Takes the health of the rotors (n,); returns the controller and the allocator for it.
+
+    Attributes
+    ----------
+    found : list of (int, (n,) array)
+        The times [ns] at which the health changed, each with the new health.
+    """
+
+    def __init__(self, detector: FailureDetector, rebuild: Rebuild) -> None:
+        self.detector, self._rebuild = detector, rebuild
+        self.found: list[tuple[int, Array]] = []
+
+    def observe(self, time: int, state: Array) -> tuple[Controller, Allocator] | None:
+        """Take a measured state (13,) at a time [ns]; return new parts if there is a failure."""
+        motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
+        if not self.detector.observe(time, state[ATTITUDE], *motion):
+            return None
+        self.found.append((time, self.detector.health))
+        return self._rebuild(self.detector.health)
+
+    def command(self, time: int, speeds: Array) -> None:
+        """Take the rotor speeds (n,) [rad/s] that answer the state of a time [ns]."""
+        self.detector.command(time, speeds)

@@ -1,0 +1,356 @@
+"""Rotor failures that nobody announces, detected from the motion of a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import expm1
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.flight.commanded_rotors import CommandedRotors
+from ca_ros.flight.failure_test import FailureTest, Finding
+from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
+from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.vehicle import Vehicle
+
+BLOCK = 0.0095
+"""Shortest time between two tests [s]."""
+
+WINDOWS = np.array([0.04, 0.06, 0.08, 0.12, 0.16, 0.24, 0.32])
+"""Times before a test since when a rotor may have failed [s]."""
+
+LENGTH = 40
+"""Blocks that are kept; of `BLOCK` or longer they cover the longest window."""
+
+CONFIRMATIONS = 3
+"""Tests in a row that name the same rotors before these count as failed."""
+
+REFINED = 0.5
+"""Time after a failure in which its health is estimated further [s]."""
+
+USELESS = 0.2
+"""A rotor with less health is lost."""
+
+SUSPICION = 12.0
+"""Score from which the noise is not learnt, for at most `PATIENCE` s."""
+
+PATIENCE = 1.0
+
+MOVING = 5.0
+"""Velocity and angular velocity of a vehicle in motion, over their noise in the settings."""
+
+FLOOR = 0.3
+"""Least noise over that of the settings."""
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """What a detector assumes and promises.
+
+    Attributes
+    ----------
+    motor_time_constant, delay : float
+        Lag of the motors, and time from a command to its effect plus the age of a state [s].
+    false_alarms : float
+        Allowed in an hour of flight, if the noise is Gaussian.
+    certainty : float
+        Least probability of the rotor that is named.
+    least_loss : float
+        Least share of its thrust that a rotor loses in a failure.
+    thrust_error, time_error : float
+        Relative error of thrusts, and error of the motors' lag and delay [s].
+    velocity_noise, angular_velocity_noise : float
+        Standard deviation of the states, where to begin to learn it [m/s, rad/s].
+    learning_time : float
+        Over which noise and disturbances are learnt [s].
+    """
+
+    motor_time_constant: float = 0.0
+    delay: float = 0.0
+    false_alarms: float = 0.01
+    certainty: float = 0.995
+    least_loss: float = 0.35
+    thrust_error: float = 0.1
+    time_error: float = 0.01
+    velocity_noise: float = 0.03
+    angular_velocity_noise: float = 0.02
+    learning_time: float = 2.0
+
+
+class FailureDetector:
+    """Names the rotors whose lost thrust explains the motion, or that do not turn as commanded.
+
+    From each state and from the commands, the momentum observer gives the impulse that the sound
+    rotors, the weight, the mean disturbance and the drag do not explain.  Every hundredth of a
+    second, `FailureTest` compares the sums over several windows of time with what each rotor
+    should have given; rotors that three tests in a row name have failed.
+
+    The variance of each axis and window is learnt while nothing is suspected, and so are the mean
+    disturbance, and the drag along and about each axis.  Errors of thrusts and of the motors' lag
+    add to it while thrusts change.
+
+    Where the speeds of the rotors are measured, a rotor that is much slower than its command
+    should make it, and does not approach it, has failed, too.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the announced health.
+    settings : DetectorSettings
+
+    Attributes
+    ----------
+    health : (n,) array
+        The announced one, less what was found; it never grows until `reset`.
+    certainty : (n,) array
+        Probability that each rotor has failed, now or before.
+    since : list of int or None
+        When each rotor was found to have failed [ns].
+    evidence : list of str
+        What each failure was found by: 'motion' or 'rotor speed'.
+    suspect : int or None
+        The rotor that may be failing now.
+    """
+
+    def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
+        s = self.settings = settings or DetectorSettings()
+        self.vehicle = vehicle
+        self._start_rotors()
+        self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
+        self._wrenches = rotor_wrenches(vehicle)
+        self._squares = self._wrenches**2
+        tests = 3600.0 / BLOCK * len(WINDOWS)
+        self._find = FailureTest(
+            self._wrenches, tests, s.false_alarms, s.certainty, s.least_loss
+        )
+        inertia = np.diag(inertia_of(vehicle))
+        noise = np.concatenate(
+            [np.full(3, vehicle.mass * s.velocity_noise), inertia * s.angular_velocity_noise]
+        )
+        self._noise = 2.0 * noise**2
+        self._moving = MOVING * np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
+        self._time: int | None = None
+        self._turned, self._motion = np.eye(3), np.zeros(6)
+        self.reset()
+
+    @property
+    def standing(self) -> bool:
+        """Whether the vehicle stands; then nothing is detected."""
+        return self._observer.standing
+
+    def reset(self) -> None:
+        """Forget all failures, and what was learnt of the noise."""
+        n = self.vehicle.n
+        self.health = np.array(self.vehicle.health)
+        self.certainty = np.zeros(n)
+        self.since: list[int | None] = [None] * n
+        self.evidence = [''] * n
+        self.suspect: int | None = None
+        self._measured = np.full(n, np.inf)
+        self._slow = np.zeros(n, int)
+        self._refined = np.full(n, np.inf)
+        self._variance = np.tile(self._noise, (len(WINDOWS), 1))
+        self._drag = np.zeros(6)
+        self._moments = np.zeros((4, 6))
+        self._begin()
+
+    def _start_rotors(self) -> None:
+        s = self.settings
+        self._rotors = CommandedRotors(self.vehicle, s.motor_time_constant, s.delay)
+
+    def _begin(self) -> None:
+        """Begin a flight: the windows reach back to now."""
+        n = self.vehicle.n
+        self._flown = self._waited = 0.0
+        self._named: tuple[int, ...] = ()
+        self._count, self._last = 0, 0
+        self._block, self._usual = 0.0, np.inf
+        self._times = np.zeros(LENGTH)
+        self._impulses = np.zeros((LENGTH, 6))
+        self._commanded = np.zeros((LENGTH, n))
+        self._thrusts = np.zeros((LENGTH, n))
+        self._mean_thrusts: Array | None = None
+        self._sums = np.zeros(6), np.zeros(n)
+
+    def command(self, time: int, speeds: Array) -> None:
+        """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
+        self._rotors.command(time, speeds)
+
+    def measure(self, time: int, speeds: Array) -> bool:
+        """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed.
+
+        They are compared with the speeds that the commands give at the last state.
+        """
+        expected, measured = np.abs(self._rotors.speeds), np.abs(speeds)
+        allowed = (1.0 - self.settings.least_loss) ** 0.5 * expected
+        approaching = measured > self._measured + 0.01 * expected
+        self._slow = np.where((measured < allowed) & ~approaching, self._slow + 1, 0)
+        self._measured = measured
+        failed = np.flatnonzero((self._slow == CONFIRMATIONS) & (self.health > 0.0)).tolist()
+        for rotor in failed:
+            share = 1.0 - (measured[rotor] / expected[rotor]) ** 2
+            self.certainty[rotor] = 1.0
+            self._fail(rotor, float(share) * self.health[rotor], time, 'rotor speed')
+        return bool(failed)
+
+    def observe(
+        self, time: int, attitude: Array, velocity: Array, angular_velocity: Array
+    ) -> bool:
+        """Take a state; return whether the health has changed.
+
+        Parameters
+        ----------
+        time : int
+            [ns]
+        attitude : (4,) array
+            Quaternion x, y, z, w, body to world.
+        velocity, angular_velocity : (3,) arrays
+            In the body frame [m/s, rad/s].
+        """
+        rotation = rotation_matrix(attitude)
+        motion = np.concatenate([velocity, angular_velocity])
+        last, observer = self._time, self._observer
+        if last is not None and 0 < time - last < RESTART:
+            thrusts = self._rotors.thrusts(last, time)
+            turned, mean = 0.5 * (self._turned + rotation), 0.5 * (self._motion + motion)
+            drag = self._drag * (mean - self._moments[1])
+            wrench = self._wrenches @ (self.health * thrusts) + drag
+            observer.expect(turned @ wrench[:3], wrench[3:], mean[3:])
+            observer.gain = self._gain()
+        observer.observe(time, rotation @ velocity, angular_velocity)
+        if observer.time != time or last == time:
+            return False
+        if last is not None and time < last:
+            self._start_rotors()
+        self._time, self._turned, self._motion = time, rotation, motion
+        step = observer.step
+        if not step:
+            if observer.standing:
+                self._begin()
+            return False
+        self._flown += step
+        lacked = observer.impulse - step * observer.estimate
+        lacked[:3] = lacked[:3] @ turned
+        force = observer.impulse.copy()
+        force[:3] = force[:3] @ turned
+        self._learn(step, force / step + drag, mean, thrusts)
+        self._sums[0][:] += lacked
+        self._sums[1][:] += step * thrusts
+        self._block += step
+        if self._block < BLOCK:
+            return False
+        return self._test(time, thrusts, bool((abs(mean) > self._moving).any()))
+
+    def _gain(self) -> float:
+        if self._suspicious:
+            return 0.0
+        return 1.0 / min(self.settings.learning_time, self._flown + 0.05)
+
+    @property
+    def _suspicious(self) -> bool:
+        return 0.0 < self._waited < PATIENCE
+
+    def _learn(self, step: float, lacked: Array, motion: Array, thrusts: Array) -> None:
+        """Learn the drag about the mean motion, and the mean thrusts."""
+        if self._mean_thrusts is None:
+            self._mean_thrusts = thrusts
+        if self._suspicious:
+            return
+        self._mean_thrusts = self._mean_thrusts - expm1(-step * self._gain()) * (
+            thrusts - self._mean_thrusts
+        )
+        share = -expm1(-step / min(2.5 * self.settings.learning_time, self._flown))
+        force, mean = self._moments[:2]
+        moved = motion - mean
+        now = np.array([lacked, motion, (lacked - force) * moved, moved * moved])
+        self._moments = self._moments + share * (now - self._moments)
+        self._drag = np.minimum(self._moments[2] / (self._moments[3] + 0.05**2), 0.0)
+
+    def _test(self, time: int, thrusts: Array, moving: bool) -> bool:
+        """Test all windows that end now; return whether the health has changed."""
+        last, now = self._last, (self._last + 1) % LENGTH
+        self._times[now] = self._times[last] + self._block
+        self._impulses[now] = self._impulses[last] + self._sums[0]
+        self._commanded[now] = self._commanded[last] + self._sums[1]
+        self._thrusts[now] = thrusts
+        block, self._block, self._last = self._block, 0.0, now
+        self._sums = np.zeros(6), np.zeros(len(thrusts))
+        if self._flown < 2.0 * block:
+            self._forget(now)
+            return False
+        if not 0.9 < block / self._usual < 1.1:
+            self._usual = block
+            self._blocks = np.clip(np.rint(WINDOWS / block).astype(int), 1, LENGTH - 1)
+        begins = (now - self._blocks) % LENGTH
+        lacked = self._impulses[now] - self._impulses[begins]
+        given = self._commanded[now] - self._commanded[begins]
+        ages = self._times[now] - self._times[begins]
+        variance = self._variances(given, ages, thrusts - self._thrusts[begins])
+        found = self._find(lacked, given, variance, self.health)
+        if found.score > SUSPICION and not moving:
+            # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
+            self._forget(now)
+            return False
+        changed = self._refine(found)
+        refining = bool((self._refined < REFINED).any())
+        self._refined += block
+        suspected = found.score > SUSPICION or refining
+        self._waited = self._waited + block if suspected else 0.0
+        self.suspect = found.rotor if found.score > self._find.limit else None
+        if not self._suspicious:
+            share = -expm1(-block * self._gain())
+            spread = np.maximum(self._variance, FLOOR**2 * self._noise)
+            self._variance = spread + share * (np.minimum(lacked**2, 9.0 * spread) - spread)
+        sound = np.array([since is None for since in self.since])
+        self.certainty = np.where(sound, found.probabilities, self.certainty)
+        repeated = bool(found.named) and found.named == self._named
+        self._count = self._count + 1 if repeated else int(bool(found.named))
+        self._named = found.named
+        if self._count < CONFIRMATIONS:
+            return changed
+        self._count = 0
+        self._forget(int(begins[found.window]))
+        for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
+            self.certainty[rotor] = max(self.certainty[rotor], self.settings.certainty)
+            self._fail(rotor, share, time, 'motion')
+        return True
+
+    def _variances(self, given: Array, ages: Array, change: Array) -> Array:
+        s = self.settings
+        assert self._mean_thrusts is not None
+        error = (s.thrust_error * (given - ages[:, None] * self._mean_thrusts)) ** 2
+        error += (s.time_error * change) ** 2
+        return np.maximum(self._variance, FLOOR**2 * self._noise) + error @ self._squares.T
+
+    def _forget(self, begin: int) -> None:
+        """Let no window begin before a block."""
+        older = self._times <= self._times[begin]
+        for kept in (self._times, self._impulses, self._commanded, self._thrusts):
+            kept[older] = kept[begin]
+
+    def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
+        self.since[rotor], self.evidence[rotor] = time, evidence
+        self._refined[rotor] = 0.0
+        self._reduce(rotor, share)
+
+    def _reduce(self, rotor: int, share: float) -> None:
+        """Take a share of a rotor's health, as if from the start of the windows on."""
+        whole = self.vehicle.health[rotor]
+        left = min(max(self.health[rotor] - share, 0.0), whole)
+        left = 0.0 if left < USELESS * whole else left
+        oldest = self._commanded[(self._last + 1) % LENGTH, rotor]
+        given = self._commanded[:, rotor] - oldest
+        self._impulses += np.outer((self.health[rotor] - left) * given, self._wrenches[:, rotor])
+        self.health = self.health.copy()
+        self.health[rotor] = left
+
+    def _refine(self, found: Finding) -> bool:
+        """Estimate the health of rotors that have just failed; return whether it changes."""
+        changed = False
+        for rotor in np.flatnonzero((self._refined < REFINED) & (self.health > 0.0)).tolist():
+            if abs(found.shares[rotor]) > max(0.05, 3.0 * found.errors[rotor]):
+                self._reduce(rotor, float(found.shares[rotor]))
+                changed = True
+        return changed

@@ -1,0 +1,152 @@
+"""The test for rotor failures: which lost thrust explains an unexplained impulse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from scipy.special import chdtri
+
+from ca_ros.arrays import Array
+
+EXPLAINED = 0.7
+"""Least share of what is seen that a failure explains."""
+
+NEAR = 4.0
+"""Windows whose score is this many standard deviations below the best are as likely."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What a test finds.
+
+    Attributes
+    ----------
+    score : float
+        Twice the logarithm of the likelihood ratio of the likeliest rotor against no failure.
+    rotor : int
+        The likeliest rotor.
+    probabilities : (n,) array
+        That each rotor, and no other, has failed.
+    named : tuple of int
+        Rotors that have failed with the wanted certainty.
+    lost : (len(named),) array
+        Share of the thrust of a sound rotor that each has lost.
+    window : int
+        The shortest likely one.
+    shares, errors : (n,) arrays
+        In the longest window, the share that each rotor alone would have lost, which may be
+        negative, and its standard deviation.
+    """
+
+    score: float
+    rotor: int
+    probabilities: Array
+    named: tuple[int, ...]
+    lost: Array
+    window: int
+    shares: Array
+    errors: Array
+
+
+class FailureTest:
+    """A generalized likelihood ratio test over rotors and windows of time.
+
+    For each window since when a rotor i may have failed there are an unexplained impulse c (6,)
+    and the impulse s_i (6,) of each sound rotor.  With the variance of c, the least-squares share
+    lost is theta_i = -(s_i, c) / (s_i, s_i), within [0, health_i], and the score is
+    theta_i (-2 (s_i, c) - theta_i (s_i, s_i)), the greatest of all windows (Willsky and Jones,
+    IEEE Trans. Automatic Control 21, 1976).  A rotor is named if its score is over the limit of
+    the false alarms, explains most of what is seen, and is over that of any other rotor by the
+    odds of the wanted certainty.  If no single rotor explains what is seen, all pairs are tested.
+
+    Parameters
+    ----------
+    wrenches : (6, n) array
+        Force and torque per thrust of each rotor.
+    tests : float
+        Tests in an hour.
+    false_alarms, certainty, least_loss
+        See `DetectorSettings`.
+    """
+
+    def __init__(
+        self, wrenches: Array, tests: float, false_alarms: float, certainty: float,
+        least_loss: float,
+    ) -> None:
+        self._wrenches, self._squares = wrenches, wrenches**2
+        share = min(1.0, false_alarms / (tests * wrenches.shape[1]))
+        self.limit = float(chdtri(1.0, share))
+        self._odds = 2.0 * log(certainty / (1.0 - certainty))
+        self._least_loss = least_loss
+
+    def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:
+        """Test windows.
+
+        Parameters
+        ----------
+        lacked, variance : (T, 6) arrays
+            The unexplained impulse of each window, and its variance.
+        given : (T, n) array
+            The integral of the thrust of each rotor, as if it were sound [N s].
+        health : (n,) array
+        """
+        weights = 1.0 / variance
+        products = -((weights * lacked) @ self._wrenches) * given
+        squares = (weights @ self._squares) * given**2 + 1e-12
+        raw = products / squares
+        shares = np.minimum(np.maximum(raw, 0.0), health)
+        scores = shares * (2.0 * products - shares * squares)
+        best = scores.max(axis=0)
+        rotor = int(best.argmax())
+        score, window = float(best[rotor]), int(scores[:, rotor].argmax())
+        top = max(self.limit, score)
+        likelihoods = np.exp(0.5 * (best - top))
+        none = np.exp(0.5 * (self.limit - top))
+        named: tuple[int, ...] = ()
+        lost = np.zeros(0)
+        if score > self.limit:
+            seen = float(weights[window] @ lacked[window] ** 2)
+            if score > EXPLAINED * seen:
+                likely = scores[:, rotor] >= score - NEAR * score**0.5
+                window = int(np.where(likely, shares[:, rotor], -1.0).argmax())
+                rivals = best.copy()
+                rivals[rotor] = self.limit
+                share = shares[window, rotor]
+                if (
+                    score - rivals.max() > self._odds
+                    and share >= self._least_loss * health[rotor]
+                ):
+                    named, lost = (rotor,), np.array([share])
+            else:
+                named, lost = self._pair(
+                    products[window], squares[window], weights[window], given[window], seen, health
+                )
+        return Finding(
+            score, rotor, likelihoods / (none + likelihoods.sum()), named, lost, window,
+            raw[-1], squares[-1] ** -0.5,
+        )
+
+    def _pair(
+        self, products: Array, squares: Array, weights: Array, given: Array, seen: float,
+        health: Array,
+    ) -> tuple[tuple[int, ...], Array]:
+        """Return the two rotors whose failures explain a window, and what they lost, if any."""
+        mixed = (self._wrenches.T * weights) @ self._wrenches * np.outer(given, given)
+        determinant = np.outer(squares, squares) - mixed**2
+        # Rotors with parallel wrenches cannot be told apart.
+        apart = determinant > 1e-6 * np.outer(squares, squares)
+        first = squares[None, :] * products[:, None] - mixed * products[None, :]
+        first = np.where(apart, first, 0.0) / np.where(apart, determinant, 1.0)
+        lost = first >= self._least_loss * np.maximum(health, 1e-9)[:, None]
+        possible = lost & lost.T & (first <= 1.3 * health[:, None])
+        scores = first * products[:, None]
+        scores = np.where(possible & possible.T, scores + scores.T, 0.0)
+        upper = np.triu(scores, 1)
+        i, j = (int(k) for k in np.unravel_index(upper.argmax(), upper.shape))
+        score, upper[i, j] = upper[i, j], 0.0
+        rival = max(float(upper.max()), self.limit)
+        if score - rival <= self._odds or score <= EXPLAINED * seen:
+            return (), np.zeros(0)
+        return (i, j), np.minimum([first[i, j], first[j, i]], health[[i, j]])

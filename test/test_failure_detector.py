@@ -1,0 +1,195 @@
+"""Unannounced rotor failures: detected, named, flown on with; and what is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from ca_ros.evaluation.cases import Case
+from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.commanded_rotors import CommandedRotors
+from ca_ros.flight.failure_detector import DetectorSettings, FailureDetector
+from ca_ros.flight.failure_test import FailureTest
+from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from strategies import HEXAROTOR
+
+REALISTIC = [
+    'simulator.motor_time_constant:=0.05', 'simulator.command_delay:=0.01',
+    'simulator.position_noise:=0.01', 'simulator.velocity_noise:=0.03',
+    'simulator.attitude_noise:=0.005', 'simulator.angular_velocity_noise:=0.02',
+    'simulator.rotor_drag:=5.0e-4', 'simulator.wind:=[1.0, 0.0, 0.0]',
+    'simulator.gust_intensity:=[0.5, 0.5, 0.5]', 'controller.integral_gain:=0.5',
+]
+SETTINGS = DetectorSettings(motor_time_constant=0.05, delay=0.01)
+UP = Waypoint.of(0.0, 0.0, 1.0, 0.0)
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def flown(case, failures, duration, settings=SETTINGS):
+    """Hover with failures {time: health}; return flight and detection."""
+    detection = case.detection('exact', settings)
+    changes = [Change(round(t * 1e9), body=case.body(np.array(h))) for t, h in failures.items()]
+    flight = fly(case.controller(), case.allocator('exact'), case.plant(), UP, duration,
+                 changes=changes, detection=detection)
+    return flight, detection
+
+
+def without(n, **lost):
+    """Return the health of n rotors, of which some have that of rotor_I=HEALTH."""
+    health = np.ones(n)
+    for rotor, left in lost.items():
+        health[int(rotor.removeprefix('rotor_')) - 1] = left
+    return health
+
+
+@pytest.mark.parametrize(('vehicle', 'n', 'rotor', 'delay'), [
+    ('hexarotor', 6, 2, 0.08), ('hexarotor_tilted', 6, 1, 0.08), ('octorotor', 8, 8, 0.08),
+    ('x8', 8, 3, 0.15), ('y6', 6, 4, 0.15),
+])
+def test_a_lost_rotor_is_found_and_the_vehicle_flies_on(vehicle, n, rotor, delay):
+    case = Case.load(vehicle, REALISTIC)
+    flight, detection = flown(case, {2.0: without(n, **{f'rotor_{rotor}': 0.0})}, 6.0)
+    assert 2.0 < detection.found[0][0] / 1e9 <= 2.0 + delay
+    np.testing.assert_array_equal(
+        detection.detector.health, without(n, **{f'rotor_{rotor}': 0.0}))
+    assert detection.detector.evidence[rotor - 1] == 'motion'
+    assert detection.detector.certainty[rotor - 1] >= 0.995
+    assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 0.5
+    assert np.flatnonzero(flight.speeds[-1] == 0.0).tolist() == [rotor - 1]
+
+
+@pytest.mark.parametrize('left', [0.3, 0.5])
+def test_a_partial_loss_is_found_and_estimated(left):
+    case = Case.load('hexarotor', REALISTIC)
+    _, detection = flown(case, {2.0: without(6, rotor_2=left)}, 2.6)
+    assert detection.found[0][0] < 2.15e9
+    np.testing.assert_allclose(detection.detector.health, without(6, rotor_2=left), atol=0.1)
+
+
+@pytest.mark.parametrize('later', [0.03, 0.5])
+def test_a_second_failure_is_found(later):
+    case = Case.load('octorotor', REALISTIC)
+    last = without(8, rotor_1=0.0, rotor_4=0.0)
+    _, detection = flown(case, {2.0: without(8, rotor_1=0.0), 2.0 + later: last}, 3.0 + later)
+    np.testing.assert_array_equal(detection.detector.health, last)
+
+
+def test_the_health_that_is_announced_counts():
+    case = Case.load('octorotor', [*REALISTIC, 'rotors.health:=[0, 1, 1, 1, 1, 1, 1, 1]'])
+    _, detection = flown(case, {2.0: without(8, rotor_1=0.0, rotor_4=0.0)}, 2.4)
+    np.testing.assert_array_equal(
+        detection.detector.health, without(8, rotor_1=0.0, rotor_4=0.0))
+    detection.detector.reset()
+    np.testing.assert_array_equal(detection.detector.health, without(8, rotor_1=0.0))
+
+
+@pytest.mark.parametrize('vehicle', ['hexarotor', 'x8'])
+def test_wrong_models_and_gusts_are_no_failures(vehicle):
+    case = Case.load(vehicle, [
+        *REALISTIC[:-2], 'simulator.gust_intensity:=[2.0, 2.0, 2.0]', 'simulator.ground:=flat',
+        'simulator.mass_factor:=1.1', 'simulator.thrust_factor:=0.9',
+    ])
+    points = [(1.5, 5, -5, 3, 3.0), (3.0, -2, 4, 1, 0.0), (4.5, 0, 0, 2, -2.0), (6.0, 0, 0, -1, 0)]
+    detection = case.detection('exact', SETTINGS)
+    heavy = case.body()
+    heavy.vehicle = replace(heavy.vehicle, mass=1.15 * heavy.vehicle.mass)
+    changes = [Change(round(t * 1e9), waypoint=Waypoint.of(*where)) for t, *where in points]
+    fly(case.controller(), case.allocator('exact'), case.plant(), UP, 9.0,
+        changes=[*changes, Change(4_000_000_000, body=heavy)], detection=detection)
+    assert detection.found == []
+
+
+def test_a_vehicle_that_stands_shows_nothing():
+    detector = FailureDetector(HEXAROTOR, SETTINGS)
+    rng = np.random.default_rng(0)
+    for i in range(500):
+        noise = rng.standard_normal(6) * np.repeat([0.03, 0.02], 3)
+        assert not detector.observe(i * 10_000_000, LEVEL, noise[:3], noise[3:])
+        detector.command(i * 10_000_000, np.array([400.0, 40.0, 300.0, 40.0, 300.0, 300.0]))
+    assert detector.standing
+    assert detector.suspect is None
+
+
+# Measured rotor speeds
+
+def measured(detector, speeds, times=range(3)):
+    return [detector.measure(i * 10_000_000, np.array(speeds(i), float)) for i in times]
+
+
+def commanded(speed=250.0):
+    detector = FailureDetector(HEXAROTOR, SETTINGS)
+    for i in range(50):
+        detector.observe(i * 10_000_000, LEVEL, np.zeros(3), np.zeros(3))
+        detector.command(i * 10_000_000, np.full(6, speed))
+    return detector
+
+
+def test_a_rotor_that_does_not_follow_its_command_is_seen_at_once():
+    detector = commanded()
+    assert measured(detector, lambda i: [250, 0, 250, 250, 250, 250]) == [False, False, True]
+    np.testing.assert_array_equal(detector.health, without(6, rotor_2=0.0))
+    assert detector.evidence[1] == 'rotor speed'
+
+
+def test_a_rotor_that_speeds_up_slowly_has_not_failed():
+    detector = commanded()
+    assert not any(measured(detector, lambda i: np.full(6, 10.0 * i), range(25)))
+
+
+def test_a_rotor_that_turns_too_slowly_has_lost_thrust():
+    detector = commanded()
+    measured(detector, lambda i: [250, 250, 250, 250 * 0.7, 250, 250])
+    np.testing.assert_allclose(detector.health, without(6, rotor_4=0.49), atol=1e-3)
+
+
+# The parts
+
+def test_rotors_follow_commands_with_delay_and_lag():
+    rotors = CommandedRotors(HEXAROTOR, 0.05, 0.015)
+    rotors.command(0, np.full(6, 100.0))
+    rotors.command(10_000_000, np.full(6, 200.0))
+    rotors.thrusts(0, 30_000_000)
+    lag, speeds = MotorLag(0.05), np.zeros(6)
+    for command, time in ((0.0, 0.015), (100.0, 0.01), (200.0, 0.005)):
+        speeds = lag(speeds, np.full(6, command), time)
+    np.testing.assert_allclose(rotors.speeds, speeds, rtol=1e-12)
+    # At rest in the end: the thrust of the command.
+    for i in range(3, 60):
+        thrusts = rotors.thrusts(i * 10_000_000, (i + 1) * 10_000_000)
+    np.testing.assert_allclose(thrusts, 2.5e-5 * 200.0**2, rtol=1e-3)
+
+
+def windows(rng, spread=1.0, lost=0.0):
+    """Return unexplained impulses of one window and rotor 3's lost share."""
+    wrenches = rotor_wrenches(HEXAROTOR)
+    given = np.full((1, 6), 0.16)
+    variance = np.array([[0.01, 0.01, 0.01, 1e-6, 1e-6, 1e-6]])
+    noise = spread * variance**0.5 * rng.standard_normal((1, 6))
+    return noise - lost * given[:, 2:3] * wrenches[:, 2], given, variance
+
+
+def test_the_score_is_the_reduction_of_chi_square():
+    find = FailureTest(rotor_wrenches(HEXAROTOR), 1e6, 0.01, 0.995, 0.35)
+    lacked, given, variance = windows(np.random.default_rng(0), lost=0.6)
+    found = find(lacked, given, variance, np.ones(6))
+    scale = variance[0] ** -0.5
+    signature = scale * rotor_wrenches(HEXAROTOR)[:, 2] * 0.16
+    (share,), (rest,), *_ = np.linalg.lstsq(signature[:, None], -scale * lacked[0], rcond=None)
+    assert found.named == (2,)
+    np.testing.assert_allclose(found.lost, share, rtol=1e-9)
+    np.testing.assert_allclose(found.score, (scale * lacked[0]) @ (scale * lacked[0]) - rest)
+    np.testing.assert_allclose(found.errors[2], np.linalg.norm(signature) ** -1, rtol=1e-6)
+
+
+def test_false_alarms_are_as_rare_as_promised():
+    # One window, six rotors: with 6 e5 tests an hour and 6 e4 false alarms, one score in ten tests
+    # of Gaussian noise at most is over the limit, and by the two senses of a loss half as many.
+    wrenches = rotor_wrenches(HEXAROTOR)
+    find = FailureTest(wrenches, 6e5, 6e4, 0.995, 0.35)
+    assert find.limit == pytest.approx(chi2.isf(6e4 / 6e5 / 6.0, 1), rel=1e-9)
+    rng = np.random.default_rng(1)
+    over = sum(find(*windows(rng), np.ones(6)).score > find.limit for _ in range(2000))
+    assert 0.01 < over / 2000 <= 0.1
