@@ -21,7 +21,7 @@ from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.detection import Detection
-from ca_ros.flight.failure_detector import DetectorSettings, FailureDetector
+from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
@@ -182,14 +182,14 @@ class Case:
             )
         return changes
 
-    def detection(self, method: str, settings: DetectorSettings) -> Detection:
+    def detection(self, method: str) -> Detection:
         """Return the detection of failures for a method's closed loop."""
 
         def rebuild(health: Array) -> tuple[Controller, Allocator]:
             vehicle = self.audited(health)
             return self.controller(vehicle), self.allocator(method, vehicle)
 
-        return Detection(FailureDetector(self.vehicle, settings), rebuild)
+        return Detection(FailureDetector(self.vehicle, self.flown.detector), rebuild)
 
     def allocator(self, method: str, vehicle: Vehicle | None = None) -> Allocator:
         """Return the allocator of a method for a vehicle, by default that of the case.

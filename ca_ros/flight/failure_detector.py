@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import expm1
 
 import numpy as np
@@ -12,6 +11,7 @@ from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_test import FailureTest, Finding
 from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
+from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -43,40 +43,6 @@ MOVING = 5.0
 
 FLOOR = 0.3
 """Least noise over that of the settings."""
-
-
-@dataclass(frozen=True)
-class DetectorSettings:
-    """What a detector assumes and promises.
-
-    Attributes
-    ----------
-    motor_time_constant, delay : float
-        Lag of the motors, and time from a command to its effect plus the age of a state [s].
-    false_alarms : float
-        Allowed in an hour of flight, if the noise is Gaussian.
-    certainty : float
-        Least probability of the rotor that is named.
-    least_loss : float
-        Least share of its thrust that a rotor loses in a failure.
-    thrust_error, time_error : float
-        Relative error of thrusts, and error of the motors' lag and delay [s].
-    velocity_noise, angular_velocity_noise : float
-        Standard deviation of the states, where to begin to learn it [m/s, rad/s].
-    learning_time : float
-        Over which noise and disturbances are learnt [s].
-    """
-
-    motor_time_constant: float = 0.0
-    delay: float = 0.0
-    false_alarms: float = 0.01
-    certainty: float = 0.995
-    least_loss: float = 0.35
-    thrust_error: float = 0.1
-    time_error: float = 0.01
-    velocity_noise: float = 0.03
-    angular_velocity_noise: float = 0.02
-    learning_time: float = 2.0
 
 
 class FailureDetector:

@@ -13,7 +13,7 @@ from ca_ros.allocation.settings import (
     own_methods,
     with_methods,
 )
-from ca_ros.flight.settings import ControlSettings, PlantSettings
+from ca_ros.flight.settings import ControlSettings, DetectorSettings, PlantSettings
 from ca_ros.settings import (
     ParameterError,
     Settings,
@@ -158,6 +158,7 @@ class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
     vehicle: MovingBodySettings
     allocation: VehicleMethodSettings = group(VehicleAllocation)
     simulator: SimulationSettings
+    detector: DetectorSettings
 
 
 DECLARED: dict[str, type[NodeSettings]] = {

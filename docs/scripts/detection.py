@@ -11,7 +11,6 @@ import numpy as np
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.detection import Detection
-from ca_ros.flight.failure_detector import DetectorSettings
 from ca_ros.flight.plant import Plant
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.waypoint import Waypoint
@@ -24,6 +23,7 @@ NOISE = {'position': 0.01, 'velocity': 0.03, 'attitude': 0.005, 'angular_velocit
 def realistic(noise=1.0, lag=0.05, delay=0.01, gusts=0.5, wind=1.0):
     """Return the parameters of a realistic simulation."""
     return [
+        f'detector.motor_time_constant:={lag}', f'detector.delay:={delay}',
         f'simulator.motor_time_constant:={lag}', f'simulator.command_delay:={delay}',
         'controller.integral_gain:=0.5', 'simulator.rotor_drag:=5.0e-4',
         f'simulator.wind:=[{wind}, 0.0, 0.0]',
@@ -48,14 +48,14 @@ MANOEUVRES = {
 }
 
 
-def failed(vehicle, manoeuvre, rotor, changes, settings, announce=None, seed=0):
+def failed(vehicle, manoeuvre, rotor, changes, announce=None, seed=0):
     """Fly with a failure; return the flight and its detection (None if it is announced)."""
     own, first, points, at = MANOEUVRES[manoeuvre]
-    case = Case.load(vehicle, [*changes, *own, f'simulator.seed:={seed}.0'])
+    case = Case.load(vehicle, [*changes, *own, f'simulator.seed:={seed}'])
     health = np.ones(case.vehicle.n)
     health[rotor] = 0.0
     events = [*points, Change(round(at * 1e9), body=case.body(health))]
-    detection = case.detection('exact', settings) if announce is None else None
+    detection = case.detection('exact') if announce is None else None
     if announce is not None:
         told = case.audited(health)
         events.append(Change(
@@ -74,13 +74,13 @@ def held(flight, goal):
     return bool((np.linalg.norm(flight.position[-100:] - goal.position, axis=1) < 0.5).all())
 
 
-def row(vehicle, manoeuvre, rotor, changes, settings, seed=0):
+def row(vehicle, manoeuvre, rotor, changes, seed=0):
     """Return what happened to one failure, announced after 0.1 s and detected."""
     cells = []
     for announce in (0.1, None):
         try:
             flight, detection, goal, at, case = failed(
-                vehicle, manoeuvre, rotor, changes, settings, announce, seed)
+                vehicle, manoeuvre, rotor, changes, announce, seed)
             cells.append(held(flight, goal))
         except FloatingPointError:
             cells.append(False)
@@ -102,12 +102,11 @@ def row(vehicle, manoeuvre, rotor, changes, settings, seed=0):
 def table(options):
     """Print the table of failures."""
     changes = realistic(options.noise, options.lag, options.delay, options.gusts, options.wind)
-    settings = DetectorSettings(motor_time_constant=options.lag, delay=options.delay)
     for vehicle in options.vehicles:
         for manoeuvre in options.manoeuvres:
             n = Case.load(vehicle).vehicle.n
             rotors = range(n) if options.rotors is None else options.rotors
-            rows = {i + 1: row(vehicle, manoeuvre, i, changes, settings) for i in rotors}
+            rows = {i + 1: row(vehicle, manoeuvre, i, changes) for i in rotors}
             times = [1000 * each['after'] for each in rows.values() if each['after'] is not None]
             print(
                 f'{vehicle:16s} {manoeuvre:8s} announced',
@@ -148,14 +147,14 @@ class Weather(Plant):
     def step(self, command):
         """Take a step; every five seconds, in the mean, the wind steps."""
         if not hasattr(self, '_steps'):
-            self._steps = np.random.default_rng(int(self._parameters['simulator.seed']))
+            self._steps = np.random.default_rng(int(self._settings.seed))
         if self._steps.random() < self.time_step / 5.0:
             self._wind.mean = self._steps.uniform(-4.0, 4.0, 3) * [1.0, 1.0, 0.3]
         return super().step(command)
 
     def restarted(self, state=None):
         """As `Plant.restarted`, with the steps of the wind."""
-        return Weather(self.body, self._parameters, state)
+        return Weather(self.body, self._settings, state)
 
 
 def loaded(case, rng):
@@ -172,7 +171,7 @@ def eventless(vehicle, seed, options, duration=60.0):
     factors = rng.choice([0.9, 1.0, 1.1], 2)
     case = Case.load(vehicle, [
         *realistic(options.noise, options.lag, options.delay, options.gusts, options.wind),
-        f'simulator.seed:={seed}.0', 'simulator.ground:=flat',
+        f'simulator.seed:={seed}', 'simulator.ground:=flat',
         f'simulator.mass_factor:={factors[0]}', f'simulator.thrust_factor:={factors[1]}',
     ])
     points, t = [], 4.0
@@ -181,10 +180,9 @@ def eventless(vehicle, seed, options, duration=60.0):
         t += rng.uniform(1.0, 6.0)
     points += [(duration - 8.0, *rng.uniform(-5, 5, 2), 1.0, 0.0), (duration - 4.0, 0, 0, -0.5, 0)]
     events = [*turns(*points), Change(round(rng.uniform(5.0, 45.0) * 1e9), body=loaded(case, rng))]
-    settings = DetectorSettings(motor_time_constant=options.lag, delay=options.delay)
-    detection = case.detection('exact', settings)
+    detection = case.detection('exact')
     detection = Faulty(detection, rng) if seed % 2 else detection
-    plant = Weather(case.body(), case.parameters)
+    plant = Weather(case.body(), case.flown.simulator)
     fly(case.controller(), case.allocator('exact'), plant, Waypoint.of(0, 0, 2, 0), duration,
         changes=events, detection=detection)
     return [(time / 1e9, health.round(2).tolist()) for time, health in detection.found]
