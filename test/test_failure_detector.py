@@ -195,3 +195,12 @@ def test_false_alarms_are_as_rare_as_promised():
     rng = np.random.default_rng(1)
     over = sum(find(*windows(rng), np.ones(6)).score > find.limit for _ in range(2000))
     assert 0.01 < over / 2000 <= 0.1
+
+
+def test_two_opposite_rotors_may_be_a_load():
+    wrenches = rotor_wrenches(HEXAROTOR)
+    find = FailureTest(wrenches, 1e6, 0.01, 0.995, 0.35)
+    _, given, variance = windows(np.random.default_rng(0))
+    for second, named in ((1, (0, 1)), (3, ())):
+        lacked = -0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])
+        assert find(lacked[None], given, variance, np.ones(6)).named == named

@@ -17,6 +17,11 @@ NEAR = 4.0
 """Windows whose score is this many standard deviations below the best are as likely."""
 
 
+LEVER = 0.6
+"""Least lever of the wrench that two failing rotors take, over that of one rotor: one with a
+shorter lever may be a load, too."""
+
+
 @dataclass(frozen=True, eq=False)
 class Finding:
     """What a test finds.
@@ -59,7 +64,8 @@ class FailureTest:
     theta_i (-2 (s_i, c) - theta_i (s_i, s_i)), the greatest of all windows (Willsky and Jones,
     IEEE Trans. Automatic Control 21, 1976).  A rotor is named if its score is over the limit of
     the false alarms, explains most of what is seen, and is over that of any other rotor by the
-    odds of the wanted certainty.  If no single rotor explains what is seen, all pairs are tested.
+    odds of the wanted certainty.  If no single rotor explains what is seen, all pairs are tested
+    whose loss cannot be a load.
 
     Parameters
     ----------
@@ -148,5 +154,10 @@ class FailureTest:
         score, upper[i, j] = upper[i, j], 0.0
         rival = max(float(upper.max()), self.limit)
         if score - rival <= self._odds or score <= EXPLAINED * seen:
+            return (), np.zeros(0)
+        taken = self._wrenches[:, [i, j]] @ (given[[i, j]] * [first[i, j], first[j, i]])
+        force, torque = taken.reshape(2, 3)
+        levers = np.linalg.norm(self._wrenches[3:], axis=0)
+        if np.linalg.norm(torque) < LEVER * levers.mean() * np.linalg.norm(force):
             return (), np.zeros(0)
         return (i, j), np.minimum([first[i, j], first[j, i]], health[[i, j]])
