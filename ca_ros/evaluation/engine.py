@@ -17,7 +17,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     as_completed,
 )
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from hashlib import sha256
 from inspect import getsource
@@ -71,7 +71,7 @@ def compute(
     methods: Sequence[str] = (),
     **bar: Any,
 ) -> list[Any]:
-    """Compute the chunks of a study.
+    """Return the results of chunks in the order of their numbers, whatever computed them.
 
     Parameters
     ----------
@@ -85,11 +85,6 @@ def compute(
         Methods of the user's own, ``module:Class``, on whose code the results depend too.
     **bar
         Arguments of the progress bar, which counts chunks.
-
-    Returns
-    -------
-    list
-        The results in the order of the chunks' numbers, whatever computed them.
 
     Raises
     ------
@@ -106,13 +101,13 @@ def compute(
                 if shown.disable and perf_counter() > news:
                     print(f'{done} of {count} chunks', file=sys.stderr, flush=True)
                     news = perf_counter() + NEWS
-        except BaseException as error:
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f' after {done} of {count} chunks') from None
+        finally:
             executor.shutdown(wait=False, cancel_futures=True)
-            for child in active_children():
-                child.terminate()
-            if isinstance(error, KeyboardInterrupt):
-                raise KeyboardInterrupt(f' after {done} of {count} chunks') from None
-            raise
+            if done < count:
+                for child in active_children():
+                    child.terminate()
     return [future.result() for future in futures]
 
 
@@ -120,27 +115,27 @@ def compute(
 def _executor(options: argparse.Namespace, count: int) -> Iterator[Executor]:
     """Open the executor; report what the user can mend as an EngineError."""
     workers = min(options.workers or processors(), count)
+    opened: AbstractContextManager[Executor]
     if options.scheduler:
-        with _cluster(options.scheduler) as executor:
-            yield executor
+        opened = _cluster(options.scheduler)
     elif workers == 1:
-        with ThreadPoolExecutor(1) as executor:
-            yield executor
+        opened = ThreadPoolExecutor(1)
     else:
-        try:
-            with ProcessPoolExecutor(workers, get_context('spawn'), _start) as executor:
-                yield executor
-        except BrokenExecutor:
-            raise EngineError('a worker was killed, perhaps for want of memory') from None
+        opened = ProcessPoolExecutor(workers, get_context('spawn'), _start)
+    try:
+        with opened as executor:
+            yield executor
+    except BrokenExecutor:
+        raise EngineError('a worker was killed, perhaps for want of memory') from None
 
 
 def _start() -> None:
     """Let Ctrl-C end a worker without a traceback, and let it end with its parent."""
 
+    parent: Any = parent_process()
+
     def follow() -> None:
-        process = parent_process()
-        if process is not None:
-            process.join()
+        parent.join()
         os._exit(1)
 
     signal.signal(signal.SIGINT, signal.SIG_DFL)

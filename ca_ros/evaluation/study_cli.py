@@ -62,20 +62,13 @@ def case_of(
     return case, allocators
 
 
-def handle_interrupts() -> None:
-    """Let SIGINT raise a KeyboardInterrupt, also in a background process.
-
-    Shells start background processes with SIGINT ignored.
-    """
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
 def concluded(prog: str, study: Callable[[], None]) -> int:
     """Do a study; return its exit code: 1 after an error, 130 after Ctrl-C, in one line each.
 
     Errors in a method of the user's own are shown with their traceback.
     """
-    handle_interrupts()
+    # Shells start background processes with SIGINT ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         study()
     except (CaRosError, FloatingPointError, OSError) as error:

@@ -41,19 +41,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise ValueError(f'expected at least two axes, the problem has {names[0]}')
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
         at = _at(problem, axes, options)
-        found = _shapes(sets, axes, at, options.projection)
-        figure = _titled(problem, found, axes, at, options.projection, options.figure_width)
+        figure, found = _plot(sets, axes, at, options.projection, options.figure_width)
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
         print(f'attainable: {error}', file=sys.stderr)
         return 1
     for name, polytope in found.items():
-        ends = ', '.join(
-            f'{axis} {low:+.3g} to {high:+.3g} {units(problem)[axis][1]}'.rstrip()
-            for axis, (low, high) in zip(axes, _ranges(polytope), strict=True)
+        ends = (
+            f'{axis} {values.min():+.3g} to {values.max():+.3g} {units(problem)[axis][1]}'.rstrip()
+            for axis, values in zip(axes, polytope.vertices.T, strict=True)
         )
-        print(f'{name}: {"nothing" if polytope.empty else ends}')
+        print(f'{name}: {"nothing" if polytope.empty else ", ".join(ends)}')
     print(f'written: {", ".join(map(str, files))}')
     return 0
 
@@ -88,31 +87,25 @@ def plot(
     """
     problem = next(iter(sets.values())).problem
     wrench = problem.reference if at is None else problem.check(at)
-    shapes = _shapes(sets, axes, wrench, projection)
-    return _titled(problem, shapes, axes, wrench, projection, width)
+    return _plot(sets, axes, wrench, projection, width)[0]
 
 
-def _shapes(
-    sets: Mapping[str, AdmissibleSet], axes: Sequence[str], at: Array, projection: bool
-) -> dict[str, Polytope]:
-    return {
-        name: image.projection(axes) if projection else image.section(axes, at)
-        for name, image in sets.items()
-    }
-
-
-def _titled(
-    problem: AllocationProblem,
-    shapes: Mapping[str, Polytope],
+def _plot(
+    sets: Mapping[str, AdmissibleSet],
     axes: Sequence[str],
     at: Array,
     projection: bool,
     width: float,
-) -> Figure:
-    """Draw shapes with their reference, and what is fixed as the title."""
+) -> tuple[Figure, dict[str, Polytope]]:
+    """Return the figure, whose title says what is fixed, and what it shows."""
+    shapes = {
+        name: image.projection(axes) if projection else image.section(axes, at)
+        for name, image in sets.items()
+    }
+    problem = next(iter(sets.values())).problem
     words = 'other axes: any value' if projection else fixed(problem, axes, at)
     reference = problem.reference[[problem.axes.index(axis) for axis in axes]]
-    return draw(shapes, reference, labels(problem, axes), words, width)
+    return draw(shapes, reference, labels(problem, axes), words, width), shapes
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -124,27 +117,15 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     add = made.add_argument
     add('--vehicle', default='hexarotor', help='a shipped vehicle or problem, or a YAML file')
-    add('--axes', type=_words, metavar='A,B', help='two or three axes', default=argparse.SUPPRESS)
-    add(
-        '--at',
-        type=_values,
-        default={},
-        metavar='AXIS=VALUE,...',
-        help='values of the other axes, where they are not those of hover',
-    )
+    add('--axes', type=_words, metavar='A,B', help='two or three axes')
+    others = 'values of the other axes, where they are not those of hover'
+    add('--at', type=_values, default={}, metavar='AXIS=VALUE,...', help=others)
     add('--projection', action='store_true', help='let the other axes have any attainable value')
-    add(
-        '--fail',
-        type=_failures,
-        default={},
-        metavar='ROTOR[=HEALTH],...',
-        help='also draw the set after failures: 3 without rotor 3, 3=0.6 with 60 %% of it',
-    )
+    failed = 'also draw the set after failures: 3 without rotor 3, 3=0.6 with 60 %% of it'
+    add('--fail', type=_failures, default={}, metavar='ROTOR[=HEALTH],...', help=failed)
     add('--out', type=Path, default=Path('attainable'), metavar='PATH', help='without the suffix')
     add_options(made)
-    options = made.parse_args(split(argv)[0])
-    options.axes = getattr(options, 'axes', None)
-    return options
+    return made.parse_args(split(argv)[0])
 
 
 def _words(text: str) -> list[str]:
@@ -197,14 +178,6 @@ def _at(problem: AllocationProblem, axes: Sequence[str], options: argparse.Names
     return at
 
 
-def _ranges(polytope: Polytope) -> Array:
-    """Return the least and greatest value of each axis, (k, 2)."""
-    points = polytope.vertices
-    if polytope.empty:
-        return np.full((points.shape[1], 2), np.nan)
-    return np.column_stack([points.min(axis=0), points.max(axis=0)])
-
-
 def draw(
     polytopes: Mapping[str, Polytope],
     reference: Array,
@@ -214,18 +187,8 @@ def draw(
 ) -> Figure:
     """Plot polytopes of two axes as filled polygons, or of three axes as bodies.
 
-    Parameters
-    ----------
-    polytopes : mapping of str to Polytope
-        By their names in the legend; all of the same axes.
-    reference : (k,) array
-        The reference, hover for a vehicle, which a + marks.
-    labels : (k,) sequence of str
-        The names of the axes with their units.
-    words : str
-        The title: what is fixed.
-    width : float
-        Width of the figure [mm].
+    They stand by their names in the legend; a + marks the reference (k,).  The labels are those of
+    the axes, the words the title; the figure has a width [mm].
     """
     with matplotlib.rc_context(style(width)):
         looks = [_look(i) for i in range(len(polytopes))]

@@ -21,24 +21,10 @@ Summary = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class StaticChunks:
-    """The chunks of a static study; the call with a number computes that chunk.
+    """The chunks of a static study, of `size` samples each; the call computes one.
 
-    Attributes
-    ----------
-    case : Case
-    methods : sequence of str
-    sampling, seed : str, int
-        See `samples`.
-    samples : int
-        Number of samples of the study.
-    size : int
-        Number of samples of a chunk.
-    step : int
-        Number of samples that each method allocates in turn.
-    batch : bool
-        Whether in one call; otherwise each call is timed.
-    rows : int
-        Number of samples, the first ones, whose rows are kept.
+    The methods take turns, each with `step` samples: in one call if `batch`, otherwise in calls
+    that are timed.  The rows of the first `rows` samples are kept.  See also `samples`.
     """
 
     case: Case
@@ -63,8 +49,8 @@ class StaticChunks:
             allocator.allocate(samples(self._set, self.sampling, self.seed, 0, 1)[0])
         return made
 
-    def __call__(self, number: int) -> dict[str, Any]:
-        """Return rows, by column, and summaries, by method, of a chunk."""
+    def __call__(self, number: int) -> tuple[list[pd.DataFrame], dict[str, Summary]]:
+        """Return rows, and summaries by method, of a chunk."""
         first = number * self.size
         end = min(first + self.size, self.samples)
         kept: list[pd.DataFrame] = []
@@ -76,47 +62,36 @@ class StaticChunks:
             for name, allocator in self._allocators.items():
                 own = evaluate(name, allocator, self._set.problem, demands, self.batch)
                 summaries[name].append(self._summary(own))
-                parts.append(own[: self.rows - start] if start < self.rows else None)
+                parts.append(own[: max(0, self.rows - start)])
             if start < self.rows:
                 rows = pd.concat(parts)
                 rows.insert(0, 'sample', rows.index + start)
                 kept.append(rows.sort_values('sample', kind='stable'))
-        return {
-            'rows': pd.concat(kept).to_dict('list') if kept else {},
-            'methods': {name: merged(own) for name, own in summaries.items()},
-        }
+        return kept, {name: merged(own) for name, own in summaries.items()}
 
     def _summary(self, own: pd.DataFrame) -> Summary:
-        time, status = own['time'], own['status'].value_counts()
-        return {
+        time, status = own['time'].tolist(), own['status'].value_counts()
+        found: Summary = {
             'violations': int(own['violated'].sum()),
             'violation_max': float(own['violation'].max()),
             'status': {name: int(count) for name, count in status.items() if count},
-            'time': time[:1].tolist() if self.batch else time.tolist(),
-            **{
-                name: {'sum': float(own[name].sum()), 'max': float(own[name].max())}
-                for name in ERRORS
-                if name in own
-            },
+            'time': time[:1] if self.batch else time,
         }
+        errors = own[[name for name in ERRORS if name in own]]
+        return found | errors.agg(['sum', 'max']).to_dict()
 
 
 def merged(parts: Sequence[Summary]) -> Summary:
     """Return the summary of successive parts; their order decides the last digits of the sums."""
-    counts: Counter[str] = Counter()
-    for part in parts:
-        counts.update(part['status'])
-    return {
+    counts = sum((Counter(part['status']) for part in parts), Counter[str]())
+    found: Summary = {
         'violations': sum(part['violations'] for part in parts),
         'violation_max': max(part['violation_max'] for part in parts),
         'status': dict(sorted(counts.items())),
         'time': [time for part in parts for time in part['time']],
-        **{
-            name: {
-                'sum': sum(part[name]['sum'] for part in parts),
-                'max': max(part[name]['max'] for part in parts),
-            }
-            for name in ERRORS
-            if name in parts[0]
-        },
     }
+    for name in ERRORS:
+        if own := [part[name] for part in parts if name in part]:
+            total, worst = sum(each['sum'] for each in own), max(each['max'] for each in own)
+            found[name] = {'sum': total, 'max': worst}
+    return found

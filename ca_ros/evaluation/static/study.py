@@ -91,12 +91,12 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
 def _write(
     case: Case,
     allocators: Mapping[str, Allocator],
-    parts: Sequence[Mapping[str, Any]],
+    parts: Sequence[tuple[list[pd.DataFrame], dict[str, Summary]]],
     options: argparse.Namespace,
 ) -> str:
     """Write all files; return static.md."""
-    rows = pd.concat([pd.DataFrame(part['rows']) for part in parts], ignore_index=True)
-    methods = {name: merged([part['methods'][name] for part in parts]) for name in allocators}
+    rows = pd.concat([rows for kept, _ in parts for rows in kept], ignore_index=True)
+    methods = {name: merged([own[name] for _, own in parts]) for name in allocators}
     samples = options.samples
     found = {
         'samples': samples,
@@ -130,10 +130,9 @@ def _metrics(
     own: Summary, samples: int, rows: pd.DataFrame, problem: AllocationProblem
 ) -> dict[str, Any]:
     """Return the metrics of a method from its summary and its first rows."""
-    violations, worst = own['violations'], own['violation_max']
+    violations, worst, time = own['violations'], own['violation_max'], np.array(own['time'])
     demands = rows[columns(problem)].to_numpy()
     thrusts = rows.filter(regex=r'^f_\d+$').to_numpy()
-    time = np.array(own['time'])
     return {
         'violations': violations,
         'violations_standard_error': standard_error(violations, samples),
