@@ -3,9 +3,19 @@
 from ca_ros.allocation import (
     ALLOCATORS,
     Allocation,
+    AllocationBatch,
     AllocationProblem,
     Allocator,
+    BetaflightMixer,
+    Conventional,
+    Direct,
+    Exact,
+    PseudoInverse,
+    RedistributedPseudoInverse,
+    SequentialDesaturation,
     Status,
+    WeightedLeastSquares,
+    WeightedPseudoInverse,
     make_allocator,
 )
 from ca_ros.allocation.allocator import takes_settings
@@ -22,15 +32,25 @@ __all__ = [
     'ALLOCATORS',
     'AdmissibleSet',
     'Allocation',
+    'AllocationBatch',
     'AllocationProblem',
     'Allocator',
     'Audit',
+    'BetaflightMixer',
     'CaRosError',
+    'Conventional',
+    'Direct',
+    'Exact',
     'ParameterError',
+    'PseudoInverse',
+    'RedistributedPseudoInverse',
+    'SequentialDesaturation',
     'Settings',
     'SlewLimited',
     'Status',
     'Vehicle',
+    'WeightedLeastSquares',
+    'WeightedPseudoInverse',
     'audit',
     'control_allocation_matrix',
     'load_problem',
@@ -38,3 +58,12 @@ __all__ = [
     'setting',
     'takes_settings',
 ]
+
+
+def __getattr__(name: str) -> str:
+    """Return the version; it is looked up when it is asked for."""
+    if name != '__version__':
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from importlib.metadata import version
+
+    return version('ca_ros')

@@ -13,7 +13,7 @@ from ca_ros.allocation.own_method import own_class
 from ca_ros.allocation.powerless import Powerless
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
-from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
 from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
@@ -110,10 +110,20 @@ def allocator_with(
 __all__ = [
     'ALLOCATORS',
     'Allocation',
+    'AllocationBatch',
     'AllocationProblem',
     'Allocator',
+    'BetaflightMixer',
+    'Conventional',
+    'Direct',
+    'Exact',
     'Powerless',
+    'PseudoInverse',
+    'RedistributedPseudoInverse',
+    'SequentialDesaturation',
     'Status',
+    'WeightedLeastSquares',
+    'WeightedPseudoInverse',
     'allocator_with',
     'make_allocator',
     'method_class',

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
@@ -42,7 +42,8 @@ def takes_settings(
             elif given:
                 raise TypeError(f'expected settings or {", ".join(given)}, got both')
             # The method that is made, not its base class, has the settings.
-            self.__dict__.setdefault('settings', settings)
+            if not hasattr(self, 'settings'):
+                self.settings = settings
             init(self, problem, settings)
 
         first = [Parameter(name, Parameter.POSITIONAL_ONLY) for name in ('self', 'problem')]
@@ -126,7 +127,7 @@ class Allocator(ABC):
         """
         return self._allocate(self.problem.check(u))
 
-    def allocate_batch(self, wrenches: ArrayLike) -> Allocation:
+    def allocate_batch(self, wrenches: ArrayLike) -> AllocationBatch:
         """Allocate N wrenches (N, m) [N, N m]; the fields of the result have a leading N."""
         demands = self.problem.check(wrenches, batch=True)
         if demands.ndim != 2:
@@ -139,7 +140,7 @@ class Allocator(ABC):
     def _allocate(self, u: Array) -> Allocation:
         """Allocate one checked wrench."""
 
-    def _allocate_batch(self, demands: Array) -> Allocation:
+    def _allocate_batch(self, demands: Array) -> AllocationBatch:
         answers = [self._allocate(u) for u in demands]
         thrusts = np.array([a.thrusts for a in answers])
         return self._batch(
@@ -157,18 +158,20 @@ class Allocator(ABC):
         status: IntArray | None = None,
         levels: Array | None = None,
         violations: Array | None = None,
-    ) -> Allocation:
+        preference: tuple[Array, Array] | None = None,
+    ) -> AllocationBatch:
         """Return the result for demands (N, m); without a status, compute it from the thrusts."""
         n = len(demands)
         if status is None:
             status = np.where(self._judge(demands, thrusts), Status.EXACT, Status.INEXACT)
-        return Allocation(
+        return AllocationBatch(
             self.problem,
             demands,
             thrusts,
             status.astype(np.int8),
             np.ones(n) if levels is None else levels,
             np.zeros(n) if violations is None else violations,
+            preference,
         )
 
     def _judge(self, demands: Array, thrusts: Array, share: float = 1.0) -> BoolArray:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
-from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import INVALID, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -207,19 +207,19 @@ class Exact(Allocator):
             self.problem.check(u)
             raise
         if answer is None:
-            result = Allocation(self.problem, demand, thrusts, EXACT)
+            if self._preference is None:
+                return Allocation(self.problem, demand, thrusts, EXACT)
+            status, level = EXACT, 1.0
         else:
             if answer[0] == INVALID:
                 self.problem.check(u)
-            result = Allocation(self.problem, demand, thrusts, STATUSES[answer[0]], answer[1])
-        if self._preference:
-            result.__dict__['preference'] = self._preference
-        return result
+            status, level = STATUSES[answer[0]], answer[1]
+        return Allocation(self.problem, demand, thrusts, status, level, 0.0, self._preference)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)
 
-    def _allocate_batch(self, demands: Array) -> Allocation:
+    def _allocate_batch(self, demands: Array) -> AllocationBatch:
         size = len(demands)
         demands = np.ascontiguousarray(demands)
         thrusts = np.empty((size, self._n))
@@ -241,6 +241,4 @@ class Exact(Allocator):
                 list(pool.map(work, ends[:-1], ends[1:]))
         elif size:
             work(0, size)
-        result = self._batch(demands, thrusts, status, levels)
-        result.__dict__['preference'] = self._preference
-        return result
+        return self._batch(demands, thrusts, status, levels, preference=self._preference)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ca_ros.allocation.allocator import Allocator, takes_settings
-from ca_ros.allocation.result import Allocation
+from ca_ros.allocation.result import Allocation, AllocationBatch
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings
@@ -40,7 +40,7 @@ class PseudoInverse(Allocator):
             violation=float(np.abs(wanted - thrusts).max()),
         )
 
-    def _allocate_batch(self, demands: Array) -> Allocation:
+    def _allocate_batch(self, demands: Array) -> AllocationBatch:
         wanted = demands @ self.inverse.T
         thrusts = self.problem.clip(wanted)
         violations: Array = np.abs(wanted - thrusts).max(axis=-1, initial=0.0)

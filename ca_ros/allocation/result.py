@@ -29,57 +29,18 @@ class Status(IntEnum):
     """The wrench is not attainable; nothing is allocated: the thrusts are nearest to zero."""
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Allocation:
-    """The thrusts for a demanded wrench; for a batch of N, each field has a leading N.
-
-    Attributes
-    ----------
-    problem : AllocationProblem
-    demand : (m,) array
-        The demanded wrench u [N, N m].
-    thrusts : (n,) array
-        Within their bounds to the last bit [N].
-    status : Status
-        An (N,) array of its values for a batch.
-    level : float
-        Share of the demand that was served, such as alpha of Eqs. (14)-(17); 1 if the method does
-        not compute it.
-    violation : float
-        Greatest violation of the bounds by the method before its thrusts were clipped [N].
-    last : (n,) array or None
-        With slew limits (`ca_ros.allocation.slew`), the last command, on which the thrusts depend
-        too.  None if they depend on the demand alone.
-    preference : tuple of two (n,) arrays, or None
-        Weights and preferred thrusts [1, N], if the method was given any.
-    """
+class Answer:
+    """What `Allocation` and `AllocationBatch` have in common; see there."""
 
     problem: AllocationProblem
     demand: Array
     thrusts: Array
-    status: Status | IntArray
-    level: float | Array = 1.0
-    violation: float | Array = 0.0
-    last: Array | None = None
-    preference: tuple[Array, Array] | None = None
+    preference: tuple[Array, Array] | None
 
-    def __init__(
-        self,
-        problem: AllocationProblem,
-        demand: Array,
-        thrusts: Array,
-        status: Status | IntArray,
-        level: float | Array = 1.0,
-        violation: float | Array = 0.0,
-    ) -> None:
-        # The __init__ of a frozen dataclass takes three times as long.
-        fields = self.__dict__
-        fields['problem'] = problem
-        fields['demand'] = demand
-        fields['thrusts'] = thrusts
-        fields['status'] = status
-        fields['level'] = level
-        fields['violation'] = violation
+    @property
+    def effectors(self) -> Array:
+        """The thrusts, where the effectors of a problem are not rotors."""
+        return self.thrusts
 
     @property
     def speeds(self) -> Array:
@@ -114,3 +75,89 @@ class Allocation:
     def certificate(self) -> Certificate:
         """The certificate, computed from the problem's data at the first access."""
         return certify(self.problem, self.demand, self.thrusts, self.preference)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Allocation(Answer):
+    """The thrusts for a demanded wrench.
+
+    Attributes
+    ----------
+    problem : AllocationProblem
+    demand : (m,) array
+        The demanded wrench u [N, N m].
+    thrusts : (n,) array
+        Within their bounds to the last bit [N].
+    status : Status
+    level : float
+        Share of the demand that was served, such as alpha of Eqs. (14)-(17); 1 if the method does
+        not compute it.
+    violation : float
+        Greatest violation of the bounds by the method before its thrusts were clipped [N].
+    preference : tuple of two (n,) arrays, or None
+        Weights and preferred thrusts [1, N], if the method was given any.
+    last : (n,) array or None
+        With slew limits (`ca_ros.allocation.slew`), the last command, on which the thrusts depend
+        too.  None if they depend on the demand alone.
+    """
+
+    problem: AllocationProblem
+    demand: Array
+    thrusts: Array
+    status: Status
+    level: float = 1.0
+    violation: float = 0.0
+    preference: tuple[Array, Array] | None = None
+    last: Array | None = None
+
+    def __init__(
+        self,
+        problem: AllocationProblem,
+        demand: Array,
+        thrusts: Array,
+        status: Status,
+        level: float = 1.0,
+        violation: float = 0.0,
+        preference: tuple[Array, Array] | None = None,
+        last: Array | None = None,
+    ) -> None:
+        # The __init__ of a frozen dataclass takes three times as long.
+        fields = self.__dict__
+        fields['problem'] = problem
+        fields['demand'] = demand
+        fields['thrusts'] = thrusts
+        fields['status'] = status
+        fields['level'] = level
+        fields['violation'] = violation
+        if preference is not None:
+            fields['preference'] = preference
+        if last is not None:
+            fields['last'] = last
+
+
+@dataclass(frozen=True, eq=False)
+class AllocationBatch(Answer):
+    """The thrusts for N demanded wrenches; the properties have a leading N, too.
+
+    Attributes
+    ----------
+    problem : AllocationProblem
+    demand : (N, m) array
+    thrusts : (N, n) array
+    status : (N,) int8 array
+        Values of `Status`.
+    level, violation : (N,) arrays
+    preference : tuple of two (n,) arrays, or None
+    """
+
+    problem: AllocationProblem
+    demand: Array
+    thrusts: Array
+    status: IntArray
+    level: Array
+    violation: Array
+    preference: tuple[Array, Array] | None = None
+
+    def __len__(self) -> int:
+        """Return the number of wrenches."""
+        return len(self.demand)

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation import make_allocator
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, constant
-from ca_ros.problem.audit import accept
 from ca_ros.problem.numbers import numbers
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.problem.vehicle_problem import VehicleProblem
 
 
-class SlewLimited:
-    """An allocation method whose effectors change no faster than given rates.
+class SlewLimited(Allocator):
+    """An allocator whose effectors change no faster than given rates.
 
     The bounds of each call are the bounds of the problem, narrowed to what the effectors can reach
     from the last command.  Within them the method is as exact as it is without rates.  The result
@@ -27,50 +24,44 @@ class SlewLimited:
 
     Parameters
     ----------
-    method : str
-        A name in `ca_ros.ALLOCATORS`.
-    vehicle : Vehicle or AllocationProblem
-        A vehicle is audited, as in `make_allocator`.
+    allocator : Allocator
+        The method, with its problem and settings.
     rates : float or (n,) array
         Greatest rate of change, positive: of the rotor speeds of a vehicle [rad/s^2], or of the
         effectors of a problem, in their units per second.
-    **options
-        Keyword arguments of the method's class.
 
     Raises
     ------
     ValueError
-        If the rates are not positive, or as in `make_allocator`.
+        If the rates are not positive.
 
     Examples
     --------
-    >>> slow = SlewLimited('exact', Vehicle.load('hexarotor'), rates=2000.0)
+    >>> slow = SlewLimited(Exact(Vehicle.load('hexarotor')), rates=2000.0)
     >>> hover = np.full(6, 255.7)
     >>> slow.allocate([12.0, 0.2, 0.0, 0.0], hover, period=0.01).speeds.round(1)
     array([275.7, 275.7, 275.7, 275.7, 253.9, 253.9])
     """
 
-    def __init__(
-        self, method: str, vehicle: Vehicle | AllocationProblem, rates: ArrayLike, **options: Any
-    ) -> None:
-        problem = accept(vehicle).problem if isinstance(vehicle, Vehicle) else problem_of(vehicle)
-        self.method, self.problem, self.options = method, problem, options
-        self.rates = constant(numbers('rates', rates, problem.n))
+    def __init__(self, allocator: Allocator, rates: ArrayLike) -> None:
+        self.allocator, self.problem = allocator, allocator.problem
+        self.settings, self.engine = allocator.settings, allocator.engine
+        self.rates = constant(numbers('rates', rates, self.problem.n))
         if not np.all(self.rates > 0.0):
             raise ValueError(f'rates: expected positive numbers, got {rates!r}')
-        # A wrong option is an error now, not at the first command.
-        make_allocator(method, problem, **options)
 
-    def allocate(self, u: ArrayLike, last: ArrayLike, period: float) -> Allocation:
+    def allocate(
+        self, u: ArrayLike, last: ArrayLike | None = None, period: float = 0.0
+    ) -> Allocation:
         """Allocate one wrench.
 
         Parameters
         ----------
         u : (m,) array
             As in `Allocator.allocate`.
-        last : (n,) array
+        last : (n,) array, optional
             The last command: rotor speeds of a vehicle [rad/s], or effectors.  Beyond a bound it
-            counts as the bound.
+            counts as the bound.  Without it, the rates do not limit the answer.
         period : float
             Time since the last command, not negative [s].  If it is too short for any change, the
             last command is held.
@@ -85,17 +76,21 @@ class SlewLimited:
         ValueError
             If an argument is not finite, or has a wrong shape, or `period` is negative.
         """
+        if last is None:
+            return self.allocator.allocate(u)
         command = constant(numbers('last', last, self.problem.n))
         seconds = float(numbers('period', period))
         if seconds < 0.0:
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
         moved = self._reachable(command, self.rates * seconds)
         if moved.spans:
-            result = make_allocator(self.method, moved, **self.options).allocate(u)
+            result = type(self.allocator).made(moved, self.settings).allocate(u)
         else:
             result = _held(moved, u)
-        result.__dict__['last'] = command
-        return result
+        return replace(result, last=command)
+
+    def _allocate(self, u: Array) -> Allocation:
+        return self.allocate(u)
 
     def _reachable(self, last: Array, change: Array) -> AllocationProblem:
         """Return the problem with the bounds that are at most `change` from the last command."""

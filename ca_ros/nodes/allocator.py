@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from math import inf
 from time import monotonic, perf_counter_ns, sleep
 from traceback import format_exc
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from rclpy.duration import Duration
@@ -121,7 +121,7 @@ class AllocatorNode(VehicleNode):
         """Return the status of the last answer."""
         if self._answer is None:
             return STALE, 'no command yet'
-        status = cast(Status, self._answer.status)
+        status = self._answer.status
         return OK if status is Status.EXACT else WARN, status.name
 
     def values(self) -> dict[str, object]:
@@ -161,7 +161,7 @@ class AllocatorNode(VehicleNode):
             return
         try:
             answer = self.method.allocate([wrench[row] for row in self._rows])
-            status = Status(cast(Status, answer.status))
+            status = Status(answer.status)
             # Speeds out of bounds never reach the motors, even if a method returns them.
             speeds = answer.speeds
         except Exception:
