@@ -24,9 +24,9 @@ from rclpy.utilities import try_shutdown
 from std_msgs.msg import Header
 from tqdm import tqdm
 
+from benchmarks import wrenches
 from benchmarks.sizes import Sizes
 from ca_ros.errors import CaRosError
-from ca_ros.evaluation import wrench_sets
 from ca_ros.nodes.messages import wrench_message
 from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.settings import load
@@ -95,11 +95,11 @@ def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
 def flown(name: str) -> list[bytes]:
     """Return the wrenches of a flight as serialized messages."""
     vehicle, settings = Vehicle.load(name), load(name)
-    wrenches = np.zeros((COMMANDS, len(AXES)))
+    demands = np.zeros((COMMANDS, len(AXES)))
     columns = [AXES.index(axis) for axis in vehicle.axes]
-    wrenches[:, columns] = wrench_sets.flown(vehicle, settings.controller, COMMANDS)
+    demands[:, columns] = wrenches.flown(vehicle, settings.controller, COMMANDS)
     header = Header(frame_id=settings.command_frame)
-    return [bytes(serialize_message(wrench_message(wrench, header))) for wrench in wrenches]
+    return [bytes(serialize_message(wrench_message(wrench, header))) for wrench in demands]
 
 
 class Client:

@@ -1,4 +1,4 @@
-"""The parts of a benchmark: calls, number of rotors, batches, set-ups, closed loop."""
+"""The parts of a benchmark: calls, number of rotors, batches, set-ups."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from benchmarks.contenders import BASELINE, CONTENDERS, EXACT
 from benchmarks.peers import Call
 from benchmarks.sizes import Sizes
 from benchmarks.timing import Jobs, Key, measure, rounds
+from benchmarks.wrenches import flown, ring
 from ca_ros.allocation.exact import Exact
 from ca_ros.arrays import Array
-from ca_ros.evaluation import wrench_sets
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.wrench_sets import near_boundary
 from ca_ros.flight.settings import ControllerSettings
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import accept
@@ -46,11 +47,11 @@ def drawn(
     admissible, rng = AdmissibleSet(problem), np.random.default_rng
     found = {
         'uniform': admissible.sample(rng(seed), sizes.wrenches),
-        'boundary': wrench_sets.near_boundary(admissible, rng(seed), sizes.wrenches),
+        'boundary': near_boundary(admissible, rng(seed), sizes.wrenches),
     }
     if isinstance(problem, VehicleProblem):
         gains = read(ControllerSettings, parameters, 'controller.')
-        found['flight'] = wrench_sets.flown(problem.vehicle, gains, sizes.flight)
+        found['flight'] = flown(problem.vehicle, gains, sizes.flight)
     return found
 
 
@@ -78,7 +79,7 @@ def time_rotors(rival: str | None, sizes: Sizes, seed: int) -> pd.DataFrame:
     calls: dict[Key, Call] = {}
     checks: dict[Key, Answers] = {}
     for n in sizes.rotors:
-        parameters = wrench_sets.ring(n)
+        parameters = ring(n)
         problem = VehicleProblem(Vehicle.from_parameters(parameters))
         for kind, wrenches in drawn(parameters, problem, sizes, seed).items():
             own = {Key('rotors', kind, name, n): each for name, each in contenders.items()}
@@ -143,7 +144,7 @@ def _on(cores: int, job: Callable[[], Any]) -> None:
 def time_setups(sizes: Sizes, seed: int) -> pd.DataFrame:
     """Return rows of `rounds`: times of audit and set-up of `exact` after each rotor's failure."""
     jobs: Jobs = {}
-    for axes, parameters in ((4, wrench_sets.ring(ROTORS)), (6, wrench_sets.ring(ROTORS, TILT))):
+    for axes, parameters in ((4, ring(ROTORS)), (6, ring(ROTORS, TILT))):
         vehicle = Vehicle.from_parameters(parameters)
         vehicles = [vehicle.with_health(health) for health in 1.0 - np.eye(ROTORS)]
         job = partial(_set_up, vehicles)

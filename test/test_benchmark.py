@@ -15,8 +15,9 @@ from benchmarks.in_c import NAMES, compiled
 from benchmarks.parts import SETS
 from benchmarks.sizes import QUICK
 from benchmarks.timing import Key
+from benchmarks.wrenches import ring
 from ca_ros import AdmissibleSet, Vehicle, make_allocator
-from ca_ros.evaluation.wrench_sets import near_boundary, ring, samples
+from ca_ros.evaluation.wrench_sets import near_boundary, samples
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
-from ca_ros.evaluation.dynamic.metrics import judge_samples
+from ca_ros.evaluation.dynamic.metrics import sample_errors
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.figures import COLORS, FORMATS, formats, millimetres, save
 from ca_ros.flight.plots import draw_flight
@@ -99,7 +99,7 @@ def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
         changes = case.failing(method, failures)
         flight = flights[method] = fly(
             case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes)
-        samples[method] = judge_samples(flight, case.controller(), WAYPOINT, changes)
+        samples[method] = sample_errors(flight, case.controller(), WAYPOINT, changes)
     path = tmp_path / 'animation.gif'
     animate(path, flights, samples, case.vehicle, Trajectory.to(WAYPOINT), failures)
     with Image.open(path) as film:

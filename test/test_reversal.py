@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.wrenches import WAYPOINTS
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix, make_allocator
-from ca_ros.evaluation.wrench_sets import WAYPOINTS
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix

@@ -207,10 +207,7 @@ class Case:
 def methods_of(text: str) -> list[str]:
     """Return the methods in a list such as ``paper,my_module:MyMethod``, each once.
 
-    Raises
-    ------
-    ValueError
-        If there is no such method; classes are not imported.
+    Raises a ValueError if there is no such method; classes are not imported.
     """
     names: list[str] = []
     for word in (each.strip() for each in text.split(',')):

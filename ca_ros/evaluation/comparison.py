@@ -61,21 +61,14 @@ class Saturated(Allocator):
 
 
 class PlainOsqp(Saturated):
-    """Eqs. (20)-(22) by OSQP at its default tolerances, saturated; no refinement follows.
+    """Eqs. (20)-(22) by OSQP at its default tolerances; a ValueError without the package."""
 
-    Raises
-    ------
-    ValueError
-        If the package osqp is not installed.
-    """
-
-    SETTINGS: ClassVar[dict[str, Any]] = {}
+    SETTINGS: ClassVar[dict[str, Any]] = {'warm_starting': False}
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)
         try:
-            settings = {'warm_starting': False, **self.SETTINGS}
-            self._solver, self._solve = osqp_program(self.problem, **settings)
+            self._solver, self._solve = osqp_program(self.problem, **self.SETTINGS)
         except ImportError:
             raise ValueError('plain OSQP needs the package osqp (pip install osqp)') from None
         self._rho = float(self._solver.settings.rho)
@@ -89,17 +82,13 @@ class PlainOsqp(Saturated):
 class TightOsqp(PlainOsqp):
     """The same at tolerances of 1e-8, as tight as the paper's own."""
 
-    SETTINGS: ClassVar[dict[str, Any]] = {'eps_abs': 1e-8, 'eps_rel': 1e-8}
+    SETTINGS: ClassVar[dict[str, Any]] = {
+        **PlainOsqp.SETTINGS, 'eps_abs': 1e-8, 'eps_rel': 1e-8,
+    }  # fmt: skip
 
 
 class HierarchicalDaqp(Saturated):
-    """The hierarchical quadratic program of DAQP, which also serves unattainable wrenches.
-
-    Raises
-    ------
-    ValueError
-        If the package daqp is not installed.
-    """
+    """The hierarchical program of DAQP, see `hierarchical`; a ValueError without the package."""
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         super().__init__(vehicle)

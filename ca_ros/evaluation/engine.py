@@ -39,11 +39,8 @@ from ca_ros.kernel import chosen
 CHUNKS_MAX = 500
 """Greatest number of chunks of a study: Dask's cost per chunk, some milliseconds, is small."""
 
-ARRIVAL = 30.0
-"""How long to wait for the first worker of a cluster [s]."""
-
-NEWS = 10.0
-"""Time between two lines of progress where there is no terminal [s]."""
+ARRIVAL, NEWS = 30.0, 10.0
+"""How long to wait for the first worker of a cluster, and between two lines of progress [s]."""
 
 
 class EngineError(CaRosError):
@@ -159,14 +156,8 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         raise EngineError(f'--scheduler {scheduler}: {type(error).__name__}') from None
 
 
-class _Last(local):
-    """The last task of a thread: solvers such as OSQP must not be shared by threads."""
-
-    pickled: bytes = b''
-    task: Callable[[int], Any]
-
-
-_last = _Last()
+_last = local()
+"""The last task of a thread: solvers such as OSQP must not be shared by threads."""
 
 
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
@@ -178,7 +169,7 @@ def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
     if found != expected:
         names = ', '.join(name for name in expected if found.get(name) != expected[name])
         raise EngineError(f'a worker has another version of {names} than this process')
-    if _last.pickled != pickled:
+    if getattr(_last, 'pickled', None) != pickled:
         _last.task, _last.pickled = pickle.loads(pickled), pickled
     return _last.task(number)
 

@@ -15,6 +15,8 @@ from typing import Any
 
 import pandas as pd
 
+from ca_ros.evaluation.cases import Case
+
 PACKAGES = ('ca_ros', 'numpy', 'scipy', 'osqp', 'pandas', 'matplotlib')
 
 NOT_REPEATED = (
@@ -41,6 +43,18 @@ def command(prog: str, options: argparse.Namespace) -> list[str]:
             for each in value if isinstance(value, list) else [value]:
                 words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]
     return words
+
+
+def facts(case: Case, prog: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return what a study says about how its results were made."""
+    return {
+        'command': command(prog, options),
+        'vehicle': case.name,
+        'changes': case.changes,
+        'parameters': case.parameters,
+        'versions': versions(),
+        'machine': machine(),
+    }
 
 
 def versions() -> dict[str, str]:

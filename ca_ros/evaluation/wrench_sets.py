@@ -1,24 +1,11 @@
-"""Sets of wrenches: samples of the admissible set and around it, and the commands of a flight."""
+"""Sets of wrenches: samples of the admissible set and around it."""
 
 from __future__ import annotations
 
-from itertools import cycle
-from typing import Any
-
 import numpy as np
 
-from ca_ros.allocation import make_allocator
 from ca_ros.arrays import Array
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
-from ca_ros.flight.settings import ControllerSettings
-from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.settings import load
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.settings import flat
-from ca_ros.vehicle.settings import AXES
-from ca_ros.vehicle.vehicle import Vehicle
 
 BLOCK = 1000
 """Samples are drawn in blocks, each with its own seed: sample i depends on seed and i alone."""
@@ -33,21 +20,6 @@ SAMPLINGS = {
 
 DEPTHS = (1e-3, 1e-6, 1e-9)
 """Distances from the boundary in `near_boundary`, relative to the distance from the centre."""
-
-WAYPOINTS = (
-    Waypoint.of(1.0, 1.0, 1.0, np.pi / 4.0),
-    Waypoint.of(15.0, -10.0, 6.0, -2.0 * np.pi / 3.0),
-    Waypoint.of(-20.0, 15.0, -10.0, np.pi / 3.0),
-    Waypoint.of(20.0, -15.0, 10.0, -np.pi / 2.0),
-)
-"""The paper's waypoint, and three far away, of the flight of `flown`."""
-
-TIME_STEP = 0.01
-"""Time between two wrenches of `flown` [s]."""
-
-LEG = 250
-"""Wrenches on the way to a waypoint; fewer if a flight has too few for all waypoints."""
-
 
 def gauge(admissible: AdmissibleSet, wrenches: Array) -> Array:
     """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
@@ -84,46 +56,3 @@ def near_boundary(admissible: AdmissibleSet, rng: np.random.Generator, size: int
     offsets /= gauge(admissible, center + offsets)[:, None]
     side = np.arange(size) % 3 - 1
     return center + offsets * (1.0 + side * rng.choice(DEPTHS, size))[:, None]
-
-
-def flown(vehicle: Vehicle, gains: ControllerSettings, size: int) -> Array:
-    """Return the commands (size, m) of a flight to `WAYPOINTS` in turn [N, N m]."""
-    allocator, body = make_allocator('exact', vehicle), RigidBody(vehicle)
-    controller, state, wrenches = Controller(vehicle, gains), NULL_STATE, []
-    legs = max(size // LEG, len(WAYPOINTS))
-    ends = np.linspace(0, size, legs + 1).astype(int)
-    for waypoint, steps in zip(cycle(WAYPOINTS), np.diff(ends), strict=False):
-        goal = waypoint, steps * TIME_STEP, TIME_STEP
-        flight = fly(controller, allocator, body, *goal, state)
-        samples = zip(
-            flight.position, flight.attitude, flight.velocity, flight.angular_velocity, strict=True
-        )
-        # The last sample of a leg is the first of the next.
-        *earlier, (position, attitude, velocity, rates) = samples
-        wrenches += [controller.wrench(*each, waypoint) for each in earlier]
-        state = np.concatenate([position, rotation_matrix(attitude) @ velocity, attitude, rates])
-    return np.array(wrenches).reshape(size, len(vehicle.axes))
-
-
-def ring(n: int, tilt: float = 0.0) -> dict[str, Any]:
-    """Return the parameters of the paper's hexarotor with n rotors on its circle.
-
-    All n together give the same thrust as the six, so the admissible sets are similar.  Rotors
-    with a tilt about their arms, alternately left and right [rad], control all six axes.
-    """
-    parameters = flat(load('hexarotor'))
-    radius = float(np.linalg.norm(parameters['rotors.positions'][:2]))
-    angles = 2.0 * np.pi * np.arange(n) / n
-    cos, sin, zero = np.cos(angles), np.sin(angles), np.zeros(n)
-    circle = radius * np.column_stack([cos, sin, zero])
-    for name in ('rotors.thrust_coefficient', 'rotors.torque_coefficient'):
-        parameters[name] *= len(parameters['rotors.spins']) / n
-    parameters['rotors.positions'] = circle.ravel().tolist()
-    parameters['rotors.spins'] = ['cw', 'ccw'] * (n // 2)
-    # The file's weight is for six rotors; the exact allocator does not use it.
-    parameters['allocation.conventional.weight'] = 1e-4
-    if tilt:
-        aside = np.sin(tilt * (-1.0) ** np.arange(n))
-        axes = np.column_stack([-aside * sin, aside * cos, zero + np.cos(tilt)])
-        parameters |= {'rotors.axes': axes.ravel().tolist(), 'allocation.axes': list(AXES)}
-    return parameters

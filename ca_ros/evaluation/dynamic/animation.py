@@ -61,7 +61,7 @@ def animate(
     """Write an animation of flights, in real time, as a GIF file.
 
     Each column shows the vehicle as it is at the start, with the thrust of each rotor as an
-    arrow, and below it margin and torque error from `judge_samples`. The view follows the vehicle;
+    arrow, and below it margin and torque error from `sample_errors`. The view follows the vehicle;
     all vehicles have one scale. Up to `ACROSS` columns stand in a row. A + marks the waypoint that
     counts at the time. A vehicle that falls below its start after a failure stays there.
     """

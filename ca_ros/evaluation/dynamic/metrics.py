@@ -47,7 +47,7 @@ def at_bounds(speeds: Array, problem: VehicleProblem) -> tuple[BoolArray, BoolAr
     return speeds <= low + near, speeds >= high - near
 
 
-def judge_samples(
+def sample_errors(
     flight: Flight,
     controller: Controller,
     waypoint: Waypoint,
@@ -117,7 +117,7 @@ def height_lost(flight: Flight, waypoints: float) -> float:
 
 
 def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[str, Any]:
-    """Return the metrics of a flight by name, with samples from `judge_samples`.
+    """Return the metrics of a flight by name, with samples from `sample_errors`.
 
     Returns
     -------

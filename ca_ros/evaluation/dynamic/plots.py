@@ -35,7 +35,7 @@ def draw(
 ) -> None:
     """Draw all plots of a dynamic study into a folder; failures have a plot of their own.
 
-    The samples are from `judge_samples`; the vehicle is as it is at the start.
+    The samples are from `sample_errors`; the vehicle is as it is at the start.
     """
     with matplotlib.rc_context(style(width)):
         plots = {

@@ -21,13 +21,13 @@ from ca_ros.bringup.flight_options import (
 )
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
-from ca_ros.evaluation.dynamic.metrics import judge_samples, metrics
+from ca_ros.evaluation.dynamic.metrics import metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import findings, observe
 from ca_ros.evaluation.dynamic.plots import draw
 from ca_ros.evaluation.dynamic.ros_flight import check, fly_over_ros
 from ca_ros.evaluation.dynamic.tables import document
 from ca_ros.evaluation.paper import flown_as_in_the_paper
-from ca_ros.evaluation.result_files import command, machine, versions, write
+from ca_ros.evaluation.result_files import command, facts, write
 from ca_ros.evaluation.study_cli import case_of, concluded, parser, positive
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _study(options: argparse.Namespace) -> None:
-    """Fly, write all files and print dynamic.md; after Ctrl-C with the complete flights."""
+    """Fly, write all files and print dynamic.md."""
     case, allocators = case_of(options, flying=True)
     options.out.mkdir(parents=True, exist_ok=True)
     failures = failures_of(options)
@@ -53,11 +53,8 @@ def _study(options: argparse.Namespace) -> None:
     if options.ros:
         check(list(allocators))
     flights = _fly(case, allocators, changes, options)
-    if flights:
-        print(_write(case, flights, changes, options))
-        print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
-    if len(flights) < len(allocators):
-        raise KeyboardInterrupt(f' after {len(flights)} of {len(allocators)} flights')
+    print(_write(case, flights, changes, options))
+    print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -87,21 +84,17 @@ def _fly(
     changes: Mapping[str, Sequence[Change]],
     options: argparse.Namespace,
 ) -> dict[str, Flight]:
-    """Return the flights by method; after Ctrl-C those that are complete."""
+    """Return the flights by method."""
     flights = {}
-    bar = tqdm(allocators.items(), unit=' flights', disable=None)
-    try:
-        for name, allocator in bar:
-            if options.ros:
-                words = [*trajectory_words(options), *failure_words(failures_of(options))]
-                words += options.ros_arguments
-                flights[name] = fly_over_ros(case, name, options.duration, words)
-            else:
-                loop = case.controller(), allocator, case.plant()
-                goal = options.goals.first, options.duration
-                flights[name] = fly(*loop, *goal, changes=changes[name])
-    except KeyboardInterrupt:
-        bar.close()
+    words = [*trajectory_words(options), *failure_words(failures_of(options))]
+    for name, allocator in tqdm(allocators.items(), unit=' flights', disable=None):
+        if options.ros:
+            given = [*words, *options.ros_arguments]
+            flights[name] = fly_over_ros(case, name, options.duration, given)
+        else:
+            loop = case.controller(), allocator, case.plant()
+            goal = options.goals.first, options.duration
+            flights[name] = fly(*loop, *goal, changes=changes[name])
     return flights
 
 
@@ -116,29 +109,23 @@ def _write(
     out, failures = options.out, failures_of(options)
     last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
     samples = {
-        name: judge_samples(
+        name: sample_errors(
             flight, case.controller(), options.goals.first, changes[name], case.body().vehicle
         )
         for name, flight in flights.items()
     }
     resting = bool((case.plant().state == NULL_STATE).all())
     # The observations are about the paper's flight without failures.
-    own_goal = bool(trajectory_words(options))
-    problem = VehicleProblem(case.vehicle)
-    paper = flown_as_in_the_paper(case.parameters)
-    checked = paper and not options.fail and not own_goal
+    words, problem = trajectory_words(options), VehicleProblem(case.vehicle)
+    checked = flown_as_in_the_paper(case.parameters) and not options.fail and not words
     observations = list(observe(flights, problem, goal)) if checked else []
     found = {
-        'vehicle': case.name,
         'duration': options.duration,
         'start': 'rest at the origin' if resting else 'the initial state of the parameters',
         'goal': str(options.goals),
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
-        'command': [
-            *command('dynamic_study', options),
-            *trajectory_words(options),
-            *failure_words(failures),
-        ],
+        **facts(case, 'dynamic_study', options),
+        'command': [*command('dynamic_study', options), *words, *failure_words(failures)],
         'methods': {
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },
@@ -147,10 +134,6 @@ def _write(
         'observations': {each.sentence: each.holds for each in observations},
         'findings': [] if checked else list(findings(flights, goal)),
         'numbers': {each.sentence: each.numbers for each in observations},
-        'changes': case.changes,
-        'parameters': case.parameters,
-        'versions': versions(),
-        'machine': machine(),
     }
     rows = pd.concat(
         pd.DataFrame({'method': name, **flight.columns()}) for name, flight in flights.items()

@@ -17,7 +17,7 @@ from ca_ros.arguments import split
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.engine import add_options, chunk_size, compute
 from ca_ros.evaluation.errors import ERRORS, columns
-from ca_ros.evaluation.result_files import command, machine, versions, write
+from ca_ros.evaluation.result_files import facts, write
 from ca_ros.evaluation.static.chunks import StaticChunks, Summary, merged
 from ca_ros.evaluation.static.plots import draw
 from ca_ros.evaluation.static.tables import document, standard_error
@@ -105,17 +105,12 @@ def _write(
         'seed': options.seed,
         'sampling': options.sampling,
         'timing': f'batches of {BATCH}' if options.samples > SINGLE_MAX else 'single calls',
-        'command': command('static_study', options),
-        'vehicle': case.name,
-        'changes': case.changes,
-        'parameters': case.parameters,
+        **facts(case, 'static_study', options),
         'methods': {
             name: _metrics(own, samples, rows[rows['method'] == name][:KEPT], case.problem)
             for name, own in methods.items()
         },
         'left_out': case.left_out,
-        'versions': versions(),
-        'machine': machine(),
     }
     text = document(found)
     write(options.out / 'static', rows.drop(columns='violation'), found, text)
