@@ -116,6 +116,17 @@ class Firmware:
             found.append((forwards, backwards, least, greatest))
         return found
 
+    def is_sound(self, fault: int, wrench: Array) -> bool:
+        """Tell whether there is such a fault, and a wrench (m,) is finite and not absurd."""
+        known = 0 <= fault < len(self.faults)
+        return known and bool(np.all(np.abs(wrench) <= self.dtype(LIMIT[self.precision])))
+
+    def margin(self, fault: int, wrench: Array) -> float:
+        """Return the margin of a wrench (m,) of the firmware's precision, to the last bit."""
+        if not self.is_sound(fault, wrench):
+            return -np.inf
+        return self.kernels[fault].margin(np.ascontiguousarray(wrench[self.rows[fault]]))
+
     def allocate(self, fault: int, wrench: Array) -> tuple[int, Array]:
         """Return the status and the speeds (n,), to the last bit as the firmware does.
 
@@ -125,12 +136,11 @@ class Firmware:
         wrench : (m,) array
             Of the firmware's precision [N, N m].
         """
-        known = 0 <= fault < len(self.faults)
-        row = fault if known else 0
+        row = fault if 0 <= fault < len(self.faults) else 0
         k_f, reverse, least, greatest = self.rotors[row]
         zero = self.dtype(0)
         rest = np.minimum(np.maximum(zero, least), greatest)
-        if not (known and np.all(np.abs(wrench) <= self.dtype(LIMIT[self.precision]))):
+        if not self.is_sound(fault, wrench):
             return INVALID, rest
         thrusts = np.empty(self.problem.n, self.dtype)
         answer = self.kernels[row].allocate(np.ascontiguousarray(wrench[self.rows[row]]), thrusts)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import Firmware
-from ca_ros.firmware.literals import braced, indented
+from ca_ros.firmware.literals import braced, indented, real
 from ca_ros.problem.problem import AllocationProblem
 
 SIZE = 12
@@ -64,7 +64,8 @@ def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
 def _vector(firmware: Firmware, fault: int, wrench: Array) -> str:
     status, speeds = firmware.allocate(fault, wrench)
     first, last = (braced(array, firmware.precision) for array in (wrench, speeds))
-    return indented(f'{{{fault}, {first}, {status}, {last}}},', 1)
+    margin = real(firmware.margin(fault, wrench), firmware.precision)
+    return indented(f'{{{fault}, {first}, {status}, {last}, {margin}}},', 1)
 
 
 def _on_facets(problem: AllocationProblem, rng: np.random.Generator, size: int) -> Array:

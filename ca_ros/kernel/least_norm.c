@@ -412,6 +412,15 @@ static void multiply(int m, const ca_real matrix[CA_M][CA_M], const ca_real *x, 
         y[k] = ca_dot(k + 1, matrix[k], x);
 }
 
+/* c of basis^T g = c; these are also the multipliers of the pseudo-inverse. */
+static void aim(const ca_problem *p, const ca_real *u, ca_real *c)
+{
+    ca_real shifted[CA_M] = {0};
+    for (int k = 0; k < CA_AXES(p); k++)
+        shifted[k] = u[k] - p->offset[k];
+    multiply(CA_AXES(p), p->coordinates, shifted, c);
+}
+
 static void multiply_basis(const bounded_program *program, const ca_real *y, ca_real *z)
 {
     const int m = CA_AXES(program->problem);
@@ -565,10 +574,8 @@ static int proves(const ca_problem *problem, ca_real tolerance, const ca_real *w
 static int is_beyond(const ca_problem *p, const ca_search *search, const ca_real *way)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
-    ca_real goal[CA_M], shifted[CA_M], low = 0, high = 0, rounding = 0;
-    for (int k = 0; k < m; k++)
-        shifted[k] = search->wrench[k] - p->offset[k];
-    multiply(m, p->coordinates, shifted, goal);
+    ca_real goal[CA_M], low = 0, high = 0, rounding = 0;
+    aim(p, search->wrench, goal);
     for (int i = 0; i < n; i++) {
         const ca_real rate = ca_dot(m, p->basis[i], way);
         const ca_real a = rate * p->deviation_lower[i], b = rate * p->deviation_upper[i];
@@ -845,17 +852,13 @@ static void relax(const ca_problem *problem, ca_search *search, ca_real *thrusts
 void ca_start(const ca_problem *problem, const ca_real *u, int attainable, int *steps,
               ca_search *search)
 {
-    const int m = CA_AXES(problem);
-    ca_real shifted[CA_M];
     search->wrench = u;
-    search->size = ca_max(1, ca_length(m, u));
+    search->size = ca_max(1, ca_length(CA_AXES(problem), u));
     search->tolerance = CA_TOLERANCE * search->size;
     search->attainable = attainable;
     search->unattainable = 0;
     search->steps = steps;
-    for (int k = 0; k < m; k++)
-        shifted[k] = u[k] - problem->offset[k];
-    multiply(m, problem->coordinates, shifted, search->y);
+    aim(problem, u, search->y);
 }
 
 int ca_attempt(const ca_problem *problem, ca_search *search, ca_real *thrusts)

@@ -11,7 +11,9 @@ int main(void)
     for (int i = 0; i < count; i++) {
         ca_real speeds[CA_N];
         const int status = ALLOCATE(golden[i].fault, golden[i].wrench, speeds);
-        if (status == golden[i].status && !memcmp(speeds, golden[i].speeds, sizeof speeds))
+        const ca_real margin = MARGIN(golden[i].fault, golden[i].wrench);
+        if (status == golden[i].status && !memcmp(speeds, golden[i].speeds, sizeof speeds) &&
+            !memcmp(&margin, &golden[i].margin, sizeof margin))
             continue;
         if (!wrong++)
             printf("%s: the first difference is in golden vector %d, of fault %d\n", VEHICLE, i,

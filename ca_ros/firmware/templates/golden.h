@@ -7,12 +7,14 @@
 
 #define VEHICLE "$name"
 #define ALLOCATE ${name}_allocate
+#define MARGIN ${name}_margin
 
 static const struct {
     int fault;
     ca_real wrench[CA_M];
     int status;
     ca_real speeds[CA_N];
+    ca_real margin;
 } golden[] = {
 $vectors
 };

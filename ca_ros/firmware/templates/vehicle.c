@@ -31,22 +31,27 @@ static const ca_real speed_max[${NAME}_FAULTS][CA_N] = {
 $speed_max
 };
 
+/* Set u to the commanded components of a wrench. Returns whether the fault and the wrench are sound;
+ * axes that are not commanded are checked as well. */
+static int command(int fault, const ca_real *wrench, ca_real *u)
+{
+    if (fault < 0 || fault >= ${NAME}_FAULTS)
+        return 0;
+    for (int k = 0; k < CA_M; k++)
+        if (!(ca_abs(wrench[k]) <= CA_ABSURD))
+            return 0;
+    for (int k = 0; k < problems[fault].m; k++)
+        u[k] = wrench[axes[fault][k]];
+    return 1;
+}
+
 int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
     ca_real speeds[${NAME}_ROTORS])
 {
-    const int known = fault >= 0 && fault < ${NAME}_FAULTS, row = known ? fault : 0;
-    int status = known ? CA_EXACT : CA_INVALID;
+    const int row = fault >= 0 && fault < ${NAME}_FAULTS ? fault : 0;
     ca_real u[CA_M] = {0}, thrusts[CA_N];
-
-    /* Axes that are not commanded are checked as well. */
-    for (int k = 0; k < CA_M; k++)
-        if (!(ca_abs(wrench[k]) <= CA_ABSURD))
-            status = CA_INVALID;
-    if (status != CA_INVALID) {
-        for (int k = 0; k < problems[row].m; k++)
-            u[k] = wrench[axes[row][k]];
-        status = ca_allocate(&problems[row], u, thrusts).status;
-    }
+    const int status = command(fault, wrench, u)
+        ? ca_allocate(&problems[row], u, thrusts).status : CA_INVALID;
     if (status == CA_INVALID || status == CA_REJECTED) {
         for (int i = 0; i < CA_N; i++)
             speeds[i] = ca_clip(0, speed_min[row][i], speed_max[row][i]);
@@ -55,4 +60,10 @@ int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
             speed_min[row], speed_max[row], speeds);
     }
     return status;
+}
+
+ca_real ${name}_margin(int fault, const ca_real wrench[${NAME}_AXES])
+{
+    ca_real u[CA_M] = {0};
+    return command(fault, wrench, u) ? ca_margin(&problems[fault], u) : -CA_INFINITY;
 }
