@@ -23,7 +23,6 @@ from ca_ros.allocation.slew import SlewLimited
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
-from ca_ros.problem.files import load_problem
 from ca_ros.settings import ParameterError, Settings, setting
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
@@ -53,7 +52,6 @@ __all__ = [
     'WeightedPseudoInverse',
     'audit',
     'control_allocation_matrix',
-    'load_problem',
     'make_allocator',
     'setting',
     'takes_settings',

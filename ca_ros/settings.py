@@ -48,6 +48,7 @@ SWITCH: dict[str, Any] = {'enabled': True, 'disabled': False}
 
 RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
     'allocation.exact.reversal': ('allocation.exact.thrust_deviation', {}),
+    'problem.effectors': ('problem.effector_names', {}),
     'allocation.exact.slack': ('allocation.exact.residual_slack', {}),
     **{
         name: (name, SWITCH)

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from ca_ros import AdmissibleSet, AllocationProblem, Vehicle, load_problem
+from ca_ros import AdmissibleSet, AllocationProblem, Vehicle
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.files import shipped_vehicles
 from strategies import length
@@ -155,7 +155,7 @@ def test_wrong_axes_are_named(axes):
 
 def test_the_volumes_of_the_f18_harv_have_the_published_ratio():
     # Bordignon, example 5-2: the pseudo-inverse keeps the limits in 13.7 % of the volume.
-    harv = load_problem('harv')
+    harv = AllocationProblem.load('harv')
     image = AdmissibleSet(harv)
     corners = np.array(list(product(*zip(harv.lower, harv.upper, strict=True)))) @ harv.gamma.T
     assert hull(image.vertices)[0].volume == pytest.approx(hull(corners)[0].volume, rel=1e-9)

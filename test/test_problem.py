@@ -12,7 +12,6 @@ from ca_ros import (
     ParameterError,
     Status,
     Vehicle,
-    load_problem,
     make_allocator,
 )
 from ca_ros.problem.problem import lengths
@@ -23,7 +22,7 @@ PROBLEMS = length(15, 60, 1000)
 
 ELEVONS = AllocationProblem(
     [[-2.0, 2.0], [-1.0, -1.0]], -0.5, 0.5,
-    axes=['roll rate', 'pitch rate'], names=['left', 'right'])
+    axes=['roll rate', 'pitch rate'], effector_names=['left', 'right'])
 
 
 def random_problem(seed):
@@ -100,7 +99,7 @@ def test_exact_gives_u_with_the_least_norm(seed, engine, monkeypatch):
 @pytest.mark.parametrize('method', ALLOCATORS)
 @pytest.mark.parametrize('name', ['admire', 'harv', 'omnidirectional_hexarotor'])
 def test_every_method_takes_a_shipped_problem(method, name):
-    problem = load_problem(name)
+    problem = AllocationProblem.load(name)
     if 'thrust' not in problem.axes and method in ('sequential_desaturation', 'betaflight_mixer'):
         with pytest.raises(ValueError, match='needs thrust'):
             make_allocator(method, problem)
@@ -235,7 +234,8 @@ def test_the_admissible_set_of_a_box():
     ('problem: 3', 'problem: expected matrix'),
     ('{problem: {matrix: [[1]], lower: 0, upper: 1}, rotors: 3}', 'rotors: expected only'),
     ('{problem: {matrix: [[1]], lower: 0, upper: 1}, allocation: [1]}', 'allocation: expected'),
-    ('{problem: {matrix: [[1]], lower: 0, upper: 1, effectors: 3}}', 'problem.effectors: '),
+    ('{problem: {matrix: [[1]], lower: 0, upper: 1, effector_names: 3}}', 'problem.effector_n'),
+    ('{problem: {matrix: [[1]], lower: 0, upper: 1, effector_kind: 3}}', 'problem.effector_k'),
     ('/**: {ros__parameters: {}}', "no entry 'problem'"),
     ('{', 'not readable YAML'),
 ])
@@ -243,9 +243,21 @@ def test_wrong_files_are_named(tmp_path, text, fault):
     path = tmp_path / 'own.yaml'
     path.write_text(text)
     with pytest.raises(ParameterError, match=re.escape(fault)) as caught:
-        load_problem(path)
+        AllocationProblem.load(path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+def test_the_old_name_of_the_names_is_read_with_a_warning(tmp_path):
+    path = tmp_path / 'own.yaml'
+    path.write_text(
+        'problem: {matrix: [[1, 1]], lower: 0, upper: 1, effectors: [a, b], effector_kind: fins}')
+    with pytest.warns(FutureWarning, match='problem.effectors is now problem.effector_names'):
+        problem = AllocationProblem.load(path)
+    assert problem.effector_names == ('a', 'b')
+    answer = make_allocator('exact', problem).allocate([1.0])
+    assert 'fins' in str(answer.certificate)
+    np.testing.assert_array_equal(answer.effectors, answer.thrusts)
 
 
 def test_a_vehicle_is_not_read_from_the_file_of_a_problem():

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from ca_ros import AdmissibleSet, Status, Vehicle, load_problem
+from ca_ros import AdmissibleSet, AllocationProblem, Status, Vehicle
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import PAPER, Case
@@ -270,7 +270,7 @@ def test_plain_osqp_shows_what_the_finish_is_for(tmp_path, plain):
 def test_a_problem_has_the_names_of_its_axes_and_one_error(tmp_path):
     command = ['--vehicle', 'admire', '--methods', 'all', '--samples', '60']
     assert main([*command, '--out', str(tmp_path)]) == 0
-    rows, problem = rows_of(tmp_path), load_problem('admire')
+    rows, problem = rows_of(tmp_path), AllocationProblem.load('admire')
     assert list(rows[0]) == [
         'sample', 'method', 'roll', 'pitch', 'yaw', 'f_1', 'f_2', 'f_3', 'f_4', 'violated',
         'error', 'time', 'status']

@@ -52,15 +52,16 @@ class Certificate:
                 f'{np.max(self.primal_residual):.1e}, KKT residual up to '
                 f'{np.max(self.kkt_residual):.1e}{unit}; least margin {np.min(self.margin):.3g}'
             )
+        names = self.problem.effector_names
         groups = {
-            name: ', '.join(self.problem.names[i] for i in np.flatnonzero(self.limit == value))
+            name: ', '.join(names[i] for i in np.flatnonzero(self.limit == value))
             for name, value in (('maximum', 1), ('minimum', -1))
         }
         ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
         return (
             f'residual {_size(self.primal_residual)}, '
             f'KKT residual {_size(self.kkt_residual)}{unit}; '
-            f'margin {self.margin:.3g} to the facet with {self.problem.effectors} {ends}'
+            f'margin {self.margin:.3g} to the facet with {self.problem.effector_kind} {ends}'
         )
 
 

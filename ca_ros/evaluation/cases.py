@@ -103,7 +103,7 @@ class Case:
         The parameters are those of a file, and those that one's own `methods` declare.  If
         `flying`, only a vehicle is right.
         """
-        found = None if flying else read_problem(name)
+        found = None if flying else read_problem(name, AllocationProblem)
         problem, given = (None, files.read(name)) if found is None else found
         own = own_methods(*methods, str(given.get('allocation.method')))
         try:

@@ -4,12 +4,13 @@
 
     problem:
       axes: [roll, pitch]
-      effectors: [left elevon, right elevon]
+      effector_names: [left elevon, right elevon]
+      effector_kind: surfaces  # in messages
       matrix: [[-4.2, 4.2],      # one row for each axis
                [-1.3, -1.3]]
       lower: -0.5                # of all effectors, or of each
       upper: 0.5
-      reference: [0.0, 0.0]      # optional, as are axes and effectors
+      reference: [0.0, 0.0]      # optional, as are axes, names and kind
     allocation:                  # optional: options of the methods, as in the file of a vehicle
       exact:
         policy: scale
@@ -17,34 +18,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError, renamed
-from ca_ros.vehicle.files import find, flatten, read_yaml, shipped_problems
+from ca_ros.vehicle.files import find, flatten, read_yaml
 
-ARGUMENTS = {
-    'matrix': 'matrix',
-    'lower': 'lower',
-    'upper': 'upper',
-    'axes': 'axes',
-    'effectors': 'names',
-    'reference': 'reference',
-}
-"""The argument of `AllocationProblem` for each entry of a file."""
+ARGUMENTS = ('matrix', 'lower', 'upper', 'axes', 'effector_names', 'reference', 'effector_kind')
+"""The entries of a file, which are the arguments of `AllocationProblem`."""
 
 REQUIRED_KEYS = ('matrix', 'lower', 'upper')
 
 
-def read_problem(name: str | Path) -> tuple[AllocationProblem, dict[str, Any]] | None:
+P = TypeVar('P')
+
+
+def read_problem(name: str | Path, kind: Callable[..., P]) -> tuple[P, dict[str, Any]] | None:
     """Read the file of a problem; return None if it is the parameter file of a vehicle.
 
     Parameters
     ----------
     name : str or path
         A shipped problem, such as ``'admire'``, or a path to a YAML file.
+    kind : type
+        `AllocationProblem`.
 
     Returns
     -------
@@ -62,38 +60,20 @@ def read_problem(name: str | Path) -> tuple[AllocationProblem, dict[str, Any]] |
         content = read_yaml(path.read_text(encoding='utf-8'))
         if not isinstance(content, Mapping) or 'problem' not in content:
             return None
-        return _problem(content['problem']), _options(content)
+        return _problem(content['problem'], kind), _options(content)
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path}: not readable YAML: {error}') from None
     except ValueError as error:
         raise ParameterError(f'{path}: {error}') from None
 
 
-def load_problem(name: str | Path) -> AllocationProblem:
-    """Read the allocation problem in a file, without the options of the methods.
-
-    Parameters
-    ----------
-    name : str or path
-        A shipped problem, such as ``'admire'``, or a path to a YAML file.
-
-    Raises
-    ------
-    ParameterError
-        In one line that names the file, the entry and the fault.
-    """
-    found = read_problem(name)
-    if found is None:
-        raise ParameterError(
-            f"{name}: no entry 'problem'; shipped problems are {', '.join(shipped_problems())}, "
-            'and Vehicle.load reads the files of vehicles'
-        )
-    return found[0]
-
-
-def _problem(given: Any) -> AllocationProblem:
+def _problem(given: Any, kind: Callable[..., P]) -> P:
     if not isinstance(given, Mapping):
         raise ParameterError(f'problem: expected {", ".join(ARGUMENTS)}, got {given!r}')
+    given = {
+        name.removeprefix('problem.'): value
+        for name, value in renamed({f'problem.{name}': given[name] for name in given}).items()
+    }
     if unknown := [str(name) for name in given if name not in ARGUMENTS]:
         raise ParameterError(
             f'problem.{unknown[0]}: no such entry; there are {", ".join(ARGUMENTS)}'
@@ -101,10 +81,9 @@ def _problem(given: Any) -> AllocationProblem:
     if missing := [name for name in REQUIRED_KEYS if given.get(name) is None]:
         raise ParameterError(f'problem.{missing[0]}: missing')
     try:
-        return AllocationProblem(**{ARGUMENTS[name]: value for name, value in given.items()})
+        return kind(**given)
     except ValueError as error:
-        fault = str(error)
-        raise ParameterError(f'problem.{fault.replace("names:", "effectors:", 1)}') from None
+        raise ParameterError(f'problem.{error}') from None
 
 
 def _options(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import comb, hypot
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, constant
+from ca_ros.problem.files import read_problem
 from ca_ros.problem.numbers import ABSURD, different_names, numbers
+from ca_ros.settings import ParameterError
 from ca_ros.solver.dual_newton import DualNewton, sum_rounding
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
+from ca_ros.vehicle.files import shipped_problems
 
 EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
@@ -48,20 +52,20 @@ class AllocationProblem:
         Bounds of the effectors.
     axes : sequence of str, optional
         Names of the m axes, all different; by default ``axis_1``, ``axis_2`` and so on.
-    names : sequence of str, optional
+    effector_names : sequence of str, optional
         Names of the n effectors, all different; by default their numbers, from 1.
     reference : (m,) array, optional
         The u from which demands are counted; by default zero.  The priorities of the axes, and
         the scaling of an unattainable u, begin there.
+    effector_kind : str
+        What the effectors are called in messages.
 
     Attributes
     ----------
     axes : tuple of str
         Names of the m components of u.
-    names : tuple of str
+    effector_names : tuple of str
         Names of the n effectors.
-    effectors : str
-        What the effectors are called in messages.
     gamma : (m, n) array
         The control allocation matrix, B [N, N m per N for a vehicle].
     lower, upper : (n,) arrays
@@ -93,7 +97,6 @@ class AllocationProblem:
     only where the admissible set must have a volume.
     """
 
-    effectors = 'effectors'
     unit = ''
     """The unit of the effectors in messages, after a space."""
     advice = ''
@@ -105,8 +108,9 @@ class AllocationProblem:
         lower: ArrayLike,
         upper: ArrayLike,
         axes: Sequence[str] | None = None,
-        names: Sequence[str] | None = None,
+        effector_names: Sequence[str] | None = None,
         reference: ArrayLike | None = None,
+        effector_kind: str = 'effectors',
     ) -> None:
         gamma = numbers('matrix', matrix)
         if gamma.ndim != 2 or 0 in gamma.shape:
@@ -117,12 +121,17 @@ class AllocationProblem:
         m, n = gamma.shape
         numbered = [f'axis_{k + 1}' for k in range(m)], [str(i + 1) for i in range(n)]
         self.axes = different_names('axes', numbered[0] if axes is None else axes, m)
-        self.names = different_names('names', numbered[1] if names is None else names, n)
+        given = numbered[1] if effector_names is None else effector_names
+        self.effector_names = different_names('effector_names', given, n)
+        if not isinstance(effector_kind, str):
+            raise ValueError(f'effector_kind: expected a word, got {effector_kind!r}')
+        self.effector_kind = effector_kind
         low, high = numbers('lower', lower, n), numbers('upper', upper, n)
         if (low > high).any():
             i = int(np.argmax(low > high))
             raise ValueError(
-                f'lower: {low[i]:g} of {self.names[i]!r} is above its upper bound, {high[i]:g}'
+                f'lower: {low[i]:g} of {self.effector_names[i]!r} is above its upper bound, '
+                f'{high[i]:g}'
             )
         zero = np.zeros(m)
         start = numbers('reference', zero if reference is None else reference, m, scalar=False)
@@ -134,6 +143,28 @@ class AllocationProblem:
                 f'{self.extent[small[0]]:.3g}, too small beside the greatest, '
                 f'{self.extent.max():.3g}: choose units in which it is at least {least:.3g}'
             )
+
+    @classmethod
+    def load(cls, name: str | Path) -> AllocationProblem:
+        """Read the allocation problem in a file, without the settings of the methods.
+
+        Parameters
+        ----------
+        name : str or path
+            A shipped problem, such as ``'admire'``, or a path to a YAML file.
+
+        Raises
+        ------
+        ParameterError
+            In one line that names the file, the entry and the fault.
+        """
+        found = read_problem(name, cls)
+        if found is None:
+            raise ParameterError(
+                f"{name}: no entry 'problem'; shipped problems are "
+                f'{", ".join(shipped_problems())}, and Vehicle.load reads the files of vehicles'
+            )
+        return found[0]
 
     def _fill(self, gamma: Array, lower: Array, upper: Array, reference: Array) -> None:
         """Set the numbers, which are sound, and what follows from them."""
@@ -151,7 +182,8 @@ class AllocationProblem:
     ) -> AllocationProblem:
         """Return a problem with the same names and other numbers."""
         other = AllocationProblem.__new__(AllocationProblem)
-        other.axes, other.names = self.axes, self.names
+        other.axes, other.effector_names = self.axes, self.effector_names
+        other.effector_kind = self.effector_kind
         other._fill(gamma, lower, upper, reference)
         return other
 
@@ -254,7 +286,7 @@ class AllocationProblem:
     def no_volume(self) -> ValueError:
         """Return the error of a problem whose admissible set has no volume."""
         return ValueError(
-            f'the admissible set has no volume: the {self.effectors} cannot command '
+            f'the admissible set has no volume: the {self.effector_kind} cannot command '
             f'{", ".join(self.axes)} independently{self.advice}'
         )
 

@@ -26,14 +26,14 @@ class VehicleProblem(AllocationProblem):
     vehicle : Vehicle
     """
 
-    effectors = 'rotors'
+    effector_kind = 'rotors'
     unit = ' N'
     advice = ' (see ca_ros.audit)'
 
     def __init__(self, vehicle: Vehicle) -> None:
         # A vehicle has sound numbers, in SI units.
         self.vehicle, self.axes = vehicle, vehicle.axes
-        self.names = tuple(str(i + 1) for i in range(vehicle.n))
+        self.effector_names = tuple(str(i + 1) for i in range(vehicle.n))
         self._fill(
             control_allocation_matrix(vehicle),
             vehicle.thrust_min,

@@ -194,7 +194,7 @@ def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
     if isinstance(content, Mapping) and 'problem' in content:
         raise ParameterError(
             'a problem without a vehicle, which has no rotors to fly with; static_study, '
-            'attainable and load_problem take it'
+            'attainable and AllocationProblem.load take it'
         )
     sections = _sections(content) if isinstance(content, Mapping) else []
     if not sections or not all(isinstance(section, Mapping) for _, section in sections):

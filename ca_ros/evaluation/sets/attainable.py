@@ -152,7 +152,7 @@ def _failures(text: str) -> dict[str, float]:
 
 def _sets(options: argparse.Namespace) -> dict[str, AdmissibleSet]:
     """Return the sets to draw, by their names in the legend."""
-    read = read_problem(options.vehicle)
+    read = read_problem(options.vehicle, AllocationProblem)
     if read is not None:
         if options.fail:
             raise ParameterError('--fail: the effectors of a problem have no health')
