@@ -23,8 +23,7 @@ class BetaflightMixerSettings(Settings):
     """The settings of `BetaflightMixer`."""
 
     airmode: bool = setting(
-        True, 'false: below half throttle the torques are scaled down', mutable=True
-    )
+        True, 'false: below half throttle the torques are scaled down', mutable=True)
 
 
 class BetaflightMixer(Allocator):

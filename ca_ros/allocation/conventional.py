@@ -26,14 +26,11 @@ class ConventionalSettings(Settings):
     weight: Numbers = setting(
         1e-4,
         'Q of the conventional allocator, Eq. (18): q for Q = q I, the diagonal, or the matrix '
-        'row by row',
-        mutable=True,
-    )
+        'row by row', mutable=True)
     reference: Literal['hover', 'zero'] | Numbers = setting(
         'hover',
         'f_ref of the conventional allocator, Eq. (18): hover thrusts, zero, or the thrusts [N]',
-        mutable=True,
-    )
+        mutable=True)
 
 
 class Conventional(Allocator):

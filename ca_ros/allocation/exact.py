@@ -56,37 +56,25 @@ class ExactSettings(PrioritiesSettings):
     policy: Literal['prioritize', 'scale', 'reject'] = setting(
         'prioritize',
         'what exact allocates for an unattainable wrench. prioritize: the axes in the order of '
-        'their priorities; scale: the wrench scaled towards hover; reject: nothing',
-        mutable=True,
-    )
+        'their priorities; scale: the wrench scaled towards hover; reject: nothing', mutable=True)
     scale_reference: Numbers | None = setting(None, 'the reference of scale', unit='N, N m')
     residual_slack: float = setting(
         1e-9,
         'greatest error of an attainable wrench u, as a share of max(1, |u|). It is used only for '
-        'vehicles that are symmetric except for the rounding of their file',
-        minimum=0.0,
-        maximum=1e-2,
-        mutable=True,
-    )
+        'vehicles that are symmetric except for the rounding of their file', minimum=0.0,
+        maximum=1e-2, mutable=True)
     weights: Numbers = setting(
         1.0,
         'weight of each rotor in the cost: one number, or one for each rotor, at most 1e4 times '
         'each other; a rotor with a greater weight deviates less from its preferred thrust',
-        positive=True,
-        mutable=True,
-    )
+        positive=True, mutable=True)
     preferred: Numbers = setting(
-        0.0,
-        'thrusts that the cost prefers: one number, or one for each rotor',
-        unit='N',
-        mutable=True,
-    )
+        0.0, 'thrusts that the cost prefers: one number, or one for each rotor', unit='N',
+        mutable=True)
     solver: Literal['newton', 'osqp'] = setting(
         'newton',
         'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of OSQP. '
-        'Both end at the same thrusts',
-        mutable=True,
-    )
+        'Both end at the same thrusts', mutable=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

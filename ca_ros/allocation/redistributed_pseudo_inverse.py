@@ -23,8 +23,7 @@ class RedistributedPseudoInverseSettings(WeightedPseudoInverseSettings):
     """The settings of `RedistributedPseudoInverse`."""
 
     iterations: int = setting(
-        100, 'greatest number of pseudo-inverses for one wrench', minimum=1, mutable=True
-    )
+        100, 'greatest number of pseudo-inverses for one wrench', minimum=1, mutable=True)
 
 
 class RedistributedPseudoInverse(Allocator):

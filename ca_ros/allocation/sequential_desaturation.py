@@ -30,8 +30,7 @@ class SequentialDesaturationSettings(Settings):
     """The settings of `SequentialDesaturation`."""
 
     airmode: Literal['disabled', 'roll_pitch', 'roll_pitch_yaw'] = setting(
-        'disabled', 'for which axes thrust may be raised. disabled: none', mutable=True
-    )
+        'disabled', 'for which axes thrust may be raised. disabled: none', mutable=True)
 
 
 class SequentialDesaturation(Allocator):

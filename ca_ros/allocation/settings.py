@@ -31,8 +31,7 @@ class MethodSettings(Settings):
     """The method; a class of `with_methods` has a group for the settings of each method."""
 
     method: str = setting(
-        'exact', 'allocation method', choices=tuple(ALLOCATORS), own_class=True, mutable=True
-    )
+        'exact', 'allocation method', choices=tuple(ALLOCATORS), own_class=True, mutable=True)
 
     def of(self, method: str) -> Settings:
         """Return the settings of a method."""
@@ -79,9 +78,6 @@ class VehicleMethodSettings(MethodSettings, PrioritizedAxesSettings):
 
     exact: ExactSettings
 
-
-ProblemAllocation = with_methods(MethodSettings)
-"""The settings ``allocation.*`` of a problem without a vehicle."""
 
 VehicleAllocation = with_methods(VehicleMethodSettings)
 """The settings ``allocation.*`` of a vehicle."""

@@ -39,27 +39,19 @@ class WeightedLeastSquaresSettings(Settings):
     """The settings of `WeightedLeastSquares`."""
 
     gamma: float = setting(
-        1e6, 'weight of the wrench against the preferred thrusts', positive=True, mutable=True
-    )
+        1e6, 'weight of the wrench against the preferred thrusts', positive=True, mutable=True)
     wu: Numbers = setting(
         1.0,
         'Wu: weight of each deviation from a preferred thrust, one number, or one for each rotor, '
-        'at most 1e4 times each other',
-        positive=True,
-        mutable=True,
-    )
+        'at most 1e4 times each other', positive=True, mutable=True)
     wv: Words | Numbers = setting(
-        WV, 'Wv: weights of the axes; an axis that is not named has the weight 1', mutable=True
-    )
+        WV, 'Wv: weights of the axes; an axis that is not named has the weight 1', mutable=True)
     preferred: Literal['zero', 'minimum', 'middle'] | Numbers = setting(
         'zero',
         'preferred thrusts. zero: none; minimum: the lower bounds; middle: the middles of the '
-        'bounds; or numbers [N]',
-        mutable=True,
-    )
+        'bounds; or numbers [N]', mutable=True)
     iterations: int = setting(
-        100, 'greatest number of least-squares problems for one wrench', minimum=1, mutable=True
-    )
+        100, 'greatest number of least-squares problems for one wrench', minimum=1, mutable=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

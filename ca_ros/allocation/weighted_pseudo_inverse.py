@@ -21,10 +21,7 @@ class WeightedPseudoInverseSettings(Settings):
     weights: Numbers = setting(
         1.0,
         'weight of each rotor in the norm of the thrusts: one number, or one for each rotor, at '
-        'most 1e4 times each other',
-        positive=True,
-        mutable=True,
-    )
+        'most 1e4 times each other', positive=True, mutable=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

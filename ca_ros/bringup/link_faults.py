@@ -36,38 +36,24 @@ class FaultSettings(Settings):
     """The faults of the links; shares and times are given once, or for each topic."""
 
     topics: Words = setting(
-        list(LINK_CORRUPTIONS), 'topics that are faulty', choices=tuple(LINK_CORRUPTIONS)
-    )
+        list(LINK_CORRUPTIONS), 'topics that are faulty', choices=tuple(LINK_CORRUPTIONS))
     seed: int = setting(0, 'the faults of a message depend on seed, topic and number')
     drop: Numbers = setting(
-        0.0, 'share of the messages that are lost', minimum=0.0, maximum=1.0, mutable=True
-    )
+        0.0, 'share of the messages that are lost', minimum=0.0, maximum=1.0, mutable=True)
     duplicate: Numbers = setting(
-        0.0, 'share that is sent twice', minimum=0.0, maximum=1.0, mutable=True
-    )
+        0.0, 'share that is sent twice', minimum=0.0, maximum=1.0, mutable=True)
     reorder: Numbers = setting(
-        0.0, 'share that is sent after the next message', minimum=0.0, maximum=1.0, mutable=True
-    )
+        0.0, 'share that is sent after the next message', minimum=0.0, maximum=1.0, mutable=True)
     corrupt: Numbers = setting(
-        0.0, 'share that is damaged', minimum=0.0, maximum=1.0, mutable=True
-    )
+        0.0, 'share that is damaged', minimum=0.0, maximum=1.0, mutable=True)
     delay: Numbers = setting(
-        0.0, 'delay of each message', unit='s', minimum=0.0, maximum=60.0, mutable=True
-    )
+        0.0, 'delay of each message', unit='s', minimum=0.0, maximum=60.0, mutable=True)
     jitter: Numbers = setting(
-        0.0,
-        'greatest random addition to the delay',
-        unit='s',
-        minimum=0.0,
-        maximum=60.0,
-        mutable=True,
-    )
+        0.0, 'greatest random addition to the delay', unit='s', minimum=0.0, maximum=60.0,
+        mutable=True)
     corruptions: Words = setting(
-        list(CORRUPTIONS),
-        'kinds of damage; each topic has those that its type allows',
-        choices=CORRUPTIONS,
-        mutable=True,
-    )
+        list(CORRUPTIONS), 'kinds of damage; each topic has those that its type allows',
+        choices=CORRUPTIONS, mutable=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

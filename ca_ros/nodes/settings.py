@@ -37,23 +37,14 @@ class NodeSettings(Settings):
 
     mode: Literal['realtime', 'lockstep'] = setting(
         'realtime',
-        'realtime: the simulator follows the clock; lockstep: it steps once per command',
-    )
+        'realtime: the simulator follows the clock; lockstep: it steps once per command')
     command_timeout: float = setting(
-        0.1,
-        'time without a valid command after which the timeout action begins',
-        unit='s',
-        positive=True,
-        mutable=True,
-        rebuild=False,
-    )
+        0.1, 'time without a valid command after which the timeout action begins', unit='s',
+        positive=True, mutable=True, rebuild=False)
     command_frame: str = setting(
         'base_link',
         'frame_id of wrenches and body velocities; messages with another frame_id are dropped, '
-        'those with an empty frame_id are used',
-        mutable=True,
-        rebuild=False,
-    )
+        'those with an empty frame_id are used', mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +54,7 @@ class TimeoutSettings(Settings):
     timeout_action: Literal['idle', 'stop', 'hold'] = setting(
         'idle',
         'rotor speeds until commands return. idle: the speeds within the bounds that are nearest '
-        'to zero; stop: zero; hold: the last speeds',
-        mutable=True,
-        rebuild=False,
-    )
+        'to zero; stop: zero; hold: the last speeds', mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,10 +64,7 @@ class WorldSettings(Settings):
     world_frame: str = setting(
         'map',
         'frame_id of poses and waypoints; messages with another frame_id are dropped, those with '
-        'an empty frame_id are used',
-        mutable=True,
-        rebuild=False,
-    )
+        'an empty frame_id are used', mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,18 +74,10 @@ class CommandSettings(Settings):
     command_age_max: float = setting(
         0.0,
         'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
-        'dropped; 0: no limit',
-        unit='s',
-        minimum=0.0,
-        mutable=True,
-        rebuild=False,
-    )
+        'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True, rebuild=False)
     command_order: Literal['any', 'newer'] = setting(
-        'any',
-        'wrenches whose stamps are out of order. any: serve them; newer: drop them',
-        mutable=True,
-        rebuild=False,
-    )
+        'any', 'wrenches whose stamps are out of order. any: serve them; newer: drop them',
+        mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,26 +87,15 @@ class SimulationSettings(PlantSettings):
     real_time_factor: float = setting(
         1.0,
         'simulated time per second of real time, in mode realtime; at values other than 1, stamps '
-        'deviate from the clock',
-        unit='s/s',
-        minimum=0.01,
-        maximum=10.0,
-    )
+        'deviate from the clock', unit='s/s', minimum=0.01, maximum=10.0)
     publish_clock: bool = setting(
-        False, 'publish the simulated time on /clock, for nodes with use_sim_time'
-    )
+        False, 'publish the simulated time on /clock, for nodes with use_sim_time')
     publish_odometry: bool = setting(
-        False, 'publish pose and velocity also as one message on local_position/odometry'
-    )
+        False, 'publish pose and velocity also as one message on local_position/odometry')
     hold_at: float = setting(
         0.0,
         'simulated time at which the simulator waits in mode lockstep, until this parameter is '
-        'set to a later time; 0: never',
-        unit='s',
-        minimum=0.0,
-        mutable=True,
-        rebuild=False,
-    )
+        'set to a later time; 0: never', unit='s', minimum=0.0, mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)

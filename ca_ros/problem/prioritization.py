@@ -46,16 +46,13 @@ class PrioritiesSettings(Settings):
     """The priorities of the axes."""
 
     order: Annotated[Sequence[Sequence[str]], str] = setting(
-        DEFAULT_ORDER,
-        'priorities of prioritize: groups of axes, the most important first',
-        mutable=True,
-    )
+        DEFAULT_ORDER, 'priorities of prioritize: groups of axes, the most important first',
+        mutable=True)
     thrust_deviation: Literal['prevent', 'avoid', 'allow'] = setting(
         REVERSAL,
         'how far thrust may deviate from its demand so that no axis after the first group is '
         'reversed. prevent: as far as necessary; avoid: no further than hover; allow: not at all',
-        mutable=True,
-    )
+        mutable=True)
 
     def groups(self, axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         """Return the groups of the axes that are commanded; see `groups_of`.

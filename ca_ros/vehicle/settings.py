@@ -18,11 +18,9 @@ class BodySettings(Settings):
     mass: float = setting(description='mass', unit='kg', positive=True)
     gravity: float = setting(9.81, 'local gravity', unit='m/s^2', positive=True)
     buoyancy: float = setting(
-        0.0, 'buoyancy of a vehicle in water, at the centre of mass', unit='N', minimum=0.0
-    )
+        0.0, 'buoyancy of a vehicle in water, at the centre of mass', unit='N', minimum=0.0)
     center_of_mass: Numbers = setting(
-        [0.0, 0.0, 0.0], 'centre of mass in the body frame', unit='m', sizes=[3]
-    )
+        [0.0, 0.0, 0.0], 'centre of mass in the body frame', unit='m', sizes=[3])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +29,7 @@ class MovingBodySettings(BodySettings):
 
     inertia: Numbers = setting(
         description='inertia about the centre of mass: Jx, Jy, Jz, or the matrix row by row',
-        unit='kg m^2',
-        sizes=[3, 9],
-    )
+        unit='kg m^2', sizes=[3, 9])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,37 +37,25 @@ class RotorSettings(Settings):
     """The rotors of a vehicle."""
 
     positions: Numbers = setting(
-        description='x, y, z of each rotor in the body frame, forward-left-up', unit='m'
-    )
+        description='x, y, z of each rotor in the body frame, forward-left-up', unit='m')
     axes: Numbers = setting(
-        [0.0, 0.0, 1.0], 'direction of thrust, x, y, z: of all rotors, or of each'
-    )
+        [0.0, 0.0, 1.0], 'direction of thrust, x, y, z: of all rotors, or of each')
     spins: Words = setting(
-        description='sense of rotation of each rotor, seen from above', choices=['cw', 'ccw']
-    )
+        description='sense of rotation of each rotor, seen from above', choices=['cw', 'ccw'])
     thrust_coefficient: Numbers = setting(
-        description='k_f, thrust divided by squared speed', unit='kg m', positive=True
-    )
+        description='k_f, thrust divided by squared speed', unit='kg m', positive=True)
     thrust_coefficient_reverse: Numbers = setting(
-        0.0, 'k_f of a rotor that turns backwards; 0: as forwards', unit='kg m', minimum=0.0
-    )
+        0.0, 'k_f of a rotor that turns backwards; 0: as forwards', unit='kg m', minimum=0.0)
     torque_coefficient: Numbers = setting(
-        description='k_tau, reaction torque divided by squared speed', unit='kg m^2', minimum=0.0
-    )
+        description='k_tau, reaction torque divided by squared speed', unit='kg m^2', minimum=0.0)
     speed_min: Numbers = setting(
         description='lower bound of the rotor speed; below zero if the rotor can reverse',
-        unit='rad/s',
-    )
+        unit='rad/s')
     speed_max: Numbers = setting(
-        description='upper bound of the rotor speed', unit='rad/s', positive=True
-    )
+        description='upper bound of the rotor speed', unit='rad/s', positive=True)
     health: Numbers = setting(
-        1.0,
-        'share of its thrust that a rotor still produces: 1 healthy, 0 (or below 1e-9) lost',
-        minimum=0.0,
-        maximum=1.0,
-        mutable=True,
-    )
+        1.0, 'share of its thrust that a rotor still produces: 1 healthy, 0 (or below 1e-9) lost',
+        minimum=0.0, maximum=1.0, mutable=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,15 +63,12 @@ class AxesSettings(Settings):
     """The axes that a vehicle commands."""
 
     axes: Words = setting(
-        ['thrust', 'roll', 'pitch', 'yaw'],
-        'the components of the wrench that are commanded',
-        choices=AXES,
-    )
+        ['thrust', 'roll', 'pitch', 'yaw'], 'the components of the wrench that are commanded',
+        choices=AXES)
     lost_axes: Literal['refuse', 'drop'] = setting(
         'refuse',
         'at the start, if the rotors cannot control every axis or cannot hover: refuse the '
-        'vehicle, or accept it without the lost axes, as always in flight',
-    )
+        'vehicle, or accept it without the lost axes, as always in flight')
 
     def __post_init__(self) -> None:
         super().__post_init__()
