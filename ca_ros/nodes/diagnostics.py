@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -57,52 +57,6 @@ class DiagnosticsPublisher:
         array = DiagnosticArray(status=statuses)
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-
-
-class StatusPublisher:
-    """A status that is published on demand or on change.
-
-    Parameters
-    ----------
-    node : Node
-    subject : str
-        What the status describes, such as ``allocation``.
-    levels : callable
-        Returns levels with their messages, such as ``[(WARN, 'two publishers')]``.  The worst
-        level is published, and all messages, those of the worst level first.
-    values : callable
-        Returns values by name.
-    hardware_id : str
-        Name of the vehicle.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        subject: str,
-        levels: Callable[[], list[tuple[bytes, str]]],
-        values: Callable[[], Mapping[str, object]],
-        hardware_id: str,
-    ) -> None:
-        self._subject, self._levels, self._values = subject, levels, values
-        self._published: tuple[bytes, str] | None = None
-        self._publisher = DiagnosticsPublisher(node, hardware_id)
-
-    def update(self) -> None:
-        """Publish if level or message have changed."""
-        if self._status() != self._published:
-            self.publish()
-
-    def publish(self) -> None:
-        """Publish level, message and values."""
-        self._published = level, message = self._status()
-        self._publisher.publish(
-            self._publisher.status(self._subject, level, message, self._values())
-        )
-
-    def _status(self) -> tuple[bytes, str]:
-        levels = sorted(self._levels(), key=lambda each: -SEVERITY.index(each[0]))
-        return levels[0][0], '; '.join(text for _, text in levels)
 
 
 class Latencies:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
@@ -116,13 +115,6 @@ def state_messages(
     v.x, v.y, v.z = velocity.tolist()
     w.x, w.y, w.z = angular_velocity.tolist()
     return pose, twist
-
-
-def odometry_message(pose: PoseStamped, velocity: TwistStamped) -> Odometry:
-    """Return a pose and a velocity as one message; its covariances are zero."""
-    message = Odometry(header=pose.header, child_frame_id=velocity.header.frame_id)
-    message.pose.pose, message.twist.twist = pose.pose, velocity.twist
-    return message
 
 
 def wrong_frame(frame: str, expected: str) -> str | None:

@@ -19,12 +19,12 @@ from rclpy.parameter import Parameter
 
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.rclpy_internals import given_parameters
+from ca_ros.nodes.settings import with_own_methods
 from ca_ros.settings import (
     Field,
     MissingParameterError,
     ParameterError,
     Settings,
-    check,
     check_given,
     flat,
     read,
@@ -96,20 +96,18 @@ class ParameterNode(Node, metaclass=_Starting):
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        self._candidate: tuple[Settings, Any] | None = None
-        self.settings = self._declare()
-
-    def _declare(self) -> Settings:
-        """Declare the settings as parameters and return them."""
         given = renamed({name: each.value for name, each in given_parameters(self).items()})
+        method = str(given.get('allocation.method'))
+        self.known = with_own_methods(self.known, method)
+        self.declared = with_own_methods(self.declared, method)
         # Before rclpy compares the values with the ranges, because its message says less.
         check_given(given, known := table(self.known))
         try:
-            settings = read(self.declared, given)
+            self.settings = read(self.declared, given)
         except MissingParameterError as error:
             name = self.get_fully_qualified_name()
             raise MissingParameterError(f'{error}; looked for by the node {name}') from None
-        values, self._fields = flat(settings), table(self.declared)
+        values, self._fields = flat(self.settings), table(self.declared)
         for name, field in self._fields.items():
             self.declare_parameter(name, values[name], descriptor(field), ignore_override=True)
         # Files from `ros2 param dump` also have rclpy's own parameters.
@@ -119,14 +117,11 @@ class ParameterNode(Node, metaclass=_Starting):
             if not (name in known or self.has_parameter(name))
             and not name.startswith('qos_overrides.')
         ]
-        return settings
 
     def start(self) -> None:
-        """Build and adopt from the settings, now and on each change of them."""
+        """Build and adopt from the settings; `set_parameters_atomically` does it on changes."""
         self._built = self.build(self.settings)
         self.adopt(self._built)
-        self.add_on_set_parameters_callback(self._consider)
-        self.add_post_set_parameters_callback(self._accept)
 
     def build(self, settings: Any) -> Any:
         """Build from the settings; the result goes to `adopt`.
@@ -146,8 +141,12 @@ class ParameterNode(Node, metaclass=_Starting):
         """Take over what `build` returned; called between two messages."""
         raise NotImplementedError
 
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Set one parameter after another; see `set_parameters_atomically`."""
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
+
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all parameters or none, as rclpy does.
+        """Set all parameters or none, as rclpy does, and adopt the settings.
 
         Raises
         ------
@@ -157,20 +156,28 @@ class ParameterNode(Node, metaclass=_Starting):
         unknown = [change.name for change in parameter_list if not self.has_parameter(change.name)]
         if unknown:
             raise ParameterNotDeclaredException(unknown)
+        given = {each.name: each.value for each in parameter_list if each.name in self._fields}
         try:
-            # As in `_declare`, before rclpy.
-            self._checked(parameter_list)
+            # Before rclpy compares the values with the ranges, because its message says less.
+            settings = read(self.declared, {**flat(self.settings), **given})
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        return super().set_parameters_atomically(parameter_list)
-
-    def _checked(self, changes: list[Parameter]) -> dict[str, Any]:
-        """Return the checked values of those changes that are settings."""
-        return {
-            change.name: check(change.name, change.value, self._fields[change.name])
-            for change in changes
-            if change.name in self._fields
-        }
+        changed, built = [self._fields[name] for name in given], self._built
+        # A rebuild takes longer than an allocation; a change that rclpy refuses needs none.
+        if all(field.mutable for field in changed) and any(field.rebuild for field in changed):
+            building = self._build_beside(settings)
+            if fault := building.exception():
+                reason = str(fault)
+                if not isinstance(fault, ValueError):
+                    reason = f'{type(fault).__name__}: {fault}'
+                    self.get_logger().error(''.join(format_exception(fault)))
+                return SetParametersResult(successful=False, reason=reason)
+            built = building.result()
+        result = super().set_parameters_atomically(parameter_list)
+        if result.successful and given:
+            self.settings, self._built = settings, built
+            self.adopt(built)
+        return result
 
     def _build_beside(self, settings: Any) -> Future[Any]:
         """Return the end of `build`; until then the streams are served by what it replaces.
@@ -185,31 +192,3 @@ class ParameterNode(Node, metaclass=_Starting):
                 while not building.done():
                     executor.spin_streams()
         return building
-
-    def _consider(self, changes: list[Parameter]) -> SetParametersResult:
-        try:
-            checked = self._checked(changes)
-            settings = read(self.declared, {**flat(self.settings), **checked})
-        except ValueError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        if not checked:
-            return SetParametersResult(successful=True)
-        built = self._built
-        # A rebuild takes longer than an allocation, and happens only where necessary.
-        if any(self._fields[name].rebuild for name in checked):
-            building = self._build_beside(settings)
-            if fault := building.exception():
-                reason = str(fault)
-                if not isinstance(fault, ValueError):
-                    reason = f'{type(fault).__name__}: {fault}'
-                    self.get_logger().error(''.join(format_exception(fault)))
-                return SetParametersResult(successful=False, reason=reason)
-            built = building.result()
-        self._candidate = settings, built
-        return SetParametersResult(successful=True)
-
-    def _accept(self, _: list[Parameter]) -> None:
-        if self._candidate is not None:
-            self.settings, self._built = self._candidate
-            self._candidate = None
-            self.adopt(self._built)

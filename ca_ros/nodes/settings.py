@@ -25,10 +25,7 @@ from ca_ros.settings import (
     with_groups,
 )
 from ca_ros.vehicle import files
-from ca_ros.vehicle.settings import (
-    MovingBodySettings,
-    RotorSettings,
-)
+from ca_ros.vehicle.settings import MovingBodySettings, RotorSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,8 +144,7 @@ def with_own_methods(kind: type[K], *methods: str) -> type[K]:
     ParameterError
         If there is no such class.
     """
-    own = own_methods(*methods)
-    if not own or 'allocation.method' not in table(kind):
+    if 'allocation.method' not in table(kind) or not (own := own_methods(*methods)):
         return kind
     groups = {'allocation': with_methods(VehicleMethodSettings, own)}
     return with_groups(kind, groups, (with_own_methods, (kind, *own)))

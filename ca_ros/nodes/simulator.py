@@ -5,19 +5,27 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
 from ca_ros.flight.plant import Plant, body_of
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import answers_nothing, speeds_message, speeds_stamp
+from ca_ros.nodes.messages import (
+    answers_nothing,
+    speeds_message,
+    speeds_stamp,
+    stamp,
+    state_messages,
+)
 from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.settings import SimulatorSettings
-from ca_ros.nodes.state_publisher import StatePublisher
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.vehicle.vehicle import Vehicle
@@ -63,7 +71,14 @@ class SimulatorNode(VehicleNode):
         self._period_ns = round(self._step_ns / self.settings.simulator.real_time_factor)
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
-        self._states = StatePublisher(self)
+        self._pose, self._velocity = map(self.publish_stream, (topics.POSE, topics.VELOCITY))
+        self._odometry, self._time_stream = (
+            self.publish_stream(topic) if enabled else None
+            for topic, enabled in (
+                (topics.ODOMETRY, self.settings.simulator.publish_odometry),
+                (topics.CLOCK, self.settings.simulator.publish_clock),
+            )
+        )
         self._speeds = self.publish_stream(topics.SPEEDS)
         self.create_service(Trigger, '~/reset', self._reset)
         self.subscribe_stream(topics.SPEED_COMMAND, self._receive)
@@ -221,8 +236,27 @@ class SimulatorNode(VehicleNode):
 
     def _publish(self) -> None:
         self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time
-        if not self._held:
-            self._states.publish(self.plant.measured, self._time)
+        if self._held:
+            return
+        state, time = self.plant.measured, stamp(self._time)
+        pose, velocity = state_messages(
+            state[POSITION],
+            state[ATTITUDE],
+            velocity_in_body(state),
+            state[ANGULAR_VELOCITY],
+            time,
+            self.settings.world_frame,
+            self.settings.command_frame,
+        )
+        # The clock comes first: nodes that use it must not see stamps of the future.
+        if self._time_stream is not None:
+            self._time_stream.publish(Clock(clock=time))
+        self._pose.publish(pose)
+        self._velocity.publish(velocity)
+        if self._odometry is not None:
+            odometry = Odometry(header=pose.header, child_frame_id=velocity.header.frame_id)
+            odometry.pose.pose, odometry.twist.twist = pose.pose, velocity.twist
+            self._odometry.publish(odometry)
 
 
 def main() -> int:

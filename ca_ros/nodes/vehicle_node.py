@@ -15,17 +15,16 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from ca_ros.nodes.diagnostics import ERROR, WARN, StatusPublisher
+from ca_ros.nodes.diagnostics import ERROR, SEVERITY, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.qos import offered
-from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.nodes.settings import FileSettings, with_own_methods
+from ca_ros.nodes.settings import FileSettings
 from ca_ros.nodes.stream import Stalls, subscribe
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.settings import Settings, repeated
+from ca_ros.settings import repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -33,21 +32,10 @@ NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 
 
 class VehicleNode(ParameterNode):
-    """A node with the parameters of a vehicle.
+    """A node with the parameters of a vehicle; see `ParameterNode` for its arguments.
 
     The `start` of a subclass calls that of this class, then `publish_stream` and
     `subscribe_stream` for its topics, and `start_diagnostics` at its end.
-
-    Parameters
-    ----------
-    node_name : str
-    **kwargs
-        As for `rclpy.node.Node`.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter is missing or wrong.
     """
 
     known = FileSettings
@@ -69,18 +57,12 @@ class VehicleNode(ParameterNode):
         self._offers: list[Publisher] = []
         self._logged: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
+        self._published: tuple[bytes, str] | None = None
         self._dropped_before = 0
 
     def create_publisher(self, *args: Any, **kwargs: Any) -> Publisher:
         """Create a publisher as rclpy does, but without rclpy's default event handlers."""
         return super().create_publisher(*args, **{'event_callbacks': NO_EVENTS, **kwargs})
-
-    def _declare(self) -> Settings:
-        """Declare the settings, and those of an allocation method of one's own."""
-        if method := given_parameters(self).get('allocation.method'):
-            self.known = with_own_methods(self.known, str(method.value))
-            self.declared = with_own_methods(self.declared, str(method.value))
-        return super()._declare()
 
     def destroy_node(self) -> None:
         """Let the node send its last messages (`close`) and destroy it."""
@@ -108,18 +90,15 @@ class VehicleNode(ParameterNode):
 
     def adopt_audit(self, report: Audit) -> None:
         """Keep an audit; one in flight is logged later, because its text takes milliseconds."""
-        start = self.audit is None
-        self.audit = report
-        if start:
+        first, self.audit = self.audit is None, report
+        if first:
             self._log_audit(report)
 
     def _log_audit(self, report: Audit) -> None:
         """Log an audit if it differs from the one before."""
         if str(report) != str(self._logged_audit):
-            if report.sound:
-                self.get_logger().info(f'audit: {report}')
-            else:
-                self.get_logger().error(f'audit: {report}')
+            logger = self.get_logger()
+            (logger.info if report.sound else logger.error)(f'audit: {report}')
         self._logged_audit = report
 
     def subscribe_stream(
@@ -128,12 +107,7 @@ class VehicleNode(ParameterNode):
         receive: Callable[[Any], None],
         read: Callable[[bytes], Any] | None = None,
     ) -> None:
-        """Subscribe to a stream that should have one publisher.
-
-        `receive` gets what `read` returns for the bytes of a message; default: the message.
-
-        See `ca_ros.nodes.stream.subscribe` for what is dropped and counted.
-        """
+        """Subscribe to a stream that should have one publisher; see `ca_ros.nodes.stream`."""
         given = self.drop, self.counts, self._stalls
         self._streams.append(subscribe(self, topic, self.mode, receive, read, *given))
 
@@ -156,16 +130,15 @@ class VehicleNode(ParameterNode):
     def may_log(self, reason: str) -> bool:
         """Return True at most once a second for each reason, by the steady clock."""
         now = monotonic()
-        due = now >= self._logged.get(reason, -inf) + 1.0
-        if due:
-            self._logged[reason] = now
-        return due
+        if now < self._logged.get(reason, -inf) + 1.0:
+            return False
+        self._logged[reason] = now
+        return True
 
     def start_diagnostics(self, subject: str) -> None:
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
-        self._looked = monotonic()
-        vehicle = self.settings.vehicle.name
-        self._diagnostics = StatusPublisher(self, subject, self.levels, self.values, vehicle)
+        self._looked, self._subject = monotonic(), subject
+        self._diagnostics = DiagnosticsPublisher(self, self.settings.vehicle.name)
         self.create_timer(TICK, self._tick, clock=self.steady)
 
     def levels(self) -> list[tuple[bytes, str]]:
@@ -177,10 +150,7 @@ class VehicleNode(ParameterNode):
         return [*levels, expired if self._watchdog.expired else self.state()]
 
     def state(self) -> tuple[bytes, str]:
-        """Return the level and the message of what the node does; after a timeout it is not asked.
-
-        A subclass defines it.
-        """
+        """Return the level and the message of what the node does, if there is no timeout."""
         raise NotImplementedError
 
     def values(self) -> dict[str, object]:
@@ -230,8 +200,19 @@ class VehicleNode(ParameterNode):
         if now >= self._looked + 1.0:
             self._looked = now
             self._look_around()
-        else:
-            self._diagnostics.update()
+        elif self._status() != self._published:
+            self._publish_status()
+
+    def _status(self) -> tuple[bytes, str]:
+        """Return the worst level, and all messages, those of the worst level first."""
+        levels = sorted(self.levels(), key=lambda each: SEVERITY.index(each[0]), reverse=True)
+        return levels[0][0], '; '.join(message for _, message in levels)
+
+    def _publish_status(self) -> None:
+        self._published = level, message = self._status()
+        self._diagnostics.publish(
+            self._diagnostics.status(self._subject, level, message, self.values())
+        )
 
     def _look_around(self) -> None:
         """Report faults of endpoints, and how many messages were dropped since the last look."""
@@ -244,4 +225,4 @@ class VehicleNode(ParameterNode):
             notes.append((WARN, f'{dropped - self._dropped_before} dropped in a second'))
         self._dropped_before = dropped
         self._notes = notes
-        self._diagnostics.publish()
+        self._publish_status()
