@@ -84,10 +84,7 @@ class AllocatorNode(VehicleNode):
             )
 
     def build(self, settings: AllocatorSettings) -> tuple[Audit, Allocator]:
-        """Create the allocation method for the axes that the rotors can control.
-
-        A node in flight loads no code.
-        """
+        """Create the method for the axes that the rotors can control; in flight no code loads."""
         method = settings.allocation.method
         if self.audit is None:
             self._loaded = dict.fromkeys((*ALLOCATORS, method))
@@ -192,8 +189,8 @@ class AllocatorNode(VehicleNode):
         # All six components are checked, because all are part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
-        if wrong := wrong_frame(frame, self._frame):
-            return 'frame', f'wrench {wrong} (parameter command_frame)'
+        if wrong := wrong_frame(frame, self._frame, 'command_frame'):
+            return 'frame', f'wrench {wrong}'
         # A stamp ahead of the clock would pass the age limit for too long.
         if self._age_max and abs(age := self.get_clock().now().nanoseconds - time) > self._age_max:
             off = f'{abs(age) / 1e9:.3f} s {"old" if age > 0 else "ahead"}'
@@ -227,11 +224,7 @@ class AllocatorNode(VehicleNode):
 
 def main() -> int:
     """Run the node."""
-    return run(
-        'allocator',
-        AllocatorNode,
-        'Allocate wrenches (command/wrench) to rotor speeds (command/motor_speed).',
-    )
+    return run('allocator', AllocatorNode, 'Allocate command/wrench to command/motor_speed.')
 
 
 if __name__ == '__main__':

@@ -1,14 +1,9 @@
 """Standard streams that never block a node."""
 
-from __future__ import annotations
-
 import os
 import stat
 import sys
 from contextlib import suppress
-
-STANDARD_STREAMS = (1, 2)
-"""Standard output and standard error."""
 
 
 def replace_closed() -> None:
@@ -18,7 +13,7 @@ def replace_closed() -> None:
     ends up in that file or socket.
     """
     opened = os.open(os.devnull, os.O_RDWR)
-    while opened <= max(STANDARD_STREAMS):
+    while opened <= 2:
         opened = os.dup(opened)
     os.close(opened)
     for stream, name in enumerate(('stdin', 'stdout', 'stderr')):
@@ -32,7 +27,7 @@ def never_wait() -> None:
     Otherwise a stopped terminal, a full pipe or a blocked journal would block a node at its next
     log message.  Each log message is also on /rosout and in ROS's log file.
     """
-    for stream in STANDARD_STREAMS:
+    for stream in (1, 2):
         # Closed streams need nothing; a stream of another user cannot be reopened.
         with suppress(OSError):
             if stat.S_ISSOCK(os.fstat(stream).st_mode):

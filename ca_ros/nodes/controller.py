@@ -51,6 +51,7 @@ class ControllerNode(VehicleNode):
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
         self._logged_waypoint: Waypoint | None = None
+        self._logged_text = ''
         self._came = dict.fromkeys(('pose', 'velocity', SAME_STAMP), -inf)
         self._standing: Subscription | None = None
         self._open = False
@@ -130,14 +131,22 @@ class ControllerNode(VehicleNode):
         return super().missing if {'pose', 'velocity'} <= {*absent} else f'no {absent[0]}'
 
     def watch(self) -> None:
-        """Check the timeout, and log a waypoint that came soon after another."""
+        """Check the timeout, and log the waypoint if it has changed, at most once a second."""
         super().watch()
-        self._log_waypoint()
+        waypoint = self._waypoint
+        if waypoint is None or waypoint is self._logged_waypoint:
+            return
+        text = f'waypoint {waypoint.position} m, heading {waypoint.heading:.4f} rad'
+        if text != self._logged_text:
+            if not self.may_log('changed waypoint'):
+                return
+            self.get_logger().info(text)
+        self._logged_waypoint, self._logged_text = waypoint, text
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
         length = hypot(*attitude.tolist())
-        fault = self._wrong_frame(message, 'world_frame')
+        fault = wrong_frame(message.header.frame_id, self.settings.world_frame, 'world_frame')
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
             fault = f'that is not a pose: {position} m, quaternion {attitude}'
         if fault:
@@ -145,18 +154,6 @@ class ControllerNode(VehicleNode):
             self.warn_throttled('waypoint', f'refused a waypoint {fault}')
             return
         self._waypoint = Waypoint(position, attitude)
-        self._log_waypoint()
-
-    def _log_waypoint(self) -> None:
-        """Log the waypoint if it has changed, at most once a second."""
-        new, last = self._waypoint, self._logged_waypoint
-        if new is None or new is last:
-            return
-        same = last and last.heading == new.heading and (last.position == new.position).all()
-        if same or self.may_log('changed waypoint'):
-            self._logged_waypoint = new
-        if not same and self._logged_waypoint is new:
-            self.get_logger().info(f'waypoint {new.position} m, heading {new.heading:.4f} rad')
 
     def _stamps(self) -> list[int]:
         """Return the stamps of the last pose and velocity, as far as there are any [ns]."""
@@ -166,14 +163,13 @@ class ControllerNode(VehicleNode):
         self.counts['received'] += 1
         self.counts['unanswered'] += self._open
         self._came['pose'] = monotonic()
-        if self.mode == 'lockstep' and self._open and self._waypoint:
-            stamps = self._stamps()
-            if len({*stamps}) == 2:
-                self.warn_throttled(
-                    'stamp',
-                    'no answer to pose and velocity with the stamps '
-                    f'{stamps[0]} and {stamps[1]}: expected equal stamps',
-                )
+        stamps = self._stamps()
+        if self.mode == 'lockstep' and self._open and self._waypoint and len({*stamps}) == 2:
+            self.warn_throttled(
+                'stamp',
+                f'no answer to pose and velocity with the stamps {stamps[0]} and {stamps[1]}: '
+                'expected equal stamps',
+            )
         self._pose, self._open = message, True
         self._answer()
 
@@ -193,7 +189,7 @@ class ControllerNode(VehicleNode):
         self._came[SAME_STAMP] = monotonic()
         first, self._open = self._open, False
         for message, name in ((self._pose, 'world_frame'), (self._velocity, 'command_frame')):
-            if fault := self._wrong_frame(message, name):
+            if fault := wrong_frame(message.header.frame_id, getattr(self.settings, name), name):
                 if first:
                     self.drop('frame', f'state {fault}')
                 return
@@ -233,19 +229,10 @@ class ControllerNode(VehicleNode):
             if abs(component) > NOTHING
         )
 
-    def _wrong_frame(self, message: PoseStamped | TwistStamped, name: str) -> str | None:
-        """Return how a message's frame contradicts a parameter; None if it does not."""
-        fault = wrong_frame(message.header.frame_id, getattr(self.settings, name))
-        return f'{fault} (parameter {name})' if fault else None
-
 
 def main() -> int:
     """Run the node."""
-    return run(
-        'controller',
-        ControllerNode,
-        'Fly to a waypoint (command/pose): pose and velocity to a wrench (command/wrench).',
-    )
+    return run('controller', ControllerNode, 'Fly to command/pose: a state to command/wrench.')
 
 
 if __name__ == '__main__':

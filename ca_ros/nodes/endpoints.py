@@ -1,7 +1,5 @@
 """Faults of the endpoints of streams: surplus publishers, and types and QoS that cannot match."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 from rclpy.duration import Infinite
@@ -19,14 +17,7 @@ def faults(
 ) -> list[str]:
     """Return what is wrong with the endpoints on a node's topics, one sentence each.
 
-    Parameters
-    ----------
-    node : Node
-        All its publishers are checked.
-    streams : collection of Subscription
-        Subscriptions that should have one publisher.
-    offers : collection of Publisher
-        Publishers that should be the only ones on their topics.
+    `streams` should have one publisher each; `offers` should be the only ones on their topics.
     """
     sentences = []
     for stream in streams:

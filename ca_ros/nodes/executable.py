@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.exceptions import ParameterException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
@@ -45,8 +45,6 @@ ENDING_MAX = 20.0
 """Longest time that a node may take to end [s]."""
 
 Parse = Callable[[str, str, Sequence[str], type[Settings]], list[str]]
-
-WRONG_PARAMETER = (InvalidParameterTypeException, InvalidParameterValueException)
 
 
 def in_one_line(error: Exception) -> str:
@@ -98,9 +96,7 @@ def vehicle_arguments(vehicle: str, node: str, declared: type[Settings]) -> list
     return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
 
 
-def parse(
-    prog: str, description: str, argv: Sequence[str], declared: type[Settings]
-) -> list[str]:
+def parse(prog: str, description: str, argv: Sequence[str], declared: type[Settings]) -> list[str]:
     """Parse a command line; return the ROS arguments, with those for the vehicle's parameters."""
     parser = argparse.ArgumentParser(
         prog=prog,
@@ -130,36 +126,29 @@ def parse(
             check_given({each: given[each] for each in given if each in known}, known)
     vehicle = parser.parse_args(own).vehicle
     required = {name for name, each in table(declared).items() if each.default is REQUIRED}
-    if vehicle is None and '--params-file' not in ros and not required <= names:
+    if vehicle is None:
+        if '--params-file' in ros or required <= names:
+            return ros
         vehicle = DEFAULT_VEHICLE
         with suppress(OSError):
             print(
                 f"{prog}: no --vehicle and no --params-file: this is the paper's {vehicle}",
                 file=sys.stderr,
             )
-    if vehicle is None:
-        return ros
     # The user's files come later, so they can override single values.
     return [*vehicle_arguments(vehicle, node, declared), *ros]
 
 
 def _parameter_files(ros: Sequence[str]) -> str:
     """Return the parameter files in the ROS arguments and their sections, as text."""
-    files = [file for option, file in pairwise(ros) if option == '--params-file']
     words = []
-    for file in files:
-        try:
-            content = read_yaml(Path(file).read_text(encoding='utf-8'))
-        except (ParameterError, OSError, UnicodeDecodeError):
-            content = None
-        sections = ', '.join(map(str, content)) if isinstance(content, dict) else 'none readable'
-        words.append(f'{file} (sections: {sections})')
+    for option, file in pairwise(ros):
+        if option == '--params-file':
+            sections = 'none readable'
+            with suppress(ParameterError, OSError, UnicodeDecodeError, TypeError):
+                sections = ', '.join(read_yaml(Path(file).read_text(encoding='utf-8')))
+            words.append(f'{file} (sections: {sections})')
     return ', '.join(words) or 'no file'
-
-
-def _ignore_signals() -> None:
-    for number in ending_signals():
-        signal.signal(number, signal.SIG_IGN)
 
 
 def run(
@@ -179,13 +168,12 @@ def run(
     name : str
         Name of the executable and the node.
     node_class : type
-        The class of the node.
     description : str
         For ``--help``.
     argv : sequence of str, optional
         The command line; default `sys.argv`.
     parse : callable, optional
-        Returns the arguments for ROS from name, description, command line and declared parameters.
+        Returns the arguments for ROS from name, description, command line and declared settings.
     """
     replace_closed()
     stop: list[int] = []
@@ -204,7 +192,8 @@ def run(
     never_wait()
     with ExitStack() as ending:
         # Python resets the handlers at its end; a signal that comes then must not change the code.
-        ending.callback(_ignore_signals)
+        for number in ending_signals():
+            ending.callback(signal.signal, number, signal.SIG_IGN)
         ending.callback(try_shutdown)
         ros: list[str] = []
         try:
@@ -215,7 +204,7 @@ def run(
         except MissingParameterError as error:
             print(f'{name}: {error} in {_parameter_files(ros)}', file=sys.stderr)
             return 1
-        except (ValueError, *WRONG_PARAMETER) as error:
+        except (ValueError, ParameterException) as error:
             print(f'{name}: {error}', file=sys.stderr)
             return 1
         except RCLError as error:

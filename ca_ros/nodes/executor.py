@@ -93,13 +93,12 @@ class Executor(executors.Executor):
     ) -> None:
         """Serve one turn; `spin_until_future_complete` calls this until the future is done."""
         if isinstance(timeout_sec, executors.TimeoutObject):
-            self.spin_once(timeout_sec.timeout)
-        else:
-            self.spin_once(timeout_sec)
+            timeout_sec = timeout_sec.timeout
+        self.spin_once(timeout_sec)
 
-    def spin_streams(self, timeout_sec: float | None = None) -> None:
+    def spin_streams(self) -> None:
         """Serve only subscriptions and timers; the callback of a service may call this."""
-        self._turn(timeout_sec, everything=False)
+        self._turn(None, everything=False)
 
     def _turn(self, timeout_sec: float | None, everything: bool) -> None:
         if self._changed:

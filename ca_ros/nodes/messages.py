@@ -59,8 +59,7 @@ def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
     The type has no header, so a label carries the stamp: of the command that the speeds answer, or
     of the state from which they take effect.  Speeds that answer no command have no stamp.
     """
-    n = len(speeds)
-    message = Float64MultiArray()
+    n, message = len(speeds), Float64MultiArray()
     message.layout.dim = [
         MultiArrayDimension(label='rotor speed [rad/s]', size=n, stride=n),
         MultiArrayDimension(size=1, stride=1),
@@ -117,11 +116,11 @@ def state_messages(
     return pose, twist
 
 
-def wrong_frame(frame: str, expected: str) -> str | None:
-    """Return what is wrong with a frame; None if it is as expected, or one of the two is empty."""
+def wrong_frame(frame: str, expected: str, parameter: str) -> str | None:
+    """Return how a frame differs from a parameter; None if it does not, or one is empty."""
     if frame == expected or not frame or not expected:
         return None
-    return f'in {frame!r:.99}: expected {expected}'
+    return f'in {frame!r:.99}: expected {expected} (parameter {parameter})'
 
 
 def pose_arrays(message: PoseStamped) -> tuple[Array, Array]:

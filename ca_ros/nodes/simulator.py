@@ -261,11 +261,7 @@ class SimulatorNode(VehicleNode):
 
 def main() -> int:
     """Run the node."""
-    return run(
-        'simulator',
-        SimulatorNode,
-        'Simulate the vehicle: rotor speeds (command/motor_speed) to pose and velocity.',
-    )
+    return run('simulator', SimulatorNode, 'Simulate: command/motor_speed to pose and velocity.')
 
 
 if __name__ == '__main__':

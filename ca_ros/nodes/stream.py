@@ -68,26 +68,14 @@ def subscribe(
     counts: Counter[str],
     stalls: Stalls,
 ) -> Subscription:
-    """Subscribe to a stream.
+    """Subscribe to a stream in a mode, 'realtime' or 'lockstep'.
 
-    Messages of more than `SIZE_MAX` bytes are dropped before conversion.  In real time only the
-    newest of the messages that wait after a stall is received.  While there is one
-    publisher, `counts` gets the messages that were lost in transport or replaced by a newer
-    message before the node took them.
+    `receive` gets what `read` returns for the bytes of a message; default: the message.
 
-    Parameters
-    ----------
-    node : Node
-    topic : Topic
-    mode : 'realtime' or 'lockstep'
-    receive : callable
-        Called with what `read` returns for the bytes of a message; default: the message.
-    read : callable or None
-    drop : callable
-        Called with a reason and a text for each message that is dropped.
-    counts : Counter
-        Counts what is received and dropped here, and what is lost.
-    stalls : Stalls
+    Messages of more than `SIZE_MAX` bytes are dropped before conversion; `drop` gets a reason and
+    a text.  In real time only the newest of the messages that wait after a stall is received.
+    While there is one publisher, `counts` gets the messages that were lost in transport or
+    replaced by a newer message before the node took them.
     """
     kind, name = topic.kind, topic.name
     newest = 0
