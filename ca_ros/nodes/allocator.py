@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from importlib.util import find_spec
 from math import inf
 from time import monotonic, perf_counter_ns, sleep
@@ -17,7 +17,7 @@ from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import OK, STALE, WARN, Latencies
+from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
     WrenchCommand,
@@ -40,6 +40,9 @@ from ca_ros.vehicle.settings import AXES
 
 ACKNOWLEDGED_MAX = 2.0
 """Time to wait at the end for the motors to acknowledge the last command [s]."""
+
+LATENCIES = 5000
+"""Number of latest latencies that the percentiles cover."""
 
 LOST = -2
 """Saturation of a lost rotor; one at its lower bound has -1."""
@@ -65,7 +68,7 @@ class AllocatorNode(VehicleNode):
         self._newest = 0
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
-        self._latencies = Latencies()
+        self._latencies: deque[int] = deque(maxlen=LATENCIES)
 
     def start(self) -> None:
         """Create the method, and begin to answer."""
@@ -123,6 +126,7 @@ class AllocatorNode(VehicleNode):
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
+        latencies = np.array(self._latencies)
         return {
             'method': self.settings.allocation.method,
             'engine': self.method.engine,
@@ -130,7 +134,11 @@ class AllocatorNode(VehicleNode):
             'level of the last answer': self._answer.level if self._answer else 1.0,
             **super().values(),
             **{status.name.lower(): count for status, count in self._answers.items()},
-            **self._latencies.values(),
+            **{
+                f'latency {name} [us]': f'{np.percentile(latencies, rank) / 1e3:.0f}'
+                for name, rank in (('p50', 50), ('p99', 99), ('max', 100))
+                if len(latencies)
+            },
         }
 
     @property
@@ -175,7 +183,7 @@ class AllocatorNode(VehicleNode):
             self._newest = time
             self._last = speeds
             self.counts['served'] += 1
-            self._latencies.add(perf_counter_ns() - began)
+            self._latencies.append(perf_counter_ns() - began)
         self._answers[status] += 1
         self._report(command, answer)
 

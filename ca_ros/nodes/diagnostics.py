@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
@@ -18,9 +16,6 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.ERROR,
     DiagnosticStatus.STALE,
 )
-
-LATENCIES = 5000
-"""Number of latest latencies that the percentiles cover."""
 
 SEVERITY = (OK, STALE, WARN, ERROR)
 """The levels from best to worst.  The worst is published: faults outrank missing data."""
@@ -57,22 +52,3 @@ class DiagnosticsPublisher:
         array = DiagnosticArray(status=statuses)
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-
-
-class Latencies:
-    """The last latencies, and their percentiles."""
-
-    def __init__(self) -> None:
-        self._nanoseconds: deque[int] = deque(maxlen=LATENCIES)
-        self.add = self._nanoseconds.append
-
-    def values(self) -> dict[str, str]:
-        """Return median, 99th percentile and maximum by name [us]."""
-        if not self._nanoseconds:
-            return {}
-        p50, p99, highest = np.percentile(np.array(self._nanoseconds), (50, 99, 100)) / 1e3
-        return {
-            'latency p50 [us]': f'{p50:.0f}',
-            'latency p99 [us]': f'{p99:.0f}',
-            'latency max [us]': f'{highest:.0f}',
-        }

@@ -93,8 +93,9 @@ class Executor(executors.Executor):
     ) -> None:
         """Serve one turn; `spin_until_future_complete` calls this until the future is done."""
         if isinstance(timeout_sec, executors.TimeoutObject):
-            timeout_sec = timeout_sec.timeout
-        self.spin_once(timeout_sec)
+            self.spin_once(timeout_sec.timeout)
+        else:
+            self.spin_once(timeout_sec)
 
     def spin_streams(self) -> None:
         """Serve only subscriptions and timers; the callback of a service may call this."""

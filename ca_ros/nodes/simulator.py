@@ -72,13 +72,11 @@ class SimulatorNode(VehicleNode):
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
         self._due = self.steady.now().nanoseconds
         self._pose, self._velocity = map(self.publish_stream, (topics.POSE, topics.VELOCITY))
-        self._odometry, self._time_stream = (
-            self.publish_stream(topic) if enabled else None
-            for topic, enabled in (
-                (topics.ODOMETRY, self.settings.simulator.publish_odometry),
-                (topics.CLOCK, self.settings.simulator.publish_clock),
-            )
+        settings = self.settings.simulator
+        self._odometry = (
+            self.publish_stream(topics.ODOMETRY) if settings.publish_odometry else None
         )
+        self._ticks = self.publish_stream(topics.CLOCK) if settings.publish_clock else None
         self._speeds = self.publish_stream(topics.SPEEDS)
         self.create_service(Trigger, '~/reset', self._reset)
         self.subscribe_stream(topics.SPEED_COMMAND, self._receive)
@@ -147,7 +145,9 @@ class SimulatorNode(VehicleNode):
             self._repeats, self._discarded, self._fault = 0, '', ''
             self._step()
             if self._time % (BACKLOG * self._step_ns) == 0:
-                self._wait_for_readers()
+                # Wait until the subscribers have acknowledged what was published.
+                limit = Duration(seconds=CATCH_UP_MAX)
+                all(publisher.wait_for_all_acked(limit) for publisher in self._offers)
             self._timer.reset()
         else:
             # Mostly a second answer to a state that was published again.
@@ -160,11 +160,6 @@ class SimulatorNode(VehicleNode):
         self._command, self._resting = speeds, False
         self._watchdog.feed()
         self.counts['served'] += 1
-
-    def _wait_for_readers(self) -> None:
-        """Wait until the subscribers have acknowledged what was published."""
-        limit = Duration(seconds=CATCH_UP_MAX)
-        all(publisher.wait_for_all_acked(limit) for publisher in self._offers)
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Put the vehicle in its initial state, at rest until the next command.
@@ -191,7 +186,7 @@ class SimulatorNode(VehicleNode):
             self.warn_throttled('stamp', self._fault)
         self._repeats, self._discarded = self._repeats + 1, ''
         if self._resting:
-            self._publish_speeds()
+            self._speeds.publish(speeds_message(self._command, self._time))
         self._publish()
 
     def _catch_up(self) -> None:
@@ -219,20 +214,14 @@ class SimulatorNode(VehicleNode):
         return steps
 
     def _step(self) -> None:
-        self._publish_speeds()
+        self._speeds.publish(speeds_message(self._command, self._time))
         try:
             self.plant.step(self._command)
         except FloatingPointError as error:
-            self.get_logger().error(
-                f'{error}: the state is held',
-                throttle_duration_sec=1.0,
-                throttle_time_source_type=self.steady,
-            )
+            if self.may_log('diverged'):
+                self.get_logger().error(f'{error}: the state is held')
         self._time += self._step_ns
         self._publish()
-
-    def _publish_speeds(self) -> None:
-        self._speeds.publish(speeds_message(self._command, self._time))
 
     def _publish(self) -> None:
         self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time
@@ -249,8 +238,8 @@ class SimulatorNode(VehicleNode):
             self.settings.command_frame,
         )
         # The clock comes first: nodes that use it must not see stamps of the future.
-        if self._time_stream is not None:
-            self._time_stream.publish(Clock(clock=time))
+        if self._ticks is not None:
+            self._ticks.publish(Clock(clock=time))
         self._pose.publish(pose)
         self._velocity.publish(velocity)
         if self._odometry is not None:

@@ -68,27 +68,12 @@ ODOMETRY = Topic('local_position/odometry', Odometry, 'simulator', optional=True
 CLOCK = Topic('/clock', Clock, 'simulator', optional=True)
 ALLOCATED_WRENCH = Topic('~/allocated_wrench', WrenchStamped, 'allocator')
 RESIDUAL = Topic('~/residual', WrenchStamped, 'allocator')
-UNALLOCATED = Topic('~/unallocated', WrenchStamped, 'controller')
 SATURATION = Topic('~/saturation', Int8MultiArray, 'allocator')
+UNALLOCATED = Topic('~/unallocated', WrenchStamped, 'controller')
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray)
 ROSOUT = Topic('/rosout', Log)
 
-TOPICS = (
-    WAYPOINT,
-    WRENCH,
-    SPEED_COMMAND,
-    SPEEDS,
-    POSE,
-    VELOCITY,
-    ODOMETRY,
-    CLOCK,
-    ALLOCATED_WRENCH,
-    RESIDUAL,
-    SATURATION,
-    UNALLOCATED,
-    DIAGNOSTICS,
-    ROSOUT,
-)
+TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))
 """A bag records all of them."""
 
 STREAMS = tuple(topic for topic in TOPICS if topic.stream)

@@ -97,8 +97,11 @@ class VehicleNode(ParameterNode):
     def _log_audit(self, report: Audit) -> None:
         """Log an audit if it differs from the one before."""
         if str(report) != str(self._logged_audit):
-            logger = self.get_logger()
-            (logger.info if report.sound else logger.error)(f'audit: {report}')
+            # rclpy allows one severity for each line of code.
+            if report.sound:
+                self.get_logger().info(f'audit: {report}')
+            else:
+                self.get_logger().error(f'audit: {report}')
         self._logged_audit = report
 
     def subscribe_stream(
