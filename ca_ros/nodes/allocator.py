@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from importlib.util import find_spec
 from math import inf
 from time import monotonic, perf_counter_ns, sleep
@@ -64,7 +64,6 @@ class AllocatorNode(VehicleNode):
     def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
         self._answer: Allocation | None = None
-        self._answers: Counter[Status] = Counter()
         self._newest = 0
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
@@ -126,19 +125,17 @@ class AllocatorNode(VehicleNode):
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
-        latencies = np.array(self._latencies)
+        times = {}
+        if self._latencies:
+            ranks = np.percentile(np.array(self._latencies), (50, 99, 100))
+            times = dict(zip(('p50', 'p99', 'max'), ranks, strict=True))
         return {
             'method': self.settings.allocation.method,
             'engine': self.method.engine,
             'audit': self.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
             **super().values(),
-            **{status.name.lower(): count for status, count in self._answers.items()},
-            **{
-                f'latency {name} [us]': f'{np.percentile(latencies, rank) / 1e3:.0f}'
-                for name, rank in (('p50', 50), ('p99', 99), ('max', 100))
-                if len(latencies)
-            },
+            **{f'latency {name} [us]': f'{time / 1e3:.0f}' for name, time in times.items()},
         }
 
     @property
@@ -184,13 +181,14 @@ class AllocatorNode(VehicleNode):
             self._last = speeds
             self.counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
-        self._answers[status] += 1
+        self.counts[status.name.lower()] += 1
         self._report(command, answer)
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""
         self._refused = monotonic(), why
-        self._watchdog.wake()
+        if not self._watchdog.awake:
+            self._watchdog.feed()
 
     def _fault(self, wrench: tuple[float, ...], frame: str, time: int) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""

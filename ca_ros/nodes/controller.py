@@ -63,9 +63,8 @@ class ControllerNode(VehicleNode):
         topic = topics.UNALLOCATED
         self._unallocated = self.create_publisher(topic.kind, topic.name, offered(self.mode))
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
-        self._listen_to_waypoints(
-            COMMAND, SubscriptionEventCallbacks(matched=self._ask_for_waypoint)
-        )
+        events = SubscriptionEventCallbacks(matched=self._ask_for_waypoint)
+        self._listen_to_waypoints(COMMAND, events)
         self.subscribe_stream(topics.POSE, self._receive_pose)
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
         self.start_diagnostics('control')
@@ -83,10 +82,8 @@ class ControllerNode(VehicleNode):
 
         Only this subscription gets that waypoint, and other publishers do not match it.
         """
-        durabilities = [
-            info.qos_profile.durability
-            for info in self.get_publishers_info_by_topic(topics.WAYPOINT.name)
-        ]
+        others = self.get_publishers_info_by_topic(topics.WAYPOINT.name)
+        durabilities = [other.qos_profile.durability for other in others]
         if STANDING.durability in durabilities and self._standing is None:
             quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
             self._standing = self._listen_to_waypoints(STANDING, quiet)

@@ -113,15 +113,12 @@ def parse(prog: str, description: str, argv: Sequence[str], declared: type[Setti
     own, ros = split(argv)
     node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
     # ROS silently ignores a -p whose type differs from that of the value in a parameter file.
-    names = set()
-    for option, rule in pairwise(ros):
-        if option not in ('-p', '--param'):
-            continue
+    names, known = set(), table(FileSettings)
+    for rule in (rule for option, rule in pairwise(ros) if option in ('-p', '--param')):
         name, _, value = rule.partition(':=')
         owner, _, name = name.rpartition(':')
         names.add(name)
         if not owner or matches(f'/{owner.strip("/")}', node):
-            known = table(FileSettings)
             given = present_names({name: read_value(name, value)})
             check_given({each: given[each] for each in given if each in known}, known)
     vehicle = parser.parse_args(own).vehicle

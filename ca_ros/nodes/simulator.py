@@ -111,12 +111,6 @@ class SimulatorNode(VehicleNode):
             return WARN, self._fault
         return (STALE, 'no command yet') if self._resting else (OK, 'in flight')
 
-    def watch(self) -> None:
-        """Check the timeout and take the steps that are due, except in lockstep."""
-        super().watch()
-        if self.mode == 'realtime' and not self._resting:
-            self._catch_up()
-
     def fall_back(self, action: str) -> None:
         """Turn the rotors at the speeds of a timeout action."""
         self._command = fallback(action, self.plant.body.vehicle, self._command)

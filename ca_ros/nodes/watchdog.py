@@ -46,11 +46,6 @@ class Watchdog:
             return False
         return self._missed == self._last or monotonic() - self._last > self.timeout
 
-    def wake(self) -> None:
-        """Start the watchdog on a rejected command; later rejected commands do not feed it."""
-        if not self.awake:
-            self.feed()
-
     def feed(self) -> None:
         """Note a command."""
         self._last = monotonic()
