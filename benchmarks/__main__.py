@@ -26,7 +26,7 @@ from ca_ros.evaluation.cases import Case, methods_of
 from ca_ros.evaluation.paper import of_the_paper
 from ca_ros.evaluation.result_files import machine, versions
 from ca_ros.evaluation.tables import listed
-from ca_ros.flight.figures import save
+from ca_ros.figures import save
 
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 """Number of threads of linear algebra libraries."""

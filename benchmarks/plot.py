@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from benchmarks.contenders import BASELINE
 from benchmarks.parts import SETS
 from ca_ros.evaluation.plot_style import title
-from ca_ros.flight.figures import COLORS, DASHED, label_decades, sheet, style
+from ca_ros.figures import COLORS, DASHED, label_decades, sheet, style
 
 MARKERS = dict(zip(SETS, 'os^', strict=True))
 

@@ -12,13 +12,13 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 
+from ca_ros.bringup.plots import draw_flight
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
 from ca_ros.evaluation.sets import attainable
 from ca_ros.evaluation.static import study as static_study
+from ca_ros.figures import millimetres, save
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.figures import millimetres, save
-from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from strategies import length

@@ -10,12 +10,12 @@ from matplotlib import image
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from ca_ros.bringup.plots import draw_flight
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
 from ca_ros.evaluation.dynamic.metrics import sample_errors
+from ca_ros.figures import COLORS, FORMATS, formats, millimetres, save
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.figures import COLORS, FORMATS, formats, millimetres, save
-from ca_ros.flight.plots import draw_flight
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory

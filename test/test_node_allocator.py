@@ -269,7 +269,6 @@ from pathlib import Path
 from time import sleep
 
 from ca_ros.allocation import PseudoInverse
-from strategies import settings_of
 
 
 class Own(PseudoInverse):

@@ -19,11 +19,11 @@ from rclpy.validate_namespace import validate_namespace
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.plan import Plan
+from ca_ros.bringup.plots import draw_flight
 from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError
-from ca_ros.flight.figures import save
-from ca_ros.flight.plots import draw_flight
+from ca_ros.figures import save
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
 from ca_ros.process.processes import note_signals

@@ -13,7 +13,7 @@ from ca_ros.arguments import HelpFormatter, finite, renamed
 from ca_ros.bringup.flight_options import add_options, failures_of, trajectory_of
 from ca_ros.bringup.link_faults import FaultSettings
 from ca_ros.bringup.plan import Plan
-from ca_ros.flight.figures import add_options as add_figure_options
+from ca_ros.figures import add_options as add_figure_options
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split
 from ca_ros.nodes.settings import NodeSettings
 from ca_ros.settings import table

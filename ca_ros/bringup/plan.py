@@ -10,7 +10,7 @@ from pathlib import Path
 from ca_ros.arguments import full_name
 from ca_ros.bringup.fault_proxy import remaps
 from ca_ros.commands import COMMANDS, NODES
-from ca_ros.flight.figures import WIDTHS
+from ca_ros.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import PAPER
-from ca_ros.flight.figures import COLORS, DASHED
+from ca_ros.figures import COLORS, DASHED
 
 STYLES: dict[str, tuple[str, Any, float]] = {
     'exact': (COLORS[5], '-', 5.0),

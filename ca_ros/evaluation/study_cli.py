@@ -15,7 +15,7 @@ from ca_ros.arguments import HelpFormatter
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import Case, CaseError, methods_of
 from ca_ros.evaluation.comparison import FOR_COMPARISON
-from ca_ros.flight.figures import add_options
+from ca_ros.figures import add_options
 
 
 def parser(prog: str, description: str) -> argparse.ArgumentParser:

@@ -23,7 +23,7 @@ from ca_ros.evaluation.plot_style import title
 from ca_ros.evaluation.tables import table
 from ca_ros.evaluation.wrench_metrics import NOTED, metrics
 from ca_ros.evaluation.wrench_sets import samples
-from ca_ros.flight.figures import save, sheet, style
+from ca_ros.figures import save, sheet, style
 
 AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'
 

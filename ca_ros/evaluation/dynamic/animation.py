@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.plot_style import failing, title
-from ca_ros.flight.figures import COLORS, style
+from ca_ros.figures import COLORS, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory

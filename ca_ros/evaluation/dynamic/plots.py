@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from ca_ros.arrays import Array
 from ca_ros.evaluation.dynamic.metrics import STEADY
 from ca_ros.evaluation.plot_style import FAILED, entries, entries_of, failing, styles, title
-from ca_ros.flight.figures import COLORS, DASHED, WIDTHS, across, line, save, sheet, style
+from ca_ros.figures import COLORS, DASHED, WIDTHS, across, line, save, sheet, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.waypoint import Waypoint

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
 from ca_ros.evaluation.sets.sections import fixed, labels, units
-from ca_ros.flight.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
+from ca_ros.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem

@@ -19,7 +19,7 @@ from ca_ros.evaluation.plot_style import entries_of, styles, title
 from ca_ros.evaluation.sets.sections import sections
 from ca_ros.evaluation.static.slices import OUTLINE, draw_slices
 from ca_ros.evaluation.wrench_sets import gauge
-from ca_ros.flight.figures import COLORS, WIDTHS, across, inches, label_decades, save, sheet, style
+from ca_ros.figures import COLORS, WIDTHS, across, inches, label_decades, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 SHOWN = 10_000

@@ -16,7 +16,7 @@ from ca_ros.arrays import Array
 from ca_ros.evaluation.errors import evaluate
 from ca_ros.evaluation.plot_style import title
 from ca_ros.evaluation.sets.sections import Section, sections
-from ca_ros.flight.figures import COLORS, across, sheet
+from ca_ros.figures import COLORS, across, sheet
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 COMMANDS = 13

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.figures import DASHED, WIDTHS, line, sheet, style
+from ca_ros.figures import DASHED, WIDTHS, line, sheet, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.vehicle.vehicle import Vehicle
