@@ -13,6 +13,7 @@ from concurrent.futures import (
     BrokenExecutor,
     CancelledError,
     Executor,
+    Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     as_completed,
@@ -89,9 +90,10 @@ def compute(
         If a worker process was killed, the cluster cannot be reached, or it has other code.
     """
     given, done, news = (pickle.dumps(task), code(*methods)), 0, perf_counter() + NEWS
+    futures: list[Future[Any]] = []
     with _executor(options, count) as executor, tqdm(total=count, disable=None, **bar) as shown:
         try:
-            futures = [executor.submit(call, *given, number) for number in range(count)]
+            futures += (executor.submit(call, *given, number) for number in range(count))
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()
                 shown.update()
@@ -101,8 +103,10 @@ def compute(
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f' after {done} of {count} chunks') from None
         finally:
-            executor.shutdown(wait=False, cancel_futures=True)
-            if done < count:
+            for future in futures:
+                future.cancel()
+            # A chunk that is being computed would hold up the end.
+            if done < count and isinstance(executor, ProcessPoolExecutor):
                 for child in active_children():
                     child.terminate()
     return [future.result() for future in futures]
