@@ -540,10 +540,11 @@ static int completes(const bounded_program *program, const ca_real *z, const ca_
         const ca_real aimed = z[i] + rates[i];
         if (z[i] > lower && z[i] < upper) {
             const ca_real end = ca_clip(g[i] + change[i], lower, upper);
-            after[i] = problem->weighted && i < CA_ROTORS(problem) && end > lower && end < upper
-                           ? ca_clip(f[i] + change[i] / problem->weight[i], program->least[i],
-                                     program->most[i])
-                           : end;
+            after[i] = !problem->weighted || i >= CA_ROTORS(problem) ? end
+                       : end <= lower                              ? program->least[i]
+                       : end >= upper                              ? program->most[i]
+                                      : ca_clip(f[i] + change[i] / problem->weight[i],
+                                                program->least[i], program->most[i]);
             if (ca_abs(aimed - end) > limit)
                 return 0;
         } else {
