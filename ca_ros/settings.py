@@ -305,6 +305,8 @@ def read(kind: type[S], given: Mapping[str, Any], prefix: str = '') -> S:
             values[name] = value
     try:
         return kind(**values)
+    except MissingParameterError as error:
+        raise MissingParameterError(f'{prefix}{error}') from None
     except ParameterError as error:
         raise ParameterError(f'{prefix}{error}') from None
 

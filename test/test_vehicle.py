@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ca_ros import ParameterError, Vehicle
+from ca_ros import ParameterError, Vehicle, audit, make_allocator
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import FLEET, HEXAROTOR, SOME, build, ring, vehicles
+from strategies import FLEET, HEXAROTOR, PARAMETERS, SOME, build, file_values, ring, vehicles
 
 
 def test_the_hexarotor_of_the_paper():
@@ -53,6 +53,77 @@ def test_scalars_stand_for_all_rotors_and_lists_for_each():
 def test_arms_begin_at_the_centre_of_mass():
     vehicle = build(ring(4), 'PNPN', {'vehicle.center_of_mass': [0.1, -0.05, 0.02]})
     np.testing.assert_allclose(vehicle.arms, ring(4) - [0.1, -0.05, 0.02])
+
+
+def on_ring(n, **ring):
+    """Make a vehicle of n rotors on a ring that its parameters describe."""
+    given = {name: value for name, value in PARAMETERS.items() if name != 'rotors.positions'}
+    return Vehicle.from_parameters(given | {
+        'rotors.spins': ['cw', 'ccw'] * (n // 2), 'rotors.ring.count': n,
+        **{f'rotors.ring.{name}': value for name, value in ring.items()}})
+
+
+def test_a_ring_gives_the_positions_of_the_paper():
+    values = file_values('hexarotor')
+    del values['rotors.positions']
+    vehicle = Vehicle.from_parameters(
+        values | {'rotors.ring.count': 6, 'rotors.ring.radius': 0.4})
+    np.testing.assert_allclose(vehicle.arms, HEXAROTOR.arms, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(
+        on_ring(4, radius=0.3, first_angle=-45.0, height=0.1).arms,
+        ring(4, radius=0.3, first=-np.pi / 4, height=0.1), atol=1e-15)
+
+
+@pytest.mark.parametrize(('n', 'first'), [(6, 0.0), (6, 30.0), (8, 0.0), (8, 22.5), (12, 15.0)])
+def test_a_ring_is_symmetric_to_the_last_bit(n, first):
+    places = {tuple(place) for place in on_ring(n, radius=0.37, first_angle=first).arms.tolist()}
+    for x, y in ((-1.0, 1.0), (1.0, -1.0)):
+        assert places == {(x * a + 0.0, y * b + 0.0, c) for a, b, c in places}
+    assert n % 4 or places == {(b, a, c) for a, b, c in places}
+
+
+@pytest.mark.parametrize(('changes', 'words'), [
+    ({}, 'rotors.positions: missing; expected x, y, z of each rotor [m], or rotors.ring'),
+    ({'positions': [0.4] * 18, 'ring.count': 6, 'ring.radius': 0.4},
+     'rotors.positions: given beside rotors.ring; expected one of them'),
+    ({'ring.count': 6}, 'rotors.ring.radius: missing'),
+    ({'ring.radius': 0.4}, 'rotors.ring.count: missing'),
+    ({'ring.count': 6.5, 'ring.radius': 0.4}, 'rotors.ring.count: must be a whole number'),
+    ({'ring.count': 8, 'ring.radius': 0.4}, 'rotors.spins: expected 8 words'),
+    ({'ring': 6}, 'rotors.ring: no such parameter'),
+    ({'ring.cuont': 6}, 'did you mean rotors.ring.count'),
+])
+def test_a_wrong_ring_is_named(changes, words):
+    values = file_values('hexarotor')
+    del values['rotors.positions']
+    with pytest.raises(ParameterError) as caught:
+        Vehicle.from_parameters(
+            values | {f'rotors.{name}': value for name, value in changes.items()})
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def jump(vehicle):
+    """Return how far a rotor speed changes if a wrench on a facet moves 1e-4 N inwards [rad/s]."""
+    allocator = make_allocator('exact', vehicle)
+    center, image = allocator.problem.center, allocator.problem.image
+    rng, changes = np.random.default_rng(3), []
+    for sides in image.sides:
+        ends = np.where(sides == 0.0, rng.uniform(-1.0, 1.0, vehicle.n), np.sign(sides))
+        on = center + image.generators @ ends
+        inside = on + 1e-4 * (center - on) / np.linalg.norm(center - on)
+        speeds = [vehicle.speeds(allocator.allocate(u).thrusts) for u in (on, inside)]
+        changes.append(np.abs(speeds[0] - speeds[1]).max())
+    return max(changes)
+
+
+def test_speeds_of_a_ring_do_not_jump_as_those_of_positions_with_four_digits():
+    exact = on_ring(8, radius=0.5, first_angle=22.5)
+    written = build(np.round(ring(8, radius=0.5, first=np.pi / 8), 4), 'PN' * 4)
+    assert jump(exact) < 2.0
+    assert jump(written) > 100.0
+    assert not audit(exact).warnings
+    assert any('almost parallel' in each for each in audit(written).warnings)
 
 
 def test_axes_are_made_unit_vectors():

@@ -21,6 +21,7 @@ from ca_ros.__main__ import main
 from ca_ros.evaluation.cases import Case
 from ca_ros.problem.commandable import INDEPENDENCE_MIN
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.vehicle.files import config_directory
 from strategies import build, file_values, ring
 
 
@@ -73,6 +74,7 @@ def ppnnpn():
 def test_every_shipped_vehicle_is_sound(name):
     report = audit(Vehicle.load(name))
     assert report.sound
+    assert report.warnings == ()
     assert report.rank == len(report.vehicle.axes)
     assert all(low < 0.0 < high for low, high in report.authority.values())
 
@@ -234,6 +236,40 @@ def test_studies_refuse_in_the_same_words(pnpnpn):
     assert str(study.value) == f'hexarotor: {python.value}'
     case = Case.load('hexarotor', [lost, 'allocation.lost_axes:=drop'])
     assert [name for name in ALLOCATORS if case.allocator(name)] == list(ALLOCATORS)
+
+
+# Warnings
+
+@pytest.mark.parametrize(('changes', 'words'), [
+    # 176.58 N / 24 N = 7.3575, and its root is 2.7125.
+    ({'vehicle.mass': 18.0}, 'hover needs 176.6 N, the rotors give at most 24 N: '
+     'thrust_coefficient or speed_max too small (by the factor 7.36 or 2.71), or mass too large'),
+    # 0.24 N / 0.0981 N = 2.4465, and its root is 1.5641.
+    ({'vehicle.mass': 0.01}, 'hover needs 0.0981 N, the rotors give at least 0.24 N: '
+     'thrust_coefficient or speed_min too large (by the factor 2.45 or 1.56), or mass too small'),
+])
+def test_what_hover_lacks_is_said_of_sound_rotors(changes, words):
+    vehicle = Vehicle.from_parameters({**file_values('hexarotor'), **changes})
+    assert words in str(audit(vehicle))
+    assert 'hover needs' not in str(audit(without(vehicle, 1)))
+
+
+def test_millimetres_and_few_digits_are_warned_of_and_accepted(tmp_path, capsys):
+    turned = ring(8, radius=0.5, first=np.pi / 8)
+    slips = {1.0: r'^warning: facets almost parallel, .*rotors.ring, .*nine digits$',
+             1000.0: r'^warning: an arm of 500 m for 1 kg: .*millimetres'}
+    for scale, words in slips.items():
+        places = (scale * turned).round(4)
+        assert make_allocator('exact', build(places, 'PN' * 4)).allocate([9.81, 0, 0, 0])
+        values = ', '.join(map(str, places.ravel().tolist()))
+        file = tmp_path / f'{scale}.yaml'
+        text = (config_directory() / 'octorotor.yaml').read_text().replace('1.6', '1.0')
+        text = re.sub('#.*', '', text)
+        file.write_text(re.sub(r'positions: \[[^]]*\]', f'positions: [{values}]', text))
+        assert main(['audit', str(file)]) == 0
+        assert re.search(words, capsys.readouterr().out, re.MULTILINE)
+    # The largest multirotors have arms of nearly 20 m.
+    assert not audit(build(40.0 * ring(6), 'PN' * 3, {'vehicle.mass': 200.0})).warnings
 
 
 # The command

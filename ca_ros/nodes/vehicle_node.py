@@ -93,6 +93,8 @@ class VehicleNode(ParameterNode):
         first, self.audit = self.audit is None, report
         if first:
             self._log_audit(report)
+            for warning in report.warnings:
+                self.get_logger().warning(warning)
 
     def _log_audit(self, report: Audit) -> None:
         """Log an audit if it differs from the one before."""

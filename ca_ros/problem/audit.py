@@ -22,11 +22,24 @@ from ca_ros.problem.commandable import (
 )
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError, read
+from ca_ros.solver.zonotope import facet_normals
 from ca_ros.vehicle.settings import AxesSettings
 from ca_ros.vehicle.vehicle import Vehicle
 
 STATED_CHOICES_MAX = 2000
 """Facet candidates up to which the audit states the hover margin: they take a millisecond."""
+
+ROUNDED = 1e-8, 2e-3
+"""Angles between facets that are parallel except for three to eight digits of a file [rad].
+
+With more digits `residual_slack` makes up for the difference.
+"""
+
+ARM_MAX = 20.0
+"""Arm of a vehicle of 1 kg above which the lengths seem to be in millimetres [m].
+
+The largest multirotors have arms of this length; arms grow with the cube root of the mass.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +146,57 @@ class Audit:
             ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
             parts.append(f'around hover: {", ".join(ranges)}')
         else:
-            parts.append(self.why_no_hover())
+            parts += [self.why_no_hover(), *self._lacks()]
         return '; '.join(parts)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What is probably a slip in the vehicle's file; it refuses no vehicle."""
+        vehicle, found = self.asked.vehicle, []
+        arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
+        if arm > ARM_MAX * max(1.0, vehicle.mass ** (1.0 / 3.0)):
+            found.append(
+                f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: are positions and '
+                'center_of_mass in millimetres instead of metres?'
+            )
+        if angle := self._angle_of_facets():
+            found.append(
+                f'facets almost parallel, {angle:.1e} rad apart: near them small changes of the '
+                'wrench change rotor speeds much; if the vehicle is symmetric, use rotors.ring, '
+                'or write rotors.positions with nine digits'
+            )
+        return tuple(found)
+
+    def _angle_of_facets(self) -> float:
+        """Return the greatest angle between facets that is in `ROUNDED` [rad]; 0 if none is."""
+        problem = self.problem
+        if not problem.spans or problem.facet_choices > STATED_CHOICES_MAX:
+            return 0.0
+        normals = facet_normals(unit_rows(problem))
+        products = np.triu(normals @ normals.T, 1)
+        one, other = np.nonzero(np.abs(products) > np.cos(2.0 * ROUNDED[1]))
+        signs = np.sign(products[one, other])[:, None]
+        angles = np.linalg.norm(normals[one] - signs * normals[other], axis=1)
+        return float(angles[(angles > ROUNDED[0]) & (angles < ROUNDED[1])].max(initial=0.0))
+
+    def _lacks(self) -> list[str]:
+        """Return what hover lacks: by how much k_f, speed or mass of sound rotors are wrong."""
+        vehicle, (least, most) = self.vehicle, lift(self.vehicle)
+        if not (vehicle.health == 1.0).all() or least < vehicle.mass < most:
+            return []
+        weak = vehicle.mass >= most
+        mass, end = (most, 'most') if weak else (least, 'least')
+        thrust = mass * vehicle.gravity - vehicle.buoyancy
+        if thrust <= 0.0 or vehicle.weight <= 0.0:
+            return []
+        ratio = max(vehicle.weight / thrust, thrust / vehicle.weight)
+        speed = 'speed_max' if weak else 'speed_min'
+        return [
+            f'hover needs {vehicle.weight:.4g} N, the rotors give at {end} {thrust:.4g} N: '
+            f'thrust_coefficient or {speed} too {"small" if weak else "large"} '
+            f'(by the factor {ratio:.3g} or {ratio**0.5:.3g}), or mass too '
+            f'{"large" if weak else "small"}'
+        ]
 
     def _losses(self) -> list[tuple[list[str], str]]:
         """Return the lost axes by cause."""

@@ -5,7 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ca_ros.settings import Numbers, ParameterError, Settings, Words, setting
+from ca_ros.settings import (
+    MissingParameterError,
+    Numbers,
+    ParameterError,
+    Settings,
+    Words,
+    setting,
+)
 
 AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
 
@@ -33,11 +40,33 @@ class MovingBodySettings(BodySettings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RingSettings(Settings):
+    """A ring of rotors about the z axis, which is symmetric to the last bit."""
+
+    count: int = setting(
+        0, 'number of rotors on a ring, counter-clockwise; 0: no ring', minimum=0, maximum=1000)
+    radius: float = setting(0.0, 'radius of the ring', unit='m', minimum=0.0)
+    first_angle: float = setting(
+        0.0, 'angle of the first rotor, from forward to the left', unit='deg')
+    height: float = setting(0.0, 'z of the rotors of the ring', unit='m')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.count and not self.radius:
+            raise MissingParameterError('radius: missing; it is the radius of the ring [m]')
+        if not self.count and (self.radius or self.first_angle or self.height):
+            raise MissingParameterError('count: missing; it is the number of rotors on the ring')
+
+
+@dataclass(frozen=True, kw_only=True)
 class RotorSettings(Settings):
     """The rotors of a vehicle."""
 
     positions: Numbers = setting(
-        description='x, y, z of each rotor in the body frame, forward-left-up', unit='m')
+        0.0,
+        'x, y, z of each rotor in the body frame, forward-left-up; 0: rotors.ring has them',
+        unit='m')
+    ring: RingSettings = RingSettings()
     axes: Numbers = setting(
         [0.0, 0.0, 1.0], 'direction of thrust, x, y, z: of all rotors, or of each')
     spins: Words = setting(
@@ -56,6 +85,16 @@ class RotorSettings(Settings):
     health: Numbers = setting(
         1.0, 'share of its thrust that a rotor still produces: 1 healthy, 0 (or below 1e-9) lost',
         minimum=0.0, maximum=1.0, mutable=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = self.positions != 0.0
+        if given and self.ring.count:
+            raise ParameterError('positions: given beside rotors.ring; expected one of them')
+        if not given and not self.ring.count:
+            raise MissingParameterError(
+                'positions: missing; expected x, y, z of each rotor [m], or rotors.ring'
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,9 @@ contradicts another one.
 
 from __future__ import annotations
 
+from fractions import Fraction
+from math import cos, sin, tau
+
 import numpy as np
 
 from ca_ros.arrays import Array
@@ -15,13 +18,40 @@ from ca_ros.vehicle.settings import (
     AxesSettings,
     BodySettings,
     MovingBodySettings,
+    RingSettings,
     RotorSettings,
 )
 
 
 def arms(body: BodySettings, rotors: RotorSettings) -> Array:
     """Return the positions (n, 3) of the rotors relative to the centre of mass [m]."""
-    return _rows('rotors.positions', rotors.positions) - np.array(body.center_of_mass, float)
+    positions = (
+        ring(rotors.ring) if rotors.ring.count else _rows('rotors.positions', rotors.positions)
+    )
+    return positions - np.array(body.center_of_mass, float)
+
+
+def ring(settings: RingSettings) -> Array:
+    """Return the positions (n, 3) of rotors on a ring [m]."""
+    first = Fraction(settings.first_angle) / 360
+    turns = [first + Fraction(i, settings.count) for i in range(settings.count)]
+    circle = settings.radius * np.array([direction(turn) for turn in turns])
+    # No -0.0.
+    return np.column_stack([circle, np.full(len(turns), settings.height)]) + 0.0
+
+
+def direction(turn: Fraction) -> tuple[float, float]:
+    """Return cosine and sine of an angle in turns; mirrored angles give the same digits."""
+    quarters = round(4 * turn)
+    rest = turn - Fraction(quarters, 4)
+    c, s = cos(tau * abs(rest)), sin(tau * abs(rest))
+    if abs(rest) == Fraction(1, 12):
+        s = 0.5
+    elif abs(rest) == Fraction(1, 8):
+        s = c
+    if rest < 0:
+        s = -s
+    return ((c, s), (-s, c), (-c, -s), (s, -c))[quarters % 4]
 
 
 def rotor_axes(rotors: RotorSettings, n: int) -> Array:

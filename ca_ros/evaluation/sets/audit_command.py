@@ -48,6 +48,8 @@ def run(options: argparse.Namespace) -> int:
             f'that lift {least:.3g} to {most:.3g} kg\n'
         )
         print(table(vehicle))
+        for warning in audit(vehicle).warnings:
+            print(f'warning: {warning}')
         accept(vehicle)
     except ParameterError as error:
         sys.stdout.flush()
