@@ -52,7 +52,10 @@ def wrong_values(name):
     if not parameter.array:
         array = [SHIPPED[name]] * 2
         return [*values, (array, 'one value')]
-    good = SHIPPED[name] if isinstance(SHIPPED[name], list) else [SHIPPED[name]] * 6
+    if parameter.sizes and 1 not in parameter.sizes:
+        values = [(value, 'got 1') for value, _ in values]
+    good = SHIPPED[name] if isinstance(SHIPPED[name], list) else (
+        [SHIPPED[name]] * max(parameter.sizes, default=6))
     kind = str if str in parameter.kinds else float
     entries = [value for value, _ in values if type(value) is kind]
     for i in range(len(good) if entries else 0):
