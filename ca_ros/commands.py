@@ -25,6 +25,7 @@ COMMANDS = {
     'dynamic_study': 'ca_ros.evaluation.dynamic.study',
     'fault_proxy': 'ca_ros.bringup.fault_proxy',
     'firmware': 'ca_ros.firmware.command',
+    'monitor': 'ca_ros.nodes.monitor',
     'static_study': 'ca_ros.evaluation.static.study',
 }
 """The module of each command, which has the function main."""

@@ -53,6 +53,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar='SECONDS',
         help='time from a failure to its announcement to allocator and controller, or never',
     )
+    parser.add_argument(
+        '--detect',
+        action='store_true',
+        help='detect rotor failures from the motion; with --announce never nobody else names them',
+    )
 
 
 def trajectory_of(options: argparse.Namespace) -> Trajectory:

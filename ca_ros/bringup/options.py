@@ -117,6 +117,7 @@ def parse(argv: Sequence[str]) -> Plan:
     return Plan(
         trajectory=trajectory_of(options),
         failures=failures_of(options),
+        detect=options.detect,
         vehicle=file,
         parameters={name: value for name, value in chosen.items() if value},
         namespace=namespace,

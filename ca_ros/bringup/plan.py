@@ -14,7 +14,7 @@ from ca_ros.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments
-from ca_ros.nodes.settings import DECLARED
+from ca_ros.nodes.settings import DECLARED, MonitorSettings
 from ca_ros.vehicle.files import ParameterFile
 
 
@@ -32,6 +32,8 @@ class Plan:
         The parameters that options set, by name.
     replacements : mapping of str to sequence of str
         The programs that take the place of nodes, by the name of the node.
+    detect : bool
+        Whether the monitor flies along.
     faults : sequence of str or None
         The parameters of the fault proxy, ``NAME:=VALUE``; None without it.
     ros : sequence of str
@@ -51,6 +53,7 @@ class Plan:
     replacements: Mapping[str, Sequence[str]] = field(default_factory=dict)
     faults: Sequence[str] | None = None
     respawn: bool = False
+    detect: bool = False
     ros: Sequence[str] = ()
     out: Path | None = None
     bag: Path | None = None
@@ -81,6 +84,14 @@ class Plan:
                 own += ['-r', f'__node:={name}']
             vehicle = [] if file is None else vehicle_arguments(file, full, DECLARED[name])
             lines[name] = [*node, *own, '--', *vehicle, *self.ros, '--ros-args', *chosen]
+        if self.detect:
+            for name in ('allocator', 'controller'):
+                lines[name] += ['-p', 'await_health:=true']
+            full = full_name(self.namespace, 'monitor')
+            own = ['--ros-args', '--enclave', full, '-r', f'__ns:={self.namespace}']
+            vehicle = [] if file is None else vehicle_arguments(file, full, MonitorSettings)
+            node = [sys.executable, '-m', COMMANDS['monitor'], *own, '--', *vehicle, *self.ros]
+            lines['monitor'] = [*node, '--ros-args', *chosen]
         if self.faults is not None:
             own = ['--ros-args', '-r', f'__ns:={self.namespace}']
             own += [word for parameter in self.faults for word in ('-p', parameter)]

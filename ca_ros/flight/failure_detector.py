@@ -122,6 +122,11 @@ class FailureDetector:
         self._moments = np.zeros((4, 6))
         self._begin()
 
+    def announce(self, health: Array) -> None:
+        """Take the announced health (n,); what was found before holds."""
+        self.vehicle = self.vehicle.with_health(health)
+        self.health = np.minimum(self.health, health)
+
     def _start_rotors(self) -> None:
         s = self.settings
         self._rotors = CommandedRotors(self.vehicle, s.motor_time_constant, s.delay)

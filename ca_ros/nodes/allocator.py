@@ -19,6 +19,7 @@ from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
+from ca_ros.nodes.health_node import HealthNode
 from ca_ros.nodes.messages import (
     WrenchCommand,
     fill_speeds,
@@ -29,7 +30,6 @@ from ca_ros.nodes.messages import (
 )
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.settings import AllocatorSettings
-from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.numbers import ABSURD
@@ -51,7 +51,7 @@ REPEATS = 5
 """Repeats of the last command, since best-effort delivery is not acknowledged."""
 
 
-class AllocatorNode(VehicleNode):
+class AllocatorNode(HealthNode):
     """Answers each command/wrench with command/motor_speed, and publishes the residual.
 
     When commands cease, the node publishes the timeout action until commands return.
@@ -65,6 +65,7 @@ class AllocatorNode(VehicleNode):
         super().__init__(node_name, **kwargs)
         self._answer: Allocation | None = None
         self._newest = 0
+        self._held: WrenchCommand | None = None
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
@@ -154,7 +155,16 @@ class AllocatorNode(VehicleNode):
             sleep(TICK)
         self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
 
+    def health_came(self) -> None:
+        """Serve the wrench that waited for the health."""
+        held, self._held = self._held, None
+        if held is not None:
+            self._serve(held)
+
     def _serve(self, command: WrenchCommand) -> None:
+        if self.waits_for_health(command.time):
+            self._held = command
+            return
         began = perf_counter_ns()
         self.counts['received'] += 1
         time, wrench = command.time, command.wrench

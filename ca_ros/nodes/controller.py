@@ -18,6 +18,7 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
+from ca_ros.nodes.health_node import HealthNode
 from ca_ros.nodes.messages import (
     nanoseconds,
     pose_arrays,
@@ -27,7 +28,6 @@ from ca_ros.nodes.messages import (
 )
 from ca_ros.nodes.qos import COMMAND, STANDING, offered
 from ca_ros.nodes.settings import ControllerNodeSettings
-from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.settings import AXES
 
@@ -37,7 +37,7 @@ NOTHING = 1e-9
 SAME_STAMP = 'pose and velocity with the same stamp'
 
 
-class ControllerNode(VehicleNode):
+class ControllerNode(HealthNode):
     """Answers each state, a pose and a velocity with the same stamp, with command/wrench."""
 
     declared = ControllerNodeSettings
@@ -175,12 +175,18 @@ class ControllerNode(VehicleNode):
         self._came['velocity'] = monotonic()
         self._answer()
 
+    def health_came(self) -> None:
+        """Answer the state that waited for the health."""
+        if self.mode == 'lockstep' and self._open:
+            self._answer()
+
     def _answer(self) -> None:
         if (
             self._pose is None
             or self._velocity is None
             or self._waypoint is None
             or self._pose.header.stamp != self._velocity.header.stamp
+            or self.waits_for_health(nanoseconds(self._pose.header.stamp))
         ):
             return
         self._came[SAME_STAMP] = monotonic()

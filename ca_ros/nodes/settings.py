@@ -25,7 +25,11 @@ from ca_ros.settings import (
     with_groups,
 )
 from ca_ros.vehicle import files
-from ca_ros.vehicle.settings import MovingBodySettings, RotorSettings
+from ca_ros.vehicle.settings import (
+    MovingBodySettings,
+    MovingVehicleSettings,
+    RotorSettings,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,12 +100,24 @@ class SimulationSettings(PlantSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AllocatorSettings(CommandSettings, TimeoutSettings, NodeSettings, AllocatedVehicleSettings):
+class HealthSettings(Settings):
+    """What nodes that heed the monitor have."""
+
+    await_health: bool = setting(
+        False,
+        'in mode lockstep, answer a state only with the rotor_health of its stamp',
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllocatorSettings(
+    CommandSettings, HealthSettings, TimeoutSettings, NodeSettings, AllocatedVehicleSettings
+):
     """The settings of the allocator node."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControllerNodeSettings(WorldSettings, NodeSettings, ControlSettings):
+class ControllerNodeSettings(WorldSettings, HealthSettings, NodeSettings, ControlSettings):
     """The settings of the controller node."""
 
 
@@ -112,6 +128,13 @@ class SimulatorSettings(WorldSettings, TimeoutSettings, NodeSettings):
     vehicle: MovingBodySettings
     rotors: RotorSettings
     simulator: SimulationSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorSettings(WorldSettings, NodeSettings, MovingVehicleSettings):
+    """The settings of the monitor node."""
+
+    detector: DetectorSettings
 
 
 @dataclass(frozen=True, kw_only=True)

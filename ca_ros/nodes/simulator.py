@@ -24,7 +24,7 @@ from ca_ros.nodes.messages import (
     stamp,
     state_messages,
 )
-from ca_ros.nodes.qos import LOCKSTEP_DEPTH
+from ca_ros.nodes.qos import LOCKSTEP_DEPTH, offered
 from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
@@ -78,6 +78,9 @@ class SimulatorNode(VehicleNode):
         )
         self._ticks = self.publish_stream(topics.CLOCK) if settings.publish_clock else None
         self._speeds = self.publish_stream(topics.SPEEDS)
+        self._measured = self.create_publisher(
+            topics.MEASURED_SPEEDS.kind, topics.MEASURED_SPEEDS.name, offered(self.mode)
+        )
         self.create_service(Trigger, '~/reset', self._reset)
         self.subscribe_stream(topics.SPEED_COMMAND, self._receive)
         self._timer = self.create_timer(
@@ -215,6 +218,8 @@ class SimulatorNode(VehicleNode):
             if self.may_log('diverged'):
                 self.get_logger().error(f'{error}: the state is held')
         self._time += self._step_ns
+        if self._measured.get_subscription_count():
+            self._measured.publish(speeds_message(self.plant.speeds, self._time))
         self._publish()
 
     def _publish(self) -> None:

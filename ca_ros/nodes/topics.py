@@ -59,6 +59,10 @@ WRENCH = Topic('command/wrench', WrenchStamped, 'controller', ('allocator',), st
 SPEED_COMMAND = Topic(
     'command/motor_speed', Float64MultiArray, 'allocator', ('simulator',), stream=True
 )
+ROTOR_HEALTH = Topic(
+    'rotor_health', Float64MultiArray, 'monitor', ('allocator', 'controller'), optional=True
+)
+MEASURED_SPEEDS = Topic('motor_speed/measured', Float64MultiArray, 'simulator', optional=True)
 SPEEDS = Topic('motor_speed', Float64MultiArray, 'simulator', stream=True)
 POSE = Topic('local_position/pose', PoseStamped, 'simulator', ('controller',), stream=True)
 VELOCITY = Topic(

@@ -1,0 +1,193 @@
+"""The monitor node: states and rotor speeds in, the health of the rotors out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.nodes import topics
+from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
+from ca_ros.nodes.executable import run
+from ca_ros.nodes.messages import (
+    fill_speeds,
+    nanoseconds,
+    pose_arrays,
+    speeds_message,
+    speeds_stamp,
+    twist_arrays,
+)
+from ca_ros.nodes.qos import STANDING, requested
+from ca_ros.nodes.settings import MonitorSettings
+from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.problem.audit import Audit
+
+LABEL = 'rotor health'
+
+
+class MonitorNode(VehicleNode):
+    """Detects rotor failures, and publishes the health of the rotors.
+
+    In real time `rotor_health` is published when it changes, in lockstep for each state.  A
+    failure holds until the service ``~/reset``, also if the monitor ends.
+    """
+
+    declared = MonitorSettings
+    settings: MonitorSettings
+    awaited = 'state'
+    detector: FailureDetector
+
+    def __init__(self, node_name: str = 'monitor', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        self._pose: PoseStamped | None = None
+        self._velocity: TwistStamped | None = None
+        self._observed: int | None = None
+        self._commanded: int | None = None
+        self._logged_health: list[float] = []
+
+    def start(self) -> None:
+        """Create the detector, and begin to listen."""
+        super().start()
+        self._message = speeds_message(self.detector.health, None)
+        self._message.layout.dim[0].label = LABEL
+        topic = topics.ROTOR_HEALTH
+        self._health = self.create_publisher(topic.kind, topic.name, STANDING)
+        self.subscribe_stream(topics.SPEED_COMMAND, self._receive_command)
+        self.subscribe_stream(topics.POSE, self._receive_pose)
+        self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
+        if self.mode == 'realtime':
+            measured = topics.MEASURED_SPEEDS
+            self.create_subscription(
+                measured.kind, measured.name, self._receive_speeds, requested(self.mode)
+            )
+        self.create_service(Trigger, '~/reset', self._reset)
+        self.start_diagnostics('detection')
+        self._publish(None)
+
+    def build(self, settings: MonitorSettings) -> tuple[Audit, FailureDetector]:
+        """Create the detector."""
+        report = self.audited(settings)
+        return report, FailureDetector(report.vehicle, settings.detector)
+
+    def adopt(self, built: tuple[Audit, FailureDetector]) -> None:
+        """Use this detector from the next state on; what was found before holds."""
+        report, detector = built
+        if self.audit is None:
+            self.detector = detector
+        else:
+            self.detector.announce(report.asked.vehicle.health)
+            self._publish(self._observed)
+        self.adopt_audit(report)
+        self._watchdog.timeout = self.settings.command_timeout
+
+    def state(self) -> tuple[bytes, str]:
+        """Return which rotors have failed, or may be failing."""
+        detector = self.detector
+        lost = [
+            f'rotor {i + 1} {"lost" if detector.health[i] == 0.0 else "weak"} '
+            f'since {since / 1e9:.2f} s ({detector.evidence[i]})'
+            for i, since in enumerate(detector.since)
+            if since is not None
+        ]
+        if lost:
+            return ERROR, ', '.join(lost)
+        if not self._watchdog.awake:
+            return STALE, 'no state yet'
+        if detector.suspect is not None:
+            return WARN, f'rotor {detector.suspect + 1} suspected'
+        return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
+
+    def values(self) -> dict[str, object]:
+        """Return the values of the diagnostics by name."""
+        health, certainty = (
+            ', '.join(f'{share:.3g}' for share in shares)
+            for shares in (self.detector.health, self.detector.certainty)
+        )
+        return {**super().values(), 'health': health, 'certainty of a failure': certainty}
+
+    def _receive_command(self, message: Float64MultiArray) -> None:
+        self.counts['received'] += 1
+        speeds, time = np.array(message.data), speeds_stamp(message)
+        if speeds.shape != self.detector.health.shape or not np.isfinite(speeds).all():
+            self.drop('numbers', f'rotor speeds {speeds}: expected {len(self.detector.health)}')
+            return
+        time = self._observed if time is None else time
+        # In lockstep a second answer to a repeated state would be a second command.
+        if time is None or (self.mode == 'lockstep' and time == self._commanded):
+            return
+        self._commanded = time
+        self.detector.command(time, speeds)
+        self._observe()
+
+    def _receive_speeds(self, message: Float64MultiArray) -> None:
+        speeds, time = np.array(message.data), speeds_stamp(message)
+        if speeds.shape != self.detector.health.shape or not np.isfinite(speeds).all():
+            self.drop('speeds', f'measured rotor speeds {speeds}: expected one for each rotor')
+        elif time is not None and self.detector.measure(time, speeds):
+            self._publish(time)
+
+    def _receive_pose(self, message: PoseStamped) -> None:
+        self._pose = message
+        self._observe()
+
+    def _receive_velocity(self, message: TwistStamped) -> None:
+        self._velocity = message
+        self._observe()
+
+    def _observe(self) -> None:
+        pose, velocity = self._pose, self._velocity
+        if pose is None or velocity is None or pose.header.stamp != velocity.header.stamp:
+            return
+        time = nanoseconds(pose.header.stamp)
+        lockstep = self.mode == 'lockstep'
+        if time == self._observed:
+            if lockstep:
+                self._publish(time)
+            return
+        if lockstep and self._observed is not None and self._commanded != self._observed:
+            # The command that answers the state before is still to come.
+            if time > self._observed:
+                return
+            self.counts['restarts'] += 1
+        _, attitude = pose_arrays(pose)
+        motion = twist_arrays(velocity)
+        if not np.isfinite(np.concatenate([attitude, *motion])).all() or not attitude.any():
+            self.drop('state', 'a state that is not finite')
+            return
+        self._watchdog.feed()
+        self._observed = time
+        changed = self.detector.observe(time, attitude, *motion)
+        if changed or lockstep:
+            self._publish(time)
+
+    def _publish(self, time: int | None) -> None:
+        self._health.publish(fill_speeds(self._message, self.detector.health, time))
+        health = self.detector.health.tolist()
+        if health != self._logged_health:
+            if self._logged_health:
+                self.get_logger().error(f'rotor health {np.round(health, 2)}: {self.state()[1]}')
+            self._logged_health = health
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Forget all failures, but not those that the parameter announces."""
+        self.detector.reset()
+        self._publish(self._observed)
+        response.success, response.message = True, 'all rotors are as announced'
+        return response
+
+
+def main() -> int:
+    """Run the node."""
+    return run(
+        'monitor',
+        MonitorNode,
+        'Detect rotor failures (rotor_health) from states and commanded rotor speeds.',
+    )
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
