@@ -95,8 +95,9 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         word for option, name in REPLACEMENTS.items()
         for word in (f'--{option}', str(executable(name)))]
     bringup = graph.start(
-        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--namespace', namespace, *foreign,
-        '--out', str(tmp_path), '--ros-args', '-p', 'simulator.publish_clock:=true',
+        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--detect', *foreign,
+        '--namespace', namespace, '--out', str(tmp_path), '--ros-args',
+        '-p', 'simulator.publish_clock:=true',
         '-p', 'simulator.publish_odometry:=true')
     seen = {}
 

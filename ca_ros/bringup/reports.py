@@ -10,6 +10,7 @@ from ca_ros.arguments import full_name
 from ca_ros.bringup.link_faults import FAULT_KINDS
 from ca_ros.commands import NODES
 from ca_ros.nodes.diagnostics import OK
+from ca_ros.nodes.monitor import FOUND
 from ca_ros.nodes.topics import DIAGNOSTICS
 from ca_ros.process.diagnostics import DiagnosticsReader, Status, counts
 
@@ -24,6 +25,15 @@ class Reports:
     def timeouts(self) -> Counter[str]:
         """Return the number of timeouts of each node of the loop that had one."""
         return +Counter({name: self._sum(name)['timeouts'] for name in NODES})
+
+    def detected(self) -> dict[int, int]:
+        """Return the stamps [ns] at which the monitor found failures, by rotor, from 1."""
+        return {
+            int(key.removeprefix(FOUND).partition(' ')[0]): int(value)
+            for status in self._of('monitor')
+            for key, value in status.values.items()
+            if key.startswith(FOUND)
+        }
 
     def faults(self) -> Counter[str]:
         """Return how many messages the fault proxy received, and how many had each fault."""

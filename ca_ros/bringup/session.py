@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import inf
 from typing import Any
@@ -59,6 +59,8 @@ class Flown:
         The parameters of the nodes by name, see `combined`; `vehicle` is theirs.
     stops : bool
         Whether the timeout action of a node is to stop the rotors.
+    detected : mapping of int to float
+        Times of flight at which the monitor found failures [s], by rotor, from 1.
     """
 
     flight: Flight
@@ -69,6 +71,7 @@ class Flown:
     parameters: dict[str, Any]
     vehicle: Vehicle
     stops: bool = False
+    detected: Mapping[int, float] = field(default_factory=dict)
 
 
 class Session:
@@ -168,6 +171,10 @@ class Session:
             faults,
             common,
             vehicle,
+            detected={
+                rotor: (time - recorder.end(0.0)) / 1e9
+                for rotor, time in self._reports.detected().items()
+            },
             stops=any(own.get('timeout_action') == 'stop' for own in parameters.values()),
         )
 

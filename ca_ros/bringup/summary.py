@@ -53,6 +53,7 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
         f'                {speeds.min():.1f} to {speeds.max():.1f} rad/s in flight, '
         f'{"within" if inside else "OUT OF"} bounds',
     ]
+    lines += _failures(flown, failures)
     weak = ', '.join(
         f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
         for i, health in enumerate(last.health)
@@ -65,6 +66,23 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
     if not reached:
         lines += _hint(flown, waypoint, 'yaw' in lost)
     return '\n'.join(lines), reached
+
+
+def _failures(flown: Flown, failures: RotorFailures) -> list[str]:
+    """Return lines on when rotors failed, and who said so."""
+    lines = []
+    for each in failures.failures:
+        if each.time > flown.flight.time[-1]:
+            continue
+        what = 'lost' if each.health < HEALTH_MIN else f'at {100.0 * each.health:g} %'
+        told = [f'detected at {flown.detected[each.rotor]:.2f} s'] * (each.rotor in flown.detected)
+        if failures.announce is not None:
+            told.append(f'announced at {each.time + failures.announce:.2f} s')
+        said = ', '.join(told) or 'never announced or detected'
+        lines.append(f'  failure       rotor {each.rotor} {what} at {each.time:.2f} s, {said}')
+    for rotor in sorted(flown.detected.keys() - {each.rotor for each in failures.failures}):
+        lines.append(f'  FALSE ALARM   rotor {rotor} at {flown.detected[rotor]:.2f} s')
+    return lines
 
 
 def _incidents(flown: Flown) -> list[str]:
@@ -126,6 +144,9 @@ def _within_bounds(flown: Flown, failures: RotorFailures) -> bool:
             early = later & (times < start + ANNOUNCED * 1e9)
             inside[early] |= _inside(flight.speeds[early], before)
         before = believed
+    for rotor in flown.detected:
+        # What is detected is applied after it is recorded.
+        inside[flight.time >= flown.detected[rotor], rotor - 1] |= True
     if flown.timeouts and flown.stops:
         inside[~flight.speeds.any(axis=1)] = True
     return bool(inside.all())

@@ -20,9 +20,10 @@ from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.detection import Detection
+from ca_ros.flight.detection import Detection, replay
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.plant import Plant, body_of
+from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.nodes.settings import FileSettings, with_own_methods
@@ -182,6 +183,18 @@ class Case:
             )
         return changes
 
+    def detector(self) -> FailureDetector:
+        """Return a detector of failures with the settings ``detector.*``."""
+        return FailureDetector(self.vehicle, self.flown.detector)
+
+    def detected(self, method: str, flight: Flight) -> list[Change]:
+        """Return the changes of a method's closed loop that the detection of failures causes."""
+        return [
+            Change(time, self.controller(told), self.allocator(method, told))
+            for time, health in replay(self.detector(), flight)
+            for told in [self.audited(health)]
+        ]
+
     def detection(self, method: str) -> Detection:
         """Return the detection of failures for a method's closed loop."""
 
@@ -189,7 +202,7 @@ class Case:
             vehicle = self.audited(health)
             return self.controller(vehicle), self.allocator(method, vehicle)
 
-        return Detection(FailureDetector(self.vehicle, self.flown.detector), rebuild)
+        return Detection(self.detector(), rebuild)
 
     def allocator(self, method: str, vehicle: Vehicle | None = None) -> Allocator:
         """Return the allocator of a method for a vehicle, by default that of the case.

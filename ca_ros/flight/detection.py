@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
+
+Found = list[tuple[int, Array]]
+"""The times [ns] at which the health changed, each with the new health (n,)."""
 
 Rebuild = Callable[[Array], tuple[Controller, Allocator]]
 
@@ -24,13 +30,12 @@ class Detection:
 
     Attributes
     ----------
-    found : list of (int, (n,) array)
-        The times [ns] at which the health changed, each with the new health.
+    found : Found
     """
 
     def __init__(self, detector: FailureDetector, rebuild: Rebuild) -> None:
         self.detector, self._rebuild = detector, rebuild
-        self.found: list[tuple[int, Array]] = []
+        self.found: Found = []
 
     def observe(self, time: int, state: Array) -> tuple[Controller, Allocator] | None:
         """Take a measured state (13,) at a time [ns]; return new parts if there is a failure."""
@@ -43,3 +48,21 @@ class Detection:
     def command(self, time: int, speeds: Array) -> None:
         """Take the rotor speeds (n,) [rad/s] that answer the state of a time [ns]."""
         self.detector.command(time, speeds)
+
+
+def replay(detector: FailureDetector, flight: Flight) -> Found:
+    """Return what a detector finds in a recorded flight, as it did in the flight itself."""
+    found: Found = []
+    samples = zip(
+        np.round(flight.time * 1e9).astype(int).tolist(),
+        flight.attitude,
+        flight.velocity,
+        flight.angular_velocity,
+        flight.speeds,
+        strict=True,
+    )
+    for time, attitude, velocity, angular_velocity, speeds in samples:
+        if detector.observe(time, attitude, velocity, angular_velocity):
+            found.append((time, detector.health))
+        detector.command(time, speeds)
+    return found

@@ -28,6 +28,9 @@ from ca_ros.problem.audit import Audit
 
 LABEL = 'rotor health'
 
+FOUND = 'failure found of rotor '
+"""Name of the values of the diagnostics that say when a failure was found."""
+
 
 class MonitorNode(VehicleNode):
     """Detects rotor failures, and publishes the health of the rotors.
@@ -107,7 +110,17 @@ class MonitorNode(VehicleNode):
             ', '.join(f'{share:.3g}' for share in shares)
             for shares in (self.detector.health, self.detector.certainty)
         )
-        return {**super().values(), 'health': health, 'certainty of a failure': certainty}
+        since = {
+            f'{FOUND}{i + 1} [ns]': time
+            for i, time in enumerate(self.detector.since)
+            if time is not None
+        }
+        return {
+            **super().values(),
+            'health': health,
+            'certainty of a failure': certainty,
+            **since,
+        }
 
     def _receive_command(self, message: Float64MultiArray) -> None:
         self.counts['received'] += 1

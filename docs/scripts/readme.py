@@ -11,7 +11,9 @@ from functools import partial
 from pages import DOCS, filled
 
 from ca_ros import ALLOCATORS, settings
-from ca_ros.nodes.settings import DECLARED
+from ca_ros.nodes.settings import DECLARED, MonitorSettings
+
+TABLES = {**DECLARED, 'monitor': MonitorSettings}
 
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
@@ -30,7 +32,7 @@ def parameters(node: str) -> str:
     """Return the parameters of a node as a Markdown table, without those of the allocator."""
     shared = settings.table(DECLARED['allocator']) if node != 'allocator' else {}
     rows = ['| name | default | allowed | meaning |', '|---|---|---|---|']
-    for name, field in settings.table(DECLARED[node]).items():
+    for name, field in settings.table(TABLES[node]).items():
         if name not in shared:
             mark = '*' if field.mutable else ''
             allowed = ALLOWED.get(name) or field.range()
@@ -79,7 +81,7 @@ def fresh(text: str) -> str:
         text,
         flags=re.DOTALL,
     )
-    contents = {node: partial(parameters, node) for node in DECLARED} | {'methods': methods}
+    contents = {node: partial(parameters, node) for node in TABLES} | {'methods': methods}
     for mark, content in contents.items():
         if f'<!-- {mark} -->' in text:
             text = filled(text, mark, content())

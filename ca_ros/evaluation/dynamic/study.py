@@ -34,6 +34,7 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.settings import ParameterError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,7 +53,11 @@ def _study(options: argparse.Namespace) -> None:
     changes = {name: [*case.failing(name, failures), *goals.changes()] for name in allocators}
     if options.ros:
         check(list(allocators))
+    if options.detect and failures.failures and failures.announce is not None:
+        raise ParameterError('--detect: with --announce never, since nobody else names failures')
     flights = _fly(case, allocators, changes, options)
+    if options.detect:
+        changes = {name: [*changes[name], *case.detected(name, flights[name])] for name in flights}
     print(_write(case, flights, changes, options))
     print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
 
@@ -87,6 +92,7 @@ def _fly(
     """Return the flights by method."""
     flights = {}
     words = [*trajectory_words(options), *failure_words(failures_of(options))]
+    words += ['--detect'] * options.detect
     for name, allocator in tqdm(allocators.items(), unit=' flights', disable=None):
         if options.ros:
             given = [*words, *options.ros_arguments]
@@ -94,7 +100,8 @@ def _fly(
         else:
             loop = case.controller(), allocator, case.plant()
             goal = options.goals.first, options.duration
-            flights[name] = fly(*loop, *goal, changes=changes[name])
+            detection = case.detection(name) if options.detect else None
+            flights[name] = fly(*loop, *goal, changes=changes[name], detection=detection)
     return flights
 
 
@@ -125,7 +132,12 @@ def _write(
         'goal': str(options.goals),
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
         **facts(case, 'dynamic_study', options),
-        'command': [*command('dynamic_study', options), *words, *failure_words(failures)],
+        'command': [
+            *command('dynamic_study', options),
+            *words,
+            *failure_words(failures),
+            *['--detect'] * options.detect,
+        ],
         'methods': {
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },

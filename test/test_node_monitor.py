@@ -1,0 +1,91 @@
+"""The monitor over DDS, and the nodes that heed it."""
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.nodes.qos import STANDING
+from ca_ros.testing import Diagnostics, wrench
+
+HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)
+
+
+def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit():
+    case = Case.load('hexarotor_realistic')
+    failures = RotorFailures((RotorFailure(2, 1.5),), None)
+    detection = case.detection('exact')
+    offline = fly(
+        case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(1, 1, 1, np.pi / 4),
+        2.0, changes=case.failing('exact', failures), detection=detection)
+    words = ['--fail', '2@1.5', '--announce', 'never', '--detect']
+    flown = fly_over_ros(case, 'exact', 2.0, words)
+    assert 1.5 < detection.found[0][0] / 1e9 < 1.6
+    for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds'):
+        np.testing.assert_array_equal(getattr(flown, name), getattr(offline, name))
+
+
+def health_message(*health):
+    return Float64MultiArray(data=[float(share) for share in health])
+
+
+class Allocator:
+    """An allocator, and a publisher in place of the monitor."""
+
+    def __init__(self, graph):
+        self.graph, self.sent = graph, 0
+        self.health = graph.publisher(Float64MultiArray, 'rotor_health', STANDING)
+        self.command = graph.publisher(WrenchStamped, 'command/wrench')
+        self.speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
+        self.diagnostics = Diagnostics(graph)
+
+    def start(self):
+        process = self.graph.start('allocator', '--vehicle', 'hexarotor')
+        self.parameters = self.graph.connect('allocator')
+        return process
+
+    def commands(self, condition, what):
+        """Send the wrench of hover until the speeds that answer it meet a condition."""
+
+        def met():
+            self.sent += 1
+            self.command.publish(wrench(HOVER, self.sent * 10**9, 'base_link'))
+            return self.speeds and condition(np.array(self.speeds[-1].data))
+
+        self.graph.spin_until(met, what)
+
+
+def lost(*rotors):
+    return lambda speeds: (np.flatnonzero(speeds == 0.0) + 1).tolist() == [*rotors]
+
+
+def test_the_allocator_uses_the_least_health_and_knows_it_after_a_restart(graph):
+    allocator = Allocator(graph)
+    process = allocator.start()
+    allocator.commands(lost(), 'six rotors turn')
+    allocator.health.publish(health_message(1, 0, 1, 1, 1, 1))
+    allocator.commands(lost(2), 'rotor 2 is lost')
+    # Nonsense is refused, and what was sound before holds.
+    def refused(count):
+        return lambda *status: status[2].get('refused health') == str(count)
+
+    for i, nonsense in enumerate(([1, 1], [1, 2, 1, 1, 1, 1], [1, np.nan, 1, 1, 1, 1])):
+        allocator.health.publish(health_message(*nonsense))
+        allocator.diagnostics.wait('allocator', refused(i + 1), 'refused')
+    allocator.commands(lost(2), 'rotor 2 is still lost')
+    # The parameter does not give it back.
+    allocator.parameters.set({'rotors.health': [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]})
+    allocator.commands(lost(1, 2), 'rotors 1 and 2 are lost')
+    allocator.health.publish(health_message(1, 1, 1, 1, 1, 1))
+    allocator.commands(lost(1), 'rotor 1 is lost, which the parameter says')
+    allocator.health.publish(health_message(1, 1, 0, 1, 1, 1))
+    allocator.commands(lost(1, 3), 'rotor 3 is lost')
+    process.kill()
+    process.wait()
+    allocator.speeds.clear()
+    allocator.start()
+    allocator.commands(lost(3), 'a new allocator knows of rotor 3')
