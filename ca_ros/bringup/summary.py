@@ -75,7 +75,9 @@ def _failures(flown: Flown, failures: RotorFailures) -> list[str]:
         if each.time > flown.flight.time[-1]:
             continue
         what = 'lost' if each.health < HEALTH_MIN else f'at {100.0 * each.health:g} %'
-        told = [f'detected at {flown.detected[each.rotor]:.2f} s'] * (each.rotor in flown.detected)
+        told = []
+        if each.rotor in flown.detected:
+            told.append(f'detected at {flown.detected[each.rotor]:.2f} s')
         if failures.announce is not None:
             told.append(f'announced at {each.time + failures.announce:.2f} s')
         said = ', '.join(told) or 'never announced or detected'
