@@ -8,6 +8,29 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int8]
 
 
+FLOAT = np.dtype(float)
+
+PLAIN: tuple[type, ...] = (list, np.ndarray)
+
+
+def floats(values: ArrayLike) -> Array:
+    """Return a copy of real numbers as floats.
+
+    Raises
+    ------
+    TypeError
+        If they are strings, booleans, dates, complex numbers, objects or masked.
+    ValueError
+        If they have no shape.
+    """
+    array = np.array(values)
+    if array.dtype is FLOAT and type(values) in PLAIN:
+        return array
+    if array.dtype.kind not in 'iuf' or isinstance(values, np.ma.MaskedArray):
+        raise TypeError(f'expected real numbers, got {array.dtype}')
+    return array.astype(float)
+
+
 def constant(values: ArrayLike) -> Array:
     """Return a copy of an array that cannot be written to."""
     array = np.array(values, dtype=float)

@@ -365,7 +365,8 @@ def check_given(given: Mapping[str, Any], known: Mapping[str, Field]) -> None:
         near = get_close_matches(name, known, n=1, cutoff=0.7)
         if near or name.split('.')[0] in groups:
             hint = f' (did you mean {near[0]}?)' if near else ''
-            raise ParameterError(f'{name}: no such parameter{hint}')
+            shown = name if name.isprintable() else repr(name)
+            raise ParameterError(f'{shown}: no such parameter{hint}')
 
 
 def check(name: str, value: Any, field: Field) -> Any:
@@ -403,6 +404,8 @@ def _typed(value: Any, field: Field) -> Any:
         return value if isinstance(value, bool) else None
     if str in field.kinds and isinstance(value, str):
         own = field.own_class and names_class(value)
+        if not value.isprintable():
+            return None
         return value if own or not field.choices or value in field.choices else None
     if not {int, float} & {*field.kinds}:
         return None

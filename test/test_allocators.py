@@ -103,6 +103,20 @@ def test_a_demand_whose_square_is_not_finite_is_refused(method, size):
         make_allocator(method, HEXAROTOR).allocate([9.81, -size, 0.0, 0.0])
 
 
+@every_method
+@pytest.mark.parametrize('u', [
+    '9.81', ['9', '0', '0', '0'], [True, False, False, False], [9.81 + 0.0j, 0.0, 0.0, 0.0],
+    np.full(4, '2026-01-01', 'datetime64[D]'), np.array([9.81, 0.0, 0.0, 0.0], object),
+    np.ma.array([9.81, 0.0, 0.0, 0.0], mask=[0, 1, 0, 0]), [None] * 4], ids=repr)
+def test_what_is_no_number_is_refused_in_one_line(method, u):
+    allocator = make_allocator(method, HEXAROTOR)
+    batch = u[None] if isinstance(u, np.ndarray) else [u]
+    for allocate, wrench in ((allocator.allocate, u), (allocator.allocate_batch, batch)):
+        with pytest.raises(ValueError, match='wrench: expected 4 numbers') as caught:
+            allocate(wrench)
+        assert '\n' not in str(caught.value)
+
+
 def assert_same(name, one, other, scale):
     """Compare a field of two answers up to rounding, which may put a rotor on its bound."""
     if name == 'status':

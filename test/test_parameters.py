@@ -47,6 +47,8 @@ FAULTS = [
         'rotors.speed_max')),
     ('rotors.positions', [0.4, 0.0], 'got 2'),
     ('rotors.positions', [], 'got 0'),
+    ('rotors.positions', [0.0] * 3 * 10**5, 'up to 100 rotors, got 100000'),
+    ('vehicle.name', 'two\nlines', 'a word'),
     ('rotors.spins', ['cw', 'ccw'], '6'),
     ('rotors.spins', ['cw', 'ccw', 'cw', 'ccw', 'cw', 'up'], 'one of cw, ccw'),
     ('rotors.thrust_coefficient', [2.5e-5] * 5, '6'),
@@ -151,6 +153,8 @@ def test_rotors_that_cannot_command_all_axes_are_refused(tmp_path, change):
     ("'/**': {ros__parameters: [1]}", 'ros__parameters'),
     ("'/**': {ros__parameters: }", 'ros__parameters'),
     ("'/**': {ros__parameters: {vehicle: }}", 'vehicle'),
+    ("'/**': {ros__parameters: {vehicle: {mass: 1, mass: 2}}}", "key 'mass' is there twice"),
+    ("'/**': {ros__parameters: {'rotors.a\\nb': 1.0}}", 'no such parameter'),
 ])
 def test_what_is_no_parameter_file_is_refused(tmp_path, text, words):
     path = tmp_path / 'wrong.yaml'

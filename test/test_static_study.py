@@ -7,6 +7,7 @@ import re
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from ca_ros import AdmissibleSet, AllocationProblem, Status, Vehicle
@@ -14,6 +15,7 @@ from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.errors import evaluate
+from ca_ros.evaluation.result_files import write
 from ca_ros.evaluation.sets.sections import sections
 from ca_ros.evaluation.static import study as static_study
 from ca_ros.evaluation.static.study import main
@@ -23,6 +25,12 @@ from strategies import length
 
 SHIPPED = sorted(path.stem for path in config_directory().glob('*.yaml'))
 PLOTS = ('errors.png', 'latency.png', 'slices.png', 'violations.png')
+
+
+def test_a_metric_that_is_not_finite_is_null_in_json(tmp_path):
+    write(tmp_path / 'study', pd.DataFrame({'a': [1.0]}), {'worst': [-np.inf, np.nan, 1.0]}, '')
+    text = (tmp_path / 'study.json').read_text()
+    assert json.loads(text, parse_constant=pytest.fail) == {'worst': [None, None, 1.0]}
 
 
 def rows_of(folder):

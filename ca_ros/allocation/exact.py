@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import PrioritiesSettings
@@ -187,7 +187,7 @@ class Exact(Allocator):
     def allocate(self, u: ArrayLike) -> Allocation:
         """Allocate one wrench; see `Allocator.allocate`."""
         try:
-            demand = np.array(u, float)
+            demand = floats(u)
             thrusts = np.empty(self._n)
             answer = self._engine.allocate(demand, thrusts)
         except (TypeError, ValueError):

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,20 @@ study adds itself."""
 
 
 def write(stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str) -> None:
-    """Write the rows as CSV, the metrics as JSON and a document as Markdown."""
+    """Write the rows as CSV, the metrics as JSON (null if not finite), a document as Markdown."""
     rows.to_csv(stem.with_suffix('.csv'), index=False, lineterminator='\n')
-    text = json.dumps(found, indent=2) + '\n'
+    text = json.dumps(_plain(found), indent=2, allow_nan=False) + '\n'
     stem.with_suffix('.json').write_text(text, encoding='utf-8')
     stem.with_suffix('.md').write_text(document, encoding='utf-8')
+
+
+def _plain(found: Any) -> Any:
+    """Return content for JSON, which has no infinity: None in place of what is not finite."""
+    if isinstance(found, Mapping):
+        return {name: _plain(value) for name, value in found.items()}
+    if isinstance(found, (list, tuple)):
+        return [_plain(value) for value in found]
+    return None if isinstance(found, float) and not isfinite(found) else found
 
 
 def command(prog: str, options: argparse.Namespace) -> list[str]:

@@ -114,6 +114,7 @@ def chosen(n: int, m: int) -> type[Kernel] | None:
         raise ValueError(
             'CA_ROS_KERNEL: the extension module is not built (pip install needs a C compiler)'
             if fits
-            else f'CA_ROS_KERNEL: the kernel is for up to {ROTORS_MAX} rotors, got {n}'
+            else f'CA_ROS_KERNEL: the kernel is for up to {ROTORS_MAX} rotors and {AXES_MAX} '
+            f'axes, got {n} and {m}'
         )
     return kernel

@@ -50,4 +50,6 @@ def different_names(name: str, given: Sequence[str], size: int) -> tuple[str, ..
     names = tuple(given) if listed else ()
     if len(names) != size or len(set(names)) < size:
         raise ValueError(f'{name}: expected {size} different names, got {given!r}')
+    if not all(each and each.isprintable() for each in names):
+        raise ValueError(f'{name}: expected names of printable characters, got {given!r}')
     return names

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, BoolArray, constant
+from ca_ros.arrays import Array, BoolArray, constant, floats
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.numbers import ABSURD, different_names, numbers
 from ca_ros.settings import ParameterError
@@ -18,6 +18,7 @@ from ca_ros.solver.dual_newton import DualNewton, sum_rounding
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.files import shipped_problems
+from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 
 EXACT_TOLERANCE = 1e-12
 """Residual of an exact allocation, relative to max(1, |u|)."""
@@ -119,6 +120,8 @@ class AllocationProblem:
                 f'got shape {gamma.shape}'
             )
         m, n = gamma.shape
+        if n > EFFECTORS_MAX:
+            raise ValueError(f'matrix: expected up to {EFFECTORS_MAX} effectors, got {n}')
         numbered = [f'axis_{k + 1}' for k in range(m)], [str(i + 1) for i in range(n)]
         self.axes = different_names('axes', numbered[0] if axes is None else axes, m)
         given = numbered[1] if effector_names is None else effector_names
@@ -304,10 +307,11 @@ class AllocationProblem:
             If the shape is wrong or a component is not finite.
         """
         try:
-            wrench = np.array(u, float)
+            wrench = floats(u)
         except (TypeError, ValueError):
+            given = ' '.join(repr(u).split())
             raise ValueError(
-                f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {u!r}'
+                f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {given}'
             ) from None
         if wrench.shape == self._shape:
             # For a single wrench, math.hypot is faster than NumPy.

@@ -33,6 +33,19 @@ class PlainLoader(yaml.SafeLoader):
             return node
         raise yaml.MarkedYAMLError(problem=fault, problem_mark=self.peek_event().start_mark)  # type: ignore[no-untyped-call]
 
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """Construct a mapping, unless a key stands in it twice."""
+        found = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in found:
+                raise yaml.MarkedYAMLError(
+                    problem=f'the key {key.value!r} is there twice', problem_mark=key.start_mark
+                )
+            found.add(key.value)
+        return super().construct_mapping(node, deep)
+
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         """Construct a node; errors of Python's own conversions get a place in the text."""
         try:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, constant, is_constant
+from ca_ros.arrays import Array, constant, floats, is_constant
 from ca_ros.settings import ParameterError, check_given, read, repeated, table
 from ca_ros.vehicle import files, values
 from ca_ros.vehicle.settings import (
@@ -24,6 +24,9 @@ from ca_ros.vehicle.settings import (
     RotorSettings,
     VehicleSettings,
 )
+
+EFFECTORS_MAX = 100
+"""Greatest number of rotors; more would need hours to list what they can do."""
 
 HEALTH_MIN = 1e-9
 """A rotor whose health is below this counts as lost."""
@@ -150,6 +153,10 @@ class Vehicle:
         axes = AxesSettings() if axes is None else axes
         arms = values.arms(body, rotors)
         n = len(arms)
+        if n > EFFECTORS_MAX:
+            raise ParameterError(
+                f'rotors.positions: expected up to {EFFECTORS_MAX} rotors, got {n}'
+            )
         speed_min, speed_max = values.speed_bounds(rotors, n)
         return cls(
             mass=body.mass,
@@ -175,7 +182,10 @@ class Vehicle:
 
     def with_health(self, health: ArrayLike) -> Vehicle:
         """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1]."""
-        shares = np.asarray(health, dtype=float)
+        try:
+            shares = floats(health)
+        except (TypeError, ValueError):
+            shares = np.array(np.nan)
         if shares.shape not in ((), (self.n,)) or not ((shares >= 0.0) & (shares <= 1.0)).all():
             raise ParameterError(
                 f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {health!r}'
