@@ -15,6 +15,9 @@ pytestmark = [pytest.mark.long, pytest.mark.slow]
 INPUTS = length(20_000, 20_000, 1_000_000)
 """So many the sanitizers get."""
 
+SEED = '9'
+"""With it, a preferred thrust once moved a rotor out of its bounds."""
+
 KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 SOURCES = sorted(str(path) for path in KERNEL.glob('*.c') if path.name != 'module.c')
 DRIVER = str(Path(__file__).parent / 'kernel' / 'hostile.c')
@@ -57,7 +60,7 @@ def test_sanitizers_find_nothing_in_hostile_inputs(build, tmp_path, record_prope
                       capture_output=True).returncode:
         pytest.skip('needs the libraries of the address and undefined behaviour sanitizers')
     run(*command, *SOURCES, DRIVER, '-lm', '-o', program)
-    answers = dict(re.findall(r'(\w+ \d): (\d+)', run(program, str(INPUTS))))
+    answers = dict(re.findall(r'(\w+ \d): (\d+)', run(program, str(INPUTS), SEED)))
     record_property('inputs', INPUTS)
     # All of them were met, but for `inexact`.
     assert all(int(n) > 0 for name, n in answers.items() if name != 'status 3'), answers
