@@ -233,6 +233,30 @@ def extreme(cost, matrix, right, low, high, method='highs'):
     return answer.x if answer.status == 0 else None
 
 
+def by_quadprog(gamma, u, low, high, squares=None, linear=None):
+    """Return the f of least f squares f / 2 - linear f with gamma f = u and low <= f <= high.
+
+    Without `squares` the norm is least.  Raises ValueError where quadprog finds none.
+    """
+    n = len(low)
+    rows = np.vstack([gamma, np.eye(n), -np.eye(n)])
+    return solver('quadprog').solve_qp(
+        np.eye(n) if squares is None else squares, np.zeros(n) if linear is None else linear,
+        rows.T, np.concatenate([u, low, -high]), len(u))[0]
+
+
+def by_daqp(gamma, u, low, high, squares=None, linear=None, **options):
+    """Return the same, or raise the same, of DAQP."""
+    n = len(low)
+    thrusts, _, flag, _ = solver('daqp').solve(
+        np.eye(n) if squares is None else squares, np.zeros(n) if linear is None else -linear,
+        np.array(gamma, order='C'), np.concatenate([high, u]), np.concatenate([low, u]),
+        np.array([0] * n + [5] * len(u), np.int32), **options)
+    if flag < 1:
+        raise ValueError(f'daqp ended with {flag}')
+    return thrusts
+
+
 def reach(vehicle, start, direction, limit=np.inf, method='highs'):
     """Return the greatest t <= limit for which the rotors give start + t direction, or None."""
     gamma = control_allocation_matrix(vehicle)

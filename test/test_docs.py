@@ -39,6 +39,7 @@ NOT_HERE = {
 SHORT = {
     'bringup': '"$@" --duration 1 --waypoint 0 0 0 --heading 0',
     'dynamic_study': '"$@" --duration 1',
+    'mypy': '"$@" ca_ros/errors.py',
     'static_study': '"$@" --samples 50',
 }
 """How commands are shortened to seconds unless CA_ROS_LONG=1; the last of equal options counts."""

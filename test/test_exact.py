@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Status, control_allocation_matrix
-from strategies import FLEET, SOME, build, length, middle, random_vehicle, ring, solver
+from strategies import (
+    FLEET,
+    SOME,
+    build,
+    by_daqp,
+    by_quadprog,
+    length,
+    middle,
+    random_vehicle,
+    ring,
+    solver,
+)
 from strategies import unaudited as make_allocator
 
 VEHICLES = length(15, 150, 1000)
@@ -56,30 +67,12 @@ def commands(vehicle, rng, size):
         yield f'{height} outside', edge + rounding / lengths * (edge - center)
 
 
-def by_quadprog(gamma, u, low, high):
-    identity = np.eye(len(low))
-    return solver('quadprog').solve_qp(
-        identity, np.zeros(len(low)), np.vstack([gamma, identity, -identity]).T,
-        np.concatenate([u, low, -high]), len(u))[0]
-
-
-def by_daqp(gamma, u, low, high):
-    sense = np.zeros(len(low) + len(u), dtype=np.int32)
-    sense[len(low):] = 5
-    thrusts, _, flag, _ = solver('daqp').solve(
-        np.eye(len(low)), np.zeros(len(low)), np.ascontiguousarray(gamma),
-        np.concatenate([high, u]), np.concatenate([low, u]), sense, primal_tol=1e-12)
-    if flag < 1:
-        raise ValueError(f'daqp ended with {flag}')
-    return thrusts
-
-
 def oracle_norms(vehicle, u):
     """Return the norms of those answers of the other solvers that solve the problem at all."""
     gamma, norms = control_allocation_matrix(vehicle), []
-    for solve in (by_quadprog, by_daqp):
+    for solve, options in ((by_quadprog, {}), (by_daqp, {'primal_tol': 1e-12})):
         try:
-            thrusts = solve(gamma, u, vehicle.thrust_min, vehicle.thrust_max)
+            thrusts = solve(gamma, u, vehicle.thrust_min, vehicle.thrust_max, **options)
         except ValueError:
             continue
         thrusts = np.clip(thrusts, vehicle.thrust_min, vehicle.thrust_max)

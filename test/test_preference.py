@@ -9,10 +9,7 @@ import pytest
 from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
 from ca_ros.kernel import load
-from strategies import length, need_kernel
-
-daqp = pytest.importorskip('daqp', reason='rosdep does not know it')
-quadprog = pytest.importorskip('quadprog', reason='rosdep does not know it')
+from strategies import by_daqp, by_quadprog, length, need_kernel
 
 PROBLEMS = length(15, 60, 1000)
 """How many random problems."""
@@ -61,17 +58,10 @@ def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
         assert np.all((problem.lower <= thrusts) & (thrusts <= problem.upper))
         residual = np.linalg.norm(u - problem.gamma @ thrusts)
         assert residual <= 1e-11 * max(1.0, np.linalg.norm(u))
-        linear = squares @ setting.preferred
-        rows = np.vstack([problem.gamma, np.eye(problem.n), -np.eye(problem.n)])
-        ends = np.concatenate([u, problem.lower, -problem.upper])
-        other = quadprog.solve_qp(squares, linear, rows.T, ends, meq=len(u))[0]
-        np.testing.assert_allclose(thrusts, other, rtol=0.0, atol=1e-7)
-        bounds = (np.concatenate([end, u]) for end in (problem.upper, problem.lower))
-        sense = np.array([0] * problem.n + [5] * len(u), np.int32)
-        x, _, flag, _ = daqp.solve(
-            squares, -linear, problem.gamma.copy(), *bounds, sense)
-        assert flag > 0
-        np.testing.assert_allclose(thrusts, x, rtol=0.0, atol=1e-5)
+        asked = (problem.gamma, u, problem.lower, problem.upper, squares,
+                 squares @ setting.preferred)
+        np.testing.assert_allclose(thrusts, by_quadprog(*asked), rtol=0.0, atol=1e-7)
+        np.testing.assert_allclose(thrusts, by_daqp(*asked), rtol=0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize('seed', range(30))

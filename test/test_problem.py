@@ -15,7 +15,7 @@ from ca_ros import (
     make_allocator,
 )
 from ca_ros.problem.problem import lengths
-from strategies import length
+from strategies import by_daqp, by_quadprog, length
 
 PROBLEMS = length(15, 60, 1000)
 """How many random problems."""
@@ -47,25 +47,6 @@ def commands(problem, rng, size):
     return inside, problem.center + ends * ways, problem.center + 2.0 * ends * ways
 
 
-def by_quadprog(problem, u):
-    solve = pytest.importorskip('quadprog').solve_qp
-    eye = np.eye(problem.n)
-    columns = np.column_stack([problem.gamma.T, eye, -eye])
-    bounds = np.concatenate([u, problem.lower, -problem.upper])
-    return solve(eye, np.zeros(problem.n), columns, bounds, len(u))[0]
-
-
-def by_daqp(problem, u):
-    solve = pytest.importorskip('daqp').solve
-    thrusts, _, flag, _ = solve(
-        np.eye(problem.n), np.zeros(problem.n), np.ascontiguousarray(problem.gamma),
-        np.concatenate([problem.upper, u]), np.concatenate([problem.lower, u]),
-        np.array([0] * problem.n + [5] * len(u), dtype=np.int32))
-    if flag <= 0:
-        raise ValueError(flag)
-    return thrusts
-
-
 @pytest.mark.parametrize('engine', ['c', 'numpy'])
 @pytest.mark.parametrize('seed', range(PROBLEMS))
 def test_exact_gives_u_with_the_least_norm(seed, engine, monkeypatch):
@@ -85,7 +66,7 @@ def test_exact_gives_u_with_the_least_norm(seed, engine, monkeypatch):
         thrusts = allocator.allocate(u).thrusts
         for solve in (by_quadprog, by_daqp):
             try:
-                other = solve(problem, u)
+                other = solve(problem.gamma, u, problem.lower, problem.upper)
             except ValueError:
                 continue  # The other solver fails near a vertex.
             size = max(1.0, np.abs([problem.lower, problem.upper]).max())
