@@ -16,8 +16,7 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.testing import counts, wrench
-from load import busy_processors
-from test_node_allocator import some_wrenches
+from nodes import busy_processors, some_wrenches
 
 SECONDS = float(os.environ.get('CA_ROS_SOAK', '600'))
 RATE = 500

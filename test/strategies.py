@@ -1,8 +1,10 @@
 """What the tests share: lengths, vehicles, demands, and linear programs as oracles."""
 
+import importlib.util
 import os
 import shutil
 import sysconfig
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,6 +156,39 @@ FLEET = {
 
 SOME = length(['quadrotor', 'asymmetric', 'x8_identical_columns', 'tilted_hexarotor'], [*FLEET])
 """Names of a square problem, one with rotors unlike each other, with equal ones, with six axes."""
+
+
+UNIT = PARAMETERS | {
+    'vehicle.mass': 2.0 / 9.81,
+    'rotors.positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0],
+    'rotors.spins': ['cw', 'ccw', 'cw', 'ccw'],
+    'rotors.thrust_coefficient': 1.0, 'rotors.torque_coefficient': 1.0,
+    'rotors.speed_min': 0.0, 'rotors.speed_max': 1.0}
+
+UNIT_QUADROTOR = Vehicle.from_parameters(UNIT)
+"""All effectivenesses 1: thrust is the sum of four thrusts from 0 to 1 N; it hovers at half."""
+
+PX4_ROWS = np.loadtxt(
+    Path(__file__).with_name('px4_desaturation.csv'), delimiter=',', skiprows=1)
+"""The rows of PX4's test of its sequential desaturation.
+
+Source: ControlAllocationSequentialDesaturationTest.cpp of PX4-Autopilot, PreviousMixingTests:
+roll, pitch, yaw, mean thrust; then four thrusts without airmode, with that of roll and pitch, and
+with that of roll, pitch and yaw.
+"""
+
+
+# Examples
+
+EXAMPLES = Path(__file__).resolve().parent.parent / 'examples'
+
+
+def example(name):
+    """Import an example by its path."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def unaudited(method, vehicle, **options):

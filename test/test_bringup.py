@@ -12,47 +12,19 @@ from geometry_msgs.msg import PoseStamped
 from matplotlib import image
 
 from ca_ros import Vehicle
-from ca_ros.allocation.settings import allocator_of
 from ca_ros.bringup import session
 from ca_ros.bringup.agreement import differences
 from ca_ros.bringup.bringup import write_results
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.session import Flown
 from ca_ros.commands import NODES
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rigid_body import NULL_STATE, POSITION, RigidBody
-from ca_ros.flight.waypoint import Waypoint
-from ca_ros.problem.audit import audit
-from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.testing import DEADLINE
 from ca_ros.vehicle.files import find
-from load import fly_in_real_time
-from strategies import file_values, length, settings_of
+from nodes import fly_in_real_time, fly_offline, read
+from strategies import file_values, length
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
-
-
-WAYPOINT = 1.0, 1.0, 1.0, math.radians(45.0)
-"""The default of bringup: x, y, z [m], heading [rad]."""
-
-
-def fly_offline(method, duration, goal=WAYPOINT, start=(0.0, 0.0, 0.0)):
-    """Return the flight without ROS from rest at a point to a waypoint."""
-    settings = settings_of({'allocation.method': method})
-    vehicle = audit(Vehicle.load('hexarotor')).vehicle
-    state = NULL_STATE.copy()
-    state[POSITION] = start
-    return fly(
-        Controller(vehicle, settings.controller),
-        allocator_of(settings.allocation, VehicleProblem(vehicle)), RigidBody(vehicle),
-        Waypoint.of(*goal), duration, state=state)
-
-
-def read(folder):
-    """Return flight.csv as an array with named columns."""
-    return np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)
 
 
 @pytest.mark.slow

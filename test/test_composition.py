@@ -22,8 +22,8 @@ from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.topics import TOPICS
 from ca_ros.process.deadline import Deadline
 from ca_ros.testing import DEADLINE
+from nodes import fly_offline
 from strategies import file_values
-from test_bringup import fly_offline
 
 DURATION = 3.0
 METHODS = {'/uav1': 'exact', '/uav2': 'pseudo_inverse'}

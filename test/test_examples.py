@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,31 +13,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import Vehicle
-from strategies import FLEET
+from strategies import EXAMPLES, FLEET, example
 
-FOLDER = Path(__file__).resolve().parent.parent / 'examples'
-FILES = sorted(FOLDER.glob('*.py'))
-PAGE = FOLDER.parent / 'docs' / 'px4.md'
+FILES = sorted(EXAMPLES.glob('*.py'))
+PAGE = EXAMPLES.parent / 'docs' / 'px4.md'
 if not FILES or not PAGE.is_file():
     pytest.skip('examples/ and docs/ are not beside the tests', allow_module_level=True)
 
 
-def load(name):
-    """Import an example by its path."""
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 gazebo, px4, joints = map(
-    load, ('gazebo_actuators', 'px4_actuator_motors', 'ros2_control_velocities'))
+    example, ('gazebo_actuators', 'px4_actuator_motors', 'ros2_control_velocities'))
 
 
 def run(name, *arguments):
     """Run an example and return it when it has ended."""
     return subprocess.run(
-        [sys.executable, str(FOLDER / f'{name}.py'), *arguments], capture_output=True, text=True)
+        [sys.executable, str(EXAMPLES / f'{name}.py'), *arguments], capture_output=True, text=True)
 
 
 # Gazebo
@@ -141,7 +131,7 @@ def test_joint_velocities_arrive(graph):
     from std_msgs.msg import Float64MultiArray
 
     process = graph.start(
-        sys.executable, str(FOLDER / 'ros2_control_velocities.py'), '--vehicle', 'quadrotor',
+        sys.executable, str(EXAMPLES / 'ros2_control_velocities.py'), '--vehicle', 'quadrotor',
         '--ros-args', '-r', '~/commands:=/rotor_controller/commands')
     sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
     received = graph.listen(Float64MultiArray, '/rotor_controller/commands')
@@ -163,7 +153,8 @@ def test_joint_velocities_arrive(graph):
 def test_help(file):
     process = run(file.stem, '--help')
     assert (process.returncode, process.stderr) == (0, '')
-    assert ('--ros-args' in process.stdout) == (file.stem != 'px4_parameters')
+    ours = file.stem in ('px4_parameters', 'design_study')
+    assert ('--ros-args' in process.stdout) != ours
 
 
 @pytest.mark.parametrize(('name', 'arguments', 'package'), [

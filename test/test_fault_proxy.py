@@ -13,9 +13,8 @@ from ca_ros.bringup.fault_proxy import PREFIX, remaps
 from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, Faults, FaultSettings, corrupted
 from ca_ros.settings import table
 from ca_ros.testing import BEST_EFFORT, DEADLINE, Graph, six, wrench
-from load import fly_in_real_time
+from nodes import fly_in_real_time, fly_offline
 from strategies import LONG
-from test_bringup import fly_offline
 
 ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)
 

@@ -7,9 +7,8 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 
 from ca_ros.testing import Diagnostics, counts
-from load import start_flood
+from nodes import STALL, start_flood, stood_still
 from strategies import length
-from test_watchdog import STALL, stood_still
 
 SECONDS = length(1.0, 2.0, 12.0)
 """How long each flood lasts."""

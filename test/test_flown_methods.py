@@ -22,9 +22,19 @@ from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
 from ca_ros.evaluation.dynamic import study as dynamic_study
 from ca_ros.evaluation.plot_style import styles
 from ca_ros.evaluation.static import study as static_study
-from strategies import FLEET, HEXAROTOR, PARAMETERS, build, demands, generators, ring, vehicles
+from strategies import (
+    FLEET,
+    HEXAROTOR,
+    PARAMETERS,
+    PX4_ROWS,
+    UNIT_QUADROTOR,
+    build,
+    demands,
+    generators,
+    ring,
+    vehicles,
+)
 from strategies import unaudited as make_allocator
-from test_reversal import PX4_ROWS, UNIT_QUADROTOR
 
 AIRMODES = ('disabled', 'roll_pitch', 'roll_pitch_yaw')
 

@@ -21,8 +21,8 @@ from ca_ros.nodes.qos import STANDING
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.testing import Diagnostics
 from ca_ros.vehicle.files import find
+from nodes import fly_offline, read
 from strategies import file_values
-from test_bringup import fly_offline, read
 
 # The command lines
 

@@ -12,15 +12,28 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, Int8MultiArray, MultiArrayDimension
 
-import test_node_controller
-import test_node_simulator
 from ca_ros import AdmissibleSet
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.testing import Diagnostics, counts, six, wrench
+from nodes import (
+    BODY,
+    HOVER,
+    LAW,
+    REST,
+    STEP,
+    WAYPOINT,
+    ControllerClient,
+    SimulatorClient,
+    expected,
+    nanoseconds,
+    pose_message,
+    published,
+    some_wrenches,
+    state_array,
+    twin,
+    velocity_message,
+)
 from strategies import length
-from test_node_allocator import HOVER, some_wrenches, twin
-from test_node_controller import LAW, REST, WAYPOINT, expected, pose_message, velocity_message
-from test_node_simulator import BODY, STEP, nanoseconds, published, state_array
 
 FUZZ = length(200, 500, 10_000)
 """So many messages each node gets."""
@@ -169,7 +182,7 @@ NONE = *FAULTS, -1.0, -5e-324, 400.1, 1e12, 1e300
 """What is no rotor speed [rad/s]."""
 
 
-class Simulator(test_node_simulator.Client):
+class Simulator(SimulatorClient):
     """Commands a simulator."""
 
     name = '/simulator'
@@ -241,7 +254,7 @@ class Simulator(test_node_simulator.Client):
         return [(Float64MultiArray, 'command/motor_speed', message)]
 
 
-class Controller(test_node_controller.Client):
+class Controller(ControllerClient):
     """Shows states and waypoints to a controller."""
 
     name = '/controller'

@@ -15,9 +15,8 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.commands import NODES
 from ca_ros.process.processes import Processes
 from ca_ros.testing import DEADLINE, Graph
-from load import fly_in_real_time
+from nodes import fly_in_real_time, fly_offline
 from strategies import length
-from test_bringup import fly_offline
 
 KILLS = length(1, 1, 50)
 """So often each node is killed."""

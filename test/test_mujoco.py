@@ -26,8 +26,8 @@ from ca_ros.flight.rigid_body import (
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.settings import load
 from ca_ros.vehicle.files import shipped_vehicles
+from nodes import read
 from strategies import FLEET, build, length, ring
-from test_bringup import read
 
 mujoco = pytest.importorskip('mujoco')
 

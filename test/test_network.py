@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ca_ros.testing import DEADLINE
-from test_bringup import fly_offline
+from nodes import fly_offline
 
 
 @pytest.mark.long

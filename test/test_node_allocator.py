@@ -7,104 +7,30 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
-from ca_ros import Status, Vehicle, control_allocation_matrix
+from ca_ros import Status
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation.settings import allocator_of
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import read_wrench
 from ca_ros.nodes.settings import AllocatorSettings
 from ca_ros.nodes.stream import STALL_MIN, Stalls, subscribe
-from ca_ros.problem.audit import audit
 from ca_ros.settings import table
-from ca_ros.testing import BEST_EFFORT, RELIABLE, Graph, six, wrench
-from ca_ros.vehicle.settings import AXES
-from strategies import settings_of
+from ca_ros.testing import BEST_EFFORT, Graph, wrench
+from nodes import GAMMA, HOVER, AllocatorClient, some_wrenches, twin
 
-VEHICLE = Vehicle.load('hexarotor')
-GAMMA = control_allocation_matrix(VEHICLE)
-HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
-
-
-class Client:
-    """Commands wrenches, gathers the answers, and asks an allocator without ROS the same."""
-
-    def __init__(self, graph, namespace='', qos=RELIABLE):
-        self.graph, self.sent, self.twin = graph, 0, twin()
-        self.command = graph.publisher(WrenchStamped, f'{namespace}/command/wrench', qos)
-        self.speeds = graph.listen(Float64MultiArray, f'{namespace}/command/motor_speed')
-        own = f'{namespace}/allocator'
-        self.allocated = graph.listen(WrenchStamped, f'{own}/allocated_wrench')
-        self.residual = graph.listen(WrenchStamped, f'{own}/residual')
-        self.saturation = graph.listen(Int8MultiArray, f'{own}/saturation')
-        self.diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
-        self.parameters = graph.connect(own)
-
-    def send(self, numbers):
-        """Send a wrench (6,), force before torque, with a stamp that no other has."""
-        self.sent += 1
-        message = wrench(numbers, self.sent * 10**9 + 7, 'base_link')
-        self.command.publish(message)
-        rows = [AXES.index(axis) for axis in self.twin.problem.axes]
-        self.expected = self.twin.allocate(np.array(numbers)[rows])
-        return message.header
-
-    def ask(self, numbers):
-        """Send a wrench; return the rotor speeds that answer it."""
-        self.send(numbers)
-        label = f'stamp {self.sent}000000007'
-        self.graph.spin_until(
-            lambda: self.speeds and self.speeds[-1].layout.dim[1].label == label,
-            f'an answer to {numbers}')
-        return np.array(self.speeds[-1].data)
-
-    def account(self, numbers):
-        """Send a wrench; return what was allocated and the residual."""
-        headers = []
-        # The node may learn only after the first command that somebody listens to these.
-        self.graph.spin_until(
-            lambda: headers and all(
-                reports and reports[-1].header == headers[-1]
-                for reports in (self.allocated, self.residual)),
-            f'an account of {numbers}', repeat=lambda: headers.append(self.send(numbers)))
-        return six(self.allocated[-1]), six(self.residual[-1])
-
-    def diagnose(self):
-        """Return the diagnosis after the last command, and its values by key."""
-        def newest():
-            status = self.diagnostics[-1].status[0] if self.diagnostics else DiagnosticStatus()
-            return status, {pair.key: pair.value for pair in status.values}
-        self.graph.spin_until(
-            lambda: newest()[1].get('received') == str(self.sent), 'a diagnosis')
-        return newest()
-
-
-def twin(method='exact', health=1.0):
-    """Return the allocator that the node should be the equal of."""
-    problem = audit(VEHICLE.with_health(health)).problem
-    return allocator_of(settings_of({'allocation.method': method}).allocation, problem)
-
-
-def some_wrenches(size):
-    """Draw wrenches in the admissible set and as many out of it, with forces that are lost."""
-    rng = np.random.default_rng(1)
-    inside = rng.uniform(VEHICLE.thrust_min, VEHICLE.thrust_max, (size, 6)) @ GAMMA.T
-    outside = rng.normal(size=(size, 4)) * 10.0 ** rng.uniform(1.0, 6.0, (size, 1))
-    return np.hstack([rng.normal(size=(2 * size, 2)), np.vstack([inside, outside])])
 
 
 def start(graph, *arguments):
     """Start an allocator in lockstep, where it gets each message, in order."""
     graph.start(
         'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep', *arguments)
-    return Client(graph)
+    return AllocatorClient(graph)
 
 
 @pytest.fixture(scope='module')
@@ -292,7 +218,7 @@ def test_a_fault_of_a_method_costs_one_command_and_its_construction_none(graph, 
     graph.start(
         'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'allocation.method:=own:Own',
         cwd=tmp_path)
-    client = Client(graph)
+    client = AllocatorClient(graph)
     client.twin = twin('pseudo_inverse')
     # Also if the method answers no command at all, or not with an allocation.
     for thrust in (0.0, 1e4):
@@ -366,7 +292,7 @@ def test_allocators_in_two_namespaces_do_not_meet_and_best_effort_is_enough(grap
         graph.start(
             'allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}',
             '-p', 'command_timeout:=1000.0')
-    one, two = (Client(graph, namespace, BEST_EFFORT) for namespace in ('/uav1', '/uav2'))
+    one, two = (AllocatorClient(graph, namespace, BEST_EFFORT) for namespace in ('/uav1', '/uav2'))
     for numbers in some_wrenches(3):
         assert one.ask(numbers).tobytes() == one.expected.speeds.tobytes()
     assert two.speeds == two.allocated == []

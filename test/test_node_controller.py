@@ -4,110 +4,26 @@ import time
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Log
-from rclpy.duration import Duration
 
-from ca_ros import Vehicle
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.problem.audit import audit
-from ca_ros.testing import DEADLINE, Diagnostics, Graph, counts, six
+from ca_ros.testing import Graph, counts, six
+from nodes import LAW, REST, WAYPOINT, ControllerClient, expected, pose_message, velocity_message
 from strategies import file_values, settings_of
-
-LAW = Controller(
-    audit(Vehicle.load('hexarotor')).vehicle, settings_of({}).controller)
-WAYPOINT = (1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)
-REST = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-
-
-class Client:
-    """Sends waypoints and states and gathers the wrenches."""
-
-    def __init__(self, graph):
-        self.graph, self.last = graph, 0
-        # In lockstep it gets each message, in order.
-        self.process = graph.start(
-            'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
-        self.waypoint = graph.publisher(PoseStamped, 'command/pose')
-        self.pose = graph.publisher(PoseStamped, 'local_position/pose')
-        self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
-        self.wrenches = graph.listen(WrenchStamped, 'command/wrench')
-        self.unallocated = graph.listen(WrenchStamped, 'controller/unallocated')
-        self.log = graph.listen(Log, '/rosout')
-        self.diagnostics = Diagnostics(graph)
-        self.parameters = graph.connect('controller')
-
-    def new_stamp(self):
-        """Return a stamp [s] that no other state has."""
-        self.last += 1
-        return self.last
-
-    def send_waypoint(self, position, attitude):
-        """Send a waypoint and wait until the node has taken it."""
-        self.waypoint.publish(pose_message(position, attitude, 0))
-        assert self.waypoint.wait_for_all_acked(Duration(seconds=DEADLINE))
-        self.settle()
-
-    def send(self, position, attitude, velocity, angular_velocity):
-        """Send a state; return its stamp [s]."""
-        stamp = self.new_stamp()
-        self.pose.publish(pose_message(position, attitude, stamp))
-        self.velocity.publish(velocity_message(velocity, angular_velocity, stamp))
-        return stamp
-
-    def settle(self):
-        """Let the node answer something else, so that it comes to what was sent before."""
-        self.parameters.get('mode')
-
-    def ask(self, *state):
-        """Send a state; return the wrench that answers it."""
-        stamp = self.send(*state)
-        self.graph.spin_until(lambda: stamp in self.stamps(), f'the wrench of {stamp} s')
-        return six(self.wrenches[-1])
-
-    def stamps(self):
-        """Return the stamps of the wrenches [s]."""
-        return [message.header.stamp.sec for message in self.wrenches]
-
-
-def pose_message(position, attitude, stamp):
-    """Return a pose."""
-    message = PoseStamped()
-    message.header.stamp.sec = stamp
-    p, q = message.pose.position, message.pose.orientation
-    p.x, p.y, p.z = map(float, position)
-    q.x, q.y, q.z, q.w = map(float, attitude)
-    return message
-
-
-def velocity_message(velocity, angular_velocity, stamp):
-    """Return a velocity in the body frame."""
-    message = TwistStamped()
-    message.header.stamp.sec = stamp
-    v, w = message.twist.linear, message.twist.angular
-    v.x, v.y, v.z = map(float, velocity)
-    w.x, w.y, w.z = map(float, angular_velocity)
-    return message
-
-
-def expected(state, waypoint=WAYPOINT):
-    """Return what the law answers without ROS."""
-    parts = [np.array(part) for part in (*state, *waypoint)]
-    return np.concatenate([np.zeros(2), LAW.wrench(*parts[:4], Waypoint(*parts[4:]))])
 
 
 @pytest.fixture(scope='module')
 def client():
     """Share a controller that flies to `WAYPOINT`."""
     with Graph() as graph:
-        client = Client(graph)
+        client = ControllerClient(graph)
         client.send_waypoint(*WAYPOINT)
         yield client
 
 
 def test_no_wrench_before_a_waypoint(graph):
-    client = Client(graph)
+    client = ControllerClient(graph)
     for _ in range(3):
         client.send(*REST)
         client.settle()
@@ -117,7 +33,7 @@ def test_no_wrench_before_a_waypoint(graph):
 
 
 def test_waypoints_that_change_are_logged_once_a_second_and_the_last_in_any_case(graph):
-    client = Client(graph)
+    client = ControllerClient(graph)
     begun = time.monotonic()
     for i in range(100):
         client.waypoint.publish(pose_message((1.0, 2.0, float(i)), WAYPOINT[1], 0))

@@ -8,10 +8,8 @@ from collections import Counter
 
 import numpy as np
 import pytest
-import rclpy
 import yaml
 from geometry_msgs.msg import WrenchStamped
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
@@ -19,9 +17,8 @@ from ca_ros.commands import NODES
 from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings
 from ca_ros.settings import table
 from ca_ros.testing import Graph, wrench
+from nodes import HOVER, AllocatorClient, some_wrenches, twin
 from strategies import file_values, length
-from test_node_allocator import HOVER, Client, some_wrenches, twin
-from test_parameters import SECTIONS, sections
 
 SHIPPED = file_values('hexarotor')
 PARAMETERS, ALLOCATOR = table(FileSettings), table(AllocatorSettings)
@@ -219,7 +216,7 @@ def client():
     with Graph() as graph:
         graph.start(
             'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
-        yield Client(graph)
+        yield AllocatorClient(graph)
 
 
 @pytest.mark.parametrize('name', [name for name in ALLOCATOR if ALLOCATOR[name].mutable])
@@ -310,19 +307,3 @@ def test_changes_under_load_are_all_or_nothing(graph, mode):
         answers[k] += 1
     assert min(answers.values()) >= CHANGES / 2
     assert len(answers) == 2
-
-
-def test_ros_takes_the_same_sections_of_a_file_as_we_do(graph, tmp_path):
-    for name, nodes in SECTIONS:
-        path = sections(tmp_path, name)
-        context = rclpy.Context()
-        rclpy.init(
-            args=['--ros-args', '--params-file', str(path)], context=context,
-            domain_id=graph.domain, signal_handler_options=SignalHandlerOptions.NO)
-        for node in ('/allocator', '/a/allocator', '/a/b/allocator'):
-            made = rclpy.create_node(
-                'allocator', namespace=node.removesuffix('/allocator'), context=context,
-                automatically_declare_parameters_from_overrides=True)
-            assert made.has_parameter('vehicle.mass') == (node in nodes), (name, node)
-            made.destroy_node()
-        rclpy.shutdown(context=context)

@@ -12,82 +12,20 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from std_srvs.srv import Trigger
 
-from ca_ros import Vehicle
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
     NULL_STATE,
-    POSITION,
     RigidBody,
-    velocity_in_body,
 )
 from ca_ros.flight.settings import PlantSettings
 from ca_ros.settings import read
 from ca_ros.testing import Diagnostics, counts
+from nodes import BODY, STEP, SimulatorClient, nanoseconds, published, state_array
 from strategies import EVERY_EFFECT
 
-STEP = 10_000_000
-"""[ns]"""
-
-BODY = RigidBody(Vehicle.load('hexarotor'))
-
-
-class Client:
-    """Commands rotor speeds and gathers what the vehicle does."""
-
-    def __init__(self, graph, mode, *arguments):
-        self.graph = graph
-        self.process = graph.start(
-            'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
-            '-p', 'timeout_action:=hold', *arguments)
-        self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
-        self.poses = graph.listen(PoseStamped, 'local_position/pose')
-        self.velocities = graph.listen(TwistStamped, 'local_position/velocity_body')
-        self.speeds = graph.listen(Float64MultiArray, 'motor_speed')
-        graph.connect('simulator')
-
-    def send(self, speeds, stamp=None):
-        """Send rotor speeds that answer the state of a time [ns], or of none."""
-        message = Float64MultiArray(data=[float(speed) for speed in speeds])
-        if stamp is not None:
-            message.layout.dim = [MultiArrayDimension(label=f'stamp {stamp}')]
-        self.command.publish(message)
-
-    def state(self, stamp):
-        """Wait for the state of a time [ns]: position, attitude, velocities as one array."""
-        def seen():
-            return [
-                [m for m in messages if nanoseconds(m) == stamp]
-                for messages in (self.poses, self.velocities)]
-        self.graph.spin_until(lambda: all(seen()), f'the state at {stamp} ns')
-        return state_array(seen()[0][-1], seen()[1][-1])
-
-
-def nanoseconds(message):
-    """Return the stamp of a message [ns]."""
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def state_array(pose, velocity):
-    """Return what is published of a state as one array."""
-    p, q = pose.pose.position, pose.pose.orientation
-    v, w = velocity.twist.linear, velocity.twist.angular
-    return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z])
-
-
-def published(state):
-    """Return what should be published of a state (13,)."""
-    return np.concatenate([
-        state[POSITION], state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY]])
-
-
 REST = published(NULL_STATE)
-SOME_SPEEDS = np.array([260.0, 250.0, 300.0, 240.0, 255.0, 310.0])
-
-
 def test_lockstep_takes_the_steps_of_the_rigid_body_to_the_last_bit(graph):
-    client = Client(graph, 'lockstep')
+    client = SimulatorClient(graph, 'lockstep')
     rng = np.random.default_rng(0)
     state, commands = NULL_STATE, []
     assert client.state(0).tobytes() == REST.tobytes()
@@ -111,7 +49,7 @@ def test_lockstep_takes_the_steps_of_the_rigid_body_to_the_last_bit(graph):
 
 def test_with_every_effect_a_reset_repeats_the_flight_to_the_last_bit(graph):
     words = [word for name, value in EVERY_EFFECT.items() for word in ('-p', f'{name}:={value}')]
-    client = Client(
+    client = SimulatorClient(
         graph, 'lockstep', *words, '-p', 'simulator.publish_clock:=true',
         '-p', 'simulator.publish_odometry:=true')
     clock = graph.listen(Clock, '/clock')
@@ -150,7 +88,7 @@ BAD_COMMANDS = [
 
 
 def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
-    client = Client(graph, 'realtime')
+    client = SimulatorClient(graph, 'realtime')
     for speeds in BAD_COMMANDS:
         client.send(speeds)
     graph.spin_until(lambda: len(client.poses) >= 50 <= len(client.velocities), 'states at rest')
@@ -169,7 +107,7 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
 
 
 def test_each_state_of_a_vehicle_at_rest_has_noise_of_its_own(graph):
-    client = Client(graph, 'realtime', '-p', 'simulator.position_noise:=0.1')
+    client = SimulatorClient(graph, 'realtime', '-p', 'simulator.position_noise:=0.1')
     graph.spin_until(lambda: len(client.poses) >= 20, 'states at rest')
     heights = [pose.pose.position.z for pose in client.poses]
     assert len({*heights}) == len(heights)
@@ -177,7 +115,7 @@ def test_each_state_of_a_vehicle_at_rest_has_noise_of_its_own(graph):
 
 @pytest.mark.parametrize('speed', [None, 300.0], ids=['at rest', 'in flight'])
 def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph, speed):
-    client = Client(graph, 'realtime')
+    client = SimulatorClient(graph, 'realtime')
     if speed:
         client.send([speed] * 6)
     graph.spin_until(lambda: len(client.poses) >= 20, 'states')
@@ -202,7 +140,7 @@ def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph, speed):
 
 def test_simulated_time_passes_at_the_real_time_factor(graph):
     factor = 0.05
-    client = Client(graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}')
+    client = SimulatorClient(graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}')
 
     def risen():
         """Return the times of the states in the air [ns]."""
@@ -230,7 +168,7 @@ def test_simulated_time_passes_at_the_real_time_factor(graph):
 def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
     # As an allocator sends it that has outlived the simulator before this one.
     diagnostics = Diagnostics(graph)
-    client = Client(graph, 'realtime')
+    client = SimulatorClient(graph, 'realtime')
     idle = Float64MultiArray(data=[40.0] * 6)
     idle.layout.dim = [MultiArrayDimension(label='no stamp')]
     for _ in range(5):
@@ -251,7 +189,7 @@ def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
 
 
 def test_in_lockstep_it_waits_where_it_is_told_to(graph):
-    client = Client(graph, 'lockstep', '-p', 'simulator.hold_at:=0.02')
+    client = SimulatorClient(graph, 'lockstep', '-p', 'simulator.hold_at:=0.02')
     parameters = graph.connect('simulator')
     speeds = np.full(6, 250.0)
 

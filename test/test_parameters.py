@@ -436,3 +436,22 @@ def test_a_name_for_another_node_is_left_alone():
 def test_of_a_vehicle_only_the_health_can_change_in_flight():
     # A running node takes all else from the vehicle of its start.
     assert [name for name in VEHICLE if VEHICLE[name].mutable] == ['rotors.health']
+
+
+def test_ros_takes_the_same_sections_of_a_file_as_we_do(graph, tmp_path):
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    for name, nodes in SECTIONS:
+        path = sections(tmp_path, name)
+        context = rclpy.Context()
+        rclpy.init(
+            args=['--ros-args', '--params-file', str(path)], context=context,
+            domain_id=graph.domain, signal_handler_options=SignalHandlerOptions.NO)
+        for node in ('/allocator', '/a/allocator', '/a/b/allocator'):
+            made = rclpy.create_node(
+                'allocator', namespace=node.removesuffix('/allocator'), context=context,
+                automatically_declare_parameters_from_overrides=True)
+            assert made.has_parameter('vehicle.mass') == (node in nodes), (name, node)
+            made.destroy_node()
+        rclpy.shutdown(context=context)

@@ -371,7 +371,6 @@ def test_a_delay_of_too_many_steps_is_refused():
         plant(time_step=1e-5, sub_steps=1000.0, command_delay=10.0)
 
 
-
 def test_a_flight_leaves_its_plant_alone():
     case = Case.load('hexarotor', ['simulator.position_noise:=0.01'])
     flown = case.plant()

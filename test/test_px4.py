@@ -10,11 +10,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
-from strategies import FLEET
-from test_examples import FOLDER, load
+from strategies import EXAMPLES, FLEET, example
 
 odometry, setpoints, parameters, motors = map(
-    load, ('px4_odometry', 'px4_setpoints', 'px4_parameters', 'px4_actuator_motors'))
+    example, ('px4_odometry', 'px4_setpoints', 'px4_parameters', 'px4_actuator_motors'))
 
 S = np.sqrt(0.5)
 
@@ -269,7 +268,7 @@ def test_one_least_speed_is_for_motors_that_all_reverse(reverse, found):
 @pytest.mark.parametrize('name', ['px4_actuator_motors', 'gazebo_actuators'])
 def test_adapters_without_reverse_refuse_vehicles_with_it(name):
     option = '--sdf' if name == 'gazebo_actuators' else '--vehicle'
-    command = [sys.executable, str(FOLDER / f'{name}.py'), option, 'rov']
+    command = [sys.executable, str(EXAMPLES / f'{name}.py'), option, 'rov']
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (1, '')
     assert run.stderr == f'{name}: rotors reverse (rotors.speed_min < 0), which is not supported\n'
@@ -283,7 +282,7 @@ def test_motors_that_reverse_are_marked():
 def test_the_commands_for_both_ways(tmp_path):
     def convert(*arguments):
         return subprocess.run(
-            [sys.executable, str(FOLDER / 'px4_parameters.py'), *map(str, arguments)],
+            [sys.executable, str(EXAMPLES / 'px4_parameters.py'), *map(str, arguments)],
             capture_output=True, text=True)
 
     file, vehicle = tmp_path / 'my.params', tmp_path / 'my.yaml'

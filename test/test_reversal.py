@@ -1,7 +1,6 @@
 """No axis is reversed, exceeded or moved without demand where a lesser quantity can pay."""
 
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, rotation_matrix
 from ca_ros.nodes.settings import load
 from ca_ros.vehicle.files import config_directory
-from strategies import PARAMETERS, extreme, length
+from strategies import PX4_ROWS, UNIT, UNIT_QUADROTOR, extreme, length
 
 WRENCHES = length(200, 1000)
 JUDGED = length(10, 25)
@@ -22,16 +21,6 @@ JUDGED = length(10, 25)
 SHIPPED = sorted(file.stem for file in config_directory().glob('*.yaml'))
 
 ROUNDING = 1e-9
-
-UNIT = PARAMETERS | {
-    'vehicle.mass': 2.0 / 9.81,
-    'rotors.positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0],
-    'rotors.spins': ['cw', 'ccw', 'cw', 'ccw'],
-    'rotors.thrust_coefficient': 1.0, 'rotors.torque_coefficient': 1.0,
-    'rotors.speed_min': 0.0, 'rotors.speed_max': 1.0}
-UNIT_QUADROTOR = Vehicle.from_parameters(UNIT)
-"""All effectivenesses 1: thrust is the sum of four thrusts from 0 to 1 N; it hovers at half."""
-
 
 def off_sense(served, demand, reference):
     """Return how far values are outside of the range between reference and demand."""
@@ -153,16 +142,6 @@ def test_yaw_is_not_reversed_worked_out_by_hand():
 
 
 # PX4
-
-PX4_ROWS = np.loadtxt(
-    Path(__file__).with_name('px4_desaturation.csv'), delimiter=',', skiprows=1)
-"""The rows of PX4's test of its sequential desaturation.
-
-Source: ControlAllocationSequentialDesaturationTest.cpp of PX4-Autopilot, PreviousMixingTests:
-roll, pitch, yaw, mean thrust; then four thrusts without airmode, with that of roll and pitch, and
-with that of roll, pitch and yaw.
-"""
-
 
 def test_the_rows_of_px4():
     admissible = AdmissibleSet(UNIT_QUADROTOR)

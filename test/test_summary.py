@@ -14,8 +14,8 @@ from ca_ros.bringup.summary import summarize
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
+from nodes import GOAL, fly_offline
 from strategies import file_values
-from test_bringup import WAYPOINT, fly_offline
 
 HINT = '  hint          the machine may be too slow for real time'
 PARAMETERS = file_values('hexarotor')
@@ -30,7 +30,7 @@ AWAY = replace(SHORT, flight=fly_offline('exact', 1.0, (-1.0, -1.0, 1.0, 0.0)))
 
 def lines(flown=AWAY, failures=RotorFailures(), **changes):  # noqa: B008 - it is frozen
     """Return what the summary of a missed flight says after its rotor speeds."""
-    text, reached = summarize(replace(flown, **changes), Waypoint.of(*WAYPOINT), failures)
+    text, reached = summarize(replace(flown, **changes), Waypoint.of(*GOAL), failures)
     assert not reached
     return text.splitlines()[4:]
 
@@ -38,7 +38,7 @@ def lines(flown=AWAY, failures=RotorFailures(), **changes):  # noqa: B008 - it i
 def bounds(flight, failures=RotorFailures(), **changes):  # noqa: B008 - it is frozen
     """Return what the summary says of the bounds, in real time unless the changes say else."""
     flown = replace(SHORT, flight=flight, **changes)
-    text, _ = summarize(flown, Waypoint.of(*WAYPOINT), failures)
+    text, _ = summarize(flown, Waypoint.of(*GOAL), failures)
     return re.search(r'(\S+ ?\S*) bounds', text)[1].removeprefix('flight, ')
 
 
@@ -68,8 +68,8 @@ def test_a_healthy_flight_that_is_too_short_does_not_blame_the_machine(monkeypat
         assert re.fullmatch(
             '  hint          it was still approaching, by .* mm/s: try a longer --duration', hint)
     # There, but not yet turned.
-    turning = fly_offline('exact', 0.5, (0.0, 0.0, 0.0, WAYPOINT[3]))
-    flown = replace(SHORT, flight=replace(turning, position=turning.position + WAYPOINT[:3]))
+    turning = fly_offline('exact', 0.5, (0.0, 0.0, 0.0, GOAL[3]))
+    flown = replace(SHORT, flight=replace(turning, position=turning.position + GOAL[:3]))
     [hint] = lines(flown)
     assert 'degrees/s: try a longer --duration' in hint
 

@@ -22,7 +22,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.testing import Diagnostics, counts, wrench
 from ca_ros.vehicle.settings import AXES
-from load import start_flood
+from nodes import STALL, start_flood, stolen, stood_still
 from strategies import PARAMETERS, length, ring
 
 TIMEOUTS = length(3, 6, 150)
@@ -33,9 +33,6 @@ TIMEOUT = 0.05
 
 STEP = 0.01
 """Of the simulator, which shows its rotor speeds so often [s]."""
-
-STALL = 0.03
-"""For so long a virtual machine may stand still, and nobody in it is the wiser [s]."""
 
 CHANGES = 0.25
 """How long two changes of parameters may take at most, for 16 rotors and six axes [s]."""
@@ -123,12 +120,6 @@ def fallen_back(message):
     return message.layout.dim[1].label == 'no stamp'
 
 
-def stolen():
-    """Return the processor time that went to other virtual machines [s]."""
-    ticks = Path('/proc/stat').read_text(encoding='ascii').split(maxsplit=9)[8]
-    return int(ticks) / os.sysconf('SC_CLK_TCK')
-
-
 def work(pid):
     """Return how long the threads of a process have worked, or waited for a processor [s]."""
     total = 0
@@ -136,14 +127,6 @@ def work(pid):
         worked, waited, _ = path.read_text().split()
         total += int(worked) + int(waited)
     return total / 1e9
-
-
-def stood_still(pid):
-    """Return how long a process and this one have waited for a processor [s]."""
-    waited = sum(
-        int(path.read_text().split()[1])
-        for each in (pid, os.getpid()) for path in Path(f'/proc/{each}/task').glob('*/schedstat'))
-    return waited / 1e9 + stolen()
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.testing import DEADLINE, Graph
-from load import fly_in_real_time
+from nodes import fly_in_real_time
 
 HOSTS = ('ground', 'controller', 'allocator', 'simulator')
 NODES = HOSTS[1:]
