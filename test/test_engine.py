@@ -194,7 +194,7 @@ def cluster():
         yield cluster
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_dask_repeats_the_chunk_of_a_killed_worker(cluster, tmp_path):
     task = Thirds(tmp_path, 5, signal.SIGKILL)
     options = Namespace(workers=None, scheduler=cluster.scheduler_address)
@@ -202,7 +202,7 @@ def test_dask_repeats_the_chunk_of_a_killed_worker(cluster, tmp_path):
     assert (tmp_path / 'computed.sent').exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_static_study_has_the_same_bits_on_a_cluster(cluster, serial, tmp_path):
     assert main([*STUDY, str(tmp_path), '--scheduler', cluster.scheduler_address]) == 0
     assert written(tmp_path) == serial
@@ -216,7 +216,7 @@ def test_a_scheduler_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
     assert capsys.readouterr().err.startswith('static_study: --scheduler nowhere: ')
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cluster_that_goes_away_is_reported(tmp_path):
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(

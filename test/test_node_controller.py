@@ -128,8 +128,11 @@ def test_what_it_cuts_off_the_demand_is_published_and_warned_of(client):
         cut = six(client.unallocated[-1])
         np.testing.assert_allclose(six(client.wrenches[-1]) + cut, wanted, rtol=0.0, atol=1e-12)
         assert cut.any() == (state is tilted)
+    # It lasts a second: whoever waits for it has the node cut again.
+    cuts = client.graph.node.create_timer(0.1, lambda: client.send(*tilted))
     values = client.diagnostics.wait(
         '/controller', lambda level, message, values: 'not attainable' in message, 'a warning')[2]
+    cuts.cancel()
     assert counts(values)['cut'] >= 1
     assert 'yaw' in values['unallocated [N, N m]']
     client.graph.spin_until(
