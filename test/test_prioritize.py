@@ -285,8 +285,8 @@ def test_the_status_names_what_was_done(policy):
 @pytest.mark.parametrize(('options', 'words'), [
     ({'policy': 'hope'}, 'prioritize, scale, reject'),
     ({'order': [['thrust']]}, 'order'),
-    ({'policy': 'scale', 'about': [99.0, 0.0, 0.0, 0.0]}, 'about'),
-    ({'policy': 'scale', 'about': [9.81, 0.0]}, 'shape'),
+    ({'policy': 'scale', 'scale_reference': [99.0, 0.0, 0.0, 0.0]}, 'scale_reference'),
+    ({'policy': 'scale', 'scale_reference': [9.81, 0.0]}, 'scale_reference'),
 ])
 def test_a_wrong_option_is_refused_at_once(options, words):
     with pytest.raises(ValueError, match=words):

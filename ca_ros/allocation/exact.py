@@ -151,7 +151,11 @@ class Exact(Allocator):
         axes, about = problem.axes, settings.scale_reference
         groups: Sequence[Sequence[str]] = settings.groups(axes)
         if about is not None:
-            self.admissible.check_reference(about)
+            try:
+                self.admissible.check_reference(about)
+            except ValueError as error:
+                fault = str(error).removeprefix('about: ')
+                raise ParameterError(f'scale_reference: {fault}') from None
         kernel = chosen(problem.n, len(axes)) if settings.solver == 'newton' else None
         status, reversal = POLICIES[settings.policy], settings.thrust_deviation
         if settings.policy == 'prioritize':
