@@ -63,7 +63,7 @@ def flight(tmp_path_factory):
     folder = tmp_path_factory.mktemp('flight')
     with Graph() as graph:
         process = graph.start(
-            'bringup', '--mode', 'lockstep', '--duration', str(DURATION),
+            'bringup', '--mode', 'lockstep', '--duration', str(DURATION), '--detect',
             '--out', str(folder), '--bag', str(folder / 'bag'), '--ros-args',
             '-p', 'simulator.publish_clock:=true', '-p', 'simulator.publish_odometry:=true')
         out, err = graph.outlive(process)
