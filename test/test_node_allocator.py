@@ -194,7 +194,9 @@ OWN = """
 from pathlib import Path
 from time import sleep
 
-from ca_ros.allocation import PseudoInverse
+import numpy as np
+
+from ca_ros.allocation import Allocation, PseudoInverse, Status
 
 
 class Own(PseudoInverse):
@@ -209,7 +211,9 @@ class Own(PseudoInverse):
     def _allocate(self, u):
         if u[0] == 0.0:
             raise ZeroDivisionError('no thrust')
-        return super()._allocate(u) if u[0] < 1e3 else None
+        if u[0] < 1e3:
+            return super()._allocate(u)
+        return None if u[0] == 1e4 else Allocation(self.problem, u, np.full(6, 1.0j), Status.EXACT)
 """
 
 
@@ -221,7 +225,7 @@ def test_a_fault_of_a_method_costs_one_command_and_its_construction_none(graph, 
     client = AllocatorClient(graph)
     client.twin = twin('pseudo_inverse')
     # Also if the method answers no command at all, or not with an allocation.
-    for thrust in (0.0, 1e4):
+    for thrust in (0.0, 1e4, 2e4):
         failing = graph.node.create_timer(0.01, lambda thrust=thrust: client.command.publish(
             wrench(thrust)))
         graph.spin_until(

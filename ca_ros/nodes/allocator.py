@@ -106,7 +106,7 @@ class AllocatorNode(HealthNode):
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
-        self._lost = vehicle.health == 0.0
+        self._lost = vehicle.lost
         # The action hold repeats the last speeds: idle before the first answer, zero if lost.
         if not self.counts['served']:
             self._last = fallback('idle', vehicle, self._last)
@@ -173,6 +173,8 @@ class AllocatorNode(HealthNode):
             return
         try:
             answer = self.method.allocate([wrench[row] for row in self._rows])
+            if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
+                raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
             # Speeds out of bounds never reach the motors, even if a method returns them.
             speeds = answer.speeds

@@ -162,7 +162,7 @@ class VehicleNode(ParameterNode):
         """Return the values of the diagnostics by name."""
         if self.audit is None:
             return dict(self.counts)
-        lost = np.flatnonzero(self.audit.vehicle.health == 0.0) + 1
+        lost = np.flatnonzero(self.audit.vehicle.lost) + 1
         return {'lost rotors': ', '.join(map(str, lost)) or 'none', **self.counts}
 
     @property

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, constant, floats, is_constant
+from ca_ros.arrays import Array, BoolArray, constant, floats, is_constant
 from ca_ros.settings import ParameterError, check_given, read, repeated, table
 from ca_ros.vehicle import files, values
 from ca_ros.vehicle.settings import (
@@ -187,8 +187,9 @@ class Vehicle:
         except (TypeError, ValueError):
             shares = np.array(np.nan)
         if shares.shape not in ((), (self.n,)) or not ((shares >= 0.0) & (shares <= 1.0)).all():
+            given = ' '.join(repr(health).split())
             raise ParameterError(
-                f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {health!r}'
+                f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {given}'
             )
         return replace(self, health=np.broadcast_to(shares, (self.n,)))
 
@@ -196,6 +197,11 @@ class Vehicle:
     def n(self) -> int:
         """Number of rotors."""
         return len(self.arms)
+
+    @property
+    def lost(self) -> BoolArray:
+        """Which rotors are lost, (n,)."""
+        return self.health < HEALTH_MIN
 
     @property
     def weight(self) -> float:
@@ -214,7 +220,7 @@ class Vehicle:
 
     @property
     def _share(self) -> Array:
-        return np.where(self.health < HEALTH_MIN, 0.0, self.health)
+        return np.where(self.lost, 0.0, self.health)
 
     @property
     def powerless(self) -> bool:
