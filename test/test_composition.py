@@ -18,9 +18,11 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.allocator import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor
+from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.topics import TOPICS
 from ca_ros.process.deadline import Deadline
+from ca_ros.settings import table as settings_of
 from ca_ros.testing import DEADLINE
 from nodes import fly_offline
 from strategies import file_values
@@ -174,7 +176,7 @@ def test_parameters_with_two_bounds_have_a_range_for_sliders_and_keep_our_messag
         ranges = {
             name: [(each.from_value, each.to_value) for each in
                    simulator.describe_parameter(name).floating_point_range]
-            for name in SimulatorNode.declared}
+            for name in settings_of(SimulatorNode.declared)}
         assert ranges['simulator.real_time_factor'] == [(0.01, 10.0)]
         assert ranges['rotors.health'] == [(0.0, 1.0)]
         assert ranges['vehicle.mass'] == ranges['mode'] == []
@@ -207,7 +209,7 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
             table['requested'] |= dict.fromkeys(topics, requested)
     assert table['offered'].keys() == {topic.name for topic in TOPICS} - {'/rosout'}
     seen = set()
-    for node_class in (ControllerNode, AllocatorNode, SimulatorNode):
+    for node_class in (ControllerNode, AllocatorNode, SimulatorNode, MonitorNode):
         values = file_values('hexarotor', kind=node_class.declared) | {'mode': mode}
         values |= {name: True for name in values if name.startswith('simulator.publish_')}
         node = node_class(
@@ -220,8 +222,10 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
                     name, qos = told.get(end.topic_name), end.qos_profile
                     if name:
                         words = qos.reliability.name.lower().replace('_', ' ')
-                        assert table[kind][name] == f'{words}, depth {qos.depth}', name
-                        assert qos.durability.name == 'VOLATILE', name
+                        words += f', depth {qos.depth}'
+                        if qos.durability.name == 'TRANSIENT_LOCAL':
+                            words += ', transient local'
+                        assert table[kind][name] == words, name
                         assert qos.history.name == 'KEEP_LAST', name
                         seen.add((kind, name))
         finally:
@@ -229,4 +233,4 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
     told = [(kind, name) for kind in table for name in table[kind]]
     others = [end for end in told if not table[end[0]][end[1]].startswith(('yours', 'none'))]
     not_in_the_loop = {('requested', topic.name) for topic in TOPICS if not topic.subscribers}
-    assert seen == set(others) - not_in_the_loop
+    assert seen - not_in_the_loop == set(others) - not_in_the_loop

@@ -165,7 +165,7 @@ def test_a_problem_has_no_rotor_speeds():
     (([[1.0, 1.0]], 0.0, 1.0, 5), 'axes: expected 1 different names'),
     (([[1.0, 1.0]], 0.0, 1.0, [['a']]), 'axes: expected 1 different names'),
     (([[1.0, 1.0]], 0.0, 1.0, ['two\nlines']), 'axes: expected names of printable characters'),
-    ((np.ones((1, 10**5)), 0.0, 1.0), 'matrix: expected up to 100 effectors, got 100000'),
+    ((np.ones((1, 10**5)), 0.0, 1.0), 'matrix: expected up to 1000 effectors, got 100000'),
     (([[1.0, 1.0]], 0.0, 1.0, None, ['a', 'a']), 'names: expected 2 different names'),
     (([[1.0, 1.0]], 0.0, 1.0, None, None, [0.0, 0.0]), 'reference: expected 1 numbers'),
     (([[1.0, 1.0]], 0.0, 1.0, None, None, 0.0), 'reference: expected 1 numbers'),

@@ -25,7 +25,7 @@ from ca_ros.vehicle.settings import (
     VehicleSettings,
 )
 
-EFFECTORS_MAX = 100
+EFFECTORS_MAX = 1000
 """Greatest number of rotors; more would need hours to list what they can do."""
 
 HEALTH_MIN = 1e-9
