@@ -33,6 +33,10 @@ REFINED = 0.5
 USELESS = 0.2
 """A rotor with less health is lost."""
 
+TOTAL = 0.9
+"""Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
+commands so low that its health cannot be estimated further."""
+
 SUSPICION = 12.0
 """Score from which the noise is not learnt, for at most `PATIENCE` s."""
 
@@ -283,7 +287,12 @@ class FailureDetector:
             return changed
         self._count = 0
         self._forget(int(begins[found.window]))
+        # The window may have begun a block before the failure.
+        age = ages[found.window]
+        longer = age / max(age - block, block)
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
+            if share * longer >= TOTAL * self.health[rotor]:
+                share = self.health[rotor]
             self.certainty[rotor] = max(self.certainty[rotor], self.settings.certainty)
             self._fail(rotor, share, time, 'motion')
         return True

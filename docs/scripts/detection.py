@@ -64,7 +64,7 @@ def failed(vehicle, manoeuvre, rotor, changes, announce=None, seed=0):
     # It holds the place where it was bound for.
     flight = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(*first),
-        at + 8.0, changes=events,
+        at + (16.0 if manoeuvre == 'forward' else 8.0), changes=events,
         detection=detection)
     return flight, detection, goal, at, case
 
