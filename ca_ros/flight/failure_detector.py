@@ -100,6 +100,7 @@ class FailureDetector:
             [np.full(3, vehicle.mass * s.velocity_noise), inertia * s.angular_velocity_noise]
         )
         self._noise = 2.0 * noise**2
+        self._floor = FLOOR**2 * self._noise
         self._moving = MOVING * np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._time: int | None = None
         self._turned, self._motion = np.eye(3), np.zeros(6)
@@ -120,6 +121,7 @@ class FailureDetector:
         self.suspect: int | None = None
         self._measured = np.full(n, np.inf)
         self._slow = np.zeros(n, int)
+        self._sound = np.ones(n, bool)
         self._refined = np.full(n, np.inf)
         self._variance = np.tile(self._noise, (len(WINDOWS), 1))
         self._drag = np.zeros(6)
@@ -260,26 +262,31 @@ class FailureDetector:
             self._blocks = np.clip(np.rint(WINDOWS / block).astype(int), 1, LENGTH - 1)
         begins = (now - self._blocks) % LENGTH
         lacked = self._impulses[now] - self._impulses[begins]
+        self._refined += block
+        refining = bool((self._refined - block < REFINED).any())
+        spread, squares = np.maximum(self._variance, self._floor), lacked**2
+        if not refining and (squares / spread).sum(axis=1).max() <= SUSPICION:
+            # No score exceeds this sum.
+            self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
+            self.certainty = np.where(self._sound, 0.0, self.certainty)
+            self._learn_noise(block, spread, squares)
+            return False
         given = self._commanded[now] - self._commanded[begins]
         ages = self._times[now] - self._times[begins]
-        variance = self._variances(given, ages, thrusts - self._thrusts[begins])
+        change = thrusts - self._thrusts[begins]
+        variance = spread + self._model_errors(given, ages, change)
         found = self._find(lacked, given, variance, self.health)
         if found.score > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
             self._forget(now)
             return False
-        changed = self._refine(found)
-        refining = bool((self._refined < REFINED).any())
-        self._refined += block
+        changed = self._refine(found, block)
         suspected = found.score > SUSPICION or refining
         self._waited = self._waited + block if suspected else 0.0
         self.suspect = found.rotor if found.score > self._find.limit else None
         if not self._suspicious:
-            share = -expm1(-block * self._gain())
-            spread = np.maximum(self._variance, FLOOR**2 * self._noise)
-            self._variance = spread + share * (np.minimum(lacked**2, 9.0 * spread) - spread)
-        sound = np.array([since is None for since in self.since])
-        self.certainty = np.where(sound, found.probabilities, self.certainty)
+            self._learn_noise(block, spread, squares)
+        self.certainty = np.where(self._sound, found.probabilities, self.certainty)
         repeated = bool(found.named) and found.named == self._named
         self._count = self._count + 1 if repeated else int(bool(found.named))
         self._named = found.named
@@ -297,12 +304,17 @@ class FailureDetector:
             self._fail(rotor, share, time, 'motion')
         return True
 
-    def _variances(self, given: Array, ages: Array, change: Array) -> Array:
+    def _learn_noise(self, block: float, spread: Array, squares: Array) -> None:
+        share = -expm1(-block * self._gain())
+        self._variance = spread + share * (np.minimum(squares, 9.0 * spread) - spread)
+
+    def _model_errors(self, given: Array, ages: Array, change: Array) -> Array:
+        """Return the variance (T, 6) by errors of the thrusts, the lag and the delay."""
         s = self.settings
         assert self._mean_thrusts is not None
         error = (s.thrust_error * (given - ages[:, None] * self._mean_thrusts)) ** 2
         error += (s.time_error * change) ** 2
-        return np.maximum(self._variance, FLOOR**2 * self._noise) + error @ self._squares.T
+        return error @ self._squares.T
 
     def _forget(self, begin: int) -> None:
         """Let no window begin before a block."""
@@ -312,6 +324,7 @@ class FailureDetector:
 
     def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
         self.since[rotor], self.evidence[rotor] = time, evidence
+        self._sound[rotor] = False
         self._refined[rotor] = 0.0
         self._reduce(rotor, share)
 
@@ -326,10 +339,11 @@ class FailureDetector:
         self.health = self.health.copy()
         self.health[rotor] = left
 
-    def _refine(self, found: Finding) -> bool:
+    def _refine(self, found: Finding, block: float) -> bool:
         """Estimate the health of rotors that have just failed; return whether it changes."""
         changed = False
-        for rotor in np.flatnonzero((self._refined < REFINED) & (self.health > 0.0)).tolist():
+        recent = (self._refined - block < REFINED) & (self.health > 0.0)
+        for rotor in np.flatnonzero(recent).tolist():
             if abs(found.shares[rotor]) > max(0.05, 3.0 * found.errors[rotor]):
                 self._reduce(rotor, float(found.shares[rotor]))
                 changed = True
