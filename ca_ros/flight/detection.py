@@ -13,7 +13,7 @@ from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 
-Found = list[tuple[int, Array]]
+_Found = list[tuple[int, Array]]
 """The times [ns] at which the health changed, each with the new health (n,)."""
 
 Rebuild = Callable[[Array], tuple[Controller, Allocator]]
@@ -30,12 +30,12 @@ class Detection:
 
     Attributes
     ----------
-    found : Found
+    found : _Found
     """
 
     def __init__(self, detector: FailureDetector, rebuild: Rebuild) -> None:
         self.detector, self._rebuild = detector, rebuild
-        self.found: Found = []
+        self.found: _Found = []
 
     def observe(self, time: int, state: Array) -> tuple[Controller, Allocator] | None:
         """Take a measured state (13,) at a time [ns]; return new parts if there is a failure."""
@@ -50,9 +50,9 @@ class Detection:
         self.detector.command(time, speeds)
 
 
-def replay(detector: FailureDetector, flight: Flight) -> Found:
+def replay(detector: FailureDetector, flight: Flight) -> _Found:
     """Return what a detector finds in a recorded flight, as it did in the flight itself."""
-    found: Found = []
+    found: _Found = []
     samples = zip(
         np.round(flight.time * 1e9).astype(int).tolist(),
         flight.attitude,

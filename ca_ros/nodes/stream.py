@@ -17,7 +17,7 @@ from ca_ros.nodes.qos import requested
 from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic
 
-Taken = tuple[bytes, dict[str, Any]]
+_Taken = tuple[bytes, dict[str, Any]]
 """A serialized message and the information about it."""
 
 SIZE_MAX = 16384
@@ -47,7 +47,7 @@ class Stalls:
             self._settled = now + SETTLING
         self._looked = now
 
-    def newest(self, stream: Subscription, taken: Taken) -> Taken:
+    def newest(self, stream: Subscription, taken: _Taken) -> _Taken:
         """Return the newest message of what waits after a stall; otherwise the message taken."""
         # Before the timer, which comes after the messages.
         if monotonic() > self._looked + STALL_MIN:
