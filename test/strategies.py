@@ -30,7 +30,7 @@ def length(short, long, soak=None):
 
 
 settings.register_profile(
-    'ca_ros', max_examples=length(20, 50), deadline=None, derandomize=True, database=None,
+    'ca_ros', max_examples=length(12, 50), deadline=None, derandomize=True, database=None,
     print_blob=False,
     suppress_health_check=[HealthCheck.too_slow],
     phases=[Phase.explicit, Phase.generate, Phase.shrink])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial import ConvexHull
 
 from ca_ros import AdmissibleSet, ParameterError, control_allocation_matrix
 from strategies import (
@@ -19,17 +18,8 @@ from strategies import (
     vehicles,
 )
 
-SOME = {name: FLEET[name] for name in ('quadrotor', 'hexarotor', 'y6', 'x8', 'asymmetric')} | {
-    f'random with {n} rotors': random_vehicle(np.random.default_rng(n), n) for n in range(4, 9)}
-
-
-def hull(vehicle):
-    """Return the convex hull of the corners of the box, in units of the set's extent."""
-    gamma = control_allocation_matrix(vehicle)
-    bounds = np.column_stack([vehicle.thrust_min, vehicle.thrust_max])
-    corners = np.array(np.meshgrid(*bounds)).reshape(vehicle.n, -1).T @ gamma.T
-    scale = np.ptp(corners, axis=0)
-    return ConvexHull(corners / scale), scale
+SOME = {name: FLEET[name] for name in ('hexarotor', 'y6', 'asymmetric')} | {
+    f'random with {n} rotors': random_vehicle(np.random.default_rng(n), n) for n in (4, 7)}
 
 
 def test_the_hexarotor_has_22_facets_and_a_volume_known_by_hand():
@@ -168,14 +158,6 @@ def test_what_is_no_wrench_is_refused(query, u):
 # Sampling
 
 @pytest.mark.parametrize('name', SOME)
-def test_samples_are_in_the_set(name):
-    admissible = AdmissibleSet(SOME[name])
-    samples = admissible.sample(np.random.default_rng(0), 1000)
-    assert samples.shape == (1000, len(SOME[name].axes))
-    assert np.all(admissible.contains(samples, tolerance=1e-12))
-
-
-@pytest.mark.parametrize('name', SOME)
 def test_samples_are_uniform_by_volume(name):
     # Copies of half the size, about points of the set, have 1/16 of its volume (in 4 dimensions).
     vehicle, size = SOME[name], 20_000
@@ -183,25 +165,9 @@ def test_samples_are_uniform_by_volume(name):
     low, high = vehicle.thrust_min, vehicle.thrust_max
     admissible, rng = AdmissibleSet(vehicle), np.random.default_rng(0)
     samples = admissible.sample(rng, size)
+    assert np.all(admissible.contains(samples, tolerance=1e-12))
     thrusts = rng.uniform(low, high, (10, vehicle.n))
     thrusts[5:] = np.where(rng.random((5, vehicle.n)) < 0.5, low, high)
     for about in (admissible.center, *thrusts @ control_allocation_matrix(vehicle).T):
         fraction = np.mean(admissible.contains(about + 2.0 * (samples - about)))
         assert abs(fraction - share) < 4.0 * np.sqrt(share * (1.0 - share) / size)
-
-
-def test_samples_are_as_symmetric_as_the_set():
-    size = 20_000
-    admissible = AdmissibleSet(HEXAROTOR)
-    samples = admissible.sample(np.random.default_rng(1), size) - admissible.center
-    above = np.mean(samples > 0.0, axis=0)
-    assert np.all(np.abs(above - 0.5) < 4.0 * np.sqrt(0.25 / size))
-    # A turn of the hexarotor by 120 degrees mixes roll and pitch and leaves their spread alike.
-    assert np.std(samples[:, 1]) == pytest.approx(np.std(samples[:, 2]), rel=0.02)
-
-
-def violations(seed, size):
-    """Return the share of uniform samples for which the pseudo-inverse leaves the bounds."""
-    samples = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(seed), size)
-    thrusts = samples @ np.linalg.pinv(control_allocation_matrix(HEXAROTOR)).T
-    return np.mean(np.any((thrusts < 0.04) | (thrusts > 4.0), axis=1))

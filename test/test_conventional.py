@@ -7,14 +7,10 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from ca_ros import AdmissibleSet, control_allocation_matrix
-from ca_ros.allocation.conventional import Conventional
 from strategies import (
-    FLEET,
     HEXAROTOR,
-    SOME,
     demands,
     random_vehicle,
-    settings_of,
     solver,
     vehicles,
 )
@@ -106,17 +102,6 @@ def test_where_the_cost_leaves_the_thrusts_open_the_least_norm_decides():
         np.testing.assert_allclose(a.thrusts, least, rtol=0.0, atol=1e-4)
 
 
-def test_the_row_of_the_papers_table():
-    # Paper: force error 1.1e-2 / 2.0e-2 N, torque error at most 4.1e-5 N m, no violation.
-    settings = settings_of({}).allocation.of('conventional')
-    allocator = Conventional(HEXAROTOR, settings)
-    samples = AdmissibleSet(HEXAROTOR).sample(np.random.default_rng(0), 1000)
-    residual = np.abs(allocator.allocate_batch(samples).residual)
-    assert residual[:, 0].mean() == pytest.approx(1.1e-2, abs=0.05e-2)
-    assert residual[:, 0].max() == pytest.approx(2.0e-2, abs=0.2e-2)
-    assert np.linalg.norm(residual[:, 1:], axis=1).max() < 1e-4
-
-
 @pytest.mark.parametrize(('weight', 'matrix'), [
     (2e-3, 2e-3 * np.eye(6)),
     ([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3], np.diag([1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])),
@@ -141,16 +126,3 @@ def test_a_wrong_weight_is_refused(weight):
 def test_a_wrong_reference_is_refused(reference):
     with pytest.raises(ValueError, match='reference'):
         make_allocator('conventional', HEXAROTOR, reference=reference)
-
-
-@pytest.mark.parametrize('name', SOME)
-def test_a_small_weight_makes_small_errors_inside_the_set(name):
-    # The error is at most that of the exact thrusts: |r|^2 <= q |f - f_ref|^2.
-    vehicle, q = FLEET[name], 1e-8
-    rng = np.random.default_rng(0)
-    thrusts = rng.uniform(vehicle.thrust_min, vehicle.thrust_max, (20, vehicle.n))
-    wrenches = thrusts @ control_allocation_matrix(vehicle).T
-    batch = make_allocator('conventional', vehicle, weight=q, reference='zero').allocate_batch(
-        wrenches)
-    assert np.all(np.linalg.norm(batch.residual, axis=1)
-                  <= np.sqrt(q) * np.linalg.norm(thrusts, axis=1))

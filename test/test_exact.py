@@ -20,7 +20,7 @@ from strategies import (
 )
 from strategies import unaudited as make_allocator
 
-VEHICLES = length(15, 150, 1000)
+VEHICLES = length(5, 150, 1000)
 HARD = (238, 247, 420, 833, 874, 919, 929, 944, 983)
 """Vehicles whose edges or near-singular active sets have defeated a solver."""
 
@@ -140,7 +140,8 @@ ALMOST_SYMMETRIC = {
 }
 
 
-@pytest.mark.parametrize('name', ALMOST_SYMMETRIC)
+@pytest.mark.parametrize(
+    'name', length(['6 rotors, 0.001 m', '8 rotors, 1e-05 m', '4 digits'], ALMOST_SYMMETRIC))
 def test_without_slack_almost_symmetric_vehicles_are_exact_on_all_of_their_facets(name):
     vehicle, rng = ALMOST_SYMMETRIC[name], np.random.default_rng(6)
     allocators = [make_allocator('exact', vehicle, policy=policy, residual_slack=0.0)
@@ -163,41 +164,9 @@ def test_without_slack_almost_symmetric_vehicles_are_exact_on_all_of_their_facet
             assert np.linalg.norm(a.wrench - served) <= limit * max(1.0, np.linalg.norm(served))
 
 
-@pytest.mark.parametrize('name', ['quadrotor', 'tilted_hexarotor'])
-def test_a_square_matrix_leaves_one_solution(name):
-    vehicle = FLEET[name]
-    thrusts = np.random.default_rng(0).uniform(
-        vehicle.thrust_min, vehicle.thrust_max, (100, vehicle.n))
-    gamma = control_allocation_matrix(vehicle)
-    assert gamma.shape == (vehicle.n, vehicle.n)
-    batch = make_allocator('exact', vehicle).allocate_batch(thrusts @ gamma.T)
-    np.testing.assert_allclose(batch.thrusts, thrusts, rtol=0.0, atol=1e-11)
-
-
-def test_identical_columns_share_alike():
-    vehicle = FLEET['x8_identical_columns']
-    gamma = control_allocation_matrix(vehicle)
-    assert np.array_equal(gamma[:, :4], gamma[:, 4:])
-    for _, wrenches in commands(vehicle, np.random.default_rng(1), 20):
-        thrusts = make_allocator('exact', vehicle).allocate_batch(wrenches).thrusts
-        np.testing.assert_allclose(thrusts[:, :4], thrusts[:, 4:], rtol=0.0, atol=1e-9)
-
-
-def test_a_vertex_of_the_set_leaves_one_solution():
-    # Where the rotors are all at the bounds that a price y of the wrench sends them to, nothing
-    # else gives that wrench.
-    vehicle = FLEET['hexarotor']
-    gamma = control_allocation_matrix(vehicle)
-    prices = np.random.default_rng(2).normal(size=(50, 4)) / [1.0, 0.4, 0.4, 0.02]
-    corners = np.where(prices @ gamma > 0.0, 4.0, 0.04)
-    assert len(np.unique(corners, axis=0)) > 20
-    batch = make_allocator('exact', vehicle).allocate_batch(corners @ gamma.T)
-    np.testing.assert_allclose(batch.thrusts, corners, rtol=0.0, atol=1e-9)
-
-
 # With OSQP
 
-@pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'x8_identical_columns', 'asymmetric'])
+@pytest.mark.parametrize('name', ['hexarotor', 'x8_identical_columns'])
 def test_a_start_at_the_answer_of_osqp_ends_at_the_same_thrusts(name):
     vehicle, rng = FLEET[name], np.random.default_rng(3)
     solver('osqp')
@@ -300,11 +269,12 @@ def jumps(vehicle, size, **options):
                   for a in on + inside]))
 
 
-NAMES = ['octorotor', 'octorotor at 13 degrees', 'x8', 'y6', 'lifter']
+NAMES = length(
+    ['y6', 'lifter'], ['octorotor', 'octorotor at 13 degrees', 'x8', 'y6', 'lifter'])
 JUMPS = length(20, 60)
 
 
-@pytest.mark.parametrize('digits', range(3, 16))
+@pytest.mark.parametrize('digits', length([3, 9, 12], range(3, 16)))
 @pytest.mark.parametrize('name', NAMES)
 def test_thrusts_do_not_jump_where_facets_are_parallel_but_for_the_digits_of_a_file(name, digits):
     changes, residuals = jumps(written(name, digits), JUMPS)
@@ -314,7 +284,7 @@ def test_thrusts_do_not_jump_where_facets_are_parallel_but_for_the_digits_of_a_f
         assert changes.max() < 1e-6
 
 
-@pytest.mark.parametrize('digits', range(5, 9))
+@pytest.mark.parametrize('digits', length([6], range(5, 9)))
 @pytest.mark.parametrize('name', NAMES)
 def test_with_a_slack_of_as_many_digits_thrusts_of_shorter_files_do_not_jump_either(name, digits):
     slack = 10.0 ** (1 - digits)
@@ -328,12 +298,6 @@ def test_without_slack_the_thrusts_of_such_a_vehicle_jump():
     changes, residuals = jumps(written('lifter', 9), JUMPS, residual_slack=0.0)
     assert changes.max() > 1.0
     assert residuals.max() <= 1e-12
-
-
-@pytest.mark.parametrize('slack', [-1e-9, 0.5, np.nan, 'some'])
-def test_a_slack_that_is_none_is_refused(slack):
-    with pytest.raises(ValueError, match='slack'):
-        make_allocator('exact', FLEET['hexarotor'], residual_slack=slack)
 
 
 def test_a_boundary_wrench_at_which_newton_stalls_is_exact_within_the_slack():

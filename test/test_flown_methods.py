@@ -1,7 +1,6 @@
 """The methods that are flown, against the numbers that their own projects publish."""
 
 import json
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,6 @@ from strategies import (
     PX4_ROWS,
     UNIT_QUADROTOR,
     build,
-    demands,
     generators,
     ring,
     vehicles,
@@ -96,16 +94,6 @@ def test_all_rows_of_px4(mode, sums):
 ])
 def test_other_cases_of_px4(airmode, control, thrusts):
     np.testing.assert_allclose(desaturated(airmode, *control), thrusts, atol=1e-12)
-
-
-@pytest.mark.parametrize('airmode', AIRMODES)
-def test_mirrored_controls_give_mirrored_thrusts(airmode):
-    # As PX4's AirmodeMirrorSymmetric.
-    torques = (-4.0, -1.0, 0.0, 2.0)
-    for roll, pitch, yaw, thrust in product(torques, torques, torques, (0.05, 0.3, 0.9)):
-        mirrored = desaturated(airmode, -roll, pitch, -yaw, thrust)[::-1]
-        found = desaturated(airmode, roll, pitch, yaw, thrust)
-        np.testing.assert_allclose(found, mirrored, atol=1e-12)
 
 
 def test_a_lost_rotor_of_px4s_hexarotor():
@@ -181,17 +169,6 @@ def test_the_mixer_worked_out_by_hand():
     np.testing.assert_allclose(a.wrench, [2.0, 4 / 3, 0.0, 2 / 3], atol=1e-12)
 
 
-@given(data=st.data())
-def test_the_mixer_keeps_the_direction_of_the_torques(data):
-    vehicle = FLEET[data.draw(st.sampled_from(['quadrotor', 'hexarotor', 'octorotor', 'x8']))]
-    u = data.draw(demands(vehicle))
-    a = make_allocator('betaflight_mixer', vehicle).allocate(u)
-    size = np.linalg.norm(u[1:])
-    share = a.wrench[1:] @ u[1:] / size**2 if size else 1.0
-    assert -1e-9 <= share <= 1.0 + 1e-9
-    np.testing.assert_allclose(a.wrench[1:], share * u[1:], atol=1e-9 * (1.0 + size))
-
-
 # Weighted least squares
 
 EFFECTIVENESS = np.array([
@@ -222,35 +199,6 @@ def test_the_cases_of_a_wls_project():
     assert set(saturated) == set(range(7))
     found = allocator.allocate_batch(WLS_CASES[:, :4])
     np.testing.assert_allclose(found.thrusts, expected, rtol=0.0, atol=1e-11)
-
-
-@given(data=st.data())
-def test_weighted_least_squares_is_optimal(data):
-    vehicle = data.draw(vehicles())
-    u = data.draw(demands(vehicle))
-    gamma, wu = 10.0 ** data.draw(st.integers(0, 6)), np.linspace(1.0, 2.0, vehicle.n)
-    allocator = make_allocator(
-        'weighted_least_squares', vehicle, gamma=gamma, wu=wu, preferred='minimum')
-    low, high = vehicle.thrust_min, vehicle.thrust_max
-    scale = np.sqrt(gamma) * np.array([100.0, 1000.0, 1000.0, 1.0])
-    matrix = np.vstack([scale[:, None] * control_allocation_matrix(vehicle), np.diag(wu)])
-    target = np.concatenate([scale * u, wu * low])
-    free = high > low
-    rest = target - matrix[:, ~free] @ low[~free]
-    other = low.copy()
-    other[free] = lsq_linear(
-        matrix[:, free], rest, (low[free], high[free]), method='bvls', tol=1e-14).x
-    found = allocator.allocate(u).thrusts
-    cost, least = (np.sum((matrix @ f - target) ** 2) for f in (found, other))
-    assert cost <= least * (1.0 + 1e-9) + 1e-9
-
-
-def test_preferred_thrusts_that_give_the_wrench_are_the_answer():
-    preferred = np.array([1.0, 1.5, 2.0, 1.2, 1.4, 1.6])
-    u = control_allocation_matrix(HEXAROTOR) @ preferred
-    a = make_allocator('weighted_least_squares', HEXAROTOR, preferred=preferred).allocate(u)
-    np.testing.assert_allclose(a.thrusts, preferred, atol=1e-12)
-    assert a.status is Status.EXACT
 
 
 def test_the_axis_with_the_greater_weight_is_served():
@@ -292,16 +240,6 @@ def test_the_redistributed_pseudo_inverse_worked_out_by_hand():
     np.testing.assert_allclose(once.thrusts, clipped.thrusts, atol=1e-12)
 
 
-@given(data=st.data())
-def test_redistribution_is_the_pseudo_inverse_where_this_is_exact(data):
-    vehicle = data.draw(vehicles())
-    u = data.draw(demands(vehicle))
-    clipped = make_allocator('pseudo_inverse', vehicle).allocate(u)
-    a = make_allocator('redistributed_pseudo_inverse', vehicle).allocate(u)
-    if clipped.status is Status.EXACT:
-        np.testing.assert_allclose(a.thrusts, clipped.thrusts, atol=1e-9 * (1 + np.abs(u).max()))
-
-
 def test_the_weighted_pseudo_inverse_shares_by_squared_weights():
     # Rotors i and i + 4 have equal columns: their thrusts are as 1 / w^2, 4 to 1.
     vehicle = FLEET['x8_identical_columns']
@@ -327,13 +265,6 @@ def test_the_weighted_pseudo_inverse_has_the_least_weighted_norm(data):
     multipliers = np.linalg.lstsq(gamma.T, gradient)[0]
     size = np.abs(gradient).max()
     np.testing.assert_allclose(gamma.T @ multipliers, gradient, atol=1e-7 * size)
-
-
-def test_equal_weights_are_the_pseudo_inverse():
-    plain = make_allocator('pseudo_inverse', HEXAROTOR).inverse
-    for weights in (1.0, [2.0] * 6):
-        allocator = make_allocator('weighted_pseudo_inverse', HEXAROTOR, weights=weights)
-        np.testing.assert_allclose(allocator.inverse, plain, rtol=1e-12)
 
 
 # Any matrix, bounds of any sign

@@ -47,7 +47,7 @@ FAULTS = [
         'rotors.speed_max')),
     ('rotors.positions', [0.4, 0.0], 'got 2'),
     ('rotors.positions', [], 'got 0'),
-    ('rotors.positions', [0.0] * 3 * 10**5, 'up to 1000 rotors, got 100000'),
+    ('rotors.positions', [0.0] * 3 * 1001, 'up to 1000 rotors, got 1001'),
     ('vehicle.name', 'two\nlines', 'a word'),
     ('rotors.spins', ['cw', 'ccw'], '6'),
     ('rotors.spins', ['cw', 'ccw', 'cw', 'ccw', 'cw', 'up'], 'one of cw, ccw'),

@@ -26,7 +26,7 @@ def random_set(seed):
     return AdmissibleSet(problem) if problem.spans else None, rng
 
 
-RANDOM = [seed for seed in range(length(12, 130)) if random_set(seed)[0] is not None]
+RANDOM = [seed for seed in range(length(7, 130)) if random_set(seed)[0] is not None]
 
 SETS = [*SHIPPED, *RANDOM]
 

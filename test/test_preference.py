@@ -64,7 +64,7 @@ def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
         np.testing.assert_allclose(thrusts, by_daqp(*asked), rtol=0.0, atol=1e-5)
 
 
-@pytest.mark.parametrize('seed', range(30))
+@pytest.mark.parametrize('seed', range(length(8, 30)))
 @pytest.mark.parametrize('status', [Status.PRIORITIZED, Status.SCALED, Status.REJECTED])
 def test_numpy_gives_the_same(seed, status):
     rng = np.random.default_rng(seed)
@@ -98,7 +98,7 @@ def test_by_hand():
             np.testing.assert_allclose(thrusts, expected, rtol=0.0, atol=1e-14)
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', range(length(4, 10)))
 def test_ones_and_zeros_and_four_axes_change_no_bit(seed):
     rng = np.random.default_rng(seed)
     n = 4 + seed
@@ -160,13 +160,6 @@ def test_the_certificate_proves_the_least_weighted_distance():
     assert single.certificate.kkt_residual <= 1e-9
     again = pickle.loads(pickle.dumps(allocator))
     np.testing.assert_array_equal(again.allocate(demands[0]).thrusts, single.thrusts)
-
-
-def test_a_heavy_rotor_stays_at_its_preferred_thrust():
-    hexarotor = Vehicle.load('hexarotor')
-    allocator = make_allocator(
-        'exact', hexarotor, weights=[1e3, 1.0, 1.0, 1.0, 1.0, 1.0], preferred=1.0)
-    assert allocator.allocate([9.81, 0.1, 0.1, 0.01]).thrusts[0] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_without_preference_nothing_changes():

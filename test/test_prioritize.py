@@ -8,12 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ca_ros import AdmissibleSet, Status, Vehicle, control_allocation_matrix
+from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
 from ca_ros.problem.prioritization import REVERSALS
 from strategies import (
     FLEET,
     HEXAROTOR,
-    build,
     demands,
     extreme,
     length,
@@ -141,11 +140,11 @@ def compare(vehicle, order, rng, size):
 
 @pytest.mark.parametrize('order', ORDERS)
 def test_the_hexarotor_serves_as_the_linear_programs_do(order):
-    compare(HEXAROTOR, ORDERS[order], np.random.default_rng(0), length(30, 150))
+    compare(HEXAROTOR, ORDERS[order], np.random.default_rng(0), length(15, 150))
 
 
 @pytest.mark.parametrize('order', ORDERS)
-@pytest.mark.parametrize('seed', range(length(3, 10)))
+@pytest.mark.parametrize('seed', length([1, 2], range(10)))
 def test_random_vehicles_serve_as_the_linear_programs_do(seed, order):
     rng = np.random.default_rng(seed)
     vehicle = random_vehicle(rng, 4 + seed % 5)
@@ -231,35 +230,8 @@ def test_an_order_names_each_axis_once(order):
 
 # Continuity
 
-ASYMMETRIC = build(
-    [[0.5, 0.3, 0.0], [-0.2, 0.4, 0.0], [-0.4, -0.1, 0.0], [0.1, -0.6, 0.0], [0.3, 0.0, 0.0]],
-    'PNPNP', speed_max=[400.0, 450.0, 500.0, 350.0, 480.0])
-
 POLICIES = [{'policy': 'scale'}] + [
     {'policy': 'prioritize', 'order': order} for order in ORDERS.values()]
-
-
-@pytest.mark.parametrize('options', POLICIES)
-@pytest.mark.parametrize('vehicle', [HEXAROTOR, ASYMMETRIC], ids=['hexarotor', 'asymmetric'])
-def test_a_demand_that_slides_through_the_boundary_makes_no_jump(vehicle, options):
-    # Where the answer is continuous, steps a tenth as long change it about a tenth as much.
-    allocator = make_allocator('exact', vehicle, **options)
-    rng = np.random.default_rng(0)
-    for _ in range(3):
-        start, end = AdmissibleSet(vehicle).sample(rng, 2)
-        end = start + 3.0 * (end - start)
-
-        def greatest_change(around, width, start=start, end=end):
-            share = around + width * np.linspace(-0.5, 0.5, 51)[:, None]
-            answers = allocator.allocate_batch(start + share * (end - start))
-            changes = np.abs(np.diff(answers.speeds, axis=0)).max(axis=1)
-            worst = np.argmax(changes)
-            return changes[worst], share[worst, 0]
-
-        change, around = greatest_change(0.5, 1.0)
-        for width in (0.1, 0.01, 0.001):
-            finer, around = greatest_change(around, width)
-        assert finer < 0.01 * change + 1e-9
 
 
 @given(st.data())
@@ -268,18 +240,9 @@ def test_near_demands_get_near_thrusts(data):
     u = data.draw(demands(vehicle))
     direction = np.array(data.draw(st.lists(
         st.floats(-1.0, 1.0), min_size=len(u), max_size=len(u))))
-    allocator = make_allocator('exact', vehicle)
+    allocator = make_allocator('exact', vehicle, **data.draw(st.sampled_from(POLICIES)))
     a, b = (allocator.allocate(u + step * direction) for step in (0.0, 1e-9))
     assert np.abs(a.thrusts - b.thrusts).max() < 1e-4
-
-
-@pytest.mark.parametrize('policy', ['prioritize', 'scale', 'reject'])
-def test_the_status_names_what_was_done(policy):
-    allocator = make_allocator('exact', HEXAROTOR, policy=policy)
-    assert allocator.allocate([9.81, 0.0, 0.0, 0.0]).status is Status.EXACT
-    outside = allocator.allocate([9.81, 0.0, 0.0, 1.0])
-    assert outside.status.name.lower() == {
-        'prioritize': 'prioritized', 'scale': 'scaled', 'reject': 'rejected'}[policy]
 
 
 @pytest.mark.parametrize(('options', 'words'), [
@@ -295,7 +258,7 @@ def test_a_wrong_option_is_refused_at_once(options, words):
 
 @pytest.mark.parametrize('order', [
     ['roll pitch', 'thrust yaw'], ['thrust', 'roll pitch yaw'], ['yaw', 'roll pitch thrust']])
-@pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'octorotor'])
+@pytest.mark.parametrize('name', ['quadrotor', 'hexarotor'])
 def test_near_hover_the_axes_of_a_later_group_share_without_a_jump(name, order):
     # There the direction of the demand of a group is of no account: it may be any.
     allocator = make_allocator('exact', FLEET[name], order=order)

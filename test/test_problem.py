@@ -17,7 +17,7 @@ from ca_ros import (
 from ca_ros.problem.problem import lengths
 from strategies import by_daqp, by_quadprog, length
 
-PROBLEMS = length(15, 60, 1000)
+PROBLEMS = length(8, 60, 1000)
 """How many random problems."""
 
 ELEVONS = AllocationProblem(
@@ -78,7 +78,7 @@ def test_exact_gives_u_with_the_least_norm(seed, engine, monkeypatch):
 
 
 @pytest.mark.parametrize('method', ALLOCATORS)
-@pytest.mark.parametrize('name', ['admire', 'harv', 'omnidirectional_hexarotor'])
+@pytest.mark.parametrize('name', ['admire', 'omnidirectional_hexarotor'])
 def test_every_method_takes_a_shipped_problem(method, name):
     problem = AllocationProblem.load(name)
     if 'thrust' not in problem.axes and method in ('sequential_desaturation', 'betaflight_mixer'):
@@ -203,12 +203,6 @@ def test_the_certificate_of_a_batch_is_a_summary():
 def test_neither_vehicle_nor_problem():
     with pytest.raises(TypeError, match='expected a Vehicle or an AllocationProblem'):
         AdmissibleSet(np.eye(3))
-
-
-def test_the_admissible_set_of_a_box():
-    image = AdmissibleSet(AllocationProblem(np.eye(3), [-1.0, -2.0, 0.0], [1.0, 2.0, 3.0]))
-    assert image.volume == pytest.approx(2.0 * 4.0 * 3.0)
-    assert image.margin([0.5, 0.0, 1.0]) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(('text', 'fault'), [

@@ -15,7 +15,7 @@ from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.solver import dual_newton, simplex
 from ca_ros.solver.zonotope import SPANNING_MIN
-from strategies import build, ring
+from strategies import build, length, ring
 
 pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')
 
@@ -100,11 +100,11 @@ def near_the_boundary(problem, size):
 def test_policies_agree_on_what_is_attainable(n, first, digits, monkeypatch):
     positions = np.round(ring(n, first=np.radians(first)), digits)
     problem = VehicleProblem(build(positions, 'PN' * (n // 2)))
-    demands = near_the_boundary(problem, 400)
+    demands = near_the_boundary(problem, length(120, 400))
     options = [{'policy': 'reject'}, {'policy': 'scale'}, {}, {'thrust_deviation': 'allow'},
                {'order': ['yaw', 'roll pitch', 'thrust']}]
     margins = problem.image.margin(demands)
-    for engine, some in zip(ENGINES, (demands, demands[:60]), strict=True):
+    for engine, some in zip(ENGINES, (demands, demands[:30]), strict=True):
         monkeypatch.setenv('CA_ROS_KERNEL', engine)
         batches = [make_allocator('exact', problem, **option).allocate_batch(some)
                    for option in options]

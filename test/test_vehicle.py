@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ca_ros import ParameterError, Vehicle, audit, make_allocator
+from ca_ros import ParameterError, Vehicle
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR, PARAMETERS, SOME, build, file_values, ring, vehicles
 
@@ -101,29 +101,6 @@ def test_a_wrong_ring_is_named(changes, words):
             values | {f'rotors.{name}': value for name, value in changes.items()})
     assert words in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
-
-
-def jump(vehicle):
-    """Return how far a rotor speed changes if a wrench on a facet moves 1e-4 N inwards [rad/s]."""
-    allocator = make_allocator('exact', vehicle)
-    center, image = allocator.problem.center, allocator.problem.image
-    rng, changes = np.random.default_rng(3), []
-    for sides in image.sides:
-        ends = np.where(sides == 0.0, rng.uniform(-1.0, 1.0, vehicle.n), np.sign(sides))
-        on = center + image.generators @ ends
-        inside = on + 1e-4 * (center - on) / np.linalg.norm(center - on)
-        speeds = [vehicle.speeds(allocator.allocate(u).thrusts) for u in (on, inside)]
-        changes.append(np.abs(speeds[0] - speeds[1]).max())
-    return max(changes)
-
-
-def test_speeds_of_a_ring_do_not_jump_as_those_of_positions_with_four_digits():
-    exact = on_ring(8, radius=0.5, first_angle=22.5)
-    written = build(np.round(ring(8, radius=0.5, first=np.pi / 8), 4), 'PN' * 4)
-    assert jump(exact) < 2.0
-    assert jump(written) > 100.0
-    assert not audit(exact).warnings
-    assert any('almost parallel' in each for each in audit(written).warnings)
 
 
 def test_axes_are_made_unit_vectors():
