@@ -12,7 +12,7 @@ import numpy as np
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.allocation.result import Status
 from ca_ros.firmware.literals import braced
-from ca_ros.problem.prioritization import REVERSAL, default_order, sensed
+from ca_ros.problem.prioritization import THRUST_DEVIATION, default_order, sensed
 from ca_ros.problem.problem import AllocationProblem
 
 
@@ -28,7 +28,7 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
     """
     axes, n, m = problem.axes, problem.n, len(problem.axes)
     groups = default_order(axes)
-    keeps = sensed(groups, REVERSAL)
+    keeps = sensed(groups, THRUST_DEVIATION)
     options = (
         f'{int(Status.PRIORITIZED)}',
         braced([axes.index(axis) for group in groups for axis in group]),

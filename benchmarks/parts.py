@@ -156,4 +156,4 @@ def time_setups(sizes: Sizes, seed: int) -> pd.DataFrame:
 
 def _set_up(vehicles: list[Vehicle]) -> None:
     for vehicle in vehicles:
-        Exact(accept(vehicle, 'drop').problem)
+        Exact(accept(vehicle, 'drop').independent)

@@ -76,8 +76,8 @@ def daqp_hierarchical(problem: AllocationProblem) -> Call:
 def _daqp_data(problem: AllocationProblem) -> Any:
     m, n = problem.gamma.shape
     # The first n rows are bounds; 5 marks an equality.
-    low = np.concatenate([problem.lower, problem.image.center])
-    high = np.concatenate([problem.upper, problem.image.center])
+    low = np.concatenate([problem.lower, problem.center])
+    high = np.concatenate([problem.upper, problem.center])
     sense = np.array([0] * n + [5] * m, dtype=np.intc)
     # DAQP asks for writable arrays.
     return (np.eye(n), np.zeros(n), problem.gamma.copy()), high, low, sense
@@ -89,7 +89,7 @@ def quadprog(problem: AllocationProblem) -> Call:
     # The identity is its own factor.  Fortran order avoids a copy.
     factor, cost = np.eye(n, order='F'), np.zeros(n)
     rows = np.asfortranarray(np.hstack([problem.gamma.T, np.eye(n), -np.eye(n)]))
-    right = np.concatenate([problem.image.center, problem.lower, -problem.upper])
+    right = np.concatenate([problem.center, problem.lower, -problem.upper])
 
     def call(u: Array) -> Any:
         right[:m] = u
@@ -107,7 +107,7 @@ def piqp(problem: AllocationProblem) -> Call:
     n, gamma = problem.n, np.asfortranarray(problem.gamma)
     solver = piqp.DenseSolver()
     solver.settings.preconditioner_reuse_on_update = True
-    program = np.eye(n, order='F'), np.zeros(n), gamma, problem.image.center
+    program = np.eye(n, order='F'), np.zeros(n), gamma, problem.center
     solver.setup(*program, x_l=problem.lower, x_u=problem.upper)
     solved = piqp.PIQP_SOLVED
 
@@ -124,7 +124,7 @@ def proxqp(problem: AllocationProblem, **settings: Any) -> Call:
     solver = proxqp.dense.QP(n, m, n, False, proxqp.dense.HessianType.Diagonal)
     _set(solver.settings, settings)
     bounds = np.eye(n), problem.lower, problem.upper
-    solver.init(np.eye(n), np.zeros(n), problem.gamma, problem.image.center, *bounds)
+    solver.init(np.eye(n), np.zeros(n), problem.gamma, problem.center, *bounds)
     solved = proxqp.PROXQP_SOLVED
 
     def call(u: Array) -> Any:
@@ -140,7 +140,7 @@ def clarabel(problem: AllocationProblem, **settings: Any) -> Call:
     m, n = problem.gamma.shape
     options = _set(clarabel.DefaultSettings(), {'verbose': False, **settings})
     rows = sparse.csc_matrix(np.vstack([problem.gamma, np.eye(n), -np.eye(n)]))
-    right = np.concatenate([problem.image.center, problem.upper, -problem.lower])
+    right = np.concatenate([problem.center, problem.upper, -problem.lower])
     cones = [clarabel.ZeroConeT(m), clarabel.NonnegativeConeT(2 * n)]
     hessian = sparse.identity(n, format='csc')
     solver = clarabel.DefaultSolver(hessian, np.zeros(n), rows, right, cones, options)
@@ -158,7 +158,7 @@ def clarabel(problem: AllocationProblem, **settings: Any) -> Call:
 def highs(problem: AllocationProblem, **settings: Any) -> Call:
     highspy: Any = import_module('highspy')
     m, n = problem.gamma.shape
-    rows, center = sparse.csc_matrix(problem.gamma), problem.image.center
+    rows, center = sparse.csc_matrix(problem.gamma), problem.center
     model = highspy.HighsModel()
     columns = {'num_col_': n, 'col_cost_': np.zeros(n)}
     bounds = {'col_lower_': problem.lower, 'col_upper_': problem.upper}

@@ -61,8 +61,8 @@ def overview() -> None:
         for name, text in lines.items():
             print(f'  {name:{width}}  {text}')
     print(
-        "\npython -m ca_ros audit VEHICLE: what a vehicle's rotors can command, and what is left "
-        'after the loss of each'
+        '\npython -m ca_ros audit VEHICLE: which axes the rotors can control, also after each '
+        'single failure'
     )
 
 

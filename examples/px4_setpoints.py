@@ -46,7 +46,7 @@ def units(vehicle: Vehicle) -> Array:
     Raises
     ------
     ValueError
-        If the rotors cannot command them.
+        If the rotors cannot control them.
     """
     full = vehicle.thrust_coefficient * vehicle.speed_max**2
     shares = np.linalg.pinv(FLIP[:, None] * rotor_wrenches(vehicle) * (CT * full / full.max())).T
@@ -58,7 +58,7 @@ def units(vehicle: Vehicle) -> Array:
     level = max(np.sqrt(2.0 * mean(row**2, SMALL**2)) for row in shares[3:5])
     scales = np.array([x or z, y or z, z, level, level, shares[5].max()])
     if not (scales > 0.0).all():
-        raise ValueError('the rotors cannot command thrust, roll or pitch, and yaw')
+        raise ValueError('the rotors cannot control thrust, roll or pitch, and yaw')
     return np.asarray(full.max() / CT / scales)
 
 

@@ -112,8 +112,8 @@ def test_scale_goes_as_far_as_the_set_does(data):
 
 
 def test_scale_refuses_a_reference_outside():
-    with pytest.raises(ValueError, match='about'):
-        AdmissibleSet(HEXAROTOR).scale([30.0, 0.0, 0.0, 0.0], about=[0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match='scale_reference'):
+        AdmissibleSet(HEXAROTOR).scale([30.0, 0.0, 0.0, 0.0], scale_reference=[0.0, 0.0, 0.0, 0.0])
 
 
 def test_the_reference_is_hover_or_else_the_centre():

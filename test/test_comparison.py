@@ -34,5 +34,5 @@ def test_direct_about_hover_keeps_the_direction_of_the_change_from_hover():
     assert np.abs(direct.allocate_batch(inside).residual).max() < 1e-12
     batch, hover = direct.allocate_batch(outside), SET.problem.hover
     assert Status.REJECTED not in list(batch.status)
-    served = SET.scale(outside, about=hover)
+    served = SET.scale(outside, scale_reference=hover)
     np.testing.assert_allclose(batch.wrench, served, atol=1e-9)

@@ -21,7 +21,7 @@ from ca_ros.flight.rigid_body import (
 )
 from ca_ros.flight.settings import ControllerSettings
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.problem.prioritization import REVERSALS, PrioritiesSettings
+from ca_ros.problem.prioritization import THRUST_DEVIATIONS, PrioritiesSettings
 from strategies import FLEET, HEXAROTOR, settings_of
 
 SETTINGS = settings_of({})
@@ -202,13 +202,14 @@ def test_it_gives_way_by_the_reversal_of_the_user():
     state = REST, attitude(-0.3, -0.3, 0.0), REST, np.array([-4.0, 2.0, -4.0])
     goal = Waypoint.of(0.0, -3.0, -3.0, -1.0)
     served = {}
-    for reversal in REVERSALS:
+    for reversal in THRUST_DEVIATIONS:
         mine = Controller.from_settings(
             HEXAROTOR, settings_of({'allocation.exact.thrust_deviation': reversal}))
         demand = mine.demand(*state, goal)
         served[reversal] = mine.wrench(*state, goal)
         np.testing.assert_allclose(
-            served[reversal], AdmissibleSet(HEXAROTOR).prioritize(demand, reversal=reversal),
+            served[reversal],
+            AdmissibleSet(HEXAROTOR).prioritize(demand, thrust_deviation=reversal),
             rtol=0.0, atol=1e-12)
         assert np.array_equal(mine.unallocated, demand - served[reversal])
     # Thrust, which is nearer to its demand if yaw may be reversed, pays otherwise.

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from ca_ros import ParameterError, Status, Vehicle, make_allocator
-from ca_ros.allocation.exact import POLICIES
+from ca_ros.allocation.exact_settings import POLICIES
 from ca_ros.firmware import firmware as module
 from ca_ros.firmware import footprint, golden
 from ca_ros.firmware.command import checked, main
@@ -185,7 +185,7 @@ def test_golden_vectors_are_the_answers_of_the_allocator(name):
     for i in (0, 1, vehicle.n):
         health = np.ones(vehicle.n)
         health[i - 1 if i else []] = 0.0
-        problem = audit(vehicle.with_health(health)).problem
+        problem = audit(vehicle.with_health(health)).independent
         assert firmware.faults[i].problem.axes == problem.axes
         allocator = make_allocator('exact', problem)
         rows = firmware.rows[i]
@@ -314,7 +314,7 @@ FAULTS = [
     ({'vehicle__name': 'exact'}, [], 'vehicle.name: expected a name that begins with a let'),
     ({'rotors__health': LOST}, [], 'allocation.lost_axes: this vehicle is refused: '),
     ({'rotors__health': 0.0, 'allocation__lost_axes': 'drop'}, [],
-     'the rotors are as in the file: no axis is left that the rotors can command'),
+     'the rotors are as in the file: no axis is left that the rotors can control'),
     ({'allocation__exact__odrer': ['yaw']}, [], 'allocation.exact.odrer: no such parameter'),
     ({'rotors__health': 'none'}, [], 'rotors.health: '),
     ({}, ['--faults', 'double'], "--faults: 'double': expected ROTOR or ROTOR=HEALTH"),

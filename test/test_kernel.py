@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Status, make_allocator
-from ca_ros.allocation.exact_engines import Setting, kernel_for
+from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -112,10 +113,8 @@ def test_the_margin_is_the_distance_to_the_facets(name):
 
 
 def kernel_of(problem, precision='double', dtype=np.float64):
-    setting = Setting(
-        [[axis] for axis in problem.axes], 'prevent', problem.hover, False, Status.PRIORITIZED,
-        1e-9)
-    return kernel_for(load(precision), problem, setting, dtype)
+    settings = ExactSettings(order=[[axis] for axis in problem.axes])
+    return kernel_for(load(precision), problem, settings, dtype)
 
 
 @pytest.mark.parametrize('name', SOME)
@@ -238,7 +237,7 @@ def test_it_answers_as_numpy_does_with_rotors_lost(name, pair):
     for lost in range(min(FLEET[name].n, 3)):
         health = np.ones(FLEET[name].n)
         health[lost] = 0.0
-        problem = audit(FLEET[name].with_health(health)).problem
+        problem = audit(FLEET[name].with_health(health)).independent
         engines = pair(problem, residual_slack=0.0)
         for demands in wrenches(problem, rng, 40):
             compare(*engines, demands)

@@ -62,7 +62,7 @@ a.thrusts, a.speeds, a.wrench, a.residual, a.saturation, a.status
 batch = allocator.allocate_batch(wrenches)
 admissible = AdmissibleSet(vehicle)
 admissible.contains(u), admissible.margin(u), admissible.sample(rng, size), admissible.volume
-admissible.scale(u, about=None), admissible.prioritize(u, order=None)
+admissible.scale(u, scale_reference=None), admissible.prioritize(u, order=None)
 print(*ALLOCATORS, gamma.shape, a.status.name, batch.thrusts.shape)
 """
 

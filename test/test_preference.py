@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
-from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
+from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import load
 from strategies import by_daqp, by_quadprog, length, need_kernel
 
@@ -18,7 +19,7 @@ need_kernel()
 
 
 def random_problem(rng):
-    """Return a problem with bounds of any sign, and its setting with weights and preferences."""
+    """Return a problem with bounds of any sign, and settings with weights and preferences."""
     m = int(rng.integers(2, 7))
     n = m + int(rng.integers(1, 7))
     lower = rng.uniform(-3.0, 1.0, n)
@@ -28,9 +29,9 @@ def random_problem(rng):
     axes = list(problem.axes)
     split = int(rng.integers(1, m + 1))
     groups = [axes[:split], *([axis] for axis in axes[split:])]
-    return problem, Setting(
-        groups, 'prevent', problem.reference, False, Status.PRIORITIZED, 0.0,
-        weight=10.0 ** rng.uniform(-1.0, 1.0, n), preferred=rng.uniform(-2.0, 3.0, n))
+    return problem, ExactSettings(
+        order=groups, residual_slack=0.0,
+        weights=10.0 ** rng.uniform(-1.0, 1.0, n), preferred=rng.uniform(-2.0, 3.0, n))
 
 
 def allocate(engine, problem, u):
@@ -49,9 +50,9 @@ def wrenches(problem, rng, size):
 @pytest.mark.parametrize('seed', range(PROBLEMS))
 def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
     rng = np.random.default_rng(seed)
-    problem, setting = random_problem(rng)
-    kernel = kernel_for(load(), problem, setting)
-    squares = np.diag(setting.weight ** 2)
+    problem, settings = random_problem(rng)
+    kernel = kernel_for(load(), problem, settings)
+    squares = np.diag(np.square(settings.weights))
     for u in wrenches(problem, rng, 5)[0]:
         answer, thrusts = allocate(kernel, problem, u)
         assert answer is None
@@ -59,21 +60,18 @@ def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
         residual = np.linalg.norm(u - problem.gamma @ thrusts)
         assert residual <= 1e-11 * max(1.0, np.linalg.norm(u))
         asked = (problem.gamma, u, problem.lower, problem.upper, squares,
-                 squares @ setting.preferred)
+                 squares @ settings.preferred)
         np.testing.assert_allclose(thrusts, by_quadprog(*asked), rtol=0.0, atol=1e-7)
         np.testing.assert_allclose(thrusts, by_daqp(*asked), rtol=0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize('seed', range(length(8, 30)))
-@pytest.mark.parametrize('status', [Status.PRIORITIZED, Status.SCALED, Status.REJECTED])
-def test_numpy_gives_the_same(seed, status):
+@pytest.mark.parametrize('policy', ['prioritize', 'scale', 'reject'])
+def test_numpy_gives_the_same(seed, policy):
     rng = np.random.default_rng(seed)
-    problem, setting = random_problem(rng)
-    setting = replace(setting, status=status)
-    if status is not Status.PRIORITIZED:
-        setting = replace(setting, groups=[problem.axes], reversal='allow',
-                          reference=problem.center, on_reference=True)
-    engines = kernel_for(load(), problem, setting), NumpyEngine(problem, setting)
+    problem, settings = random_problem(rng)
+    settings = replace(settings, policy=policy, scale_reference=problem.center)
+    engines = kernel_for(load(), problem, settings), NumpyEngine(problem, settings)
     for demands in wrenches(problem, rng, 4):
         for u in demands:
             (ours, f), (theirs, g) = (allocate(engine, problem, u) for engine in engines)
@@ -90,9 +88,9 @@ def test_by_hand():
     gamma = np.ones((1, 2))
     for upper, expected in ((9.0, [2.6, 0.4]), (2.0, [2.0, 1.0])):
         problem = AllocationProblem(gamma, -1.0, upper)
-        setting = Setting([problem.axes], 'allow', problem.reference, False, Status.PRIORITIZED,
-                          0.0, weight=np.array([1.0, 2.0]), preferred=np.array([1.0, 0.0]))
-        for engine in (kernel_for(load(), problem, setting), NumpyEngine(problem, setting)):
+        settings = ExactSettings(
+            order=[problem.axes], weights=[1.0, 2.0], preferred=[1.0, 0.0], residual_slack=0.0)
+        for engine in (kernel_for(load(), problem, settings), NumpyEngine(problem, settings)):
             answer, thrusts = allocate(engine, problem, np.array([3.0]))
             assert answer is None
             np.testing.assert_allclose(thrusts, expected, rtol=0.0, atol=1e-14)
@@ -103,14 +101,15 @@ def test_ones_and_zeros_and_four_axes_change_no_bit(seed):
     rng = np.random.default_rng(seed)
     n = 4 + seed
     problem = AllocationProblem(rng.normal(size=(4, n)), rng.uniform(-2.0, 0.0, n), 3.0)
-    setting = Setting([[axis] for axis in problem.axes], 'prevent', problem.reference, False,
-                      Status.PRIORITIZED, 1e-9)
-    plain = replace(setting, weight=np.ones(n), preferred=np.zeros(n))
+    each = list(range(4))
+    options = (problem.gamma, problem.lower, problem.upper, problem.reference, each, each,
+               [0, 1, 1, 1], int(Status.PRIORITIZED), False, 1e-9)
+    plain = {'weight': np.ones(n), 'preferred': np.zeros(n)}
     demands = np.vstack(wrenches(problem, rng, 50))
-    expected = [allocate(kernel_for(load(), problem, setting), problem, u) for u in demands]
+    expected = [allocate(load()(*options), problem, u) for u in demands]
     assert {answer is None for answer, _ in expected} == {True, False}
-    for name, options in (('double', plain), ('double_4', setting), ('double_4', plain)):
-        kernel = kernel_for(load(name), problem, options)
+    for name, preference in (('double', plain), ('double_4', {}), ('double_4', plain)):
+        kernel = load(name)(*options, **preference)
         for u, (answer, thrusts) in zip(demands, expected, strict=True):
             other, f = allocate(kernel, problem, u)
             assert other == answer
@@ -119,19 +118,18 @@ def test_ones_and_zeros_and_four_axes_change_no_bit(seed):
 
 def test_the_kernel_for_four_axes_refuses_others():
     problem = AllocationProblem(np.eye(3, 4), 0.0, 1.0)
-    setting = Setting([problem.axes], 'allow', problem.reference, False, Status.PRIORITIZED, 0.0)
     with pytest.raises(ValueError, match='rotors or axes'):
-        kernel_for(load('double_4'), problem, setting)
+        kernel_for(load('double_4'), problem, ExactSettings(order=[problem.axes]))
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'weight': np.zeros(5)}, 'positive'), ({'weight': np.ones(4)}, 'weight.*5 finite'),
-    ({'preferred': np.full(5, np.nan)}, 'preferred.*finite')])
+    ({'weights': np.ones(4)}, 'weights: expected 1 or 5'),
+    ({'preferred': np.zeros(4)}, 'preferred: expected 1 or 5'),
+    ({'preferred': 101.0}, 'preferred: expected thrusts up to 100')])
 def test_a_wrong_preference_is_named(changes, message):
     problem = AllocationProblem(np.eye(2, 5) + 1.0, 0.0, 1.0)
-    setting = Setting([problem.axes], 'allow', problem.reference, False, Status.PRIORITIZED, 0.0)
     with pytest.raises(ValueError, match=message):
-        kernel_for(load(), problem, replace(setting, **changes))
+        kernel_for(load(), problem, ExactSettings(**changes))
 
 
 def test_a_weight_and_a_preference_belong_together():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
-from ca_ros.problem.prioritization import REVERSALS
+from ca_ros.problem.prioritization import THRUST_DEVIATIONS
 from strategies import (
     FLEET,
     HEXAROTOR,
@@ -129,7 +129,7 @@ def compare(vehicle, order, rng, size):
     rest = judge.serve(judge.hover, groups, 'allow')
     lost = np.flatnonzero(rest[:, 1] - judge.hover > 2.0 * SLACK * judge.half)
     for i, u in enumerate(infeasible(vehicle, admissible, rng, size)):
-        reversal = REVERSALS[i % 3]
+        reversal = THRUST_DEVIATIONS[i % 3]
         judge = Judge(vehicle)
         limits = judge.serve(u, groups, reversal, lost)
         served = admissible.prioritize(u, order, reversal)

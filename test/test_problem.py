@@ -186,7 +186,7 @@ def test_wrong_data_are_named(arguments, fault):
 def test_dependent_axes_are_named(matrix, upper, engine, monkeypatch):
     monkeypatch.setenv('CA_ROS_KERNEL', engine)
     problem = AllocationProblem(matrix, 0.0, upper)
-    with pytest.raises(ValueError, match='the effectors cannot command axis_1, axis_2'):
+    with pytest.raises(ValueError, match='the effectors cannot control axis_1, axis_2'):
         make_allocator('exact', problem)
     # The methods that approximate need no volume.
     for method in ('pseudo_inverse', 'conventional'):

@@ -59,7 +59,7 @@ def judge(vehicle, demands, size, reversal):
     demands = demands[~admissible.contains(demands, tolerance=ROUNDING)]
     axes, half = vehicle.axes, admissible.problem.extent
     hover = admissible.problem.hover
-    served, pure = (admissible.prioritize(demands, reversal=choice)
+    served, pure = (admissible.prioritize(demands, thrust_deviation=choice)
                     for choice in (reversal, 'allow'))
     assert admissible.contains(served, tolerance=1e-12 * (1.0 + half.max())).all()
     kept = [axes.index(axis) for axis in ('roll', 'pitch')]
@@ -137,7 +137,7 @@ def test_yaw_is_not_reversed_worked_out_by_hand():
     heavier = AdmissibleSet(Vehicle.from_parameters(UNIT | {'vehicle.mass': 2.4 / 9.81}))
     expected = {'avoid': [2.4, 1.0, 1.0, 0.4], 'prevent': [2.0, 1.0, 1.0, 0.0]}
     for reversal, wrench in expected.items():
-        served = heavier.prioritize(demand, reversal=reversal)
+        served = heavier.prioritize(demand, thrust_deviation=reversal)
         np.testing.assert_allclose(served, wrench, atol=1e-12)
 
 
@@ -151,7 +151,7 @@ def test_the_rows_of_px4():
     assert len(demands) == 39
     off, sacrificed = {}, {}
     for reversal in ('allow', 'avoid', 'prevent'):
-        served = admissible.prioritize(demands, reversal=reversal)
+        served = admissible.prioritize(demands, thrust_deviation=reversal)
         np.testing.assert_allclose(served[:, 1:3], demands[:, 1:3], atol=ROUNDING)
         off[reversal] = np.count_nonzero(off_sense(served[:, 3], demands[:, 3], 0.0) > ROUNDING)
         sacrificed[reversal] = np.abs(demands - served)[:, 0].sum() / 4.0

@@ -103,7 +103,7 @@ def test_policies_agree_on_what_is_attainable(n, first, digits, monkeypatch):
     demands = near_the_boundary(problem, length(120, 400))
     options = [{'policy': 'reject'}, {'policy': 'scale'}, {}, {'thrust_deviation': 'allow'},
                {'order': ['yaw', 'roll pitch', 'thrust']}]
-    margins = problem.image.margin(demands)
+    margins = problem.attainable_set.margin(demands)
     for engine, some in zip(ENGINES, (demands, demands[:30]), strict=True):
         monkeypatch.setenv('CA_ROS_KERNEL', engine)
         batches = [make_allocator('exact', problem, **option).allocate_batch(some)

@@ -136,7 +136,7 @@ def test_a_vehicle_does_not_change():
     problem = VehicleProblem(HEXAROTOR)
     for array in (
             HEXAROTOR.health, HEXAROTOR.arms, HEXAROTOR.thrust_max, *HEXAROTOR.speed_limits,
-            problem.gamma, problem.lower, problem.hover, problem.image.center):
+            problem.gamma, problem.lower, problem.hover, problem.center):
         with pytest.raises(ValueError, match='read-only'):
             array[0] = 0.0
 

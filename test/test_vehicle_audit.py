@@ -1,4 +1,4 @@
-"""The audit: what the rotors can command, as they are."""
+"""The audit: which axes the rotors can control, as they are."""
 
 import itertools
 import re
@@ -19,7 +19,7 @@ from ca_ros import (
 )
 from ca_ros.__main__ import main
 from ca_ros.evaluation.cases import Case
-from ca_ros.problem.commandable import INDEPENDENCE_MIN
+from ca_ros.problem.controllability import INDEPENDENCE_MIN
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.files import config_directory
 from strategies import build, file_values, ring
@@ -51,7 +51,7 @@ def test_hover_is_inside_where_a_linear_program_says_so(name):
         found = linprog(
             [*np.zeros(problem.n), -1.0],
             A_eq=np.column_stack([problem.gamma, -way]), b_eq=problem.center, bounds=bounds)
-        assert problem.spans
+        assert problem.has_volume
         assert problem.hovers == (found.x[-1] > 1.0 + 1e-9)
         answers.add(problem.hovers)
     assert answers == {True, False}
@@ -95,7 +95,7 @@ def test_pnpnpn_loses_hover_with_any_rotor(pnpnpn, rotor):
     assert report.lost == ('yaw',)
     # Just outside of the set, as every rotor keeps turning at 40 rad/s.
     assert -0.01 < report.hover_margin < 0.0
-    assert report.kept_hover_margin > 0.0
+    assert report.controllable_hover_margin > 0.0
     assert 'yaw lost' in str(report)
     # What is lost for the sake of hover is still commanded, with what the others leave.
     assert 'yaw' in report.vehicle.axes
@@ -281,7 +281,7 @@ def test_the_command_audits_a_vehicle_and_the_loss_of_each_rotor(capsys):
         words = row.split('  ')[0], *re.split(r' {2,}', row)[1:]
         assert words == (
             f'rotor {i}' if i else 'none', ', '.join(report.lost) or '-',
-            f'{report.kept_hover_margin:.3g}',
+            f'{report.controllable_hover_margin:.3g}',
             *(report.ends(axis) if axis in report.authority else '-' for axis in vehicle.axes))
 
 

@@ -63,7 +63,7 @@ def make_allocator(
 ) -> Allocator:
     """Return an allocator for a vehicle.
 
-    A vehicle is audited first.  It is refused if its rotors cannot command every axis or cannot
+    A vehicle is audited first.  It is refused if its rotors cannot control every axis or cannot
     hover.  An `AllocationProblem` is not audited.  If all rotors are lost, the allocator is
     `Powerless`, whatever the method.
 
@@ -90,7 +90,7 @@ def make_allocator(
     """
     kind = method_class(method)
     if isinstance(vehicle, Vehicle):
-        vehicle = accept(vehicle, lost_axes).problem
+        vehicle = accept(vehicle, lost_axes).independent
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
     return allocator_with(kind, vehicle, kind.settings_type()(**options))
@@ -102,7 +102,7 @@ def allocator_with(
     """Return the allocator of a class and its settings; see `make_allocator`."""
     if isinstance(problem, VehicleProblem) and problem.vehicle.powerless:
         # The settings must suit the rotors when they return.
-        kind.made(accept(problem.vehicle.with_health(1.0), 'drop').problem, settings)
+        kind.made(accept(problem.vehicle.with_health(1.0), 'drop').independent, settings)
         return Powerless(problem)
     return kind.made(problem, settings)
 

@@ -76,7 +76,7 @@ class Allocator(ABC):
     Raises
     ------
     ParameterError
-        If the vehicle cannot command every axis or cannot hover, and its `lost_axes` is 'refuse'.
+        If the vehicle cannot control every axis or cannot hover, and its `lost_axes` is 'refuse'.
     """
 
     settings: Settings
@@ -90,7 +90,7 @@ class Allocator(ABC):
     @takes_settings(Settings)
     def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
         self.problem = (
-            accept(problem).problem if isinstance(problem, Vehicle) else problem_of(problem)
+            accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
         )
 
     @classmethod

@@ -86,8 +86,8 @@ def certify(
         solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
     found = [solver.solve(row, float(problem.tolerance(row))).multipliers for row in rows]
     multipliers = np.array(found).reshape(wrench.shape)
-    least = solver.least_norm(multipliers)
-    image = problem.image
+    least = solver.least_norm_thrusts(multipliers)
+    image = problem.attainable_set
     heights = (demand - image.center) @ image.normals.T
     slacks = image.widths - np.abs(heights)
     nearest = np.argmin(slacks, axis=-1)

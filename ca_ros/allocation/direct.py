@@ -42,7 +42,7 @@ class Direct(Allocator):
         # Fractional parts of multiples of the golden ratio are far from each other.
         self.cost = 1.0 + np.arange(1, self.problem.n + 1) * GOLDEN % 1.0
         problem = self.problem
-        self._image = problem.image
+        self._image = problem.attainable_set
         cost = self.cost * problem.half_range
         gamma = problem.gamma * problem.half_range / problem.extent[:, None]
         self._simplex = Simplex(np.vstack([gamma, cost / cost.sum()]))
@@ -64,7 +64,8 @@ class Direct(Allocator):
     def _allocate(self, u: Array) -> Allocation:
         level = float(self.levels(u))
         if np.isnan(level):
-            return Allocation(self.problem, u, self.problem.rest.copy(), Status.REJECTED, 0.0)
+            resting = self.problem.resting_thrusts.copy()
+            return Allocation(self.problem, u, resting, Status.REJECTED, 0.0)
         served = level * u
         thrusts = self._cheapest(served)
         if self._judge(u, thrusts):

@@ -3,39 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator, takes_settings
-from ca_ros.allocation.exact_engines import NumpyEngine, Setting, kernel_for
+from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.prioritization import PrioritiesSettings
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.settings import Numbers, ParameterError, check_ratio, repeated, setting
 from ca_ros.vehicle.vehicle import Vehicle
-
-POLICIES = {
-    'prioritize': Status.PRIORITIZED,
-    'scale': Status.SCALED,
-    'reject': Status.REJECTED,
-}
-"""The status of a wrench outside of the admissible set, by policy."""
 
 EXACT = Status.EXACT
 
 STATUSES = tuple(Status)
 """By number; to look one up in the enumeration takes ten times as long."""
-
-PREFERRED_MAX = 100.0
-"""Greatest preferred thrust, in units of the greatest bound."""
 
 THREAD_MIN = 8192
 """Wrenches of a batch for each thread, at least."""
@@ -47,38 +33,6 @@ def processors() -> int:
     if hasattr(os, 'sched_getaffinity'):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExactSettings(PrioritiesSettings):
-    """The settings of `Exact`."""
-
-    policy: Literal['prioritize', 'scale', 'reject'] = setting(
-        'prioritize',
-        'what exact allocates for an unattainable wrench. prioritize: the axes in the order of '
-        'their priorities; scale: the wrench scaled towards hover; reject: nothing', mutable=True)
-    scale_reference: Numbers | None = setting(None, 'the reference of scale', unit='N, N m')
-    residual_slack: float = setting(
-        1e-9,
-        'greatest error of an attainable wrench u, as a share of max(1, |u|). It is used only for '
-        'vehicles that are symmetric except for the rounding of their file', minimum=0.0,
-        maximum=1e-2, mutable=True)
-    weights: Numbers = setting(
-        1.0,
-        'weight of each rotor in the cost: one number, or one for each rotor, at most 1e4 times '
-        'each other; a rotor with a greater weight deviates less from its preferred thrust',
-        positive=True, mutable=True)
-    preferred: Numbers = setting(
-        0.0, 'thrusts that the cost prefers: one number, or one for each rotor', unit='N',
-        mutable=True)
-    solver: Literal['newton', 'osqp'] = setting(
-        'newton',
-        'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of OSQP. '
-        'Both end at the same thrusts', mutable=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ratio('weights', self.weights)
 
 
 class Exact(Allocator):
@@ -119,8 +73,6 @@ class Exact(Allocator):
     ----------
     engine : str
         'C' if the kernel (`ca_ros.kernel`) solves the problem, or 'NumPy'.
-    setting : Setting
-        What the engine was given; `ca_ros.firmware` exports a kernel with the same setting.
 
     Raises
     ------
@@ -137,46 +89,13 @@ class Exact(Allocator):
         super().__init__(problem)
         problem = self.problem
         self._n = problem.n
-        self.weights = repeated('weights', settings.weights, problem.n)
-        self.preferred = repeated('preferred', settings.preferred, problem.n)
-        limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())
-        if np.abs(self.preferred).max() > limit:
-            raise ParameterError(
-                f'preferred: expected thrusts up to {limit:g}, got {self.preferred.tolist()}'
-            )
-        preference = None
-        if np.any(self.weights != 1.0) or np.any(self.preferred != 0.0):
-            preference = self.weights, self.preferred
-        self._preference = preference
-        axes, about = problem.axes, settings.scale_reference
-        groups: Sequence[Sequence[str]] = settings.groups(axes)
-        if about is not None:
-            try:
-                self.admissible.check_reference(about)
-            except ValueError as error:
-                fault = str(error).removeprefix('about: ')
-                raise ParameterError(f'scale_reference: {fault}') from None
-        kernel = chosen(problem.n, len(axes)) if settings.solver == 'newton' else None
-        status, reversal = POLICIES[settings.policy], settings.thrust_deviation
-        if settings.policy == 'prioritize':
-            reference, inside = problem.reference, False
-        else:
-            groups, reversal, inside = (axes,), 'allow', True
-            reference = self.admissible.reference if about is None else problem.check(about)
-        self.setting = Setting(
-            groups,
-            reversal,
-            reference,
-            inside,
-            status,
-            settings.residual_slack,
-            *(preference or ()),
-        )
+        self._preference = settings.preference(problem)
+        kernel = None
+        if settings.solver == 'newton':
+            kernel = chosen(problem.n, len(problem.axes))
         self.engine = 'C' if kernel else 'NumPy'
         self._engine = (
-            kernel_for(kernel, problem, self.setting)
-            if kernel
-            else NumpyEngine(problem, self.setting, settings.solver == 'osqp')
+            kernel_for(kernel, problem, settings) if kernel else NumpyEngine(problem, settings)
         )
 
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:

@@ -5,11 +5,9 @@ Both have the methods `allocate` and `allocate_batch` of `ca_ros.kernel.Kernel`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.osqp_start import OsqpStart
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
@@ -19,60 +17,10 @@ from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
 from ca_ros.solver.dual_newton import AIM, DualNewton, Solution
 
 
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """The options of an exact allocator in the terms of its engine.
-
-    Attributes
-    ----------
-    groups : sequence of sequences of str
-        The axes of each group of the priorities.
-    reversal : 'prevent', 'avoid' or 'allow'
-    reference : (m,) array
-        The wrench from which demands are counted [N, N m].
-    on_reference : bool
-        Whether the reference is attainable; the lines of the priorities then begin there.
-    status : Status
-        The status of a wrench that is not attainable.
-    slack : float
-        See `Exact`.
-    weight, preferred : (n,) arrays, optional
-        W > 0 and f_p of the cost ``|W (f - f_p)|^2`` [f_p in N]; by default ones and zeros.
-    """
-
-    groups: Sequence[Sequence[str]]
-    reversal: str
-    reference: Array
-    on_reference: bool
-    status: Status
-    slack: float
-    weight: Array | None = None
-    preferred: Array | None = None
-
-    def preference(self, n: int) -> tuple[Array, Array] | None:
-        """Return W and f_p (n,); None if neither is given.
-
-        Raises
-        ------
-        ValueError
-            If one of them has not n finite numbers, or a weight is not positive.
-        """
-        if self.weight is None and self.preferred is None:
-            return None
-        weight = np.ones(n) if self.weight is None else np.asarray(self.weight, float)
-        preferred = np.zeros(n) if self.preferred is None else np.asarray(self.preferred, float)
-        for name, array in (('weight', weight), ('preferred', preferred)):
-            if array.shape != (n,) or not np.isfinite(array).all():
-                raise ValueError(f'{name}: expected {n} finite numbers, got {array.tolist()}')
-        if not np.all(weight > 0.0):
-            raise ValueError(f'weight: expected positive numbers, got {weight.tolist()}')
-        return weight, preferred
-
-
 def kernel_for(
     kernel: type[Kernel],
     problem: AllocationProblem,
-    setting: Setting,
+    settings: ExactSettings,
     dtype: type[np.floating] = np.float64,
 ) -> Kernel:
     """Return a kernel for a problem.
@@ -82,36 +30,33 @@ def kernel_for(
     kernel : type
         A class of `ca_ros.kernel.load`.
     problem : AllocationProblem
-    setting : Setting
+    settings : ExactSettings
     dtype : type
         The type of the kernel's numbers.
 
     Raises
     ------
     ValueError
-        If the problem's admissible set has no volume, or a weight or preferred thrust is wrong.
+        If the problem's admissible set has no volume, or a setting does not suit the problem.
     """
-    if not problem.spans:
-        raise problem.no_volume()
-    axes = problem.axes
-    groups = setting.groups
-    keeps = sensed(groups, setting.reversal)
-    preference = setting.preference(problem.n)
+    axes, serving = problem.axes, settings.serving(problem)
+    keeps = sensed(serving.groups, serving.thrust_deviation)
+    preference = settings.preference(problem)
     gamma, lower, upper, start = (
         np.ascontiguousarray(array, dtype)
-        for array in (problem.gamma, problem.lower, problem.upper, setting.reference)
+        for array in (problem.gamma, problem.lower, problem.upper, serving.reference)
     )
     return kernel(
         gamma,
         lower,
         upper,
         start,
-        order=[axes.index(axis) for group in groups for axis in group],
-        group=[i for i, group in enumerate(groups) for _ in group],
+        order=[axes.index(axis) for group in serving.groups for axis in group],
+        group=[i for i, group in enumerate(serving.groups) for _ in group],
         keep_sense=[int(axis in keeps) for axis in axes],
-        policy=int(setting.status),
-        on_reference=setting.on_reference,
-        slack=setting.slack,
+        policy=int(settings.status),
+        on_reference=serving.on_reference,
+        slack=settings.residual_slack,
         weight=preference and np.ascontiguousarray(preference[0], dtype),
         preferred=preference and np.ascontiguousarray(preference[1], dtype),
     )
@@ -120,18 +65,18 @@ def kernel_for(
 class NumpyEngine:
     """The NumPy implementation: the reference of the kernel, and its replacement.
 
-    With `osqp` Newton's method starts at OSQP's answer.
+    With OSQP, Newton's method starts at its answer.
     """
 
-    def __init__(self, problem: AllocationProblem, setting: Setting, osqp: bool = False) -> None:
-        if not problem.spans:
-            raise problem.no_volume()
-        rows = [[problem.axes.index(axis) for axis in group] for group in setting.groups]
-        begin = setting.reference if setting.on_reference else None
-        preference = setting.preference(problem.n)
-        self._problem, self._slack, self._status = problem, setting.slack, setting.status
-        self._serve = Prioritization(problem, rows, setting.reference, setting.reversal, begin)
-        self._osqp = OsqpStart(problem, preference) if osqp else None
+    def __init__(self, problem: AllocationProblem, settings: ExactSettings) -> None:
+        groups, thrust_deviation, reference, on_reference = settings.serving(problem)
+        rows = [[problem.axes.index(axis) for axis in group] for group in groups]
+        begin = reference if on_reference else None
+        preference = settings.preference(problem)
+        self._problem, self._status = problem, settings.status
+        self._slack = settings.residual_slack
+        self._serve = Prioritization(problem, rows, reference, thrust_deviation, begin)
+        self._osqp = OsqpStart(problem, preference) if settings.solver == 'osqp' else None
         self._solver = problem.least_norm
         if preference is not None:
             self._solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
@@ -157,7 +102,7 @@ class NumpyEngine:
             thrusts[:] = other
             return None
         if self._status == Status.REJECTED:
-            thrusts[:] = problem.rest
+            thrusts[:] = problem.resting_thrusts
             return self._status, 0.0, 0, 0
         solution = self._least(served.wrenches)
         thrusts[:] = solution.thrusts

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -12,7 +14,7 @@ from ca_ros.allocation import (
     allocator_with,
     method_class,
 )
-from ca_ros.allocation.exact import ExactSettings
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.problem.prioritization import PrioritizedAxesSettings
 from ca_ros.settings import (
     ParameterError,
@@ -90,6 +92,18 @@ class AllocatedVehicleSettings(VehicleSettings):
     allocation: VehicleMethodSettings = group(VehicleAllocation)
 
 
+@contextmanager
+def full_names(settings: MethodSettings) -> Iterator[None]:
+    """Put the names of the method's settings in full into errors: ``allocation.METHOD.NAME``."""
+    try:
+        yield
+    except ValueError as error:
+        names = table(type(settings.of(settings.method)))
+        named = any(str(error).startswith((f'{name}:', f'{name}[')) for name in names)
+        place = f'allocation.{group_name(settings.method)}.' if named else ''
+        raise ParameterError(f'{place}{error}') from None
+
+
 def allocator_of(settings: MethodSettings, problem: AllocationProblem) -> Allocator:
     """Return the allocator that the settings of a file or node describe.
 
@@ -98,10 +112,6 @@ def allocator_of(settings: MethodSettings, problem: AllocationProblem) -> Alloca
     ParameterError
         If a setting is wrong; the message has its full name.
     """
-    kind, own = method_class(settings.method), settings.of(settings.method)
-    try:
-        return allocator_with(kind, problem, own)
-    except ValueError as error:
-        named = any(str(error).startswith((f'{name}:', f'{name}[')) for name in table(type(own)))
-        place = f'allocation.{group_name(settings.method)}.' if named else ''
-        raise ParameterError(f'{place}{error}') from None
+    with full_names(settings):
+        kind = method_class(settings.method)
+        return allocator_with(kind, problem, settings.of(settings.method))

@@ -83,7 +83,7 @@ class SlewLimited(Allocator):
         if seconds < 0.0:
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
         moved = self._reachable(command, self.rates * seconds)
-        if moved.spans:
+        if moved.has_volume:
             result = type(self.allocator).made(moved, self.settings).allocate(u)
         else:
             result = _held(moved, u)

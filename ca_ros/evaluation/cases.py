@@ -67,7 +67,7 @@ class Case:
     methods : MethodSettings
         The settings of the methods.
     problem : AllocationProblem
-        Of a vehicle: with the axes that its rotors can command.
+        Of a vehicle: with the axes that its rotors can control.
     changes : tuple of str
         Parameters other than in the file, ``NAME:=VALUE``.
     left_out : dict
@@ -88,7 +88,7 @@ class Case:
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle, with the axes that its rotors can command; a TypeError without one."""
+        """The vehicle, with the axes that its rotors can control; a TypeError without one."""
         return vehicle_of(self.problem)
 
     @classmethod
@@ -213,7 +213,7 @@ class Case:
         subject = vehicle or (self.vehicle if self.flies else self.problem)
         if method in FOR_COMPARISON:
             return FOR_COMPARISON[method](subject)
-        problem = accept(subject).problem if isinstance(subject, Vehicle) else subject
+        problem = accept(subject).independent if isinstance(subject, Vehicle) else subject
         return allocator_of(replace(self.methods, method=method), problem)
 
 

@@ -53,7 +53,7 @@ class Saturated(Allocator):
     def _saturated(self, u: Array, wanted: Array) -> Allocation:
         """Return the allocation of thrusts that are NaN where there is no answer."""
         if not np.isfinite(wanted).all():
-            rest = self.problem.rest.copy()
+            rest = self.problem.resting_thrusts.copy()
             return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
         thrusts = self.problem.clip(wanted)
         violation = float(np.abs(wanted - thrusts).max())

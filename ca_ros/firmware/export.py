@@ -12,7 +12,7 @@ from ca_ros.firmware import golden, literals
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.footprint import measure
 from ca_ros.firmware.readme import facts
-from ca_ros.problem.commandable import unit
+from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
 
 KERNEL_FILES = (

@@ -36,14 +36,14 @@ class Fault:
 
     @property
     def problem(self) -> VehicleProblem:
-        """The problem of the axes that can be commanded independently."""
-        return self.report.problem
+        """The problem of the axes that the rotors can control independently."""
+        return self.report.independent
 
 
 def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     """Return the vehicle as it is, and its faults.
 
-    As in the nodes, a vehicle that cannot command every axis and hover at the start is refused
+    As in the nodes, a vehicle that cannot control every axis and hover at the start is refused
     unless its `lost_axes` is 'drop', and a fault is always accepted without the lost axes.
 
     Parameters
@@ -55,14 +55,14 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     Raises
     ------
     ParameterError
-        If the vehicle is refused, a word is wrong, or a fault leaves no axis to be commanded.
+        If the vehicle is refused, a word is wrong, or a fault leaves no axis.
     """
     report = accept(vehicle)
     found = [_fault('NO_FAULT', 'the rotors are as in the file', report)]
 
     def after(failures: dict[str, float]) -> Audit:
         # Axes that are lost already stay so.
-        return audit(with_failures(report.problem.vehicle, failures))
+        return audit(with_failures(report.independent.vehicle, failures))
 
     for word in dict.fromkeys(words):
         if word == 'single':
@@ -80,6 +80,6 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
 
 
 def _fault(constant: str, meaning: str, report: Audit) -> Fault:
-    if report.vehicle.powerless or not report.problem.spans:
-        raise ParameterError(f'{meaning}: no axis is left that the rotors can command')
+    if report.vehicle.powerless or not report.independent.has_volume:
+        raise ParameterError(f'{meaning}: no axis is left that the rotors can control')
     return Fault(constant, meaning, report)

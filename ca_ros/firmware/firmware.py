@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.allocation.result import Status
-from ca_ros.allocation.settings import VehicleMethodSettings, allocator_of
+from ca_ros.allocation.settings import VehicleMethodSettings, full_names
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
 from ca_ros.problem.numbers import ABSURD
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 
@@ -72,7 +70,11 @@ class Firmware:
                 f'the extension module ca_ros.kernel._{precision} is not built: install a C '
                 'compiler, then ca_ros again'
             )
-        made = [_kernel(kind, fault.problem, settings, DTYPES[precision]) for fault in faults]
+        with full_names(settings):
+            made = [
+                kernel_for(kind, fault.problem, settings.exact, DTYPES[precision])
+                for fault in faults
+            ]
         return cls(faults, made, settings, precision)
 
     @property
@@ -168,16 +170,3 @@ class Firmware:
         )
         steps, pivots = work.max(axis=0).tolist()
         return steps, pivots
-
-
-def _kernel(
-    kind: type[Kernel],
-    problem: AllocationProblem,
-    settings: VehicleMethodSettings,
-    dtype: type[np.floating],
-) -> Kernel:
-    # The kernel starts at the pseudo-inverse; OSQP may be absent.
-    chosen = replace(settings, exact=replace(settings.exact, solver='newton'))
-    exact = allocator_of(chosen, problem)
-    assert isinstance(exact, Exact)
-    return kernel_for(kind, problem, exact.setting, dtype)

@@ -6,11 +6,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ca_ros.allocation.exact import ExactSettings
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.firmware import golden
 from ca_ros.firmware.firmware import LIMIT, Firmware
 from ca_ros.firmware.footprint import Footprint
-from ca_ros.problem.commandable import unit
+from ca_ros.problem.controllability import unit
 
 SAMPLE = 3333
 """Number of wrenches of each kind and fault for which steps are counted."""

@@ -25,7 +25,7 @@ enum ca_fault {
     CA_SOUND = 0,
     CA_BAD_SIZE = 1,    /* n or m out of range */
     CA_BAD_NUMBER = 2,  /* a number is not finite, or lower > upper */
-    CA_NO_VOLUME = 3,   /* the rotors cannot command the axes independently */
+    CA_NO_VOLUME = 3,   /* the rotors cannot control the axes independently */
     CA_BAD_ORDER = 4    /* the priorities do not name each axis once, group by group */
 };
 

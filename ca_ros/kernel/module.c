@@ -217,7 +217,7 @@ static int copy_ints(PyObject *sequence, int count, int *numbers)
 static const char *const FAULTS[] = {
     "", "too many rotors or axes",
     "a number is not finite, a lower bound above its upper bound, or a weight not positive",
-    "the rotors cannot command the axes independently",
+    "the rotors cannot control the axes independently",
     "the order does not name each axis once, group by group"};
 
 /* Kernel(gamma, lower, upper, reference, order, group, keep_sense, policy, on_reference, slack,

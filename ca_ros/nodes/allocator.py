@@ -97,7 +97,7 @@ class AllocatorNode(HealthNode):
                 f'{", ".join(self._loaded)}'
             )
         report = self.audited(settings)
-        return report, allocator_of(settings.allocation, report.problem)
+        return report, allocator_of(settings.allocation, report.independent)
 
     def adopt(self, built: tuple[Audit, Allocator]) -> None:
         """Use this method from the next command on."""

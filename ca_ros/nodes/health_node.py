@@ -41,7 +41,7 @@ class HealthNode(VehicleNode):
         report = super().audited(settings)
         if self._reported is None:
             return report
-        vehicle = report.asked.vehicle
+        vehicle = report.full.vehicle
         return accept(vehicle.with_health(np.minimum(vehicle.health, self._reported)), 'drop')
 
     def values(self) -> dict[str, object]:

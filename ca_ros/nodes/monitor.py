@@ -82,7 +82,7 @@ class MonitorNode(VehicleNode):
         if self.audit is None:
             self.detector = detector
         else:
-            self.detector.announce(report.asked.vehicle.health)
+            self.detector.announce(report.full.vehicle.health)
             self._publish(self._observed)
         self.adopt_audit(report)
         self._watchdog.timeout = self.settings.command_timeout

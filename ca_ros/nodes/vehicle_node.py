@@ -84,7 +84,7 @@ class VehicleNode(ParameterNode):
                 Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
             )
         # In a running node only the health can change, and lost axes are dropped, not refused.
-        vehicle = self.audit.asked.vehicle
+        vehicle = self.audit.full.vehicle
         health = repeated('rotors.health', settings.rotors.health, vehicle.n)
         return accept(vehicle.with_health(health), 'drop')
 

@@ -11,14 +11,15 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, constant
 from ca_ros.problem.prioritization import (
-    REVERSAL,
-    REVERSALS,
+    THRUST_DEVIATION,
+    THRUST_DEVIATIONS,
     Prioritization,
     default_order,
     groups_of,
 )
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
+from ca_ros.settings import ParameterError
 from ca_ros.solver.polytope import Polytope, ordered, section, vertices_of
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
@@ -34,29 +35,28 @@ class AdmissibleSet:
     ----------
     vehicle : Vehicle or AllocationProblem
 
-    Attributes
-    ----------
-    reference : (m,) array
-        The reference of the problem, hover for a vehicle, if it is inside the set; otherwise the
-        centre of the set [N, N m].
-
     Raises
     ------
     ValueError
-        If the set has no volume: the rotors cannot command the axes independently.
+        If the set has no volume: the rotors cannot control the axes independently.
     """
 
     def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
         self.problem = problem = problem_of(vehicle)
-        if not problem.spans:
+        if not problem.has_volume:
             raise problem.no_volume()
-        self.reference = problem.reference if problem.reference_inside else problem.center
         self._prioritizations: dict[object, Prioritization] = {}
+
+    @cached_property
+    def reference(self) -> Array:
+        """The problem's reference if it is inside the set, else the centre (m,) [N, N m]."""
+        problem = self.problem
+        return problem.reference if problem.reference_inside else problem.center
 
     @property
     def zonotope(self) -> Zonotope:
         """The set as a zonotope; its facets are computed at the first access."""
-        return self.problem.image
+        return self.problem.attainable_set
 
     @property
     def facets(self) -> tuple[Array, Array]:
@@ -176,40 +176,46 @@ class AdmissibleSet:
         """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
         return self.margin(u) >= -tolerance
 
-    def scale(self, u: ArrayLike, about: ArrayLike | None = None) -> Array:
+    def scale(self, u: ArrayLike, scale_reference: ArrayLike | None = None) -> Array:
         """Bring a wrench into the set along the straight line to a reference.
 
         Parameters
         ----------
         u : (..., m) array
             Wrenches [N, N m].
-        about : (m,) array, optional
+        scale_reference : (m,) array, optional
             The reference, a wrench in the set; by default `reference`.
 
         Returns
         -------
         (..., m) array
-            `u` if it is in the set, otherwise the last point in the set on the line from `about`
-            to `u`.
+            `u` if it is in the set, otherwise the last point in the set on the line from the
+            reference to `u`.
 
         Raises
         ------
         ValueError
-            If `about` is outside the set.
+            If `scale_reference` is outside the set.
         """
-        return self.scale_levels(u, about)[0]
+        return self.scale_levels(u, scale_reference)[0]
 
-    def scale_levels(self, u: ArrayLike, about: ArrayLike | None = None) -> tuple[Array, Array]:
+    def scale_levels(
+        self, u: ArrayLike, scale_reference: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
         """Like `scale`, but also return the share (...) of the way to `u`, at most 1."""
-        u = self.problem.check(u, batch=True)
-        served, levels = self._serve(self.check_reference(about), u)
+        u, start = self.problem.check(u, batch=True), self.reference
+        if scale_reference is not None:
+            start = self.check_reference(scale_reference)
+        everything = [list(range(len(self.problem.axes)))]
+        serve = Prioritization(self.problem, everything, start, begin=start)
+        served, levels = self._serve(serve, u)
         return served, levels.min(axis=-1)
 
     def prioritize(
         self,
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = REVERSAL,
+        thrust_deviation: str = THRUST_DEVIATION,
     ) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
 
@@ -226,7 +232,7 @@ class AdmissibleSet:
         order : sequence of groups of axes, optional
             The most important first, such as ``['roll pitch', 'thrust', 'yaw']``; by default
             `ORDER`.  Axes that the vehicle does not command are ignored.
-        reversal : 'prevent', 'avoid' or 'allow'
+        thrust_deviation : 'prevent', 'avoid' or 'allow'
             How much thrust may deviate so that no axis after the first group is reversed.
             'prevent': as much as necessary.  'avoid': at most from its demand to hover.  'allow':
             not at all.
@@ -239,22 +245,24 @@ class AdmissibleSet:
         Raises
         ------
         ValueError
-            If `order` does not name each of the vehicle's axes once, or `reversal` is unknown.
+            If `order` does not name each of the vehicle's axes once, or `thrust_deviation` is
+            unknown.
         """
-        return self.prioritize_levels(u, order, reversal)[0]
+        return self.prioritize_levels(u, order, thrust_deviation)[0]
 
     def prioritize_levels(
         self,
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
-        reversal: str = REVERSAL,
+        thrust_deviation: str = THRUST_DEVIATION,
     ) -> tuple[Array, Array]:
         """Like `prioritize`, but also return the share (..., m) of its demand that each axis gets.
 
         The share is relative to hover: 0 for an axis that is reversed or does not change, 1 for an
         axis that gets all of its demand or more.
         """
-        return self._serve(self.check_order(order, reversal), self.problem.check(u, batch=True))
+        serve = self.check_order(order, thrust_deviation)
+        return self._serve(serve, self.problem.check(u, batch=True))
 
     def _serve(self, serve: Prioritization, u: Array) -> tuple[Array, Array]:
         """Return the served wrenches and levels for wrenches (..., m)."""
@@ -273,29 +281,31 @@ class AdmissibleSet:
             served[outside], levels[outside] = answers.wrenches, answers.levels
         return served, levels
 
-    def check_reference(self, about: ArrayLike | None) -> Prioritization:
-        """Return the scaling about a reference; raise a ValueError if it is outside the set."""
-        start = self.reference if about is None else self.problem.check(about)
+    def check_reference(self, scale_reference: ArrayLike) -> Array:
+        """Return a reference (m,) of `scale`; raise a ValueError if it is outside the set."""
+        start = self.problem.check(scale_reference, name='scale_reference')
         way = start - self.problem.center
         if self.problem.reach(self.problem.center, way, 1.0) < 1.0 - REACHED:
-            raise ValueError(f'about: expected a wrench in the admissible set, got {start}')
-        everything = [list(range(len(self.problem.axes)))]
-        return Prioritization(self.problem, everything, start, begin=start)
+            raise ParameterError(f'scale_reference: expected an attainable wrench, got {start}')
+        return start
 
     def check_order(
-        self, order: Sequence[Sequence[str]] | None, reversal: str = REVERSAL
+        self, order: Sequence[Sequence[str]] | None, thrust_deviation: str = THRUST_DEVIATION
     ) -> Prioritization:
         """Return the prioritization of an order; raise a ValueError if an argument is wrong."""
-        key = (None if order is None else tuple(map(tuple, order))), reversal
+        key = (None if order is None else tuple(map(tuple, order))), thrust_deviation
         if key not in self._prioritizations:
-            if reversal not in REVERSALS:
+            if thrust_deviation not in THRUST_DEVIATIONS:
                 raise ValueError(
-                    f'reversal: expected one of {", ".join(REVERSALS)}, got {reversal!r}'
+                    f'thrust_deviation: expected one of {", ".join(THRUST_DEVIATIONS)}, '
+                    f'got {thrust_deviation!r}'
                 )
             axes = self.problem.axes
             groups = default_order(axes) if order is None else groups_of(order, axes)
             rows = [[axes.index(axis) for axis in group] for group in groups]
-            self._prioritizations[key] = Prioritization(self.problem, rows, reversal=reversal)
+            self._prioritizations[key] = Prioritization(
+                self.problem, rows, thrust_deviation=thrust_deviation
+            )
         return self._prioritizations[key]
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:

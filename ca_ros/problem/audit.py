@@ -1,4 +1,4 @@
-"""The audit: what a vehicle's rotors can command, and the refusal of a vehicle."""
+"""The audit: which axes a vehicle's rotors can control, and the refusal of a vehicle."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.problem.commandable import (
+from ca_ros.problem.controllability import (
     INDEPENDENCE_MIN,
     authority,
     hover_margin,
@@ -48,46 +48,46 @@ class Audit:
 
     Attributes
     ----------
-    asked : VehicleProblem
+    full : VehicleProblem
         The problem of all axes of the vehicle.
-    problem : VehicleProblem
-        The problem of the axes that can be commanded independently.
-    kept : VehicleProblem
+    independent : VehicleProblem
+        The problem of the axes that the rotors can control independently.
+    controllable : VehicleProblem
         The problem of the axes that are not lost.
     hovers, keeps_hovering : bool
-        Whether hover is inside the admissible set of `asked`, and of `kept`.
+        Whether hover is inside the admissible set of `full`, and of `controllable`.
     """
 
-    asked: VehicleProblem
-    problem: VehicleProblem
-    kept: VehicleProblem
+    full: VehicleProblem
+    independent: VehicleProblem
+    controllable: VehicleProblem
     hovers: bool
     keeps_hovering: bool
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """The axes that are not in `kept`.
+        """The axes that are not in `controllable`.
 
-        Lost axes that are still in `problem` cannot be held at zero in hover; they are served
+        Lost axes that are still in `independent` cannot be held at zero in hover; they are served
         last.
         """
-        return tuple(axis for axis in self.asked.axes if axis not in self.kept.axes)
+        return tuple(axis for axis in self.full.axes if axis not in self.controllable.axes)
 
     @property
     def rank(self) -> int:
-        """Rank of Gamma: number of axes that the rotors can command in theory."""
+        """Rank of Gamma: number of axes that the rotors can control in theory."""
         return int((self._singular > 1e-9).sum())
 
     @cached_property
     def independence(self) -> dict[str, float]:
-        """For each axis of `asked`, how far it can be commanded independently of the others.
+        """For each axis of `full`, how far the rotors can control it independently of the others.
 
         It is the sine of the angle between its row of Gamma, with columns weighted by the ranges
-        of the thrusts, and the span of the other rows: 1 is best, 0 means that the axis cannot be
-        commanded.
+        of the thrusts, and the span of the other rows: 1 is best, 0 means that the rotors cannot
+        control the axis.
         """
-        distances = independence(unit_rows(self.asked)).tolist()
-        return dict(zip(self.asked.axes, distances, strict=True))
+        distances = independence(unit_rows(self.full)).tolist()
+        return dict(zip(self.full.axes, distances, strict=True))
 
     @property
     def condition(self) -> float:
@@ -97,38 +97,38 @@ class Audit:
 
     @cached_property
     def _singular(self) -> Array:
-        return np.array(np.linalg.svd(unit_rows(self.asked), compute_uv=False), float)
+        return np.array(np.linalg.svd(unit_rows(self.full), compute_uv=False), float)
 
     @cached_property
     def hover_margin(self) -> float:
-        """Signed distance from hover to the boundary of the admissible set of `asked` [N, N m].
+        """Signed distance from hover to the boundary of the admissible set of `full` [N, N m].
 
         It is -inf if that set has no volume.
         """
-        return hover_margin(self.asked)
+        return hover_margin(self.full)
 
     @cached_property
-    def kept_hover_margin(self) -> float:
-        """As `hover_margin`, for `kept`."""
-        return hover_margin(self.kept)
+    def controllable_hover_margin(self) -> float:
+        """As `hover_margin`, for `controllable`."""
+        return hover_margin(self.controllable)
 
     @cached_property
     def spin_torque(self) -> float:
         """The yaw torque that remains in hover if yaw is lost, and spins the vehicle [N m]."""
-        return spin_torque(self.asked, self.kept) if self.keeps_hovering else 0.0
+        return spin_torque(self.full, self.controllable) if self.keeps_hovering else 0.0
 
     @cached_property
     def authority(self) -> dict[str, tuple[float, float]]:
-        """For each axis of `kept`, its range with the other axes at hover [N, N m].
+        """For each axis of `controllable`, its range with the other axes at hover [N, N m].
 
         Empty if hover is not attainable.
         """
-        return authority(self.kept) if self.keeps_hovering else {}
+        return authority(self.controllable) if self.keeps_hovering else {}
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle with the axes of `problem`; its `lost_axes` is drop if it is not sound."""
-        return self.problem.vehicle
+        """The vehicle of `independent`; its `lost_axes` is 'drop' if it is not sound."""
+        return self.independent.vehicle
 
     @property
     def sound(self) -> bool:
@@ -141,8 +141,8 @@ class Audit:
         if self.spin_torque:
             parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
         if self.keeps_hovering:
-            if self.kept.facet_choices <= STATED_CHOICES_MAX:
-                parts.append(f'hover margin {self.kept_hover_margin:.3g} [N, N m]')
+            if self.controllable.facet_choices <= STATED_CHOICES_MAX:
+                parts.append(f'hover margin {self.controllable_hover_margin:.3g} [N, N m]')
             ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
             parts.append(f'around hover: {", ".join(ranges)}')
         else:
@@ -152,7 +152,7 @@ class Audit:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What is probably a slip in the vehicle's file; it refuses no vehicle."""
-        vehicle, found = self.asked.vehicle, []
+        vehicle, found = self.full.vehicle, []
         arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
         if arm > ARM_MAX * max(1.0, vehicle.mass ** (1.0 / 3.0)):
             found.append(
@@ -169,8 +169,8 @@ class Audit:
 
     def _angle_of_facets(self) -> float:
         """Return the greatest angle between facets that is in `ROUNDED` [rad]; 0 if none is."""
-        problem = self.problem
-        if not problem.spans or problem.facet_choices > STATED_CHOICES_MAX:
+        problem = self.independent
+        if not problem.has_volume or problem.facet_choices > STATED_CHOICES_MAX:
             return 0.0
         normals = facet_normals(unit_rows(problem))
         products = np.triu(normals @ normals.T, 1)
@@ -200,11 +200,11 @@ class Audit:
 
     def _losses(self) -> list[tuple[list[str], str]]:
         """Return the lost axes by cause."""
-        asked, least = len(self.independence), min(self.independence.values())
+        axes, least = len(self.independence), min(self.independence.values())
         dependent = (
             f'independence {least:.2g}, at least {INDEPENDENCE_MIN:g} is needed'
-            if self.rank == asked
-            else f'the allocation matrix has rank {self.rank} for {asked} axes'
+            if self.rank == axes
+            else f'the allocation matrix has rank {self.rank} for {axes} axes'
         )
         kept = self.vehicle.axes
         return [
@@ -229,7 +229,7 @@ class Audit:
 
 
 def audit(vehicle: Vehicle) -> Audit:
-    """Audit which axes a vehicle can command.
+    """Audit which axes a vehicle's rotors can control.
 
     Axes are given up, yaw before roll and pitch, until the remaining ones are independent, and
     then until hover is inside their admissible set.  Thrust is never given up.
@@ -250,16 +250,16 @@ def audit(vehicle: Vehicle) -> Audit:
         # The caller accepts or refuses the vehicle by this audit; allocators must not refuse it.
         independent.vehicle = replace(independent.vehicle, lost_axes='drop')
     return Audit(
-        asked=full,
-        problem=independent,
-        kept=hovering,
+        full=full,
+        independent=independent,
+        controllable=hovering,
         hovers=full.hovers,
         keeps_hovering=hovering.hovers,
     )
 
 
 def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
-    """Audit a vehicle, and refuse it unless it can command every axis and hover.
+    """Audit a vehicle, and refuse it unless its rotors can control every axis and it can hover.
 
     Parameters
     ----------

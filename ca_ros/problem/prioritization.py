@@ -24,8 +24,8 @@ ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 DEFAULT_ORDER = tuple(' '.join(group) for group in ORDER)
 """The same in words."""
 
-REVERSALS = ('prevent', 'avoid', 'allow')
-REVERSAL = 'prevent'
+THRUST_DEVIATIONS = ('prevent', 'avoid', 'allow')
+THRUST_DEVIATION = 'prevent'
 """The default."""
 
 REST = 1e-9
@@ -49,7 +49,7 @@ class PrioritiesSettings(Settings):
         DEFAULT_ORDER, 'priorities of prioritize: groups of axes, the most important first',
         mutable=True)
     thrust_deviation: Literal['prevent', 'avoid', 'allow'] = setting(
-        REVERSAL,
+        THRUST_DEVIATION,
         'how far thrust may deviate from its demand so that no axis after the first group is '
         'reversed. prevent: as far as necessary; avoid: no further than hover; allow: not at all',
         mutable=True)
@@ -140,21 +140,21 @@ def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     return groups_of((*ORDER, others) if others else ORDER, axes)
 
 
-def sensed(groups: Sequence[Sequence[str]], reversal: str) -> list[str]:
+def sensed(groups: Sequence[Sequence[str]], thrust_deviation: str) -> list[str]:
     """Return the axes whose sense has priority over the amounts of less important axes.
 
     Parameters
     ----------
     groups : sequence of sequences of str
         The axes of each group.
-    reversal : 'prevent', 'avoid' or 'allow'
+    thrust_deviation : 'prevent', 'avoid' or 'allow'
     """
     later = [axis for group in groups[1:] for axis in group]
     return {
         'prevent': [axis for axis in later if axis != 'thrust'],
         'avoid': later,
         'allow': [],
-    }[reversal]
+    }[thrust_deviation]
 
 
 class Prioritization:
@@ -166,7 +166,7 @@ class Prioritization:
        possible.
     2. Each other axis is brought between its reference and its demand, or as near to that range
        as possible, in the order of the axes.  Thus it is not reversed, not exceeded, and not moved
-       without a demand.  `reversal` chooses the axes of this step.
+       without a demand.  `thrust_deviation` chooses the axes of this step.
     3. Each other group comes as near to its demand as possible.
 
     An axis is lost if it cannot be at its reference while the more important axes are at theirs,
@@ -183,7 +183,7 @@ class Prioritization:
         Rows of Gamma, the most important group first.
     reference : (m,) array, optional
         By default that of the problem: hover for a vehicle [N, N m].
-    reversal : 'prevent', 'avoid' or 'allow'
+    thrust_deviation : 'prevent', 'avoid' or 'allow'
         The axes of step 2.  'prevent': all but thrust, so that thrust deviates from its demand as
         far as the others need.  'avoid': thrust too, so that it deviates no further than to its
         reference.  'allow': none.
@@ -197,7 +197,7 @@ class Prioritization:
         problem: AllocationProblem,
         groups: Sequence[Sequence[int]],
         reference: Array | None = None,
-        reversal: str = REVERSAL,
+        thrust_deviation: str = THRUST_DEVIATION,
         begin: Array | None = None,
     ) -> None:
         self._problem = problem
@@ -205,7 +205,7 @@ class Prioritization:
         self._wrench = problem.reference if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
         named = [[problem.axes[row] for row in group] for group in groups]
-        keeps = [problem.axes.index(axis) for axis in sensed(named, reversal)]
+        keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
         self._senses: list[int] = []
         # In the simplex the thrusts come before the rows of Gamma.
         self._offset = len(problem.lower)

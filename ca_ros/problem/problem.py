@@ -73,7 +73,7 @@ class AllocationProblem:
         Bounds of the effectors [N].
     reference : (m,) array
         The u from which demands are counted [N, N m].
-    rest : (n,) array
+    resting_thrusts : (n,) array
         Of each effector the value nearest to zero: what a rejected u gets [N].
     middle, half_range : (n,) arrays
         Middles and half lengths of the ranges of the effectors [N].
@@ -94,7 +94,7 @@ class AllocationProblem:
     rounding error of the sum B f if large effectors cancel each other.  Therefore units are
     refused in which the range of an axis is below 1e-6, or 1e-6 of the greatest.
 
-    A problem is not audited: axes that the effectors cannot command independently are an error
+    A problem is not audited: axes that the effectors cannot control independently are an error
     only where the admissible set must have a volume.
     """
 
@@ -174,7 +174,7 @@ class AllocationProblem:
         self.gamma, self.reference = constant(gamma), constant(reference)
         self.lower, self.upper = constant(lower), constant(upper)
         self._shape, n = (len(gamma),), len(lower)
-        self.rest = constant(self.clip(np.zeros(n)))
+        self.resting_thrusts = constant(self.clip(np.zeros(n)))
         self.middle = constant((self.lower + self.upper) / 2.0)
         self.half_range = constant((self.upper - self.lower) / 2.0)
         self.center = constant(self.gamma @ self.middle)
@@ -203,7 +203,7 @@ class AllocationProblem:
         ValueError
             If the admissible set has no volume.
         """
-        if not self.spans:
+        if not self.has_volume:
             raise self.no_volume()
         return Simplex(self.gamma * self.half_range / self.extent[:, None])
 
@@ -260,25 +260,25 @@ class AllocationProblem:
         return bool((thrusts == self.clip(thrusts)).all())
 
     @cached_property
-    def image(self) -> Zonotope:
+    def attainable_set(self) -> Zonotope:
         """The admissible set A of Eq. (23).
 
         Raises
         ------
         ValueError
-            If it has no volume: the rotors cannot command the axes independently.
+            If it has no volume: the rotors cannot control the axes independently.
         """
-        if not self.spans:
+        if not self.has_volume:
             raise self.no_volume()
         return Zonotope(self.center, self.gamma * self.half_range)
 
     @property
     def facet_choices(self) -> int:
-        """Number of choices of m - 1 rotors; each may span a facet of `image`."""
+        """Number of choices of m - 1 rotors; each may span a facet of `attainable_set`."""
         return comb(len(self.lower), len(self.axes) - 1)
 
     @cached_property
-    def spans(self) -> bool:
+    def has_volume(self) -> bool:
         """Whether the admissible set has a volume."""
         return self._decomposition is not None
 
@@ -289,7 +289,7 @@ class AllocationProblem:
     def no_volume(self) -> ValueError:
         """Return the error of a problem whose admissible set has no volume."""
         return ValueError(
-            f'the admissible set has no volume: the {self.effector_kind} cannot command '
+            f'the admissible set has no volume: the {self.effector_kind} cannot control '
             f'{", ".join(self.axes)} independently{self.advice}'
         )
 
@@ -298,7 +298,7 @@ class AllocationProblem:
         """The quadratic program of Eqs. (20)-(22)."""
         return DualNewton(self.gamma, self.lower, self.upper)
 
-    def check(self, u: ArrayLike, batch: bool = False) -> Array:
+    def check(self, u: ArrayLike, batch: bool = False, name: str = 'wrench') -> Array:
         """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.
 
         Raises
@@ -311,7 +311,7 @@ class AllocationProblem:
         except (TypeError, ValueError):
             given = ' '.join(repr(u).split())
             raise ValueError(
-                f'wrench: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {given}'
+                f'{name}: expected {len(self.axes)} numbers ({", ".join(self.axes)}), got {given}'
             ) from None
         if wrench.shape == self._shape:
             # For a single wrench, math.hypot is faster than NumPy.
@@ -320,13 +320,13 @@ class AllocationProblem:
         elif not (batch and wrench.shape[-1:] == self._shape):
             expected = f'(..., {len(self.axes)})' if batch else f'({len(self.axes)},)'
             raise ValueError(
-                f'wrench: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}'
+                f'{name}: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}'
             )
         sound = np.abs(wrench) <= ABSURD
         if not sound.all():
             bad = np.argwhere(~sound)[0]
             raise ValueError(
-                f'wrench: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers '
+                f'{name}: {self.axes[bad[-1]]} is {wrench[tuple(bad)]}, expected finite numbers '
                 f'up to {ABSURD:g}'
             )
         return wrench

@@ -14,7 +14,7 @@ class VehicleProblem(AllocationProblem):
     """Find thrusts f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
 
     A problem needs no audit: it may also be made of a vehicle that allocators refuse because it
-    cannot command every axis or hover.
+    cannot control every axis or hover.
 
     Parameters
     ----------

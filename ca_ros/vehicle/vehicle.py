@@ -71,7 +71,7 @@ class Vehicle:
         The components of the wrench that are commanded, in the order of
         `ca_ros.vehicle.settings.AXES`.
     lost_axes : 'refuse' or 'drop'
-        Whether a vehicle that cannot command every axis and hover is refused, or flies without
+        Whether a vehicle that cannot control every axis and hover is refused, or flies without
         the lost axes: see `ca_ros.problem.audit.accept`.
     """
 

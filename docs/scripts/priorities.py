@@ -12,7 +12,7 @@ from pages import DOCS, fill, shipped, telling
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
-from ca_ros.problem.prioritization import REVERSALS
+from ca_ros.problem.prioritization import THRUST_DEVIATIONS
 
 ROWS = DOCS.parent / 'test' / 'px4_desaturation.csv'
 
@@ -27,7 +27,7 @@ def flights_table() -> str:
         if Case.load(name).vehicle.buoyancy:
             # A vehicle in water neither falls nor has a heavy variant.
             continue
-        for value in REVERSALS:
+        for value in THRUST_DEVIATIONS:
             for title, case in both_masses(name, [f'allocation.exact.thrust_deviation:={value}']):
                 found = [flown(case, 'exact', *each) for each in MANOEUVRES.values()]
                 sums = np.sum(found, axis=0)
@@ -65,8 +65,8 @@ def rows_table() -> str:
     gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
     demands = np.column_stack([4.0 * rows[:, 3], rows[:, :3]])
     served = {
-        f'`exact`, `{reversal}`': admissible.prioritize(demands, reversal=reversal)
-        for reversal in REVERSALS
+        f'`exact`, `{reversal}`': admissible.prioritize(demands, thrust_deviation=reversal)
+        for reversal in THRUST_DEVIATIONS
     }
     served['`exact`, yaw before thrust'] = admissible.prioritize(
         demands, ['roll pitch', 'yaw', 'thrust']

@@ -1,4 +1,4 @@
-"""``python -m ca_ros audit``: what a vehicle's rotors can command, and after each loss."""
+"""``python -m ca_ros audit``: which axes a vehicle's rotors can control, and after each loss."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ca_ros.nodes.settings import AllocatorSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
-from ca_ros.problem.commandable import lift, unit
+from ca_ros.problem.controllability import lift, unit
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
@@ -19,7 +19,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to those of ``python -m ca_ros``."""
-    about = "what a vehicle's rotors can command, and what is left after the loss of each"
+    about = "which axes a vehicle's rotors can control, and what is left after the loss of each"
     parser = commands.add_parser(
         'audit',
         help=about,
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def table(vehicle: Vehicle) -> str:
-    """Return a table of what a vehicle can command, as it is and without each of its rotors."""
+    """Return a table of the controllable axes, of the vehicle as it is and without each rotor."""
     cases = {'none': vehicle}
     for rotor in (np.flatnonzero(vehicle.health > 0.0) + 1).tolist():
         cases[f'rotor {rotor}'] = with_failures(vehicle, {str(rotor): 0.0})
@@ -83,7 +83,7 @@ def _row(report: Audit, axes: Sequence[str]) -> list[str]:
     if not report.keeps_hovering:
         return [lost, report.why_no_hover()]
     try:
-        margin = f'{report.kept_hover_margin:.3g}'
+        margin = f'{report.controllable_hover_margin:.3g}'
     except ValueError:
         margin = 'too many rotors'
     ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)

@@ -1,4 +1,4 @@
-"""Which axes of a problem the rotors can command: independence, hover, axes to give up."""
+"""Which axes of a problem the rotors can control: independence, hover, axes to give up."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
-"""The axes that can be given up so that the other axes can be commanded, in this order."""
+"""The axes that can be given up so that the rotors can control the others, in this order."""
 
 INDEPENDENCE_MIN = 0.05
 """Least sine of the angle between the row of one axis (`unit_rows`) and the span of the others.
@@ -66,15 +66,16 @@ def independence(rows: Array) -> Array:
 
 def hover_margin(problem: VehicleProblem) -> float:
     """Return the signed distance from hover to the boundary; -inf for a set without volume."""
-    return float(problem.image.margin(problem.hover)) if problem.spans else -np.inf
+    return float(problem.attainable_set.margin(problem.hover)) if problem.has_volume else -np.inf
 
 
 def independent_part(problem: VehicleProblem) -> VehicleProblem:
-    """Return the problem without the axes that cannot be commanded independently."""
-    return _give_up(
-        problem,
-        lambda part: part.spans and bool(independence(unit_rows(part)).min() >= INDEPENDENCE_MIN),
-    )
+    """Return the problem without the axes that the rotors cannot control independently."""
+
+    def independent(part: VehicleProblem) -> bool:
+        return part.has_volume and bool(independence(unit_rows(part)).min() >= INDEPENDENCE_MIN)
+
+    return _give_up(problem, independent)
 
 
 def hovering_part(problem: VehicleProblem) -> VehicleProblem:
@@ -100,19 +101,19 @@ def _without(problem: VehicleProblem, lost: str) -> VehicleProblem:
     return VehicleProblem(replace(problem.vehicle, axes=axes))
 
 
-def spin_torque(asked: VehicleProblem, kept: VehicleProblem) -> float:
-    """Return the yaw torque nearest to zero with which the axes of `kept` hover [N m]."""
-    if 'yaw' in kept.axes or 'yaw' not in asked.axes:
+def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
+    """Return the yaw torque nearest to zero with which the axes of `controllable` hover [N m]."""
+    if 'yaw' in controllable.axes or 'yaw' not in full.axes:
         return 0.0
-    axes = tuple(axis for axis in asked.axes if axis in (*kept.axes, 'yaw'))
-    with_yaw = VehicleProblem(replace(asked.vehicle, axes=axes))
+    axes = tuple(axis for axis in full.axes if axis in (*controllable.axes, 'yaw'))
+    with_yaw = VehicleProblem(replace(full.vehicle, axes=axes))
     place = axes.index('yaw')
-    if with_yaw.spans:
+    if with_yaw.has_volume:
         rows = [row for row in range(len(axes)) if row != place]
         yaw = float(Prioritization(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
     else:
-        tolerance = float(kept.tolerance(kept.hover))
-        thrusts = kept.least_norm.solve(kept.hover, tolerance).thrusts
+        tolerance = float(controllable.tolerance(controllable.hover))
+        thrusts = controllable.least_norm.solve(controllable.hover, tolerance).thrusts
         yaw = float(with_yaw.gamma[place] @ thrusts)
     return yaw if abs(yaw) > 1e-9 else 0.0
 

@@ -1,0 +1,119 @@
+"""The settings of the exact allocator, and what its engines make of them for a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ca_ros.allocation.result import Status
+from ca_ros.arrays import Array
+from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.prioritization import PrioritiesSettings
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.settings import Numbers, ParameterError, check_ratio, repeated, setting
+
+POLICIES = {
+    'prioritize': Status.PRIORITIZED,
+    'scale': Status.SCALED,
+    'reject': Status.REJECTED,
+}
+"""The status of a wrench outside of the admissible set, by policy."""
+
+PREFERRED_MAX = 100.0
+"""Greatest preferred thrust, in units of the greatest bound."""
+
+
+class Serving(NamedTuple):
+    """How wrenches that are not attainable are served; see `Prioritization`.
+
+    Attributes
+    ----------
+    groups : sequence of sequences of str
+        The axes of each group of the priorities.
+    thrust_deviation : 'prevent', 'avoid' or 'allow'
+    reference : (m,) array
+        The wrench from which demands are counted [N, N m].
+    on_reference : bool
+        Whether the lines of the priorities begin at the reference, which then is attainable.
+    """
+
+    groups: Sequence[Sequence[str]]
+    thrust_deviation: str
+    reference: Array
+    on_reference: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExactSettings(PrioritiesSettings):
+    """The settings of `Exact`."""
+
+    policy: Literal['prioritize', 'scale', 'reject'] = setting(
+        'prioritize',
+        'what exact allocates for an unattainable wrench. prioritize: the axes in the order of '
+        'their priorities; scale: the wrench scaled towards hover; reject: nothing', mutable=True)
+    scale_reference: Numbers | None = setting(None, 'the reference of scale', unit='N, N m')
+    residual_slack: float = setting(
+        1e-9,
+        'greatest error of an attainable wrench u, as a share of max(1, |u|). It is used only for '
+        'vehicles that are symmetric except for the rounding of their file', minimum=0.0,
+        maximum=1e-2, mutable=True)
+    weights: Numbers = setting(
+        1.0,
+        'weight of each rotor in the cost: one number, or one for each rotor, at most 1e4 times '
+        'each other; a rotor with a greater weight deviates less from its preferred thrust',
+        positive=True, mutable=True)
+    preferred: Numbers = setting(
+        0.0, 'thrusts that the cost prefers: one number, or one for each rotor', unit='N',
+        mutable=True)
+    solver: Literal['newton', 'osqp'] = setting(
+        'newton',
+        'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of OSQP. '
+        'Both end at the same thrusts', mutable=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_ratio('weights', self.weights)
+
+    @property
+    def status(self) -> Status:
+        """The status of a wrench that is not attainable."""
+        return POLICIES[self.policy]
+
+    def preference(self, problem: AllocationProblem) -> tuple[Array, Array] | None:
+        """Return the diagonal of W and f_p (n,) [1, N]; None if they are ones and zeros.
+
+        Raises
+        ------
+        ParameterError
+            If there is not one number for each effector, or a preferred thrust is too great.
+        """
+        weights = repeated('weights', self.weights, problem.n)
+        preferred = repeated('preferred', self.preferred, problem.n)
+        limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())
+        if np.abs(preferred).max() > limit:
+            raise ParameterError(
+                f'preferred: expected thrusts up to {limit:g}, got {preferred.tolist()}'
+            )
+        plain = np.all(weights == 1.0) and np.all(preferred == 0.0)
+        return None if plain else (weights, preferred)
+
+    def serving(self, problem: AllocationProblem) -> Serving:
+        """Return how wrenches that are not attainable are served.
+
+        Raises
+        ------
+        ParameterError
+            If the order does not suit the axes, or the reference of scale is not attainable.
+        ValueError
+            If the problem's admissible set has no volume.
+        """
+        groups = self.groups(problem.axes)
+        admissible, given = AdmissibleSet(problem), self.scale_reference
+        reference = None if given is None else admissible.check_reference(given)
+        if self.policy == 'prioritize':
+            return Serving(groups, self.thrust_deviation, problem.reference, False)
+        start = admissible.reference if reference is None else reference
+        return Serving((problem.axes,), 'allow', start, True)
