@@ -107,10 +107,8 @@ readme: demo
 docs: .venv/.docs
 	rm -rf out/docs out/docs-source
 	mkdir -p out/docs-source
-	cp docs/*.md docs/*.png docs/*.gif docs/conf.py out/docs-source
+	cp -r docs/*.md docs/*.rst docs/*.png docs/*.gif docs/conf.py docs/templates out/docs-source
 	sed 's#](docs/#](#g' README.md | cat - docs/index.md > out/docs-source/index.md
-	.venv/bin/python -m sphinx.ext.apidoc -q --separate --module-first \
-	    -o out/docs-source/api ca_ros
 	.venv/bin/python -m sphinx -q -W --keep-going -b html out/docs-source out/docs
 	@echo 'Written: out/docs/index.html'
 

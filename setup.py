@@ -1,6 +1,9 @@
+import sys
 from copy import copy
 from glob import glob
+from pathlib import Path
 from runpy import run_path
+from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
@@ -39,9 +42,17 @@ kernels = [
 ]
 
 
-
 class BuildKernels(build_ext):
     """Compile the kernels side by side, each in a folder of its own: they share their files."""
+
+    def run(self):
+        super().run()
+        if not all(Path(self.get_ext_fullpath(kernel.name)).exists() for kernel in kernels):
+            print(
+                f'{package}: the kernel in C was not built, so exact runs in NumPy, more slowly; '
+                'to have it, install gcc and the headers of Python (apt: gcc python3-dev)',
+                file=sys.stderr,
+            )
 
     def finalize_options(self):
         super().finalize_options()
@@ -55,8 +66,26 @@ class BuildKernels(build_ext):
 
 setup(
     name=package,
-    version='0.1.0',
+    version=ElementTree.parse('package.xml').findtext('version'),
     description='Control allocation for multirotors over ROS 2',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    keywords=[
+        'control allocation', 'mixer', 'multirotor', 'quadratic programming', 'robotics', 'ROS 2',
+    ],
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Framework :: Pytest',
+        'Intended Audience :: Developers',
+        'Intended Audience :: Science/Research',
+        'Operating System :: MacOS',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: C',
+        'Programming Language :: Python :: 3',
+        *(f'Programming Language :: Python :: 3.{minor}' for minor in range(10, 15)),
+        'Topic :: Scientific/Engineering',
+        'Typing :: Typed',
+    ],
     license='Apache-2.0',
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',

@@ -4,7 +4,9 @@ import re
 
 project = 'ca_ros'
 author = copyright = 'ca_ros maintainers'
-extensions = ['myst_parser', 'sphinx.ext.autodoc', 'numpydoc']
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'numpydoc']
+# One page a name of api.rst.
+templates_path = ['templates']
 html_theme = 'alabaster'
 html_theme_options = {
     'description': 'Control allocation for multirotors',
@@ -16,8 +18,6 @@ myst_heading_anchors = 4
 autodoc_member_order = 'bysource'
 # Docstrings state the types, with shapes and units.
 autodoc_typehints = 'none'
-# Each object is documented once, in the module that defines it.
-autodoc_default_options = {'ignore-module-all': True}
 numpydoc_show_class_members = False
 
 PAGE = re.compile(r'(?<!!)\[([^]]+)\]\((?!https?:|#)([^)]+)\)')

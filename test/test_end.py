@@ -1,5 +1,6 @@
 """The allocator's end, of whatever kind: its last word reaches the motors."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -25,6 +26,10 @@ OPTIONS = ['--vehicle', 'hexarotor', '--ros-args', '-p', 'command_timeout:=1000.
 
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 IDLE, STILL = [40.0] * 6, [0.0] * 6
+
+RACE = re.compile(
+    r'Traceback.*\n(?:  .*\n)*OSError: Signal \d+ ignored due to race condition\n')
+"""What CPython prints of a signal that comes while its handler is being replaced."""
 
 
 class Motors:
@@ -143,7 +148,8 @@ def test_many_signals_are_as_good_as_one(graph):
             motors.process.send_signal(number)
         with suppress(subprocess.TimeoutExpired):
             ended = motors.process.wait(0.002) is not None
-    check_clean(motors.process, *graph.outlive(motors.process))
+    out, err = graph.outlive(motors.process)
+    check_clean(motors.process, out, RACE.sub('', err))
     motors.check_last_word(IDLE)
 
 
