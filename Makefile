@@ -56,7 +56,7 @@ SOAK ?= 600
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test       lint, types and tests, in some minutes'
-	@echo 'make test-all   the same tests in their long forms, and those that take long'
+	@echo 'make test-all   the same tests in their long forms, those that take long, and the coverage'
 	@echo 'make test-numpy tests of allocation without the kernel in C'
 	@echo 'make benchmark  time everything beside other solvers, for minutes; results in benchmarks'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
@@ -72,9 +72,10 @@ demo: .venv/.demo
 test: .venv/.test
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m mypy
-	.venv/bin/python -m pytest --numprocesses $(workers) --dist worksteal
+	.venv/bin/python -m pytest --numprocesses $(workers) --dist worksteal $(coverage)
 
 test-all: export CA_ROS_LONG = 1
+test-all: coverage = --cov ca_ros --cov-report term:skip-covered
 test-all: test
 
 # What depends on the engine of `exact`, with the one that needs no compiler.

@@ -149,6 +149,7 @@ setup(
             'hypothesis',
             'mcap-ros2-support>=0.5.5',
             'mypy~=2.4.1',
+            'pytest-cov',
             'pytest-timeout',
             'pytest-xdist',
             'ruff~=0.17.5',

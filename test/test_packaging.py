@@ -13,6 +13,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+import ca_ros
+import ca_ros.testing
 from ca_ros import ALLOCATORS
 from ca_ros.__main__ import installed, summary
 from ca_ros.commands import STUDIES
@@ -191,5 +193,13 @@ def test_pip_and_rosdep_install_the_same():
 
 def test_the_versions_agree():
     version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
-    assert f"version='{version}'" in (ROOT / 'setup.py').read_text(encoding='utf-8')
     assert f'version: {version}\n' in (ROOT / 'CITATION.cff').read_text(encoding='utf-8')
+    changes = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    assert re.findall(r'^(\d\S*) \(\d{4}-\d\d-\d\d\)\n-', changes, re.MULTILINE)[0] == version
+
+
+def test_the_reference_has_every_public_name():
+    lines = (ROOT / 'docs/api.rst').read_text(encoding='utf-8').splitlines()
+    names = sorted(line.strip() for line in lines if re.fullmatch(r'   \w+', line))
+    constants = {'BEST_EFFORT', 'RELIABLE', 'DEADLINE'}
+    assert names == sorted({*ca_ros.__all__, *ca_ros.testing.__all__} - constants)
