@@ -1,5 +1,6 @@
 """What the tests of nodes share: flights, load, and clients of each node."""
 
+import json
 import math
 import os
 import subprocess
@@ -92,6 +93,47 @@ def fly_in_real_time(flight):
             print(f'others had {share:.0%} of the processors during: {error}')
             if share < STARVED or factor == PACES[-1]:
                 raise
+
+
+# Commands that end by themselves
+
+RUNS = """
+import contextlib, io, json, sys
+from ca_ros import commands
+
+runs = []
+for sys.argv in json.loads(sys.stdin.read()):
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        with contextlib.redirect_stderr(io.StringIO()) as err:
+            try:
+                code = commands.run(sys.argv[0])
+            except SystemExit as end:
+                code = end.code
+    runs.append((code, out.getvalue(), err.getvalue()))
+json.dump(runs, sys.stdout)
+"""
+
+
+def run_all(ways):
+    """Run command lines one after the other; return exit code, output and errors of each.
+
+    All in one process: a process for each would take minutes.
+    """
+    run = subprocess.run(
+        [sys.executable, '-c', RUNS], input=json.dumps([[*way] for way in ways]),
+        capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout)
+
+
+def refused(cases):
+    """Each (command line, words) ends with an exit code and one line with these words."""
+    for (way, words), (code, out, err) in zip(
+            cases, run_all([way for way, _ in cases]), strict=True):
+        assert (bool(code), out) == (True, ''), way
+        assert len(err.splitlines()) == 1, err
+        assert err.startswith(f'{way[0]}: '), err
+        assert [word for word in words if word not in err] == [], err
 
 
 # Load

@@ -3,7 +3,10 @@
 import importlib.util
 import os
 import shutil
+import sys
 import sysconfig
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +192,22 @@ def example(name):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def run_example(name, *arguments):
+    """Run an example as a script would; return exit code, output and errors."""
+    argv, sys.argv = sys.argv, [f'{name}.py', *map(str, arguments)]
+    with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
+        try:
+            example(name).main()
+            code = 0
+        except SystemExit as end:
+            # Text is printed by the interpreter, at its end.
+            code = int(bool(end.code))
+            err.write(f'{end.code}\n' if isinstance(end.code, str) else '')
+        finally:
+            sys.argv = argv
+    return code, out.getvalue(), err.getvalue()
 
 
 def unaudited(method, vehicle, **options):

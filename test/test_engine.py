@@ -68,11 +68,10 @@ def test_there_are_at_most_500_chunks(total, least, size):
     assert -(-total // size) <= engine.CHUNKS_MAX
 
 
-@pytest.mark.parametrize('workers', [1, 2])
-def test_results_are_in_the_order_of_the_chunks_on_any_number_of_workers(workers, tmp_path):
+def test_results_are_in_the_order_of_the_chunks(tmp_path):
     task = Thirds(tmp_path)
-    assert compute(task, COUNT, Namespace(workers=workers, scheduler=None)) == EXPECTED
-    assert sorted(task.computed()) == list(range(COUNT))
+    assert compute(task, COUNT, SERIAL) == EXPECTED
+    assert task.computed() == list(range(COUNT))
 
 
 def test_an_interrupted_study_says_how_far_it_was(tmp_path):
@@ -86,6 +85,7 @@ def test_where_there_is_no_terminal_lines_tell_of_progress(tmp_path, monkeypatch
     assert capsys.readouterr().err.splitlines()[-1] == '12 of 12 chunks'
 
 
+@pytest.mark.slow
 def test_a_killed_worker_process_is_reported(tmp_path):
     options = Namespace(workers=2, scheduler=None)
     with pytest.raises(EngineError, match='a worker was killed'):
@@ -177,8 +177,9 @@ def test_the_static_study_has_the_same_bits_on_workers(serial, tmp_path, capsys,
 
 
 def test_more_rows_are_kept_on_request(tmp_path, capsys):
-    assert main([*STUDY, str(tmp_path), '--rows', '12000']) == 0
-    assert len(written(tmp_path)[1]) == 1 + 2 * 12_000
+    few = ['--methods', 'fixed_pseudo_inverse', '--samples', '2000', '--workers', '1']
+    assert main([*few, '--out', str(tmp_path), '--rows', '1200']) == 0
+    assert len(written(tmp_path)[1]) == 1 + 1200
     with pytest.raises(SystemExit):
         main([*STUDY, str(tmp_path), '--rows', '999'])
     assert 'need at least 1000' in capsys.readouterr().err

@@ -3,7 +3,6 @@
 import importlib.util
 import re
 import signal
-import subprocess
 import sys
 from xml.etree import ElementTree
 
@@ -13,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import Vehicle
-from strategies import EXAMPLES, FLEET, example
+from strategies import EXAMPLES, FLEET, example, run_example
 
 FILES = sorted(EXAMPLES.glob('*.py'))
 PAGE = EXAMPLES.parent / 'docs' / 'px4.md'
@@ -23,12 +22,6 @@ if not FILES or not PAGE.is_file():
 
 gazebo, px4, joints = map(
     example, ('gazebo_actuators', 'px4_actuator_motors', 'ros2_control_velocities'))
-
-
-def run(name, *arguments):
-    """Run an example and return it when it has ended."""
-    return subprocess.run(
-        [sys.executable, str(EXAMPLES / f'{name}.py'), *arguments], capture_output=True, text=True)
 
 
 # Gazebo
@@ -151,10 +144,10 @@ def test_joint_velocities_arrive(graph):
 
 @pytest.mark.parametrize('file', FILES, ids=lambda file: file.stem)
 def test_help(file):
-    process = run(file.stem, '--help')
-    assert (process.returncode, process.stderr) == (0, '')
+    code, out, err = run_example(file.stem, '--help')
+    assert (code, err) == (0, '')
     ours = file.stem in ('px4_parameters', 'design_study')
-    assert ('--ros-args' in process.stdout) != ours
+    assert ('--ros-args' in out) != ours
 
 
 @pytest.mark.parametrize(('name', 'arguments', 'package'), [
@@ -165,9 +158,9 @@ def test_help(file):
 def test_without_its_messages_an_example_says_so_in_one_line(name, arguments, package):
     if importlib.util.find_spec(package):
         pytest.skip(f'{package} is installed')
-    process = run(name, *arguments)
-    assert process.returncode == 1
-    [line] = process.stderr.splitlines()
+    code, _, err = run_example(name, *arguments)
+    assert code == 1
+    [line] = err.splitlines()
     assert line.startswith(f'{name}: ')
     assert package in line
 
@@ -191,9 +184,8 @@ NUMBERS = [
     ('px4_actuator_motors', ['--vehicle', 'quadrotor', '--idle-speed', '1e9'], ['--idle-speed']),
 ])
 def test_a_wrong_option_is_refused_by_name(name, arguments, words):
-    process = run(name, *arguments)
-    assert process.returncode != 0
-    assert process.stdout == ''
-    last = process.stderr.splitlines()[-1]
+    code, out, err = run_example(name, *arguments)
+    assert (bool(code), out) == (True, '')
+    last = err.splitlines()[-1]
     assert last.startswith(name)
     assert [word for word in words if word not in last] == []

@@ -4,6 +4,7 @@ import re
 import signal
 from importlib.metadata import entry_points
 from itertools import cycle
+from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import PoseStamped
@@ -12,20 +13,21 @@ from ca_ros.bringup.options import parse
 from ca_ros.commands import COMMANDS, NODES
 from ca_ros.nodes.executable import split
 from ca_ros.vehicle.files import find
+from nodes import refused, run_all
 from strategies import length
 
 OPTIONS = dict.fromkeys(NODES, ('--vehicle', '--ros-args')) | {'bringup': (
     '--method', '--mode', '--duration', '--out', '--vehicle', '--params-file', '--namespace')}
 
 
-def test_the_help_of_every_executable_names_its_options(graph):
+@pytest.mark.slow
+def test_the_help_of_every_executable_names_its_options():
     scripts = entry_points(group='console_scripts')
     names = [script.name for script in scripts if script.module.startswith('ca_ros')]
     assert sorted(names) == sorted(COMMANDS)
-    processes = {name: graph.start(name, '--help') for name in names}
-    for name, process in processes.items():
-        out, err = graph.outlive(process)
-        assert (process.returncode, err) == (0, '')
+    for name, (code, out, err) in zip(
+            names, run_all([(name, '--help') for name in names]), strict=True):
+        assert (code, err) == (0, '')
         assert out.startswith(f'usage: {name} '), out
         assert not {'None', '[]'} & set(re.findall(r'default: (.*?)\)', out)), out
         options = ('--help', *OPTIONS.get(name, ()))
@@ -72,38 +74,30 @@ WRONG = {
 
 
 @pytest.mark.slow
-def test_a_wrong_vehicle_is_refused_in_one_line_by_all_that_read_it(graph, tmp_path):
+def test_a_wrong_vehicle_is_refused_in_one_line_by_all_that_read_it(tmp_path):
     ways = [
         *((name, '--vehicle') for name in (*OPTIONS, 'static_study', 'dynamic_study')),
         *((name, '--ros-args', '--params-file') for name in NODES)]
     # test_parameters.py and test_node_parameters.py have each fault: here each way has one.
-    for way, (fault, (old, new, words)) in zip(ways, cycle(WRONG.items()), strict=False):
-        file = tmp_path / f'{fault}.yaml'
+    files = {}
+    for fault, (old, new, _) in {**WRONG, 'no yaw': ('ccw', 'cw', ())}.items():
+        files[fault] = str(tmp_path / f'{fault}.yaml')
         assert old in HEXAROTOR
-        file.write_text(HEXAROTOR.replace(old, new), encoding='utf-8')
-        refused(graph, [(*way, str(file))], words)
-
-
-def test_a_geometry_without_yaw_is_refused_in_one_line_by_all_that_allocate(graph, tmp_path):
-    file = tmp_path / 'wrong.yaml'
-    file.write_text(HEXAROTOR.replace('ccw', 'cw'), encoding='utf-8')
-    names = 'allocator', 'controller', 'static_study', 'dynamic_study'
-    refused(
-        graph, [(name, '--vehicle', str(file)) for name in names],
-        ['allocation.lost_axes: this vehicle is refused: yaw lost', 'rank 3 for 4 axes'])
-
-
-def test_a_vehicle_that_is_not_there_is_refused_in_one_line(graph):
-    refused(graph, [
-        *((name, '--vehicle', 'nope') for name in OPTIONS),
-        ('bringup', '--params-file', 'nope'),
-    ], ['nope', 'hexarotor'])
-
-
-def test_a_problem_without_a_vehicle_is_refused_in_one_line_by_all_that_fly(graph):
-    refused(
-        graph, [(name, '--vehicle', 'admire') for name in ('bringup', 'allocator', 'controller')],
-        ['admire.yaml: a problem without a vehicle', 'no rotors to fly with'])
+        Path(files[fault]).write_text(HEXAROTOR.replace(old, new), encoding='utf-8')
+    refused([
+        *(((*way, files[fault]), words)
+          for way, (fault, (_, _, words)) in zip(ways, cycle(WRONG.items()), strict=False)),
+        *(((name, '--vehicle', files['no yaw']), [
+            'allocation.lost_axes: this vehicle is refused: yaw lost', 'rank 3 for 4 axes'])
+          for name in ('allocator', 'controller', 'dynamic_study')),
+        *(((*way, 'nope'), ['nope', 'hexarotor'])
+          for way in (*((name, '--vehicle') for name in OPTIONS), ('bringup', '--params-file'))),
+        *(((name, '--vehicle', 'admire'), [
+            'admire.yaml: a problem without a vehicle', 'no rotors to fly with'])
+          for name in ('bringup', 'allocator', 'controller')),
+        # ROS alone would pass over both: the file's value is of another type.
+        *((('allocator', '--vehicle', 'x8', '--ros-args', '-p', f'vehicle.mass:={value}'),
+           ['vehicle.mass: ', 'foo']) for value in ('!!timestamp foo', 'foo'))])
 
 
 WRONG_OPTIONS = [
@@ -113,12 +107,11 @@ WRONG_OPTIONS = [
     ('allocator', '--ros-args', '--params-file', 'nope')]
 
 
-def test_a_wrong_option_is_refused_by_name(graph):
-    processes = [graph.start(*way) for way in WRONG_OPTIONS]
-    for (name, *options), process in zip(WRONG_OPTIONS, processes, strict=True):
-        out, err = graph.outlive(process)
-        assert process.returncode != 0, options
-        assert out == '', out
+@pytest.mark.slow
+def test_a_wrong_option_is_refused_by_name():
+    for (name, *options), (code, out, err) in zip(
+            WRONG_OPTIONS, run_all(WRONG_OPTIONS), strict=True):
+        assert (bool(code), out) == (True, ''), options
         assert 'Traceback' not in err, err
         last = err.splitlines()[-1]
         assert last.startswith(f'{name}: '), last
@@ -128,6 +121,7 @@ def test_a_wrong_option_is_refused_by_name(graph):
 @pytest.mark.parametrize(('options', 'words'), [
     ('--duration -1', '--duration'), ('--duration nan', '--duration'),
     ('--waypoint 1 2 inf', '--waypoint'), ('--method magic', '--method'),
+    ('--method nowhere:Mine', 'nowhere:Mine: No module'), ('--method json:loads', 'not a class'),
     ('--fail 1', 'expected ROTOR@TIME'), ('--fail 1@1e300', "'1@1e300': expected a time"),
     ('--fail 1@1 --announce soon', "'soon' is neither a time"),
     ('--fail 1@1 --announce 1e300', "'1e300' is neither a time"),
@@ -142,23 +136,3 @@ def test_bringup_refuses_what_it_cannot_read(options, words, capsys):
     assert out == ''
     assert err.splitlines()[-1].startswith('bringup: error: ')
     assert words in err
-
-
-def test_a_wrong_value_on_the_command_line_is_refused_in_one_line(graph):
-    # ROS alone would pass over both: the file's value is of another type.
-    values = '!!timestamp foo', 'foo'
-    refused(graph, [
-        ('allocator', '--vehicle', 'x8', '--ros-args', '-p', f'vehicle.mass:={value}')
-        for value in values], ['vehicle.mass: ', 'foo'])
-
-
-def refused(graph, ways, words):
-    """Each way ends with an exit code other than zero and one line with these words."""
-    processes = [graph.start(*way) for way in ways]
-    for way, process in zip(ways, processes, strict=True):
-        out, err = graph.outlive(process)
-        assert process.returncode != 0, way
-        assert out == '', out
-        assert len(err.splitlines()) == 1, err
-        assert err.startswith(way[0]), err
-        assert [word for word in words if word not in err] == [], err

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -86,11 +87,13 @@ def test_every_module_but_the_nodes_imports_without_ros(tmp_path):
     assert modules <= set(result.stdout.split())
 
 
+@pytest.mark.slow
 def test_a_method_imports_its_solver_when_it_needs_it(tmp_path):
     result = run(tmp_path, 'import ca_ros', (*ROS, 'scipy', 'osqp'))
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.slow
 def test_the_nodes_do_not():
     # Otherwise the tests beside this one would prove nothing.
     result = run(None, NODES)
@@ -98,9 +101,9 @@ def test_the_nodes_do_not():
     assert 'is blocked' in result.stderr
 
 
-@pytest.mark.parametrize('blocked', [ROS, (*ROS, 'osqp', *STUDIES)])
-def test_the_example_of_the_contract_runs_without_ros(tmp_path, blocked):
-    result = run(tmp_path, EXAMPLE, blocked)
+@pytest.mark.slow
+def test_the_example_of_the_contract_runs_without_ros_and_studies(tmp_path):
+    result = run(tmp_path, EXAMPLE, (*ROS, 'osqp', *STUDIES))
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == [*ALLOCATORS, '(4,', '6)', 'EXACT', '(2,', '6)']
 
@@ -118,11 +121,12 @@ HEAVY = {'scipy', 'osqp', *STUDIES, 'pandas'}
 """Packages that take longer to import than all else: imported by the functions that need them."""
 
 
-@pytest.mark.parametrize('module', ['ca_ros', *(
-    COMMANDS[node] for node in LOOP)])
-def test_what_is_not_needed_is_not_imported(module):
+@pytest.mark.slow
+@pytest.mark.parametrize('modules', ['ca_ros', ', '.join(COMMANDS[node] for node in LOOP)])
+def test_what_is_not_needed_is_not_imported(modules):
     result = subprocess.run(
-        [sys.executable, '-c', IMPORTED.replace('MODULE', module)], capture_output=True, text=True)
+        [sys.executable, '-c', IMPORTED.replace('MODULE', modules)], capture_output=True,
+        text=True)
     assert result.returncode == 0, result.stderr
     assert 'numpy' in result.stdout.split()
     assert not HEAVY & set(result.stdout.split())
@@ -145,17 +149,18 @@ def test_bringup_flies_without_the_studies_packages_and_says_that_there_is_no_pl
     assert [file.name for file in (tmp_path / 'out').iterdir()] == ['flight.csv']
 
 
-@pytest.mark.parametrize('command', COMMANDS)
-def test_a_command_without_its_packages_names_them_in_one_line(tmp_path, command):
-    study = 'study' in command or command == 'attainable'
-    if command == 'firmware':
-        pytest.skip('firmware needs no more than the package itself')
-    script = f'from ca_ros.commands import {command} as c; raise SystemExit(c())'
-    result = run(tmp_path, script, STUDIES if study else ROS)
-    assert (result.returncode, result.stdout) == (1, '')
-    [line] = result.stderr.splitlines()
-    assert line.startswith(f'{command}: needs ')
-    assert ("'ca_ros[studies]'" if study else "'ca_ros[ros]'") in line
+@pytest.mark.slow
+@pytest.mark.parametrize('absent', [STUDIES, ROS], ids=['studies', 'ros'])
+def test_a_command_without_its_packages_names_them_in_one_line(tmp_path, absent):
+    # The firmware needs no more than the package itself.
+    names = [name for name in COMMANDS if name != 'firmware' and (
+        'study' in name or name == 'attainable') == (absent is STUDIES)]
+    script = f'from ca_ros import commands; print([commands.run(name) for name in {names}])'
+    result = run(tmp_path, script, absent)
+    assert (result.returncode, result.stdout) == (0, f'{[1] * len(names)}\n')
+    for name, line in zip(names, result.stderr.splitlines(), strict=True):
+        assert line.startswith(f'{name}: needs ')
+        assert ("'ca_ros[studies]'" if absent is STUDIES else "'ca_ros[ros]'") in line
 
 
 def test_an_interrupt_while_a_command_starts_ends_it_without_a_traceback(monkeypatch, capfd):
@@ -183,6 +188,7 @@ raise SystemExit(bringup())
 """
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_the_package_is_imported_ends_a_command_without_a_traceback(tmp_path):
     result = run(tmp_path, INTERRUPTED, ())
     assert (result.returncode, result.stdout, result.stderr) == (130, '', '')
@@ -197,6 +203,7 @@ ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'fl
 PACKAGE = Path(__file__).parent.parent / 'ca_ros'
 
 
+@cache
 def imports():
     """Return the modules that each module imports, those for types alone included."""
     found = {}

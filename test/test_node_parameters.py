@@ -3,7 +3,6 @@
 import json
 import math
 import signal
-import sys
 from collections import Counter
 
 import numpy as np
@@ -17,7 +16,7 @@ from ca_ros.commands import NODES
 from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings
 from ca_ros.settings import table
 from ca_ros.testing import Graph, wrench
-from nodes import HOVER, AllocatorClient, some_wrenches, twin
+from nodes import HOVER, AllocatorClient, refused, run_all, some_wrenches, twin
 from strategies import file_values, length
 
 SHIPPED = file_values('hexarotor')
@@ -66,36 +65,15 @@ WRONG = [(name, value, word) for name in PARAMETERS for value, word in wrong_val
 
 # At start
 
-STARTS = """
-import contextlib, io, json, sys
-from importlib import import_module
-from ca_ros.nodes.executable import run
-
-node, answers = sys.argv[1], []
-module = import_module(f'ca_ros.nodes.{node}')
-for file in sys.argv[2:]:
-    with contextlib.redirect_stderr(io.StringIO()) as said:
-        node_class = getattr(module, f'{node.capitalize()}Node')
-        code = run(node, node_class, '', ['--ros-args', '--params-file', file])
-    answers.append((code, said.getvalue()))
-json.dump(answers, sys.stdout)
-"""
-"""Starts a node again and again with other files: a process for each would take minutes."""
-
-
-def start_with(graph, folder, node, changes):
+def starts(folder, node, changes):
     """Start a node once for each change of the shipped file; return exit codes and words."""
     files = []
     for i, change in enumerate(changes):
-        file = folder / f'{node}_{i}.yaml'
-        file.write_text(
-            yaml.safe_dump({'/**': {'ros__parameters': {**SHIPPED, **change}}}),
-            encoding='utf-8')
-        files.append(str(file))
-    process = graph.start(sys.executable, '-c', STARTS, node, *files)
-    out, err = graph.outlive(process)
-    assert process.returncode == 0, err
-    return json.loads(out)
+        files.append(folder / f'{node}_{i}.yaml')
+        files[-1].write_text(
+            yaml.safe_dump({'/**': {'ros__parameters': {**SHIPPED, **change}}}), encoding='utf-8')
+    found = run_all([(node, '--ros-args', '--params-file', str(file)) for file in files])
+    return [(code, err) for code, _, err in found]
 
 
 def check_line(node, code, said, words):
@@ -107,36 +85,32 @@ def check_line(node, code, said, words):
     assert [word for word in words if word not in lines[0]] == [], said
 
 
+UNKNOWN = {
+    'comand_timeout': 'command_timeout', 'timeout.action': 'timeout_action',
+    'vehicle.mas': 'vehicle.mass', 'rotors.blades': 'no such parameter',
+    'allocation.exact.polcy': 'allocation.exact.policy', 'allocation': 'no such parameter'}
+REFUSED = [
+    {'rotors.health': [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}, {'vehicle.mass': 18.0},
+    {'rotors.torque_coefficient': 0.0}]
+
+
 @pytest.mark.slow
-def test_every_wrong_value_ends_the_start_with_one_line_that_names_it(graph, tmp_path):
+@pytest.mark.parametrize('node', ['allocator', 'controller', 'simulator'])
+def test_a_wrong_value_ends_the_start_with_one_line_that_names_it(tmp_path, node):
     # One in six, and so about one of each parameter.
-    wrong = WRONG[::length(6, 1)]
-    answers = start_with(
-        graph, tmp_path, 'allocator', [{name: value} for name, value, _ in wrong])
-    for (name, _, word), (code, said) in zip(wrong, answers, strict=True):
-        check_line('allocator', code, said, [name, word])
-
-
-@pytest.mark.parametrize('node', ['simulator', 'controller'])
-def test_the_other_nodes_check_them_too(graph, tmp_path, node):
     wrong = [
-        ('vehicle.mass', math.nan), ('rotors.positions', [0.0, math.inf, *[0.0] * 16]),
-        ('allocation.method', 'magic'), ('command_timeout', 0.0), ('timeout_action', 'panic')]
-    answers = start_with(graph, tmp_path, node, [{name: value} for name, value in wrong])
-    for (name, _), (code, said) in zip(wrong, answers, strict=True):
-        check_line(node, code, said, [name])
-
-
-@pytest.mark.parametrize('node', ['allocator', 'controller'])
-def test_the_audit_refuses_in_the_words_of_python(graph, tmp_path, node):
-    changes = [
-        {'rotors.health': [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}, {'vehicle.mass': 18.0},
-        {'rotors.torque_coefficient': 0.0}]
-    answers = start_with(graph, tmp_path, node, changes)
-    for change, (code, said) in zip(changes, answers, strict=True):
-        with pytest.raises(ParameterError) as refused:
+        ('vehicle.mass', math.nan, ''), ('rotors.positions', [0.0, math.inf, *[0.0] * 16], ''),
+        ('command_timeout', 0.0, ''), *((name, 1.0, word) for name, word in UNKNOWN.items())]
+    if node == 'allocator':
+        wrong += WRONG[::length(6, 1)]
+    refused = REFUSED if node != 'simulator' else []
+    answers = starts(tmp_path, node, [*({name: value} for name, value, _ in wrong), *refused])
+    for name, _, word in wrong:
+        check_line(node, *answers.pop(0), [name, word])
+    for change, answer in zip(refused, answers, strict=True):
+        with pytest.raises(ParameterError) as caught:
             make_allocator('exact', Vehicle.from_parameters({**SHIPPED, **change}))
-        assert (code, said) == (1, f'{node}: {refused.value}\n')
+        assert answer == (1, f'{node}: {caught.value}\n')
 
 
 def test_the_allocator_starts_from_a_file_without_an_inertia(graph, tmp_path):
@@ -146,37 +120,24 @@ def test_the_allocator_starts_from_a_file_without_an_inertia(graph, tmp_path):
     file.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}), encoding='utf-8')
     graph.start('allocator', '--vehicle', str(file))
     assert graph.connect('allocator').get('vehicle.mass') == [1.0]
-    for node in ('controller', 'simulator'):
-        process = graph.start(node, '--vehicle', str(file))
-        _, said = graph.outlive(process)
-        check_line(node, process.returncode, said, ['onboard.yaml: vehicle.inertia: missing'])
+    refused([((node, '--vehicle', str(file)), ['onboard.yaml: vehicle.inertia: missing'])
+             for node in ('controller', 'simulator')])
 
 
-def test_a_missing_parameter_is_said_with_the_node_and_its_files(graph, tmp_path):
+@pytest.mark.slow
+def test_a_missing_parameter_is_said_with_the_node_and_its_files(tmp_path):
     file = tmp_path / 'others.yaml'
     file.write_text(yaml.safe_dump({
         name: {'ros__parameters': {'vehicle.mass': 1.0}}
         for name in ('/uav1/simulator', '/uav2/allocator')}))
-    process = graph.start(
-        'allocator', '--ros-args', '-r', '__ns:=/uav1', '--params-file', str(file))
-    _, said = graph.outlive(process)
-    check_line('allocator', process.returncode, said, [
-        'vehicle.mass: missing', 'looked for by the node /uav1/allocator in ', str(file),
-        'sections: /uav1/simulator, /uav2/allocator'])
-    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'vehicle.gravity': 9.81}}}))
-    process = graph.start('allocator', '--vehicle', str(file))
-    _, said = graph.outlive(process)
-    assert said == f'allocator: {file}: vehicle.mass: missing; it is the mass [kg]\n'
-
-
-def test_a_name_like_one_of_ours_ends_the_start_with_what_was_meant(graph, tmp_path):
-    unknown = {
-        'comand_timeout': 'command_timeout', 'timeout.action': 'timeout_action',
-        'vehicle.mas': 'vehicle.mass', 'rotors.blades': 'no such parameter',
-        'allocation.exact.polcy': 'allocation.exact.policy', 'allocation': 'no such parameter'}
-    answers = start_with(graph, tmp_path, 'allocator', [{name: 1.0} for name in unknown])
-    for (name, word), (code, said) in zip(unknown.items(), answers, strict=True):
-        check_line('allocator', code, said, [f'{name}: ', word])
+    other = tmp_path / 'other.yaml'
+    other.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'vehicle.gravity': 9.81}}}))
+    refused([
+        (('allocator', '--ros-args', '-r', '__ns:=/uav1', '--params-file', str(file)), [
+            'vehicle.mass: missing', 'looked for by the node /uav1/allocator in ', str(file),
+            'sections: /uav1/simulator, /uav2/allocator']),
+        (('allocator', '--vehicle', str(other)),
+         [f'allocator: {other}: vehicle.mass: missing; it is the mass [kg]'])])
 
 
 def test_each_node_of_the_loop_has_its_parameters():
@@ -274,7 +235,7 @@ RATE = 200.0
 """Of the commands [Hz]."""
 
 
-@pytest.mark.parametrize('mode', ['realtime', 'lockstep'])
+@pytest.mark.parametrize('mode', length(['realtime'], ['realtime', 'lockstep']))
 def test_changes_under_load_are_all_or_nothing(graph, mode):
     graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}')
     command = graph.publisher(WrenchStamped, 'command/wrench')

@@ -1,7 +1,6 @@
 """The conversions from and to PX4 in examples/, on airframes and attitudes worked out by hand."""
 
-import subprocess
-import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
-from strategies import EXAMPLES, FLEET, example
+from strategies import FLEET, example, run_example
 
 odometry, setpoints, parameters, motors = map(
     example, ('px4_odometry', 'px4_setpoints', 'px4_parameters', 'px4_actuator_motors'))
@@ -268,10 +267,8 @@ def test_one_least_speed_is_for_motors_that_all_reverse(reverse, found):
 @pytest.mark.parametrize('name', ['px4_actuator_motors', 'gazebo_actuators'])
 def test_adapters_without_reverse_refuse_vehicles_with_it(name):
     option = '--sdf' if name == 'gazebo_actuators' else '--vehicle'
-    command = [sys.executable, str(EXAMPLES / f'{name}.py'), option, 'rov']
-    run = subprocess.run(command, capture_output=True, text=True)
-    assert (run.returncode, run.stdout) == (1, '')
-    assert run.stderr == f'{name}: rotors reverse (rotors.speed_min < 0), which is not supported\n'
+    assert run_example(name, option, 'rov') == (
+        1, '', f'{name}: rotors reverse (rotors.speed_min < 0), which is not supported\n')
 
 
 def test_motors_that_reverse_are_marked():
@@ -280,26 +277,20 @@ def test_motors_that_reverse_are_marked():
 
 
 def test_the_commands_for_both_ways(tmp_path):
-    def convert(*arguments):
-        return subprocess.run(
-            [sys.executable, str(EXAMPLES / 'px4_parameters.py'), *map(str, arguments)],
-            capture_output=True, text=True)
-
     file, vehicle = tmp_path / 'my.params', tmp_path / 'my.yaml'
-    there = convert('to-px4', 'hexarotor', '--style', 'params')
-    assert there.stdout.splitlines()[1] == '1\t1\tCA_ROTOR_COUNT\t6\t6'
-    file.write_text(there.stdout)
-    back = convert(
-        'from-px4', file, '--mass', 1, '--speed-min', 40, '--speed-max', 400,
-        '--thrust-coefficient', 2.5e-5, '--inertia', 0.015, 0.015, 0.03)
-    assert (back.returncode, back.stderr) == (0, '')
-    vehicle.write_text(back.stdout)
+    convert = partial(run_example, 'px4_parameters')
+    _, there, _ = convert('to-px4', 'hexarotor', '--style', 'params')
+    assert there.splitlines()[1] == '1\t1\tCA_ROTOR_COUNT\t6\t6'
+    file.write_text(there)
+    numbers = (
+        '--mass', 1, '--speed-min', 40, '--speed-max', 400, '--thrust-coefficient', 2.5e-5)
+    code, back, err = convert('from-px4', file, *numbers, '--inertia', 0.015, 0.015, 0.03)
+    assert (code, err) == (0, '')
+    vehicle.write_text(back)
     found, expected = Vehicle.load(vehicle), Vehicle.load('hexarotor')
     for name in ('mass', 'inertia', 'thrust_min', 'thrust_max'):
         assert_allclose(getattr(found, name), getattr(expected, name))
     assert_allclose(
         control_allocation_matrix(found), control_allocation_matrix(expected), atol=1e-9)
-    wrong = convert('from-px4', vehicle, '--mass', 1, '--speed-min', 40, '--speed-max', 400,
-                    '--thrust-coefficient', 2.5e-5)
-    assert wrong.returncode == 1
-    assert wrong.stderr.startswith('px4_parameters: no CA_ROTOR_COUNT')
+    code, _, err = convert('from-px4', vehicle, *numbers)
+    assert (code, err.startswith('px4_parameters: no CA_ROTOR_COUNT')) == (1, True)

@@ -10,11 +10,10 @@ import sys
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import WrenchStamped
 
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, NULL_STATE, POSITION, RigidBody
-from ca_ros.testing import FaultProxy, Graph, Lockstep, executable, processes, wrench
+from ca_ros.testing import Graph, Lockstep, executable, processes
 from ca_ros.testing.domain import used
 
 PYTHON = sys.executable
@@ -195,19 +194,3 @@ def test_steps_in_lockstep_equal_those_without_ros_to_the_last_bit(graph):
     assert flight.speeds[-1].tobytes() == allocator.allocate(wrenches[-1]).speeds.tobytes()
     np.testing.assert_array_equal(flight.time, np.arange(20) * 10_000_000 / 1e9)
     assert len(lockstep.table().splitlines()) == 12
-
-
-def test_faults_between_two_nodes_can_be_switched(graph):
-    proxy = FaultProxy(graph, 'command/wrench', drop=1.0)
-    received = graph.listen(WrenchStamped, dict([proxy.remaps[1].split(':=')])['command/wrench'])
-    command = graph.publisher(WrenchStamped, 'command/wrench')
-    graph.connect('fault_proxy')
-    command.publish(wrench(1.0))
-    graph.spin_until(lambda: proxy.counts('command/wrench')['received'] == 1, 'one received')
-    assert proxy.counts('command/wrench')['dropped'] == 1
-    proxy.set(drop=0.0)
-    command.publish(wrench(2.0))
-    graph.spin_until(lambda: received, 'the second')
-    assert received == [wrench(2.0)]
-    with pytest.raises(ValueError, match='drop'):
-        proxy.set(drop=2.0)
