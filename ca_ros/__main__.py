@@ -12,6 +12,7 @@ from signal import SIG_DFL, SIGPIPE, signal
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
+from ca_ros.evaluation import fit_thrust
 from ca_ros.evaluation.sets import audit_command
 from ca_ros.kernel import chosen, load
 from ca_ros.settings import ParameterError
@@ -30,7 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
     )
-    audit_command.add_parser(parser.add_subparsers(title='commands', metavar='COMMAND'))
+    commands = parser.add_subparsers(title='commands', metavar='COMMAND')
+    for command in (audit_command, fit_thrust):
+        command.add_parser(commands)
     options = parser.parse_args(argv)
     if 'run' in options:
         code: int = options.run(options)

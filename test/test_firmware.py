@@ -296,6 +296,26 @@ def test_a_vehicle_of_one_axis_is_exported(variant, tmp_path):
     reproduced(make(out, flags='-O1 -Werror -Wno-maybe-uninitialized'))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(('curve', 'precision'), [
+    ({'polynomial': [2.0e-5, 1.5e-3, 0.1]}, 'single'),
+    ({'speeds': [50.0, 100.0, 200.0, 400.0], 'thrusts': [0.06, 0.3, 1.2, 3.9]}, 'double'),
+])
+def test_a_thrust_curve_is_exported(curve, precision, variant, tmp_path):
+    needs('make', 'gcc')
+    file, out = variant(rotors__thrust_curve=curve), tmp_path / 'out'
+    assert main(['--vehicle', file, '--out', str(out), '--precision', precision]) == 0
+    reproduced(make(out))
+    vehicle = Vehicle.load(file)
+    firmware = Firmware.make(
+        faults_of(vehicle, ['1=0.5']), checked(read(file)).allocation, precision)
+    for i, fault in enumerate(firmware.faults):
+        u = (fault.problem.gamma @ fault.problem.middle).astype(firmware.dtype)
+        thrusts = fault.problem.vehicle.thrusts(firmware.allocate(i, u)[1])
+        np.testing.assert_allclose(
+            fault.problem.gamma @ thrusts, u, atol=1e-5 if precision == 'single' else 1e-12)
+
+
 # Errors
 
 def ring(n):

@@ -106,8 +106,24 @@ def _numbers(firmware: Firmware) -> dict[str, str]:
         'reverse_coefficient': table(1),
         'speed_min': table(2),
         'speed_max': table(3),
+        'curve': _curve(firmware),
+        'speeds': 'ca_speeds' if firmware.curve.square else 'curve_speeds',
         'vectors': golden.vectors(firmware),
     }
+
+
+def _curve(firmware: Firmware) -> str:
+    """Return the thrust curve with the function that inverts it; nothing without a curve."""
+    if firmware.curve.square:
+        return ''
+    levels, segments = firmware.segments
+    rows = (literals.braced(row, firmware.precision) for row in segments)
+    template = Path(__file__).with_name('templates') / 'curve.c'
+    return '\n' + Template(template.read_text(encoding='utf-8')).substitute(
+        segments='\n'.join(literals.indented(f'{row},', 1) for row in rows),
+        levels=literals.indented(literals.braced(levels, firmware.precision), 1).strip(),
+        count=len(levels),
+    )
 
 
 def _words(firmware: Firmware, name: str) -> dict[str, str]:

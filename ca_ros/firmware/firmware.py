@@ -18,6 +18,7 @@ from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
 from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
+from ca_ros.vehicle.thrust_curve import ThrustCurve, root
 
 DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float64}
 
@@ -102,13 +103,15 @@ class Firmware:
     def rotors(self) -> list[tuple[Array, Array, Array, Array]]:
         """For each fault, k_f, k_f backwards, and the bounds of the speeds, (n,) each.
 
-        The coefficients of a lost rotor are 1.
+        With a thrust curve, k_f is relative to that of the curve.  The coefficients of a lost
+        rotor are 1.
         """
         found = []
+        unit = 1.0 if self.curve.square else self.curve.coefficient
         for fault in self.faults:
             vehicle = fault.problem.vehicle
             forwards, backwards = (
-                np.where(k_f > 0.0, k_f, 1.0).astype(self.dtype)
+                np.where(k_f > 0.0, k_f / unit, 1.0).astype(self.dtype)
                 for k_f in (
                     vehicle.thrust_per_squared_speed,
                     vehicle.reverse_thrust_per_squared_speed,
@@ -117,6 +120,16 @@ class Firmware:
             least, greatest = (bound.astype(self.dtype) for bound in vehicle.speed_limits)
             found.append((forwards, backwards, least, greatest))
         return found
+
+    @property
+    def curve(self) -> ThrustCurve:
+        """The thrust curve of the rotors."""
+        return self.problem.vehicle.curve
+
+    @cached_property
+    def segments(self) -> tuple[Array, Array]:
+        """The levels (K,) and segments (K, 3) of the thrust curve, in this precision."""
+        return self.curve.levels.astype(self.dtype), self.curve.segments.astype(self.dtype)
 
     def is_sound(self, fault: int, wrench: Array) -> bool:
         """Tell whether there is such a fault, and a wrench (m,) is finite and not absurd."""
@@ -149,8 +162,14 @@ class Firmware:
         status = 0 if answer is None else answer[0]
         if status in (INVALID, Status.REJECTED):
             return status, rest
-        # Quotient, square root and comparisons are the same to the last bit in C.
-        forwards = np.sqrt(np.maximum(thrusts, zero) / k_f)
+        # Sum, product, quotient, square root and comparisons are the same to the last bit in C.
+        forwards = np.maximum(thrusts, zero) / k_f
+        if self.curve.square:
+            forwards = np.sqrt(forwards)
+        else:
+            levels, segments = self.segments
+            a, b, c = segments[np.searchsorted(levels, forwards, 'right') - 1].T
+            forwards = root(a, b, forwards - c)
         speeds = np.where(
             thrusts < zero, -np.sqrt(np.maximum(-thrusts, zero) / reverse), forwards
         )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from ca_ros.settings import (
     MissingParameterError,
     Numbers,
@@ -59,6 +61,43 @@ class RingSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ThrustCurveSettings(Settings):
+    """What a test stand measured of a motor with its propeller; see `ThrustCurve`."""
+
+    polynomial: Numbers = setting(
+        0.0, 'a, b, c of the thrust a w^2 + b w + c [N] at speed w [rad/s]; 0: k_f w^2',
+        sizes=[1, 3])
+    speeds: Numbers = setting(0.0, 'speeds of the measured points; 0: none', unit='rad/s')
+    thrusts: Numbers = setting(
+        0.0, 'thrusts at these speeds, instead of the polynomial; 0: none', unit='N')
+    throttles: Numbers = setting(
+        0.0, 'throttles, from 0 to 1, at these speeds; 0: expo gives the throttle', minimum=0.0,
+        maximum=1.0)
+    expo: float = setting(
+        0.0, 'throttle without measurement: the x of f / f_max = expo x^2 + (1 - expo) x, as '
+        'THR_MDL_FAC of PX4', minimum=0.0, maximum=1.0)
+    pwm: Numbers = setting(
+        [1000.0, 2000.0], 'pulse widths of no throttle and of full throttle', unit='us',
+        sizes=[2], minimum=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.polynomial != 0.0 and self.thrusts != 0.0:
+            raise ParameterError('polynomial: given beside thrusts; expected one of them')
+        if (self.thrusts != 0.0 or self.throttles != 0.0) and self.speeds == 0.0:
+            raise MissingParameterError(
+                'speeds: missing; they are the speeds of thrusts and throttles [rad/s]'
+            )
+        if len({*np.ravel(self.pwm)}) < 2:
+            raise ParameterError(f'pwm: expected two different pulse widths, got {self.pwm}')
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the thrust is not k_f w^2."""
+        return self.polynomial != 0.0 or self.thrusts != 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class RotorSettings(Settings):
     """The rotors of a vehicle."""
 
@@ -82,6 +121,10 @@ class RotorSettings(Settings):
         unit='rad/s')
     speed_max: Numbers = setting(
         description='upper bound of the rotor speed', unit='rad/s', positive=True)
+    speed_max_per_volt: Numbers = setting(
+        0.0, 'greatest rotor speed per volt of the battery, up to speed_max; 0: the voltage does '
+        'not matter', unit='rad/s/V', minimum=0.0)
+    thrust_curve: ThrustCurveSettings = ThrustCurveSettings()
     health: Numbers = setting(
         1.0, 'share of its thrust that a rotor still produces: 1 healthy, 0 (or below 1e-9) lost',
         minimum=0.0, maximum=1.0, mutable=True)

@@ -24,12 +24,16 @@ from ca_ros.vehicle.settings import (
     RotorSettings,
     VehicleSettings,
 )
+from ca_ros.vehicle.thrust_curve import ThrustCurve
 
 EFFECTORS_MAX = 1000
 """Greatest number of rotors; more would need hours to list what they can do."""
 
 HEALTH_MIN = 1e-9
 """A rotor whose health is below this counts as lost."""
+
+SQUARE = ThrustCurve()
+"""Thrusts of k_f w^2, and throttles that are the shares of the greatest thrust."""
 
 BOUND_ROUNDING = 1e-9
 """How far a thrust may be out of bounds, over the upper bound or 1 N, the greater of both."""
@@ -73,6 +77,13 @@ class Vehicle:
     lost_axes : 'refuse' or 'drop'
         Whether a vehicle that cannot control every axis and hover is refused, or flies without
         the lost axes: see `ca_ros.problem.audit.accept`.
+    curve: ThrustCurve
+        Of all rotors, in the ratio of their k_f.  The reaction torque is k_tau / k_f times the
+        thrust.
+    speed_max_per_volt : (n,) array or 0
+        Speed of full throttle per volt of the battery [rad/s/V]; 0: the voltage does not matter.
+    voltage : float or None
+        Of the battery, if `at_voltage` was told [V].
     """
 
     mass: float
@@ -90,6 +101,9 @@ class Vehicle:
     health: Array
     axes: tuple[str, ...]
     lost_axes: str = 'refuse'
+    curve: ThrustCurve = SQUARE
+    speed_max_per_volt: Array | float = 0.0
+    voltage: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -158,6 +172,11 @@ class Vehicle:
                 f'rotors.positions: expected up to {EFFECTORS_MAX} rotors, got {n}'
             )
         speed_min, speed_max = values.speed_bounds(rotors, n)
+        k_f = repeated('rotors.thrust_coefficient', rotors.thrust_coefficient, n)
+        try:
+            curve = ThrustCurve.from_settings(rotors.thrust_curve, k_f, speed_min, speed_max)
+        except ParameterError as error:
+            raise ParameterError(f'rotors.thrust_curve.{error}') from None
         return cls(
             mass=body.mass,
             gravity=body.gravity,
@@ -166,9 +185,7 @@ class Vehicle:
             arms=arms,
             rotor_axes=values.rotor_axes(rotors, n),
             spins=values.spins(rotors, n),
-            thrust_coefficient=repeated(
-                'rotors.thrust_coefficient', rotors.thrust_coefficient, n
-            ),
+            thrust_coefficient=k_f,
             thrust_coefficient_reverse=values.reverse_coefficients(rotors, n),
             torque_coefficient=repeated(
                 'rotors.torque_coefficient', rotors.torque_coefficient, n
@@ -178,6 +195,10 @@ class Vehicle:
             health=repeated('rotors.health', rotors.health, n),
             axes=values.commanded_axes(axes),
             lost_axes=axes.lost_axes,
+            curve=curve,
+            speed_max_per_volt=repeated(
+                'rotors.speed_max_per_volt', rotors.speed_max_per_volt, n
+            ),
         )
 
     def with_health(self, health: ArrayLike) -> Vehicle:
@@ -192,6 +213,22 @@ class Vehicle:
                 f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {given}'
             )
         return replace(self, health=np.broadcast_to(shares, (self.n,)))
+
+    def at_voltage(self, voltage: float) -> Vehicle:
+        """Return the same vehicle with the greatest speeds that a battery of a voltage [V] allows.
+
+        Raises
+        ------
+        ParameterError
+            If no rotor speed is left between the bounds.
+        """
+        full = np.where(self.speed_max_per_volt, self.speed_max_per_volt * voltage, np.inf)
+        low, high = np.maximum(self.speed_min, -full), np.minimum(self.speed_max, full)
+        if not (high > np.maximum(low, 0.0)).all():
+            raise ParameterError(
+                f'battery: {voltage:g} V turn a rotor with less than its least speed'
+            )
+        return replace(self, speed_min=low, speed_max=high, voltage=voltage)
 
     @property
     def n(self) -> int:
@@ -240,6 +277,9 @@ class Vehicle:
     def thrusts(self, speeds: ArrayLike) -> Array:
         """Return the thrusts (..., n) [N] at the given speeds (..., n) [rad/s], Eq. (1)."""
         speeds = np.asarray(speeds, dtype=float)
+        if not self.curve.square:
+            shares = self.thrust_per_squared_speed / self.curve.coefficient
+            return shares * self.curve.thrust(np.maximum(speeds, 0.0))
         forwards = self.thrust_per_squared_speed * np.square(speeds)
         if not (speeds < 0.0).any():
             return forwards
@@ -258,7 +298,7 @@ class Vehicle:
             `BOUND_ROUNDING`.
         """
         thrusts = np.asarray(thrusts, float)
-        if thrusts.ndim == 1 and len(thrusts) == self.n:
+        if thrusts.ndim == 1 and len(thrusts) == self.n and self.curve.square:
             # With cold caches, as between two commands, this takes half as long as NumPy.
             speeds = []
             for f, (k, reverse, least, greatest, low, high) in zip(
@@ -281,8 +321,25 @@ class Vehicle:
                 f'{self.thrust_min[i]:g} to {self.thrust_max[i]:g} N'
             )
         forwards, backwards = np.maximum(thrusts, 0.0) / k, np.maximum(-thrusts, 0.0) / reverse
+        if not self.curve.square:
+            found = self.curve.speed(self.curve.coefficient * forwards)
+            return np.minimum(np.maximum(found, low), high)
         speeds = np.sqrt(forwards) - np.sqrt(backwards)
         return np.minimum(np.maximum(speeds, low), high)
+
+    def throttles(self, speeds: ArrayLike) -> Array:
+        """Return the throttles (..., n) of speeds (..., n) [rad/s], from -1 (or 0) to 1."""
+        full: ArrayLike = self.speed_max
+        measured = self.curve.throttle_speeds
+        if self.voltage is not None and np.all(self.speed_max_per_volt):
+            full = self.speed_max_per_volt * self.voltage
+            if len(measured):
+                speeds = np.asarray(speeds, dtype=float) * measured[-1] / full
+        return self.curve.throttle(speeds, full)
+
+    def pulses(self, speeds: ArrayLike) -> Array:
+        """Return the pulse widths (..., n) [us] of speeds (..., n) [rad/s]."""
+        return self.curve.pulse(self.throttles(speeds), self.speed_min < 0.0)
 
     @cached_property
     def speed_limits(self) -> tuple[Array, Array]:

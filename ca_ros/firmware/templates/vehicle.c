@@ -30,7 +30,7 @@ $speed_min
 static const ca_real speed_max[${NAME}_FAULTS][CA_N] = {
 $speed_max
 };
-
+$curve
 /* Set u to the commanded components of a wrench. Returns whether the fault and the wrench are sound;
  * axes that are not commanded are checked as well. */
 static int command(int fault, const ca_real *wrench, ca_real *u)
@@ -56,7 +56,7 @@ int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
         for (int i = 0; i < CA_N; i++)
             speeds[i] = ca_clip(0, speed_min[row][i], speed_max[row][i]);
     } else {
-        ca_speeds(CA_N, thrusts, thrust_coefficient[row], reverse_coefficient[row],
+        $speeds(CA_N, thrusts, thrust_coefficient[row], reverse_coefficient[row],
             speed_min[row], speed_max[row], speeds);
     }
     return status;
