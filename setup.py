@@ -40,6 +40,18 @@ kernels = [
         ('single', [('CA_FLOAT', None)]),
     )
 ]
+# The detector of rotor failures.
+kernels += [
+    Extension(
+        f'{package}.kernel._{name}',
+        [f'{package}/kernel/{part}.c' for part in ('detector', 'detector_module')],
+        depends=[f'{package}/kernel/{header}.h' for header in ('detector', 'numbers', 'problem')],
+        define_macros=[('CA_MODULE', f'_{name}'), *macros],
+        extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off'],
+        optional=True,
+    )
+    for name, macros in (('detector', []), ('detector_single', [('CA_FLOAT', None)]))
+]
 
 
 class BuildKernels(build_ext):

@@ -11,6 +11,7 @@ from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.failure_test import FailureTest
+from ca_ros.flight.kernel_detector import KernelDetector, load, packed
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.waypoint import Waypoint
@@ -153,6 +154,83 @@ def test_a_rotor_that_turns_too_slowly_has_lost_thrust():
     detector = commanded()
     measured(detector, lambda i: [250, 250, 250, 250 * 0.7, 250, 250])
     np.testing.assert_allclose(detector.health, without(6, rotor_4=0.49), atol=1e-3)
+
+
+# The detector in C
+
+def in_c(case, name='_detector'):
+    module = load(name)
+    if module is None:
+        pytest.skip(f'needs ca_ros.kernel.{name}')
+    reference = FailureDetector(case.vehicle, case.flown.detector)
+    model = packed(reference, module.FIELDS, module.N)
+    return reference, KernelDetector(module, model, case.vehicle, case.flown.detector)
+
+
+@pytest.fixture(scope='module')
+def with_a_failure():
+    """Return a case, and a flight in which rotor 2 loses its thrust and rotor 7 a part."""
+    case = Case.load('octorotor', REALISTIC)
+    lost = {2.0: without(8, rotor_2=0.0), 2.4: without(8, rotor_2=0.0, rotor_7=0.5)}
+    return case, flown(case, lost, 3.0)[0]
+
+
+def disturbed(flight, rng):
+    """Return stamped states and commands of which some are late, repeated, dropped or wrong."""
+    rows = [
+        (round(1e9 * t), *row) for t, *row in zip(
+            flight.time, flight.attitude, flight.velocity, flight.angular_velocity, flight.speeds,
+            strict=True)
+    ]
+    for i in np.flatnonzero(rng.random(len(rows) - 1) < 0.05):
+        rows[i], rows[i + 1] = rows[i + 1], rows[i]
+    rows = [row for row in rows for _ in range(int(rng.choice([0, 1, 2], p=[0.03, 0.92, 0.05])))]
+    rows[60] = (rows[60][0], rows[60][1], 50.0 * rng.standard_normal(3), *rows[60][3:])
+    rows[90] = (rows[90][0] + 40_000_000_000, *rows[90][1:])
+    # The clock steps, and a flight begins again.
+    return [*rows, *((t - 20_000_000_000, *row) for t, *row in rows)]
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_the_detector_in_c_is_that_in_numpy(with_a_failure, seed):
+    case, flight = with_a_failure
+    rng = np.random.default_rng(seed)
+    both = in_c(case)
+    found = 0
+    for time, attitude, velocity, omega, speeds in disturbed(flight, rng):
+        for each in both:
+            each.command(time - 10_000_000, speeds)
+        changed = {each.observe(time, attitude, velocity, omega) for each in both}
+        if rng.random() < 0.1:
+            turning = speeds * rng.choice([1.0, 1.0, 1.0, 0.2], 8)
+            changed = {*changed, *(each.measure(time, turning) for each in both)}
+        reference, kernel = both
+        for name in ('health', 'certainty'):
+            np.testing.assert_allclose(
+                getattr(kernel, name), getattr(reference, name), atol=1e-9, err_msg=name)
+        for name in ('since', 'evidence', 'suspect', 'standing'):
+            assert getattr(kernel, name) == getattr(reference, name), name
+        found += True in changed
+        if found == 2:
+            for each in both:
+                each.announce(without(8, rotor_1=0.3))
+        if found == 4:
+            for each in both:
+                each.reset()
+    assert found > 1
+
+
+def test_single_precision_finds_the_same(with_a_failure):
+    case, flight = with_a_failure
+    both = in_c(case, '_detector_single')
+    for row in disturbed(flight, np.random.default_rng(3)):
+        for each in both:
+            each.command(row[0], row[-1])
+            each.observe(*row[:-1])
+        reference, single = both
+        assert single.since == reference.since
+        np.testing.assert_allclose(single.health, reference.health, atol=2e-3)
+    assert single.since[1] is not None
 
 
 # The parts

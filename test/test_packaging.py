@@ -94,7 +94,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     assert len(library) > 4
     assert modules | library | {
         'ca_ros/py.typed', 'ca_ros/evaluation/templates/static.md'} <= set(names)
-    extensions = {'_double', '_double_4', '_single'}
+    extensions = {'_detector', '_detector_single', '_double', '_double_4', '_single'}
     assert extensions <= {Path(name).name.partition('.')[0] for name in names}
     [data] = {name.split('/')[0] for name in names if '.data/' in name}
     shared = {name.removeprefix(f'{data}/data/share/') for name in names if name.startswith(data)}

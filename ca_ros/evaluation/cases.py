@@ -21,7 +21,7 @@ from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.detection import Detection, replay
-from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.kernel_detector import Detector, make_detector
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
@@ -183,9 +183,9 @@ class Case:
             )
         return changes
 
-    def detector(self) -> FailureDetector:
+    def detector(self) -> Detector:
         """Return a detector of failures with the settings ``detector.*``."""
-        return FailureDetector(self.vehicle, self.flown.detector)
+        return make_detector(self.vehicle, self.flown.detector)
 
     def detected(self, method: str, flight: Flight) -> list[Change]:
         """Return the changes of a method's closed loop that the detection of failures causes."""

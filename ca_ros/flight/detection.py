@@ -9,7 +9,7 @@ import numpy as np
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.kernel_detector import Detector
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 
@@ -24,7 +24,7 @@ class Detection:
 
     Parameters
     ----------
-    detector : FailureDetector
+    detector : Detector
     rebuild : callable
         Takes the health of the rotors (n,); returns the controller and the allocator for it.
 
@@ -33,7 +33,7 @@ class Detection:
     found : _Found
     """
 
-    def __init__(self, detector: FailureDetector, rebuild: Rebuild) -> None:
+    def __init__(self, detector: Detector, rebuild: Rebuild) -> None:
         self.detector, self._rebuild = detector, rebuild
         self.found: _Found = []
 
@@ -50,7 +50,7 @@ class Detection:
         self.detector.command(time, speeds)
 
 
-def replay(detector: FailureDetector, flight: Flight) -> _Found:
+def replay(detector: Detector, flight: Flight) -> _Found:
     """Return what a detector finds in a recorded flight, as it did in the flight itself."""
     found: _Found = []
     samples = zip(

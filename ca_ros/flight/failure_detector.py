@@ -21,7 +21,7 @@ BLOCK = 0.0095
 WINDOWS = np.array([0.04, 0.06, 0.08, 0.12, 0.16, 0.24, 0.32])
 """Times before a test since when a rotor may have failed [s]."""
 
-LENGTH = 40
+LENGTH = 34
 """Blocks that are kept; of `BLOCK` or longer they cover the longest window."""
 
 CONFIRMATIONS = 3
@@ -128,6 +128,36 @@ class FailureDetector:
         self._moments = np.zeros((4, 6))
         self._begin()
 
+    def model(self) -> dict[str, Array]:
+        """Return the numbers of ca_detector_model (ca_ros/kernel/detector.h) by name."""
+        vehicle, settings, find = self.vehicle, self.settings, self._find
+        sound = vehicle.with_health(1.0)
+        numbers = {
+            'rotors': vehicle.n,
+            'mass': vehicle.mass,
+            'weight': vehicle.weight,
+            'inertia': inertia_of(vehicle),
+            'wrenches': self._wrenches,
+            'thrust': sound.thrust_per_squared_speed,
+            'reverse_thrust': sound.reverse_thrust_per_squared_speed,
+            'health': vehicle.health,
+            'time_constant': settings.motor_time_constant,
+            'delay': settings.delay,
+            'learning_time': settings.learning_time,
+            'thrust_error': settings.thrust_error,
+            'time_error': settings.time_error,
+            'least_loss': settings.least_loss,
+            'certainty': settings.certainty,
+            'limit': find.limit,
+            'odds': find.odds,
+            'lever': find.lever,
+            'noise': self._noise,
+            'moving': self._moving,
+            'jump': self._observer.jump_max,
+            'balance': self._observer.balance,
+        }
+        return {name: np.array(value, float) for name, value in numbers.items()}
+
     def announce(self, health: Array) -> None:
         """Take the announced health (n,); what was found before holds."""
         self.vehicle = self.vehicle.with_health(health)
@@ -142,14 +172,13 @@ class FailureDetector:
         n = self.vehicle.n
         self._flown = self._waited = 0.0
         self._named: tuple[int, ...] = ()
-        self._count, self._last = 0, 0
-        self._block, self._usual = 0.0, np.inf
-        self._times = np.zeros(LENGTH)
-        self._impulses = np.zeros((LENGTH, 6))
-        self._commanded = np.zeros((LENGTH, n))
-        self._thrusts = np.zeros((LENGTH, n))
+        self._count, self._usual = 0, np.inf
+        # A row a block, the newest first: its length, the unexplained impulse (6,), the integral
+        # of the thrusts of sound rotors (n,), and by how much these changed (n,).
+        self._rows = np.zeros((LENGTH, 7 + 2 * n))
+        self._row = np.zeros(7 + 2 * n)
+        self._thrusts = np.zeros(n)
         self._mean_thrusts: Array | None = None
-        self._sums = np.zeros(6), np.zeros(n)
 
     def command(self, time: int, speeds: Array) -> None:
         """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
@@ -213,10 +242,11 @@ class FailureDetector:
         force = observer.impulse.copy()
         force[:3] = force[:3] @ turned
         self._learn(step, force / step + drag, mean, thrusts)
-        self._sums[0][:] += lacked
-        self._sums[1][:] += step * thrusts
-        self._block += step
-        if self._block < BLOCK:
+        row, n = self._row, len(thrusts)
+        row[0] += step
+        row[1:7] += lacked
+        row[7 : 7 + n] += step * thrusts
+        if row[0] < BLOCK:
             return False
         return self._test(time, thrusts, bool((abs(mean) > self._moving).any()))
 
@@ -247,21 +277,20 @@ class FailureDetector:
 
     def _test(self, time: int, thrusts: Array, moving: bool) -> bool:
         """Test all windows that end now; return whether the health has changed."""
-        last, now = self._last, (self._last + 1) % LENGTH
-        self._times[now] = self._times[last] + self._block
-        self._impulses[now] = self._impulses[last] + self._sums[0]
-        self._commanded[now] = self._commanded[last] + self._sums[1]
-        self._thrusts[now] = thrusts
-        block, self._block, self._last = self._block, 0.0, now
-        self._sums = np.zeros(6), np.zeros(len(thrusts))
+        rows, n, block = self._rows, len(thrusts), float(self._row[0])
+        self._row[7 + n :], self._thrusts = thrusts - self._thrusts, thrusts
+        rows[1:], rows[0] = rows[:-1], self._row
+        self._row = np.zeros_like(self._row)
         if self._flown < 2.0 * block:
-            self._forget(now)
+            rows[:] = 0.0
             return False
         if not 0.9 < block / self._usual < 1.1:
             self._usual = block
-            self._blocks = np.clip(np.rint(WINDOWS / block).astype(int), 1, LENGTH - 1)
-        begins = (now - self._blocks) % LENGTH
-        lacked = self._impulses[now] - self._impulses[begins]
+            self._blocks = np.clip(np.rint(WINDOWS / block).astype(int), 1, LENGTH)
+            self._windows = (np.arange(LENGTH) < self._blocks[:, None]).astype(float)
+        sums = self._windows @ rows
+        ages, lacked = sums[:, 0], sums[:, 1:7]
+        given, change = sums[:, 7 : 7 + n], sums[:, 7 + n :]
         self._refined += block
         refining = bool((self._refined - block < REFINED).any())
         spread, squares = np.maximum(self._variance, self._floor), lacked**2
@@ -271,14 +300,11 @@ class FailureDetector:
             self.certainty = np.where(self._sound, 0.0, self.certainty)
             self._learn_noise(block, spread, squares)
             return False
-        given = self._commanded[now] - self._commanded[begins]
-        ages = self._times[now] - self._times[begins]
-        change = thrusts - self._thrusts[begins]
         variance = spread + self._model_errors(given, ages, change)
         found = self._find(lacked, given, variance, self.health)
         if found.score > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
-            self._forget(now)
+            rows[:] = 0.0
             return False
         changed = self._refine(found, block)
         suspected = found.score > SUSPICION or refining
@@ -293,7 +319,7 @@ class FailureDetector:
         if self._count < CONFIRMATIONS:
             return changed
         self._count = 0
-        self._forget(int(begins[found.window]))
+        rows[self._blocks[found.window] :] = 0.0
         # The window may have begun a block before the failure.
         age = ages[found.window]
         longer = age / max(age - block, block)
@@ -316,12 +342,6 @@ class FailureDetector:
         error += (s.time_error * change) ** 2
         return error @ self._squares.T
 
-    def _forget(self, begin: int) -> None:
-        """Let no window begin before a block."""
-        older = self._times <= self._times[begin]
-        for kept in (self._times, self._impulses, self._commanded, self._thrusts):
-            kept[older] = kept[begin]
-
     def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
         self.since[rotor], self.evidence[rotor] = time, evidence
         self._sound[rotor] = False
@@ -333,9 +353,8 @@ class FailureDetector:
         whole = self.vehicle.health[rotor]
         left = min(max(self.health[rotor] - share, 0.0), whole)
         left = 0.0 if left < USELESS * whole else left
-        oldest = self._commanded[(self._last + 1) % LENGTH, rotor]
-        given = self._commanded[:, rotor] - oldest
-        self._impulses += np.outer((self.health[rotor] - left) * given, self._wrenches[:, rotor])
+        given = (self.health[rotor] - left) * self._rows[:, 7 + rotor]
+        self._rows[:, 1:7] += np.outer(given, self._wrenches[:, rotor])
         self.health = self.health.copy()
         self.health[rotor] = left
 

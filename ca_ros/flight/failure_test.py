@@ -84,7 +84,8 @@ class FailureTest:
         self._wrenches, self._squares = wrenches, wrenches**2
         share = min(1.0, false_alarms / (tests * wrenches.shape[1]))
         self.limit = float(chdtri(1.0, share))
-        self._odds = 2.0 * log(certainty / (1.0 - certainty))
+        self.odds = 2.0 * log(certainty / (1.0 - certainty))
+        self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
         self._least_loss = least_loss
 
     def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:
@@ -121,7 +122,7 @@ class FailureTest:
                 rivals[rotor] = self.limit
                 share = shares[window, rotor]
                 if (
-                    score - rivals.max() > self._odds
+                    score - rivals.max() > self.odds
                     and share >= self._least_loss * health[rotor]
                 ):
                     named, lost = (rotor,), np.array([share])
@@ -153,11 +154,10 @@ class FailureTest:
         i, j = (int(k) for k in np.unravel_index(upper.argmax(), upper.shape))
         score, upper[i, j] = upper[i, j], 0.0
         rival = max(float(upper.max()), self.limit)
-        if score - rival <= self._odds or score <= EXPLAINED * seen:
+        if score - rival <= self.odds or score <= EXPLAINED * seen:
             return (), np.zeros(0)
         taken = self._wrenches[:, [i, j]] @ (given[[i, j]] * [first[i, j], first[j, i]])
         force, torque = taken.reshape(2, 3)
-        levers = np.linalg.norm(self._wrenches[3:], axis=0)
-        if np.linalg.norm(torque) < LEVER * levers.mean() * np.linalg.norm(force):
+        if np.linalg.norm(torque) < self.lever * np.linalg.norm(force):
             return (), np.zeros(0)
         return (i, j), np.minimum([first[i, j], first[j, i]], health[[i, j]])

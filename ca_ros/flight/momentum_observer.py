@@ -68,7 +68,7 @@ class MomentumObserver:
         self._vehicle = vehicle
         self._mass, self._weight = vehicle.mass, vehicle.weight
         self._inertia = inertia_of(vehicle)
-        self._jump_max = JUMP_MAX * np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
+        self.jump_max = JUMP_MAX * np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
         self._time: int | None = None
         self._doubtful: int | None = None
         self._momentum = self._wrench = np.zeros(6)
@@ -76,6 +76,11 @@ class MomentumObserver:
         self.step, self.impulse = 0.0, np.zeros(6)
         self.estimate: Array = np.zeros(6)
         self._before = self._latest = self.estimate
+
+    @property
+    def balance(self) -> Array:
+        """Imbalance of vertical force and torque of a vehicle that stands, (4,) [N, N m]."""
+        return self._standing.limits
 
     @property
     def time(self) -> int | None:
@@ -124,7 +129,7 @@ class MomentumObserver:
         stood = self.standing
         impulse = momentum - self._momentum - (0.0 if stood else step) * self._wrench
         excess = impulse - (0.0 if stood else step) * self.estimate
-        if step and not (abs(excess) <= self._jump_max).all():
+        if step and not (abs(excess) <= self.jump_max).all():
             self.counts['jump'] += 1
         elif self._standing.observe(step, motion, self._wrench) or stood:
             self.estimate = self._before if not stood else self.estimate

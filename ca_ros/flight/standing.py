@@ -39,7 +39,7 @@ class Standing:
         self.standing, self.still = True, 0.0
         arm = np.linalg.norm(vehicle.arms, axis=1).mean()
         limits = np.array([FORCE, *3 * [TORQUE * arm]])
-        self._limits = vehicle.mass * vehicle.gravity * limits
+        self.limits = vehicle.mass * vehicle.gravity * limits
         self._motion = np.zeros(6)
 
     def observe(self, step: float, motion: Array, wrench: Array) -> bool:
@@ -59,6 +59,6 @@ class Standing:
             self.standing, self.still = False, 0.0
         else:
             self.still += step
-            unbalanced = bool((abs(wrench[2:]) > self._limits).any())
+            unbalanced = bool((abs(wrench[2:]) > self.limits).any())
             self.standing = self.standing or (unbalanced and self.still > REST)
         return self.standing

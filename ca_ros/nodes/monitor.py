@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.kernel_detector import Detector, make_detector
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
 from ca_ros.nodes.executable import run
@@ -42,7 +42,7 @@ class MonitorNode(VehicleNode):
     declared = MonitorSettings
     settings: MonitorSettings
     awaited = 'state'
-    detector: FailureDetector
+    detector: Detector
 
     def __init__(self, node_name: str = 'monitor', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -71,12 +71,12 @@ class MonitorNode(VehicleNode):
         self.start_diagnostics('detection')
         self._publish(None)
 
-    def build(self, settings: MonitorSettings) -> tuple[Audit, FailureDetector]:
+    def build(self, settings: MonitorSettings) -> tuple[Audit, Detector]:
         """Create the detector."""
         report = self.audited(settings)
-        return report, FailureDetector(report.vehicle, settings.detector)
+        return report, make_detector(report.vehicle, settings.detector)
 
-    def adopt(self, built: tuple[Audit, FailureDetector]) -> None:
+    def adopt(self, built: tuple[Audit, Detector]) -> None:
         """Use this detector from the next state on; what was found before holds."""
         report, detector = built
         if self.audit is None:

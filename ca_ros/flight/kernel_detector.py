@@ -1,0 +1,124 @@
+"""The detector of rotor failures in C, where it is built, and the choice between both."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from os import environ
+from typing import Any
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.settings import DetectorSettings
+from ca_ros.vehicle.vehicle import Vehicle
+
+EVIDENCE = ('', 'motion', 'rotor speed')
+"""The words for an enum ca_evidence."""
+
+
+class KernelDetector:
+    """`FailureDetector` in C (ca_ros/kernel/detector.c): the same to rounding, and faster.
+
+    Parameters
+    ----------
+    module : extension module
+        ``ca_ros.kernel._detector``, or ``_detector_single`` for single precision.
+    model : (N,) array
+        As `packed` returns it.
+    vehicle, settings
+        As of `FailureDetector`.
+    """
+
+    def __init__(
+        self, module: Any, model: Array, vehicle: Vehicle, settings: DetectorSettings
+    ) -> None:
+        self.vehicle, self.settings = vehicle, settings
+        self._kernel = module.Detector(model)
+        self.command = self._kernel.command
+        self.measure = self._kernel.measure
+        self.observe = self._kernel.observe
+        self.reset = self._kernel.reset
+
+    def announce(self, health: Array) -> None:
+        """Take the announced health (n,); what was found before holds."""
+        self.vehicle = self.vehicle.with_health(health)
+        self._kernel.announce(np.array(self.vehicle.health))
+
+    @property
+    def health(self) -> Array:
+        """The announced health, less what was found, (n,)."""
+        health = np.empty(self.vehicle.n)
+        self._kernel.health(health)
+        return health
+
+    @property
+    def certainty(self) -> Array:
+        """Probability that each rotor has failed, (n,)."""
+        certainty = np.empty(self.vehicle.n)
+        self._kernel.certainty(certainty)
+        return certainty
+
+    @property
+    def since(self) -> list[int | None]:
+        """When each rotor was found to have failed [ns]."""
+        return [time if evidence else None for time, evidence in self._kernel.failures()]
+
+    @property
+    def evidence(self) -> list[str]:
+        """What each failure was found by."""
+        return [EVIDENCE[evidence] for _, evidence in self._kernel.failures()]
+
+    @property
+    def suspect(self) -> int | None:
+        """The rotor that may be failing now."""
+        suspect: int = self._kernel.status()[0]
+        return suspect if suspect >= 0 else None
+
+    @property
+    def standing(self) -> bool:
+        """Whether the vehicle stands; then nothing is detected."""
+        return bool(self._kernel.status()[1])
+
+
+Detector = FailureDetector | KernelDetector
+
+
+def load(name: str = '_detector') -> Any:
+    """Return an extension module; None if it is not built."""
+    try:
+        return import_module(f'ca_ros.kernel.{name}')
+    except ImportError:
+        return None
+
+
+def packed(detector: FailureDetector, fields: dict[str, int], n_max: int) -> Array:
+    """Return the numbers of a detector's model, those of each field one after the other.
+
+    Parameters
+    ----------
+    detector : FailureDetector
+    fields : dict
+        The number of numbers of each field of `ca_detector_model`.
+    n_max : int
+        Rotors for which the fields have place.
+    """
+    n, model = detector.vehicle.n, detector.model()
+    rows = []
+    for name, size in fields.items():
+        numbers = np.atleast_1d(model[name])
+        if numbers.shape[-1] == n and numbers.size != size:
+            padding = [(0, 0)] * (numbers.ndim - 1) + [(0, n_max - n)]
+            numbers = np.pad(numbers, padding)
+        rows.append(numbers.ravel())
+    return np.concatenate(rows)
+
+
+def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) -> Detector:
+    """Return a detector of rotor failures: in C, or in NumPy if CA_ROS_KERNEL is 'numpy'."""
+    detector = FailureDetector(vehicle, settings)
+    module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else load()
+    if module is None or vehicle.n > module.N:
+        return detector
+    model = packed(detector, module.FIELDS, module.N)
+    return KernelDetector(module, model, vehicle, detector.settings)

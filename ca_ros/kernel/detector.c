@@ -1,0 +1,772 @@
+#include "detector.h"
+
+#include <string.h>
+
+#include "numbers.h"
+
+/* The constants of ca_ros/flight: failure_detector, failure_test, momentum_observer, standing. */
+#define BLOCK CA_REAL(0.0095)
+#define CONFIRMATIONS 3
+#define REFINED CA_REAL(0.5)
+#define USELESS CA_REAL(0.2)
+#define TOTAL CA_REAL(0.9)
+#define SUSPICION CA_REAL(12.0)
+#define PATIENCE CA_REAL(1.0)
+#define FLOOR CA_REAL(0.09)
+#define EXPLAINED CA_REAL(0.7)
+#define NEAR CA_REAL(4.0)
+#define RESTART INT64_C(2000000000)
+#define KEEP CA_REAL(1.0)
+#define MOTION CA_REAL(0.05)
+#define AVERAGING CA_REAL(0.2)
+#define REST CA_REAL(0.5)
+
+static const ca_real WINDOWS[CA_WINDOWS] = {
+    CA_REAL(0.04), CA_REAL(0.06), CA_REAL(0.08), CA_REAL(0.12),
+    CA_REAL(0.16), CA_REAL(0.24), CA_REAL(0.32)};
+
+#define ROTORS(model) ((int)(model)->rotors)
+
+/* 1 - exp(-x) for x >= 0: what a first-order lag settles in x time constants. */
+static ca_real settled(ca_real x)
+{
+    int halvings = 0;
+    ca_real share = 1;
+    if (x > CA_REAL(45.0))
+        return 1;
+    for (; x > CA_REAL(0.5); halvings++)
+        x *= CA_REAL(0.5);
+    for (int k = CA_CHOOSE_INT(14, 8); k > 1; k--)
+        share = 1 - x / (ca_real)k * share;
+    share *= x;
+    for (; halvings; halvings--)
+        share *= 2 - share;
+    return share;
+}
+
+static int64_t distance(int64_t a, int64_t b)
+{
+    return a < b ? b - a : a - b;
+}
+
+static ca_real seconds(int64_t nanoseconds)
+{
+    return (ca_real)nanoseconds / CA_REAL(1e9);
+}
+
+/* Commanded rotors. */
+
+void ca_detector_command(ca_detector *detector, int64_t time, const ca_real *speeds)
+{
+    const int n = ROTORS(detector->model);
+    const int64_t due = time + (int64_t)(detector->model->delay * CA_REAL(1e9) + CA_REAL(0.5));
+    int at = detector->waiting;
+    if (at == CA_COMMANDS) {
+        at--;
+        memmove(detector->due, detector->due + 1, (size_t)at * sizeof *detector->due);
+        memmove(detector->commands, detector->commands + 1,
+                (size_t)at * sizeof *detector->commands);
+    }
+    detector->waiting = at + 1;
+    for (; at > 0 && detector->due[at - 1] > due; at--) {
+        detector->due[at] = detector->due[at - 1];
+        ca_copy(n, detector->commands[at - 1], detector->commands[at]);
+    }
+    detector->due[at] = due;
+    ca_copy(n, speeds, detector->commands[at]);
+}
+
+/* Set the mean thrusts between two times, as of sound rotors. */
+static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca_real *thrusts)
+{
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
+    int taken = 0;
+    for (int i = 0; i < n; i++)
+        thrusts[i] = 0;
+    while (start < end) {
+        for (; taken < detector->waiting && detector->due[taken] <= start; taken++)
+            ca_copy(n, detector->commands[taken], detector->command);
+        int64_t until = end;
+        if (taken < detector->waiting && detector->due[taken] < end)
+            until = detector->due[taken];
+        const ca_real step = seconds(until - start);
+        const ca_real share = model->time_constant > 0 ? settled(step / model->time_constant) : 1;
+        for (int i = 0; i < n; i++) {
+            const ca_real before = detector->speeds[i];
+            const ca_real after = before + share * (detector->command[i] - before);
+            const ca_real mean = CA_REAL(0.5) * (before + after);
+            const ca_real thrust = mean < 0 ? -model->reverse_thrust[i] : model->thrust[i];
+            thrusts[i] += step * (thrust * (mean * mean));
+            detector->speeds[i] = after;
+        }
+        if (share >= 1)
+            ca_copy(n, detector->command, detector->speeds);
+        start = until;
+    }
+    detector->waiting -= taken;
+    memmove(detector->due, detector->due + taken,
+            (size_t)detector->waiting * sizeof *detector->due);
+    memmove(detector->commands, detector->commands + taken,
+            (size_t)detector->waiting * sizeof *detector->commands);
+}
+
+/* Momentum observer. */
+
+/* Return whether the vehicle stands after a step. */
+static int stands(ca_detector *detector, ca_real step, const ca_real *motion)
+{
+    const ca_real share = ca_min(1, step / AVERAGING);
+    int moved = 0, unbalanced = 0;
+    for (int k = 0; k < 6; k++) {
+        detector->mean_motion[k] += share * (motion[k] - detector->mean_motion[k]);
+        moved |= ca_abs(detector->mean_motion[k]) > MOTION;
+    }
+    if (moved) {
+        detector->standing = 0;
+        detector->still = 0;
+        return 0;
+    }
+    detector->still += step;
+    for (int k = 0; k < 4; k++)
+        unbalanced |= ca_abs(detector->wrench[k + 2]) > detector->model->balance[k];
+    detector->standing |= unbalanced && detector->still > REST;
+    return detector->standing;
+}
+
+/* Update the estimate after a step; return whether the impulse of the step counts. */
+static int update(ca_detector *detector, ca_real step, const ca_real *momentum,
+                  const ca_real *motion, ca_real gain)
+{
+    const int stood = detector->standing;
+    const ca_real known = stood ? 0 : step;
+    ca_real impulse[6];
+    int jumped = 0;
+    for (int k = 0; k < 6; k++) {
+        impulse[k] = momentum[k] - detector->momentum[k] - known * detector->wrench[k];
+        jumped |= !(ca_abs(impulse[k] - known * detector->estimate[k]) <= detector->model->jump[k]);
+    }
+    if (step > 0 && jumped)
+        return 0;
+    if (stands(detector, step, motion) || stood) {
+        if (!stood)
+            ca_copy(6, detector->before, detector->estimate);
+        return 0;
+    }
+    const ca_real share = settled(gain * step);
+    for (int k = 0; k < 6; k++)
+        detector->estimate[k] += share * (impulse[k] / step - detector->estimate[k]);
+    ca_copy(6, impulse, detector->impulse);
+    /* `still` is 0 unless the vehicle rests. */
+    if (!(detector->still > 0))
+        detector->kept += step;
+    if (detector->kept > KEEP) {
+        ca_copy(6, detector->latest, detector->before);
+        ca_copy(6, detector->estimate, detector->latest);
+        detector->kept = 0;
+    }
+    return 1;
+}
+
+/* Set the observer to the beginning of a flight. */
+static void start_observer(ca_detector *detector)
+{
+    for (int k = 0; k < 6; k++)
+        detector->estimate[k] = detector->before[k] = detector->latest[k] =
+            detector->mean_motion[k] = 0;
+    detector->kept = detector->still = 0;
+    detector->standing = 1;
+}
+
+/* Whether a state of this time is ignored; it may be the first of a new flight. */
+static int ignores(ca_detector *detector, int64_t time)
+{
+    if (!detector->timed || (time > detector->time && time - detector->time < RESTART))
+        return 0;
+    const int far = distance(time, detector->time) >= RESTART;
+    const int confirmed = detector->doubted && distance(time, detector->doubtful) < RESTART;
+    if (far && !confirmed) {
+        detector->doubtful = time;
+        detector->doubted = 1;
+    }
+    return !far || !confirmed;
+}
+
+/* The test. */
+
+typedef struct {
+    ca_real score;
+    int rotor, window, names, named[2];
+    ca_real lost[2], shares[CA_N], errors[CA_N], probabilities[CA_N];
+} finding;
+
+/* Find two rotors whose failures explain a window. */
+static void find_pair(const ca_detector *detector, const ca_block *window, const ca_real *weights,
+                      const ca_real *products, const ca_real *squares, ca_real seen,
+                      finding *found)
+{
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
+    ca_real best = 0, rival = 0, lost[2] = {0, 0}, taken[6], levels[2];
+    int pair[2] = {0, 0};
+    for (int i = 0; i < n; i++)
+        for (int j = i + 1; j < n; j++) {
+            ca_real mixed = 0;
+            for (int k = 0; k < 6; k++)
+                mixed += weights[k] * model->wrenches[k][i] * model->wrenches[k][j];
+            mixed *= window->given[i] * window->given[j];
+            const ca_real product = squares[i] * squares[j];
+            const ca_real determinant = product - mixed * mixed;
+            /* Rotors with parallel wrenches cannot be told apart. */
+            if (!(determinant > CA_REAL(1e-6) * product))
+                continue;
+            const ca_real one = (squares[j] * products[i] - mixed * products[j]) / determinant;
+            const ca_real other = (squares[i] * products[j] - mixed * products[i]) / determinant;
+            levels[0] = detector->health[i];
+            levels[1] = detector->health[j];
+            if (!(one >= model->least_loss * ca_max(levels[0], CA_REAL(1e-9)) &&
+                  other >= model->least_loss * ca_max(levels[1], CA_REAL(1e-9)) &&
+                  one <= CA_REAL(1.3) * levels[0] && other <= CA_REAL(1.3) * levels[1]))
+                continue;
+            const ca_real score = one * products[i] + other * products[j];
+            if (score > best) {
+                rival = best;
+                best = score;
+                pair[0] = i;
+                pair[1] = j;
+                lost[0] = one;
+                lost[1] = other;
+            } else {
+                rival = ca_max(rival, score);
+            }
+        }
+    if (best - ca_max(rival, model->limit) <= model->odds || best <= EXPLAINED * seen)
+        return;
+    for (int k = 0; k < 6; k++)
+        taken[k] = model->wrenches[k][pair[0]] * window->given[pair[0]] * lost[0] +
+                   model->wrenches[k][pair[1]] * window->given[pair[1]] * lost[1];
+    if (ca_length(3, taken + 3) < model->lever * ca_length(3, taken))
+        return;
+    found->names = 2;
+    for (int k = 0; k < 2; k++) {
+        found->named[k] = pair[k];
+        found->lost[k] = ca_min(lost[k], detector->health[pair[k]]);
+    }
+}
+
+/* Test all windows against the failure of each rotor. */
+static void test(const ca_detector *detector, const ca_block *windows,
+                 const ca_real variance[CA_WINDOWS][6], finding *found)
+{
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
+    ca_real products[CA_WINDOWS][CA_N], squares[CA_WINDOWS][CA_N];
+    ca_real shares[CA_WINDOWS][CA_N], scores[CA_WINDOWS][CA_N], best[CA_N] = {0};
+    ca_real weights[6];
+    for (int t = 0; t < CA_WINDOWS; t++)
+        for (int i = 0; i < n; i++) {
+            const ca_real given = windows[t].given[i];
+            ca_real product = 0, square = 0;
+            for (int k = 0; k < 6; k++) {
+                const ca_real weighted = model->wrenches[k][i] / variance[t][k];
+                product -= weighted * windows[t].impulse[k];
+                square += weighted * model->wrenches[k][i];
+            }
+            product *= given;
+            square = square * (given * given) + CA_REAL(1e-12);
+            const ca_real raw = product / square;
+            const ca_real share = ca_clip(raw, 0, detector->health[i]);
+            products[t][i] = product;
+            squares[t][i] = square;
+            shares[t][i] = share;
+            scores[t][i] = share * (2 * product - share * square);
+            best[i] = ca_max(best[i], scores[t][i]);
+            found->shares[i] = raw;
+            found->errors[i] = 1 / ca_sqrt(square);
+        }
+    int rotor = 0, window = 0;
+    for (int i = 1; i < n; i++)
+        rotor = best[i] > best[rotor] ? i : rotor;
+    for (int t = 1; t < CA_WINDOWS; t++)
+        window = scores[t][rotor] > scores[window][rotor] ? t : window;
+    const ca_real score = best[rotor], top = ca_max(model->limit, score);
+    ca_real total = 1 - settled(CA_REAL(0.5) * (top - model->limit));
+    for (int i = 0; i < n; i++) {
+        found->probabilities[i] = 1 - settled(CA_REAL(0.5) * (top - best[i]));
+        total += found->probabilities[i];
+    }
+    for (int i = 0; i < n; i++)
+        found->probabilities[i] /= total;
+    found->score = score;
+    found->rotor = rotor;
+    found->names = 0;
+    found->window = window;
+    if (!(score > model->limit))
+        return;
+    ca_real seen = 0;
+    for (int k = 0; k < 6; k++) {
+        weights[k] = 1 / variance[window][k];
+        seen += weights[k] * windows[window].impulse[k] * windows[window].impulse[k];
+    }
+    if (!(score > EXPLAINED * seen)) {
+        find_pair(detector, &windows[window], weights, products[window], squares[window], seen,
+                  found);
+        return;
+    }
+    /* The greatest share of all windows that are about as likely. */
+    ca_real share = -1, rival = model->limit;
+    for (int t = 0; t < CA_WINDOWS; t++)
+        if (scores[t][rotor] >= score - NEAR * ca_sqrt(score) && shares[t][rotor] > share) {
+            share = shares[t][rotor];
+            found->window = t;
+        }
+    for (int i = 0; i < n; i++)
+        rival = i != rotor ? ca_max(rival, best[i]) : rival;
+    if (score - rival > model->odds && share >= model->least_loss * detector->health[rotor]) {
+        found->names = 1;
+        found->named[0] = rotor;
+        found->lost[0] = share;
+    }
+}
+
+/* The detector. */
+
+static int suspicious(const ca_detector *detector)
+{
+    return detector->waited > 0 && detector->waited < PATIENCE;
+}
+
+static ca_real learning_gain(const ca_detector *detector)
+{
+    if (suspicious(detector))
+        return 0;
+    return 1 / ca_min(detector->model->learning_time, detector->flown + CA_REAL(0.05));
+}
+
+/* Begin a flight: the windows reach back to now. */
+static void begin(ca_detector *detector)
+{
+    detector->flown = detector->waited = detector->usual = 0;
+    detector->names = detector->count = detector->thrusts_known = 0;
+    memset(detector->thrusts, 0, sizeof detector->thrusts);
+    memset(&detector->sums, 0, sizeof detector->sums);
+    memset(detector->blocks, 0, sizeof detector->blocks);
+}
+
+/* Let no window be longer than this number of blocks. */
+static void forget(ca_detector *detector, int kept)
+{
+    memset(detector->blocks + kept, 0, (size_t)(CA_BLOCKS - kept) * sizeof *detector->blocks);
+}
+
+/* Take a share of a rotor's health, as if from the start of the windows on. */
+static void reduce(ca_detector *detector, int rotor, ca_real share)
+{
+    const ca_real whole = detector->announced[rotor], health = detector->health[rotor];
+    ca_real left = ca_clip(health - share, 0, whole);
+    left = left < USELESS * whole ? 0 : left;
+    for (int b = 0; b < CA_BLOCKS; b++) {
+        ca_block *block = &detector->blocks[b];
+        const ca_real given = (health - left) * block->given[rotor];
+        for (int k = 0; k < 6; k++)
+            block->impulse[k] += given * detector->model->wrenches[k][rotor];
+    }
+    detector->health[rotor] = left;
+}
+
+static void fail(ca_detector *detector, int rotor, ca_real share, int64_t time, int evidence)
+{
+    detector->since[rotor] = time;
+    detector->evidence[rotor] = evidence;
+    detector->sound[rotor] = 0;
+    detector->refined[rotor] = 0;
+    reduce(detector, rotor, share);
+}
+
+/* Estimate the health of rotors that have just failed; return whether it changes. */
+static int refine(ca_detector *detector, const finding *found, ca_real block)
+{
+    int changed = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        if (detector->refined[i] - block < REFINED && detector->health[i] > 0 &&
+            ca_abs(found->shares[i]) > ca_max(CA_REAL(0.05), 3 * found->errors[i])) {
+            reduce(detector, i, found->shares[i]);
+            changed = 1;
+        }
+    return changed;
+}
+
+/* Learn the drag about the mean motion, and the mean thrusts. */
+static void learn(ca_detector *detector, ca_real step, const ca_real *lacked,
+                  const ca_real *motion, const ca_real *thrusts)
+{
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
+    if (!detector->thrusts_known) {
+        ca_copy(n, thrusts, detector->mean_thrusts);
+        detector->thrusts_known = 1;
+    }
+    if (suspicious(detector))
+        return;
+    const ca_real quick = settled(step * learning_gain(detector));
+    for (int i = 0; i < n; i++)
+        detector->mean_thrusts[i] += quick * (thrusts[i] - detector->mean_thrusts[i]);
+    const ca_real share =
+        settled(step / ca_min(CA_REAL(2.5) * model->learning_time, detector->flown));
+    for (int k = 0; k < 6; k++) {
+        ca_real moment[4];
+        for (int j = 0; j < 4; j++)
+            moment[j] = detector->moments[j][k];
+        const ca_real moved = motion[k] - moment[1];
+        const ca_real now[4] = {lacked[k], motion[k], (lacked[k] - moment[0]) * moved,
+                                moved * moved};
+        for (int j = 0; j < 4; j++)
+            detector->moments[j][k] = moment[j] + share * (now[j] - moment[j]);
+        detector->drag[k] = ca_min(
+            detector->moments[2][k] / (detector->moments[3][k] + CA_REAL(0.0025)), 0);
+    }
+}
+
+static void learn_noise(ca_detector *detector, ca_real block, ca_real spread[CA_WINDOWS][6],
+                        const ca_block *windows)
+{
+    const ca_real share = settled(block * learning_gain(detector));
+    for (int t = 0; t < CA_WINDOWS; t++)
+        for (int k = 0; k < 6; k++) {
+            const ca_real square = windows[t].impulse[k] * windows[t].impulse[k];
+            const ca_real now = ca_min(square, 9 * spread[t][k]);
+            detector->variance[t][k] = spread[t][k] + share * (now - spread[t][k]);
+        }
+}
+
+/* Set the number of blocks of each window. */
+static void size_windows(ca_detector *detector, ca_real block)
+{
+    if (block > CA_REAL(0.9) * detector->usual && block < CA_REAL(1.1) * detector->usual)
+        return;
+    detector->usual = block;
+    for (int t = 0; t < CA_WINDOWS; t++) {
+        /* Halves round to even numbers. */
+        const ca_real exact = WINDOWS[t] / block;
+        int whole = (int)exact;
+        const ca_real rest = exact - (ca_real)whole;
+        whole += rest > CA_REAL(0.5) || (rest >= CA_REAL(0.5) && whole % 2);
+        detector->windows[t] = whole < 1 ? 1 : whole > CA_BLOCKS ? CA_BLOCKS : whole;
+    }
+}
+
+static void sum_windows(const ca_detector *detector, ca_block *windows)
+{
+    const int n = ROTORS(detector->model);
+    ca_block sum;
+    memset(&sum, 0, sizeof sum);
+    for (int t = 0, b = 0; t < CA_WINDOWS; t++) {
+        for (; b < detector->windows[t]; b++) {
+            const ca_block *block = &detector->blocks[b];
+            sum.length += block->length;
+            for (int k = 0; k < 6; k++)
+                sum.impulse[k] += block->impulse[k];
+            for (int i = 0; i < n; i++) {
+                sum.given[i] += block->given[i];
+                sum.change[i] += block->change[i];
+            }
+        }
+        windows[t] = sum;
+    }
+}
+
+/* Add the variance by errors of the thrusts, the lag and the delay. */
+static void add_model_errors(const ca_detector *detector, const ca_block *windows,
+                             ca_real variance[CA_WINDOWS][6])
+{
+    const ca_detector_model *model = detector->model;
+    for (int t = 0; t < CA_WINDOWS; t++)
+        for (int i = 0; i < ROTORS(model); i++) {
+            const ca_real usual = windows[t].length * detector->mean_thrusts[i];
+            const ca_real by_thrust = model->thrust_error * (windows[t].given[i] - usual);
+            const ca_real by_time = model->time_error * windows[t].change[i];
+            const ca_real error = by_thrust * by_thrust + by_time * by_time;
+            for (int k = 0; k < 6; k++)
+                variance[t][k] += error * (model->wrenches[k][i] * model->wrenches[k][i]);
+        }
+}
+
+/* Count a test without a suspicion. */
+static void clear_suspicion(ca_detector *detector)
+{
+    detector->waited = 0;
+    detector->count = detector->names = 0;
+    detector->suspect = -1;
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        if (detector->sound[i])
+            detector->certainty[i] = 0;
+}
+
+/* Whether the same rotors were named in enough tests. */
+static int confirmed(ca_detector *detector, const finding *found)
+{
+    int same = found->names == detector->names;
+    for (int k = 0; k < found->names; k++) {
+        same = same && found->named[k] == detector->named[k];
+        detector->named[k] = found->named[k];
+    }
+    detector->names = found->names;
+    detector->count = found->names ? (same ? detector->count + 1 : 1) : 0;
+    if (detector->count < CONFIRMATIONS)
+        return 0;
+    detector->count = 0;
+    return 1;
+}
+
+/* Test all windows that end now; return whether the health has changed. */
+static int test_windows(ca_detector *detector, int64_t time, const ca_real *thrusts, int moving)
+{
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
+    const ca_real block = detector->sums.length;
+    ca_block windows[CA_WINDOWS];
+    ca_real spread[CA_WINDOWS][6], variance[CA_WINDOWS][6], greatest = 0;
+    finding found;
+    for (int i = 0; i < n; i++) {
+        detector->sums.change[i] = thrusts[i] - detector->thrusts[i];
+        detector->thrusts[i] = thrusts[i];
+    }
+    memmove(detector->blocks + 1, detector->blocks, (CA_BLOCKS - 1) * sizeof *detector->blocks);
+    detector->blocks[0] = detector->sums;
+    memset(&detector->sums, 0, sizeof detector->sums);
+    if (detector->flown < 2 * block) {
+        forget(detector, 0);
+        return 0;
+    }
+    size_windows(detector, block);
+    sum_windows(detector, windows);
+    int refining = 0;
+    for (int i = 0; i < n; i++) {
+        detector->refined[i] += block;
+        refining |= detector->refined[i] - block < REFINED;
+    }
+    for (int t = 0; t < CA_WINDOWS; t++) {
+        ca_real sum = 0;
+        for (int k = 0; k < 6; k++) {
+            const ca_real impulse = windows[t].impulse[k];
+            spread[t][k] = ca_max(detector->variance[t][k], FLOOR * model->noise[k]);
+            variance[t][k] = spread[t][k];
+            sum += impulse * impulse / spread[t][k];
+        }
+        greatest = ca_max(greatest, sum);
+    }
+    if (!refining && greatest <= SUSPICION) {
+        /* No score exceeds this sum. */
+        clear_suspicion(detector);
+        learn_noise(detector, block, spread, windows);
+        return 0;
+    }
+    add_model_errors(detector, windows, variance);
+    test(detector, windows, (const ca_real(*)[6])variance, &found);
+    if (found.score > SUSPICION && !moving) {
+        /* A lost rotor turns the vehicle over; this one stands, and the ground carries it. */
+        forget(detector, 0);
+        return 0;
+    }
+    const int changed = refine(detector, &found, block);
+    detector->waited = found.score > SUSPICION || refining ? detector->waited + block : 0;
+    detector->suspect = found.score > model->limit ? found.rotor : -1;
+    if (!suspicious(detector))
+        learn_noise(detector, block, spread, windows);
+    for (int i = 0; i < n; i++)
+        if (detector->sound[i])
+            detector->certainty[i] = found.probabilities[i];
+    if (!confirmed(detector, &found))
+        return changed;
+    forget(detector, detector->windows[found.window]);
+    /* The window may have begun a block before the failure. */
+    const ca_real age = windows[found.window].length;
+    const ca_real longer = age / ca_max(age - block, block);
+    for (int k = 0; k < found.names; k++) {
+        const int rotor = found.named[k];
+        ca_real share = found.lost[k];
+        if (share * longer >= TOTAL * detector->health[rotor])
+            share = detector->health[rotor];
+        detector->certainty[rotor] = ca_max(detector->certainty[rotor], model->certainty);
+        fail(detector, rotor, share, time, CA_MOTION);
+    }
+    return 1;
+}
+
+void ca_detector_reset(ca_detector *detector)
+{
+    const ca_detector_model *model = detector->model;
+    for (int i = 0; i < ROTORS(model); i++) {
+        detector->health[i] = detector->announced[i];
+        detector->certainty[i] = 0;
+        detector->since[i] = 0;
+        detector->evidence[i] = CA_NONE;
+        detector->measured[i] = CA_INFINITY;
+        detector->slow[i] = 0;
+        detector->sound[i] = 1;
+        detector->refined[i] = CA_INFINITY;
+    }
+    detector->suspect = -1;
+    for (int t = 0; t < CA_WINDOWS; t++)
+        ca_copy(6, model->noise, detector->variance[t]);
+    memset(detector->drag, 0, sizeof detector->drag);
+    memset(detector->moments, 0, sizeof detector->moments);
+    begin(detector);
+}
+
+void ca_detector_start(ca_detector *detector, const ca_detector_model *model)
+{
+    memset(detector, 0, sizeof *detector);
+    detector->model = model;
+    ca_copy(ROTORS(model), model->health, detector->announced);
+    start_observer(detector);
+    ca_detector_reset(detector);
+}
+
+void ca_detector_announce(ca_detector *detector, const ca_real *health)
+{
+    for (int i = 0; i < ROTORS(detector->model); i++) {
+        detector->announced[i] = health[i];
+        detector->health[i] = ca_min(detector->health[i], health[i]);
+    }
+}
+
+int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *speeds)
+{
+    const ca_detector_model *model = detector->model;
+    const ca_real allowed = ca_sqrt(1 - model->least_loss);
+    int changed = 0;
+    for (int i = 0; i < ROTORS(model); i++) {
+        const ca_real expected = ca_abs(detector->speeds[i]), measured = ca_abs(speeds[i]);
+        const int approaching = measured > detector->measured[i] + CA_REAL(0.01) * expected;
+        const int slow = measured < allowed * expected && !approaching;
+        detector->measured[i] = measured;
+        detector->slow[i] = slow ? detector->slow[i] + 1 : 0;
+        if (detector->slow[i] != CONFIRMATIONS || !(detector->health[i] > 0))
+            continue;
+        const ca_real kept = measured / expected;
+        detector->certainty[i] = 1;
+        fail(detector, i, (1 - kept * kept) * detector->health[i], time, CA_ROTOR_SPEED);
+        changed = 1;
+    }
+    return changed;
+}
+
+static void rotate(const ca_real rotation[3][3], const ca_real *vector, ca_real *rotated)
+{
+    for (int k = 0; k < 3; k++)
+        rotated[k] = ca_dot(3, rotation[k], vector);
+}
+
+static void rotate_back(const ca_real rotation[3][3], ca_real *vector)
+{
+    const ca_real x = vector[0], y = vector[1], z = vector[2];
+    for (int k = 0; k < 3; k++)
+        vector[k] = rotation[0][k] * x + rotation[1][k] * y + rotation[2][k] * z;
+}
+
+static void rotation_of(const ca_real attitude[4], ca_real rotation[3][3])
+{
+    const ca_real length = ca_length(4, attitude);
+    const ca_real x = attitude[0] / length, y = attitude[1] / length;
+    const ca_real z = attitude[2] / length, w = attitude[3] / length;
+    const ca_real rows[3][3] = {
+        {1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)},
+        {2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)},
+        {2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)}};
+    memcpy(rotation, rows, sizeof rows);
+}
+
+/* Set the wrench that rotors, weight and drag give. */
+static void expect(ca_detector *detector, const ca_real turned[3][3], const ca_real *thrusts,
+                   const ca_real *mean, const ca_real *drag)
+{
+    const ca_detector_model *model = detector->model;
+    const ca_real *omega = mean + 3;
+    ca_real wrench[6], angular_momentum[3];
+    for (int k = 0; k < 6; k++) {
+        wrench[k] = drag[k];
+        for (int i = 0; i < ROTORS(model); i++)
+            wrench[k] += model->wrenches[k][i] * (detector->health[i] * thrusts[i]);
+    }
+    rotate(model->inertia, omega, angular_momentum);
+    rotate(turned, wrench, detector->wrench);
+    detector->wrench[2] -= model->weight;
+    for (int k = 0; k < 3; k++) {
+        const int next = (k + 1) % 3, last = (k + 2) % 3;
+        detector->wrench[k + 3] = wrench[k + 3] - (omega[next] * angular_momentum[last] -
+                                                   omega[last] * angular_momentum[next]);
+    }
+}
+
+int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attitude[4],
+                        const ca_real motion[6])
+{
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
+    ca_real rotation[3][3], turned[3][3], momentum[6], world[6];
+    ca_real thrusts[CA_N] = {0}, mean[6] = {0}, drag[6] = {0}, step = 0, gain = 0;
+    int moving = 0, counts = 0;
+    if (ignores(detector, time))
+        return 0;
+    rotation_of(attitude, rotation);
+    rotate((const ca_real(*)[3])rotation, motion, world);
+    ca_copy(3, motion + 3, world + 3);
+    for (int k = 0; k < 3; k++)
+        momentum[k] = model->mass * world[k];
+    rotate(model->inertia, motion + 3, momentum + 3);
+    if (detector->timed && (time < detector->time || time - detector->time >= RESTART)) {
+        if (time < detector->time) {
+            start_observer(detector);
+            detector->waiting = 0;
+            for (int i = 0; i < n; i++)
+                detector->command[i] = detector->speeds[i] = 0;
+        }
+    } else {
+        if (detector->timed) {
+            step = seconds(time - detector->time);
+            advance_rotors(detector, detector->time, time, thrusts);
+            for (int i = 0; i < n; i++)
+                thrusts[i] /= step;
+            for (int k = 0; k < 6; k++) {
+                mean[k] = CA_REAL(0.5) * (detector->motion[k] + motion[k]);
+                drag[k] = detector->drag[k] * (mean[k] - detector->moments[1][k]);
+                moving |= ca_abs(mean[k]) > model->moving[k];
+            }
+            for (int k = 0; k < 3; k++)
+                for (int j = 0; j < 3; j++)
+                    turned[k][j] = CA_REAL(0.5) * (detector->rotation[k][j] + rotation[k][j]);
+            expect(detector, (const ca_real(*)[3])turned, thrusts, mean, drag);
+            gain = learning_gain(detector);
+        }
+        counts = update(detector, step, momentum, world, gain);
+    }
+    detector->time = time;
+    detector->timed = 1;
+    detector->doubted = 0;
+    ca_copy(6, momentum, detector->momentum);
+    memcpy(detector->rotation, rotation, sizeof rotation);
+    ca_copy(6, motion, detector->motion);
+    if (!counts) {
+        if (detector->standing)
+            begin(detector);
+        return 0;
+    }
+    detector->flown += step;
+    ca_real lacked[6], force[6];
+    for (int k = 0; k < 6; k++) {
+        force[k] = detector->impulse[k];
+        lacked[k] = force[k] - step * detector->estimate[k];
+    }
+    rotate_back((const ca_real(*)[3])turned, lacked);
+    rotate_back((const ca_real(*)[3])turned, force);
+    for (int k = 0; k < 6; k++)
+        force[k] = force[k] / step + drag[k];
+    learn(detector, step, force, mean, thrusts);
+    detector->sums.length += step;
+    for (int k = 0; k < 6; k++)
+        detector->sums.impulse[k] += lacked[k];
+    for (int i = 0; i < n; i++)
+        detector->sums.given[i] += step * thrusts[i];
+    return detector->sums.length >= BLOCK && test_windows(detector, time, thrusts, moving);
+}

@@ -1,0 +1,126 @@
+/* The detector of rotor failures: states and commanded rotor speeds in, the health of the rotors out.
+ * The method is that of ca_ros/flight/failure_detector.py. */
+#ifndef CA_ROS_KERNEL_DETECTOR_H
+#define CA_ROS_KERNEL_DETECTOR_H
+
+#include <stdint.h>
+
+#include "problem.h"
+
+/* Greatest number of commands that wait for the end of the delay; of more, the oldest are dropped. */
+#ifndef CA_COMMANDS
+#define CA_COMMANDS 100
+#endif
+
+#define CA_BLOCKS 34 /* blocks of time that are kept */
+#define CA_WINDOWS 7 /* windows of time that are tested */
+
+/* A vehicle and its detector's settings. It is constant data, and may be in flash.
+ * X(name, dimensions); body frame x forward, y left, z up */
+#define CA_DETECTOR_FIELDS(X) \
+    X(rotors, )                /* number of rotors, at most CA_N */ \
+    X(mass, )                  /* [kg] */ \
+    X(weight, )                /* m g less the buoyancy [N] */ \
+    X(inertia, [3][3])         /* [kg m^2] */ \
+    X(wrenches, [6][CA_N])     /* force and torque per thrust of each rotor */ \
+    X(thrust, [CA_N])          /* thrust over squared speed of a sound rotor [kg m] */ \
+    X(reverse_thrust, [CA_N])  /* the same of one that turns backwards */ \
+    X(health, [CA_N])          /* what is announced of each rotor */ \
+    X(time_constant, )         /* of the motors [s] */ \
+    X(delay, )                 /* of the motors [s] */ \
+    X(learning_time, )         /* [s] */ \
+    X(thrust_error, ) \
+    X(time_error, )            /* [s] */ \
+    X(least_loss, ) \
+    X(certainty, ) \
+    X(limit, )                 /* score from which a failure is suspected */ \
+    X(odds, )                  /* lead of the score over that of any other rotor */ \
+    X(lever, )                 /* least lever of two failed rotors [m] */ \
+    X(noise, [6])              /* variance of an impulse by the noise of the states */ \
+    X(moving, [6])             /* motion of a vehicle that moves [m/s, rad/s] */ \
+    X(jump, [6])               /* greatest jump of the momentum [kg m/s, kg m^2/s] */ \
+    X(balance, [4])            /* imbalance of vertical force and torque of one that stands */
+
+#define CA_DETECTOR_MEMBER(name, dimensions) ca_real name dimensions;
+typedef struct {
+    CA_DETECTOR_FIELDS(CA_DETECTOR_MEMBER)
+} ca_detector_model;
+#undef CA_DETECTOR_MEMBER
+
+enum ca_evidence { CA_NONE = 0, CA_MOTION = 1, CA_ROTOR_SPEED = 2 };
+
+/* The sums over a block, or a window, of time. */
+typedef struct {
+    ca_real length;        /* [s] */
+    ca_real impulse[6];    /* that nothing explains, in the body frame [N s, N m s] */
+    ca_real given[CA_N];   /* integral of the thrust of each sound rotor [N s] */
+    ca_real change[CA_N];  /* of this thrust [N] */
+} ca_block;
+
+/* All memory of a detector. The first part is for reading. */
+typedef struct {
+    ca_real health[CA_N];    /* the announced one less what was found */
+    ca_real certainty[CA_N]; /* probability that each rotor has failed */
+    int64_t since[CA_N];     /* when each failure was found [ns] */
+    int evidence[CA_N];      /* what it was found by: an enum ca_evidence */
+    int suspect;             /* the rotor that may be failing now, counted from 0, or -1 */
+    int standing;            /* whether the vehicle stands: then nothing is detected */
+
+    const ca_detector_model *model;
+    ca_real announced[CA_N];
+    /* commanded rotors */
+    int waiting;
+    int64_t due[CA_COMMANDS];
+    ca_real commands[CA_COMMANDS][CA_N];
+    ca_real command[CA_N], speeds[CA_N];
+    /* measured rotors */
+    ca_real measured[CA_N];
+    int slow[CA_N];
+    /* momentum observer */
+    int timed, doubted;
+    int64_t time, doubtful;
+    ca_real momentum[6], wrench[6], estimate[6], before[6], latest[6];
+    ca_real kept, still, mean_motion[6], impulse[6];
+    /* the last state, and what is learnt */
+    ca_real rotation[3][3], motion[6];
+    ca_real moments[4][6], drag[6], variance[CA_WINDOWS][6], mean_thrusts[CA_N];
+    int thrusts_known;
+    /* the test */
+    ca_real flown, waited, usual, refined[CA_N];
+    int named[2], names, count, windows[CA_WINDOWS];
+    int sound[CA_N];
+    ca_real thrusts[CA_N];
+    ca_block sums, blocks[CA_BLOCKS];
+} ca_detector;
+
+/* Begin, with all memory as at the start; the model must outlive the detector. */
+void CA_SYMBOL(ca_detector_start)(ca_detector *detector, const ca_detector_model *model);
+#define ca_detector_start CA_SYMBOL(ca_detector_start)
+
+/* Forget all failures, and what was learnt of the noise. */
+void CA_SYMBOL(ca_detector_reset)(ca_detector *detector);
+#define ca_detector_reset CA_SYMBOL(ca_detector_reset)
+
+/* Take the announced health; what was found before holds. */
+void CA_SYMBOL(ca_detector_announce)(ca_detector *detector, const ca_real *health);
+#define ca_detector_announce CA_SYMBOL(ca_detector_announce)
+
+/* Take commanded rotor speeds [rad/s] with their stamp [ns]. */
+void CA_SYMBOL(ca_detector_command)(ca_detector *detector, int64_t time, const ca_real *speeds);
+#define ca_detector_command CA_SYMBOL(ca_detector_command)
+
+/* Take measured rotor speeds [rad/s]; return whether the health has changed. */
+int CA_SYMBOL(ca_detector_measure)(ca_detector *detector, int64_t time, const ca_real *speeds);
+#define ca_detector_measure CA_SYMBOL(ca_detector_measure)
+
+/* Take a state; return whether the health has changed. All numbers must be finite.
+ *
+ * time      [ns]
+ * attitude  quaternion x, y, z, w, body to world (z up), not zero
+ * motion    velocity before angular velocity in the body frame [m/s, rad/s]
+ */
+int CA_SYMBOL(ca_detector_observe)(ca_detector *detector, int64_t time, const ca_real attitude[4],
+                                   const ca_real motion[6]);
+#define ca_detector_observe CA_SYMBOL(ca_detector_observe)
+
+#endif

@@ -1,0 +1,218 @@
+/* The detector of rotor failures as a Python module. Numbers come and go as buffers of double. */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include "detector.h"
+
+/* The name of the module comes from setup.py. */
+#define TEXT(name) #name
+#define TEXT_OF(name) TEXT(name)
+#define JOIN(a, b) a##b
+#define JOIN_OF(a, b) JOIN(a, b)
+#define NAME TEXT_OF(CA_MODULE)
+#define INIT JOIN_OF(PyInit_, CA_MODULE)
+
+typedef struct {
+    PyObject_HEAD
+    ca_detector_model model;
+    ca_detector detector;
+} object;
+
+static int rotors(const object *self)
+{
+    return (int)self->model.rotors;
+}
+
+/* Copy `count` numbers from an array, or to it. */
+static int copy(PyObject *array, int count, ca_real *numbers, int to)
+{
+    Py_buffer view;
+    const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (to ? PyBUF_WRITABLE : 0);
+    if (PyObject_GetBuffer(array, &view, flags) < 0)
+        return 0;
+    const int fits = view.format[0] == 'd' && !view.format[1] &&
+                     view.len == (Py_ssize_t)(sizeof(double) * (size_t)count);
+    double *given = view.buf;
+    for (int i = 0; fits && i < count; i++) {
+        if (to)
+            given[i] = (double)numbers[i];
+        else
+            numbers[i] = (ca_real)given[i];
+    }
+    PyBuffer_Release(&view);
+    if (!fits)
+        PyErr_Format(PyExc_TypeError, "expected a contiguous array of %d numbers of type 'd'",
+                     count);
+    return fits;
+}
+
+/* Get a time and the arrays that follow it, of the given sizes. */
+static int take(const object *self, PyObject *const *arguments, Py_ssize_t count,
+                const int *sizes, int arrays, int64_t *time, ca_real *numbers)
+{
+    if (!rotors(self) || count != arrays + 1) {
+        PyErr_SetString(PyExc_TypeError, "expected a detector with a model, a time and arrays");
+        return 0;
+    }
+    *time = PyLong_AsLongLong(arguments[0]);
+    if (PyErr_Occurred())
+        return 0;
+    for (int k = 0; k < arrays; numbers += sizes[k], k++)
+        if (!copy(arguments[k + 1], sizes[k], numbers, 0))
+            return 0;
+    return 1;
+}
+
+static PyObject *command(object *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    const int sizes[1] = {rotors(self)};
+    ca_real speeds[CA_N];
+    int64_t time;
+    if (!take(self, arguments, count, sizes, 1, &time, speeds))
+        return NULL;
+    ca_detector_command(&self->detector, time, speeds);
+    Py_RETURN_NONE;
+}
+
+static PyObject *measure(object *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    const int sizes[1] = {rotors(self)};
+    ca_real speeds[CA_N];
+    int64_t time;
+    if (!take(self, arguments, count, sizes, 1, &time, speeds))
+        return NULL;
+    return PyBool_FromLong(ca_detector_measure(&self->detector, time, speeds));
+}
+
+static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    const int sizes[3] = {4, 3, 3};
+    ca_real state[10];
+    int64_t time;
+    if (!take(self, arguments, count, sizes, 3, &time, state))
+        return NULL;
+    return PyBool_FromLong(ca_detector_observe(&self->detector, time, state, state + 4));
+}
+
+static PyObject *announce(object *self, PyObject *array)
+{
+    ca_real health[CA_N];
+    if (!copy(array, rotors(self), health, 0))
+        return NULL;
+    ca_detector_announce(&self->detector, health);
+    Py_RETURN_NONE;
+}
+
+static PyObject *reset(object *self, PyObject *unused)
+{
+    (void)unused;
+    ca_detector_reset(&self->detector);
+    Py_RETURN_NONE;
+}
+
+static PyObject *health(object *self, PyObject *array)
+{
+    if (!copy(array, rotors(self), self->detector.health, 1))
+        return NULL;
+    Py_RETURN_NONE;
+}
+
+static PyObject *certainty(object *self, PyObject *array)
+{
+    if (!copy(array, rotors(self), self->detector.certainty, 1))
+        return NULL;
+    Py_RETURN_NONE;
+}
+
+static PyObject *status(object *self, PyObject *unused)
+{
+    (void)unused;
+    return Py_BuildValue("(ii)", self->detector.suspect, self->detector.standing);
+}
+
+static PyObject *failures(object *self, PyObject *unused)
+{
+    (void)unused;
+    PyObject *list = PyList_New(rotors(self));
+    for (int i = 0; list && i < rotors(self); i++) {
+        PyObject *item = Py_BuildValue("(Li)", (long long)self->detector.since[i],
+                                       self->detector.evidence[i]);
+        if (!item) {
+            Py_CLEAR(list);
+            break;
+        }
+        PyList_SET_ITEM(list, i, item);
+    }
+    return list;
+}
+
+static int initialise(object *self, PyObject *arguments, PyObject *keywords)
+{
+    PyObject *array;
+    ca_detector_model model;
+    (void)keywords;
+    if (!PyArg_ParseTuple(arguments, "O", &array))
+        return -1;
+    if (!copy(array, (int)(sizeof model / sizeof(ca_real)), (ca_real *)&model, 0))
+        return -1;
+    if (!(model.rotors >= 1 && model.rotors <= CA_N)) {
+        PyErr_Format(PyExc_ValueError, "expected 1 to %d rotors", CA_N);
+        return -1;
+    }
+    self->model = model;
+    ca_detector_start(&self->detector, &self->model);
+    return 0;
+}
+
+#define METHOD(name, flags, text) {#name, (PyCFunction)(void (*)(void))name, flags, text}
+static PyMethodDef methods[] = {
+    METHOD(command, METH_FASTCALL, "command(time, speeds): see detector.h"),
+    METHOD(measure, METH_FASTCALL, "measure(time, speeds): return whether the health has changed"),
+    METHOD(observe, METH_FASTCALL,
+           "observe(time, attitude, velocity, angular_velocity): return whether the health has "
+           "changed"),
+    METHOD(announce, METH_O, "announce(health)"),
+    METHOD(reset, METH_NOARGS, "reset()"),
+    METHOD(health, METH_O, "health(array): write the health of the rotors"),
+    METHOD(certainty, METH_O, "certainty(array): write the certainty of each failure"),
+    METHOD(status, METH_NOARGS, "status(): return the suspect or -1, and whether it stands"),
+    METHOD(failures, METH_NOARGS, "failures(): return (since, evidence) of each rotor"),
+    {NULL, NULL, 0, NULL}};
+
+static PyTypeObject detector_type = {
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "ca_ros.kernel." NAME ".Detector",
+    .tp_doc = "Detector(model): the detector of rotor failures in C; the model holds the numbers of "
+              "FIELDS, one after the other.",
+    .tp_basicsize = sizeof(object),
+    .tp_flags = Py_TPFLAGS_DEFAULT,
+    .tp_new = PyType_GenericNew,
+    .tp_init = (initproc)(void (*)(void))initialise,
+    .tp_methods = methods,
+};
+
+static PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = NAME, .m_size = -1};
+
+PyMODINIT_FUNC INIT(void)
+{
+    PyObject *self, *fields;
+    if (PyType_Ready(&detector_type) < 0 || !(self = PyModule_Create(&module)))
+        return NULL;
+    fields = PyDict_New();
+    int done = fields != NULL;
+#define ADD(name, dimensions)                                                                     \
+    if (done) {                                                                                   \
+        PyObject *size = PyLong_FromSize_t(sizeof(((ca_detector_model *)0)->name) /               \
+                                           sizeof(ca_real));                                      \
+        done = size && PyDict_SetItemString(fields, #name, size) == 0;                            \
+        Py_XDECREF(size);                                                                         \
+    }
+    CA_DETECTOR_FIELDS(ADD)
+    Py_INCREF(&detector_type);
+    if (!done || PyModule_AddObject(self, "FIELDS", fields) < 0 ||
+        PyModule_AddObject(self, "Detector", (PyObject *)&detector_type) < 0 ||
+        PyModule_AddIntConstant(self, "N", CA_N) < 0) {
+        Py_DECREF(self);
+        return NULL;
+    }
+    return self;
+}
