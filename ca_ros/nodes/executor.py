@@ -97,6 +97,9 @@ class Executor(executors.Executor):
         else:
             self.spin_once(timeout_sec)
 
+    # The name that rclpy calls since Kilted.
+    _spin_once_until_future_complete = spin_once_until_future_complete
+
     def spin_streams(self) -> None:
         """Serve only subscriptions and timers; the callback of a service may call this."""
         self._turn(None, everything=False)
