@@ -51,7 +51,7 @@ workers = $(shell expr 2 '*' $$(nproc))
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600
 
-.PHONY: help demo test test-all test-numpy soak benchmark readme docs venv clean
+.PHONY: explorer help demo test test-all test-numpy soak benchmark readme docs venv clean
 
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
@@ -61,6 +61,7 @@ help:
 	@echo 'make benchmark  time everything beside other solvers, for minutes; results in benchmarks'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
+	@echo 'make explorer   build the page of python -m ca_ros explore; needs npm, clang and lld'
 	@echo 'make docs       the pages and the API reference as HTML, in out/docs'
 	@echo 'make venv       only set up .venv, with the rclpy of ROS 2 Jazzy'
 	@echo 'make clean      remove .venv, out and all that builds and tests leave'
@@ -76,7 +77,10 @@ test: .venv/.test
 
 test-all: export CA_ROS_LONG = 1
 test-all: coverage = --cov ca_ros --cov-report term:skip-covered
-test-all: test
+test-all: $(if $(and $(shell command -v npm),$(shell command -v clang)),explorer .venv/.browser) test
+
+.venv/.browser: .venv/.test
+	$(or $(uv),.venv/bin/uv) pip install -q --python .venv/bin/python -e '.[browser]' && touch $@
 
 # What depends on the engine of `exact`, with the one that needs no compiler.
 test-numpy: .venv/.test
@@ -104,6 +108,14 @@ readme: demo
 	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \
 	    --animate --out out/animation
 	cp out/animation/animation.gif docs
+
+explorer: ca_ros/explorer.html
+
+ca_ros/explorer.html: $(wildcard explorer/*.* explorer/src/* ca_ros/kernel/*.[ch] config/*.yaml)
+	@for tool in npm clang wasm-ld; do command -v $$tool >/dev/null || \
+	    { echo "make explorer needs $$tool: apt install npm clang lld"; exit 1; }; done
+	npm ci --silent --prefix explorer
+	npm run --silent --prefix explorer build
 
 docs: .venv/.docs
 	rm -rf out/docs out/docs-source

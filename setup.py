@@ -105,7 +105,7 @@ setup(
     py_modules=['ca_ros_commands', 'pytest_ca_ros'],
     package_data={
         package: [
-            'py.typed', 'evaluation/templates/*',
+            'explorer.html', 'py.typed', 'evaluation/templates/*',
             'firmware/templates/*', 'kernel/*.[ch]',
         ],
     },
@@ -151,6 +151,8 @@ setup(
         'mujoco': mujoco,
         # The solvers of others in `make benchmark`; all have wheels for CPython 3.10 to 3.14.
         'peers': [*peers, *studies],
+        # Tests of the explorer, with the Chromium of the system.
+        'browser': ['playwright>=1.40'],
         # For `make docs`.
         'docs': ['sphinx>=7.2', 'myst-parser>=3.0', 'numpydoc>=1.7'],
         # Here and not in tests_require, with which colcon would run no test at all. The checkers

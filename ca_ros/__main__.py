@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from signal import SIG_DFL, SIGPIPE, signal
 
+from ca_ros import explore
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
 from ca_ros.evaluation import fit_thrust
@@ -32,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
     )
     commands = parser.add_subparsers(title='commands', metavar='COMMAND')
-    for command in (audit_command, fit_thrust):
+    for command in (audit_command, explore, fit_thrust):
         command.add_parser(commands)
     options = parser.parse_args(argv)
     if 'run' in options:

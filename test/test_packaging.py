@@ -27,7 +27,7 @@ PLACES = {key: value for key, value in os.environ.items() if key == 'PYTHONPATH'
 
 LEFT_BY_TOOLS = (
     '.git', '.venv', '.hypothesis', '.*_cache', '__pycache__', '*.egg-info', 'build', 'dist',
-    'install', 'log', 'out', '*.so')
+    'install', 'node_modules', 'log', 'out', '*.so')
 
 
 @pytest.fixture(scope='module')
@@ -79,7 +79,7 @@ def test_the_source_distribution_has_every_source(tree, sdist):
     assert files(tree) - files(sdist) == set()
     made = {name for name in files(sdist) - files(tree) if 'egg-info' not in name}
     assert made == {'PKG-INFO'}
-    assert {'LICENSE', 'package.xml', 'ca_ros/py.typed', 'resource/ca_ros', 'test/load.py'} <= (
+    assert {'LICENSE', 'package.xml', 'ca_ros/py.typed', 'resource/ca_ros', 'test/nodes.py'} <= (
         files(sdist))
 
 
@@ -94,6 +94,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     assert len(library) > 4
     assert modules | library | {
         'ca_ros/py.typed', 'ca_ros/evaluation/templates/static.md'} <= set(names)
+    assert ('ca_ros/explorer.html' in names) == (ROOT / 'ca_ros/explorer.html').is_file()
     extensions = {'_detector', '_detector_single', '_double', '_double_4', '_single'}
     assert extensions <= {Path(name).name.partition('.')[0] for name in names}
     [data] = {name.split('/')[0] for name in names if '.data/' in name}

@@ -1,0 +1,60 @@
+"""``python -m ca_ros explore``: the explorer, one page for a browser, with the kernel in it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.files import find
+from ca_ros.vehicle.vehicle import Vehicle
+
+PAGE = Path(__file__).with_name('explorer.html')
+"""The page, which ``make explorer`` builds."""
+
+NO_VEHICLE = '<script type="application/json" id="start">{}</script>'
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to those of ``python -m ca_ros``."""
+    about = 'write the explorer, a page for a browser: drag the demand, fail rotors'
+    parser = commands.add_parser('explore', help=about, description=f'{about.capitalize()}.')
+    add = parser.add_argument
+    add('vehicle', nargs='?', help='a shipped vehicle or a parameter file; default: hexarotor')
+    add('--out', default='explorer.html', metavar='PAGE', help='default: %(default)s')
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the page; return the exit code."""
+    try:
+        Path(options.out).write_text(page(options.vehicle), encoding='utf-8')
+    except (OSError, ParameterError) as error:
+        print(f'ca_ros explore: {error}', file=sys.stderr)
+        return 1
+    print(f'Written: {options.out}. Open it in a browser; it needs no network.')
+    return 0
+
+
+def page(vehicle: str | None = None) -> str:
+    """Return the page, which begins with a vehicle.
+
+    Raises
+    ------
+    ParameterError
+        If the page was not built, or the vehicle's file is wrong.
+    """
+    if not PAGE.is_file():
+        raise ParameterError(
+            'this installation has no page: run `make explorer` in a clone of the repository '
+            '(it needs npm, clang and lld)'
+        )
+    text = PAGE.read_text(encoding='utf-8')
+    if vehicle is None:
+        return text
+    Vehicle.load(vehicle)
+    file = find(vehicle)
+    start = json.dumps({file.stem: file.read_text(encoding='utf-8')}).replace('</', '<\\/')
+    return text.replace(NO_VEHICLE, NO_VEHICLE.replace('{}', start))

@@ -1,0 +1,443 @@
+/* The kernel for the page: one vehicle, its attainable set, and other methods beside `exact`.
+ *
+ * The page writes the variables marked IN, calls a function, and reads those marked OUT. Rows are
+ * axes in the order of the vehicle, columns rotors. After a failure, axes that the rotors cannot
+ * control independently are left out, as `ca_ros.problem.audit` does.
+ */
+#include "exact.c" /* for normal_of */
+
+#define SHARED __attribute__((visibility("default")))
+#define IN SHARED
+#define OUT SHARED
+#define FACETS 8192
+#define POINTS 65536
+#define CORNERS 128 /* of one polygon */
+#define INDEPENDENCE_MIN 0.05
+#define THRUST 2 /* in the order force_x, force_y, thrust, roll, pitch, yaw */
+
+enum method { EXACT, CLIPPED, COMPUTED_ONCE, DESATURATED };
+
+IN int rotors, axes, axis[CA_M]; /* `axis` has the place in the order above */
+IN ca_real gamma[CA_M][CA_N];
+IN ca_real lower[CA_N], upper[CA_N], weight[CA_N], preferred[CA_N];
+IN ca_real forward[CA_N], reverse[CA_N], speed_min[CA_N], speed_max[CA_N];
+IN ca_real reference[CA_M], slack;
+IN int policy, order[CA_M], group[CA_M], deviation; /* deviation: 0 prevent, 1 avoid, 2 allow */
+IN ca_real demand[CA_M], base[CA_M];
+
+OUT int kept[CA_M];                            /* whether the axis is controlled */
+OUT ca_real center[CA_M], extent[CA_M];        /* of the attainable set [N, N m] */
+OUT int facets;                                /* pairs of parallel facets; -1: too many */
+OUT ca_real thrusts[CA_N], speeds[CA_N], wrench[CA_M], level, margin;
+OUT int status, saturation[CA_N], limit[CA_N]; /* `limit`: rotors at the nearest facet */
+OUT ca_real points[POINTS][3];                 /* corners of polygons, in units of `extent` */
+OUT int corners[FACETS * 2];
+
+static ca_problem problem, mixer, once;
+static int rows, row_of[CA_M]; /* axes that are controlled */
+static ca_real normal[FACETS][CA_M], width[FACETS];
+
+/* The distance of the row of an axis from the span of the others, all of length 1. */
+static ca_real independence(int count, const int *chosen, int which)
+{
+    ca_real basis[CA_M][CA_N];
+    for (int k = 0; k < count; k++) {
+        /* The row in question comes last. */
+        const int row = chosen[k == count - 1 ? which : k < which ? k : k + 1];
+        for (int i = 0; i < rotors; i++)
+            basis[k][i] = gamma[row][i] * (upper[i] - lower[i]);
+        const ca_real whole = ca_length(rotors, basis[k]);
+        for (int turn = 0; turn < 2; turn++)
+            for (int j = 0; j < k; j++) {
+                const ca_real share = ca_dot(rotors, basis[j], basis[k]);
+                for (int i = 0; i < rotors; i++)
+                    basis[k][i] -= share * basis[j][i];
+            }
+        const ca_real rest = ca_length(rotors, basis[k]);
+        if (k == count - 1)
+            return whole > 0 ? rest / whole : 0;
+        const ca_real scale = rest > 1e-12 * whole ? 1 / rest : 0;
+        for (int i = 0; i < rotors; i++)
+            basis[k][i] *= scale;
+    }
+    return 0;
+}
+
+static int independent(int without)
+{
+    int chosen[CA_M], count = 0;
+    for (int k = 0; k < axes; k++)
+        if (kept[k] && k != without)
+            chosen[count++] = k;
+    for (int k = 0; k < count; k++)
+        if (!(independence(count, chosen, k) >= INDEPENDENCE_MIN))
+            return 0;
+    return 1;
+}
+
+/* Give axes up until the others are independent; an axis whose loss suffices is preferred. */
+static void audit(void)
+{
+    static const int expendable[] = {1, 0, 5, 4, 3};
+    for (int k = 0; k < axes; k++)
+        kept[k] = 1;
+    while (!independent(-1)) {
+        int first = -1, enough = -1;
+        for (int e = 0; e < 5; e++)
+            for (int k = 0; k < axes; k++)
+                if (kept[k] && axis[k] == expendable[e]) {
+                    first = first < 0 ? k : first;
+                    enough = enough < 0 && independent(k) ? k : enough;
+                }
+        if (first < 0)
+            return;
+        kept[enough < 0 ? first : enough] = 0;
+    }
+}
+
+static void find_facets(void)
+{
+    const int n = problem.n, m = problem.m, size = m - 1;
+    int choice[CA_M];
+    facets = 0;
+    for (int r = 0; r < size; r++)
+        choice[r] = r;
+    for (;;) {
+        ca_real *found = normal[facets];
+        if (normal_of(&problem, choice, found)) {
+            int known = 0;
+            for (int f = 0; f < facets && !known; f++) {
+                ca_real same = 0, other = 0;
+                for (int k = 0; k < m; k++) {
+                    same = ca_max(same, ca_abs(found[k] - normal[f][k]));
+                    other = ca_max(other, ca_abs(found[k] + normal[f][k]));
+                }
+                known = ca_min(same, other) < 1e-9;
+            }
+            width[facets] = 0;
+            for (int i = 0; i < n; i++) {
+                ca_real side = 0;
+                for (int k = 0; k < m; k++)
+                    side += found[k] * problem.gamma[k][i];
+                width[facets] += ca_abs(side) * problem.half_range[i];
+            }
+            facets += !known;
+        }
+        int r = size - 1;
+        while (r >= 0 && choice[r] == n - size + r)
+            r--;
+        if (r < 0)
+            return;
+        if (facets == FACETS) {
+            facets = -1;
+            return;
+        }
+        choice[r]++;
+        for (int i = r + 1; i < size; i++)
+            choice[i] = choice[i - 1] + 1;
+    }
+}
+
+/* The distance of a wrench from the nearest facet, and the rotors at their bounds there. */
+static void find_margin(const ca_real *u)
+{
+    int nearest = 0;
+    ca_real side = 1;
+    margin = CA_INFINITY;
+    for (int f = 0; f < facets; f++) {
+        ca_real height = 0;
+        for (int k = 0; k < rows; k++)
+            height += normal[f][k] * (u[k] - problem.center[k]);
+        if (width[f] - ca_abs(height) < margin) {
+            margin = width[f] - ca_abs(height);
+            nearest = f;
+            side = height < 0 ? -1 : 1;
+        }
+    }
+    for (int i = 0; i < rotors; i++) {
+        ca_real sum = 0, size = 0;
+        for (int k = 0; k < rows; k++) {
+            sum += side * normal[nearest][k] * problem.gamma[k][i];
+            size += ca_abs(normal[nearest][k] * problem.gamma[k][i]);
+        }
+        limit[i] = facets <= 0 || problem.half_range[i] <= 0 || ca_abs(sum) <= 1e-10 * size ? 0
+                   : sum > 0                                                               ? 1
+                                                                                           : -1;
+    }
+}
+
+static int set_up(ca_problem *made, const ca_real *least, const ca_real *most, int columns,
+                  const ca_options *options)
+{
+    ca_real matrix[CA_M * CA_N];
+    for (int k = 0; k < rows; k++)
+        for (int i = 0; i < rotors; i++)
+            matrix[k * rotors + i] = columns || most[i] > least[i] ? gamma[row_of[k]][i] : 0;
+    return ca_set_up(made, rotors, rows, matrix, least, most, options);
+}
+
+/* Prepare the vehicle; returns an enum ca_fault. */
+SHARED int prepare_vehicle(void)
+{
+    ca_options options = {.policy = CA_REJECTED, .slack = slack};
+    audit();
+    rows = 0;
+    for (int k = 0; k < axes; k++)
+        if (kept[k])
+            row_of[rows++] = k;
+    for (int k = 0; k < rows; k++) {
+        options.order[k] = k;
+        options.reference[k] = reference[row_of[k]];
+    }
+    if (set_up(&mixer, lower, upper, 0, &options))
+        return CA_NO_VOLUME;
+    set_up(&once, lower, upper, 1, &options);
+    problem = mixer;
+    find_facets();
+    for (int k = 0; k < rows; k++) {
+        center[row_of[k]] = problem.center[k];
+        extent[row_of[k]] = problem.extent[k];
+    }
+    options.policy = policy;
+    for (int i = 0; i < rotors; i++) {
+        options.weight[i] = weight[i];
+        options.preferred[i] = preferred[i];
+        if (weight[i] < 1 || weight[i] > 1 || preferred[i] < 0 || preferred[i] > 0)
+            options.weighted = 1;
+    }
+    if (policy == CA_PRIORITIZED) {
+        int count = 0, last = -1, number = -1;
+        for (int k = 0; k < axes; k++) {
+            if (!kept[order[k]])
+                continue;
+            number += group[k] != last;
+            last = group[k];
+            int row = 0;
+            while (row_of[row] != order[k])
+                row++;
+            options.order[count] = row;
+            options.group[count++] = number;
+            options.keep_sense[row] =
+                number > 0 && (deviation == 1 || (deviation == 0 && axis[order[k]] != THRUST));
+        }
+    } else {
+        options.on_reference = 1;
+        find_margin(options.reference);
+        if (!(margin > 1e-12))
+            for (int k = 0; k < rows; k++)
+                options.reference[k] = problem.center[k];
+    }
+    return set_up(&problem, lower, upper, 1, &options);
+}
+
+/* Column of the pseudo-inverse for a row, without rotors that cannot change their thrust. */
+static void column_of(const ca_problem *p, int row, ca_real *column)
+{
+    for (int i = 0; i < rotors; i++) {
+        column[i] = 0;
+        for (int j = row; j < rows; j++)
+            column[i] += p->basis[i][j] * p->coordinates[j][row];
+    }
+}
+
+static void pseudo_inverse(const ca_problem *p, const ca_real *u, ca_real *f)
+{
+    ca_real column[CA_N];
+    for (int i = 0; i < rotors; i++)
+        f[i] = 0;
+    for (int k = 0; k < rows; k++) {
+        column_of(p, k, column);
+        for (int i = 0; i < rotors; i++)
+            f[i] += column[i] * u[k];
+    }
+}
+
+/* Move thrusts along a column, twice, the second time half as far, so that the greatest
+ * saturations of both signs balance; see ca_ros.allocation.sequential_desaturation. */
+static void along(int which, int raised, ca_real room, ca_real *f)
+{
+    ca_real column[CA_N], sum = 0, square = 0, peak = 0;
+    int row = -1, count = 0, pair[2] = {-1, -1};
+    for (int k = 0; k < rows; k++) {
+        row = axis[row_of[k]] == which ? k : row;
+        if (axis[row_of[k]] == 3 || axis[row_of[k]] == 4)
+            pair[axis[row_of[k]] - 3] = k;
+    }
+    if (row < 0)
+        return;
+    for (int p = 0; p < 2; p++) /* roll and pitch have one scale */
+        if ((which == 3 || which == 4) && pair[p] >= 0) {
+            ca_real total = 0;
+            int entries = 0;
+            column_of(&mixer, pair[p], column);
+            for (int i = 0; i < rotors; i++) {
+                total += column[i] * column[i];
+                entries += ca_abs(column[i]) > 0;
+            }
+            square = ca_max(square, ca_sqrt(2 * total / (entries ? entries : 1)));
+        }
+    column_of(&mixer, row, column);
+    for (int i = 0; i < rotors; i++) {
+        sum += ca_abs(column[i]);
+        peak = ca_max(peak, ca_abs(column[i]));
+        count += ca_abs(column[i]) > 0;
+    }
+    const ca_real scale = which == THRUST ? sum / (count ? count : 1) : which == 5 ? peak : square;
+    for (int turn = 0; turn < 2; turn++) {
+        ca_real least = 0, most = 0;
+        for (int i = 0; i < rotors; i++)
+            if (ca_abs(column[i]) >= 0.2 * scale && ca_abs(column[i]) > 0) {
+                const ca_real top = upper[i] + room * (upper[i] - lower[i]);
+                const ca_real step = (ca_clip(f[i], lower[i], top) - f[i]) / column[i];
+                least = ca_min(least, step);
+                most = ca_max(most, step);
+            }
+        const ca_real gain = (turn ? 0.5 : 1) * (least + most);
+        if (!turn && !raised && gain > 0)
+            return;
+        for (int i = 0; i < rotors; i++)
+            f[i] += gain * column[i];
+    }
+}
+
+static void desaturate(const ca_real *u, ca_real *f)
+{
+    ca_real mixed[CA_M], twist[CA_M] = {0}, column[CA_N];
+    for (int k = 0; k < rows; k++) {
+        const int yaw = axis[row_of[k]] == 5;
+        mixed[k] = yaw ? 0 : u[k];
+        twist[k] = yaw ? u[k] : 0;
+    }
+    pseudo_inverse(&mixer, mixed, f);
+    along(THRUST, 0, 0, f);
+    along(3, 1, 0, f);
+    along(4, 1, 0, f);
+    pseudo_inverse(&mixer, twist, column);
+    for (int i = 0; i < rotors; i++)
+        f[i] += column[i];
+    along(5, 1, 0.15, f);
+    along(THRUST, 0, 0, f);
+}
+
+/* Allocate the demand with a method; sets all results but the polygons. */
+SHARED void allocate(int method)
+{
+    ca_real u[CA_M];
+    for (int k = 0; k < rows; k++)
+        u[k] = demand[row_of[k]];
+    find_margin(u);
+    level = 1;
+    if (method == EXACT) {
+        const ca_answer answer = ca_allocate(&problem, u, thrusts);
+        status = answer.status;
+        level = answer.level;
+    } else if (method == DESATURATED)
+        desaturate(u, thrusts);
+    else
+        pseudo_inverse(method == CLIPPED ? &mixer : &once, u, thrusts);
+    for (int i = 0; i < rotors; i++) {
+        thrusts[i] = ca_clip(thrusts[i], lower[i], upper[i]);
+        const ca_real below = 1e-12 * ca_max(1, ca_abs(lower[i]));
+        const ca_real above = 1e-12 * ca_max(1, ca_abs(upper[i]));
+        saturation[i] = thrusts[i] <= lower[i] + below ? -1 : thrusts[i] >= upper[i] - above;
+    }
+    ca_real missed = 0;
+    for (int k = 0; k < axes; k++) {
+        wrench[k] = ca_dot(rotors, gamma[k], thrusts);
+        missed += kept[k] ? (demand[k] - wrench[k]) * (demand[k] - wrench[k]) : 0;
+    }
+    if (method != EXACT)
+        status = ca_sqrt(missed) <= 1e-9 * ca_max(1, ca_length(rows, u)) ? CA_EXACT : CA_INEXACT;
+    ca_speeds(rotors, thrusts, forward, reverse, speed_min, speed_max, speeds);
+}
+
+/* Cut a polygon by a plane: keep what satisfies g x <= h. Returns the number of corners. */
+static int cut(int count, ca_real polygon[CORNERS][3], const ca_real *g)
+{
+    static ca_real kept_part[CORNERS][3];
+    int left = 0;
+    for (int i = 0; i < count && left < CORNERS - 1; i++) {
+        const ca_real *from = polygon[i], *to = polygon[(i + 1) % count];
+        const ca_real a = ca_dot(3, g, from) - g[3], b = ca_dot(3, g, to) - g[3];
+        if (a <= 0)
+            ca_copy(3, from, kept_part[left++]);
+        if ((a < 0 && b > 0) || (a > 0 && b < 0)) {
+            for (int k = 0; k < 3; k++)
+                kept_part[left][k] = from[k] + a / (a - b) * (to[k] - from[k]);
+            left++;
+        }
+    }
+    for (int i = 0; i < left; i++)
+        ca_copy(3, kept_part[i], polygon[i]);
+    return left;
+}
+
+/* The attainable wrenches whose other axes are those of `base`: polygons over rows a, b and c, or
+ * one polygon over a and b if c is -1. Returns their number; -1 if there are too many facets. */
+SHARED int section(int a, int b, int c)
+{
+    static ca_real planes[2 * FACETS][4], polygon[CORNERS][3];
+    const int shown[3] = {a, b, c};
+    int count = 0, polygons = 0, used = 0;
+    if (facets < 0)
+        return -1;
+    for (int f = 0; f < 2 * facets; f++) {
+        const ca_real side = f % 2 ? -1 : 1, *facet = normal[f / 2];
+        ca_real *plane = planes[count], most = width[f / 2];
+        plane[0] = plane[1] = plane[2] = 0;
+        for (int k = 0; k < rows; k++) {
+            int place = -1;
+            for (int s = 0; s < 3; s++)
+                place = shown[s] == row_of[k] ? s : place;
+            if (place >= 0)
+                plane[place] = side * facet[k] * problem.extent[k];
+            else
+                most -= side * facet[k] * (base[row_of[k]] - problem.center[k]);
+        }
+        const ca_real length = ca_length(3, plane);
+        if (length <= 1e-12 * width[f / 2]) {
+            if (most < -1e-9 * width[f / 2])
+                return 0;
+            continue;
+        }
+        for (int k = 0; k < 3; k++)
+            plane[k] /= length;
+        plane[3] = most / length;
+        int known = 0;
+        for (int j = 0; j < count && !known; j++)
+            known = ca_abs(plane[0] - planes[j][0]) + ca_abs(plane[1] - planes[j][1]) +
+                        ca_abs(plane[2] - planes[j][2]) + ca_abs(plane[3] - planes[j][3]) < 1e-9;
+        count += !known;
+    }
+    for (int f = 0; f < (c < 0 ? 1 : count); f++) {
+        const ca_real flat[4] = {0, 0, 1, 0}, *plane = c < 0 ? flat : planes[f];
+        ca_real side[3], up[3];
+        int least = 0;
+        for (int k = 1; k < 3; k++)
+            least = ca_abs(plane[k]) < ca_abs(plane[least]) ? k : least;
+        for (int k = 0; k < 3; k++)
+            side[k] = (k == least) - plane[least] * plane[k];
+        const ca_real length = ca_length(3, side);
+        for (int k = 0; k < 3; k++)
+            side[k] /= length;
+        for (int k = 0; k < 3; k++)
+            up[k] = plane[(k + 1) % 3] * side[(k + 2) % 3] - plane[(k + 2) % 3] * side[(k + 1) % 3];
+        for (int i = 0; i < 4; i++)
+            for (int k = 0; k < 3; k++)
+                polygon[i][k] = plane[k] * plane[3] + 4 * ((i == 0 || i == 3 ? 1 : -1) * side[k] +
+                                                           (i < 2 ? 1 : -1) * up[k]);
+        int size = 4;
+        for (int j = 0; j < count && size > 0; j++)
+            if (c < 0 || j != f)
+                size = cut(size, polygon, planes[j]);
+        if (size < 3)
+            continue;
+        if (used + size > POINTS)
+            return -1;
+        for (int i = 0; i < size; i++)
+            ca_copy(3, polygon[i], points[used + i]);
+        used += size;
+        corners[polygons++] = size;
+    }
+    return polygons;
+}

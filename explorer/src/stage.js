@@ -1,0 +1,115 @@
+// A picture in three dimensions with labels; it is drawn when something has changed.
+import {BufferGeometry, Color, CylinderGeometry, DirectionalLight, DoubleSide, Float32BufferAttribute, Group, HemisphereLight,
+  Mesh, MeshLambertMaterial, PerspectiveCamera, Plane, Raycaster, Scene, Vector2, Vector3, WebGLRenderer} from 'three';
+import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
+import {LineMaterial} from 'three/examples/jsm/lines/LineMaterial.js';
+import {LineSegments2} from 'three/examples/jsm/lines/LineSegments2.js';
+import {LineSegmentsGeometry} from 'three/examples/jsm/lines/LineSegmentsGeometry.js';
+
+export const vector = (list) => new Vector3(...list);
+export const color = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
+
+export class Stage {
+  constructor(element, eye) {
+    Object.assign(this, {element, labels: [], scene: new Scene(), content: new Group(), camera: new PerspectiveCamera(30, 1, 0.1, 50)});
+    const light = new DirectionalLight(0xffffff, 2);
+    light.position.set(2, -3, 5);
+    this.scene.add(new HemisphereLight(0xffffff, 0x8899aa, 2), light, this.content);
+    this.camera.up.set(0, 0, 1);
+    this.camera.position.set(...eye);
+    this.camera.lookAt(0, 0, 0);
+    try {
+      this.renderer = new WebGLRenderer({antialias: true, alpha: true});
+    } catch {
+      element.textContent = 'This browser has no WebGL, so there is no picture here.';
+      return;
+    }
+    element.append(this.renderer.domElement);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.enablePan = this.controls.enableZoom = false;
+    this.controls.addEventListener('change', () => this.draw());
+    new ResizeObserver(() => {
+      const {clientWidth: w, clientHeight: h} = element;
+      this.renderer.setPixelRatio(devicePixelRatio);
+      this.renderer.setSize(w, h);
+      this.camera.aspect = w / h;
+      this.camera.zoom = Math.min(1, w / h);
+      this.camera.updateProjectionMatrix();
+      this.draw();
+    }).observe(element);
+  }
+
+  /** Remove everything that `add` and `label` have put here. */
+  clear() {
+    this.content.traverse((thing) => (thing.geometry?.dispose(), thing.material?.dispose()));
+    this.content.clear();
+    this.labels.splice(0).forEach(({span}) => span.remove());
+  }
+
+  add(geometry, name, opacity = 1, more = {}) {
+    const material = new MeshLambertMaterial({color: new Color(color(name)), side: DoubleSide, transparent: opacity < 1, opacity,
+      depthWrite: opacity === 1, ...more});
+    const mesh = new Mesh(geometry, material);
+    this.content.add(mesh);
+    return mesh;
+  }
+
+  /** Add segments, a flat list of their ends. */
+  lines(ends, name, width, more = {}) {
+    const geometry = new LineSegmentsGeometry().setPositions(ends.flat());
+    const line = new LineSegments2(geometry, new LineMaterial({color: new Color(color(name)), linewidth: width, ...more}));
+    line.computeLineDistances();
+    this.content.add(line);
+  }
+
+  polygons(polygons, name, opacity) {
+    const triangles = polygons.flatMap((corners) => corners.slice(2).flatMap((_, i) => [corners[0], corners[i + 1], corners[i + 2]]));
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new Float32BufferAttribute(triangles.flat(), 3));
+    geometry.computeVertexNormals();
+    this.add(geometry, name, opacity);
+  }
+
+  /** Add a rod from one point to another. */
+  rod(from, to, radius, name, top = radius, opacity = 1) {
+    const way = to.clone().sub(from), mesh = this.add(new CylinderGeometry(top, radius, way.length(), 24), name, opacity);
+    mesh.position.copy(from).addScaledVector(way, 0.5);
+    mesh.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), way.normalize());
+    return mesh;
+  }
+
+  label(text, at, kind) {
+    const span = Object.assign(document.createElement('span'), {textContent: text, className: kind});
+    this.element.append(span);
+    this.labels.push({span, at});
+  }
+
+  /** Return where a point is on the element [pixels]. */
+  project(at) {
+    const {x, y} = at.clone().project(this.camera), {clientWidth: w, clientHeight: h} = this.element;
+    return new Vector2((x + 1) / 2 * w, (1 - y) / 2 * h);
+  }
+
+  ray({clientX, clientY}) {
+    const {left, top, width, height} = this.element.getBoundingClientRect(), ray = new Raycaster();
+    ray.setFromCamera(new Vector2((clientX - left) / width * 2 - 1, 1 - (clientY - top) / height * 2), this.camera);
+    return ray;
+  }
+
+  /** Return where the pointer is in the plane through a point that faces the camera, or is given by its normal. */
+  under(event, point, normal = this.camera.getWorldDirection(new Vector3())) {
+    return this.ray(event).ray.intersectPlane(new Plane().setFromNormalAndCoplanarPoint(normal, point), new Vector3());
+  }
+
+  draw() {
+    if (!this.renderer) return;
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = undefined;
+      this.renderer.render(this.scene, this.camera);
+      for (const {span, at} of this.labels) {
+        const {x, y} = this.project(at);
+        span.style.transform = `translate(${x}px, ${y}px) translate(-50%, -50%)`;
+      }
+    });
+  }
+}

@@ -1,0 +1,300 @@
+"""The page of the explorer in a real browser: its numbers have the bits of Python."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from ca_ros import AdmissibleSet, Exact, Vehicle, control_allocation_matrix, make_allocator
+from ca_ros.__main__ import main
+from ca_ros.evaluation.comparison import FixedPseudoInverse
+from ca_ros.explore import PAGE
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.failures import read_failures, with_failures
+from ca_ros.vehicle.files import config_directory
+from strategies import need_kernel
+
+need_kernel()
+sync_api = pytest.importorskip('playwright.sync_api', reason="needs the extra 'browser'")
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(CHROMIUM is None, reason='needs chromium: apt install chromium'),
+    pytest.mark.skipif(not PAGE.is_file(), reason='the page is not built: make explorer'),
+]
+VEHICLES = {file.stem: file.read_text() for file in config_directory().glob('*.yaml')}
+FLAGS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader']
+
+PREPARE = """([yaml, health, settings]) => {
+  const vehicle = explorer.readVehicle(yaml);
+  return explorer.kernel.prepare(vehicle, health ?? vehicle.health, {...vehicle, ...settings});
+}"""
+ALLOCATE = """([yaml, health, settings, wrenches, method]) => {
+  const vehicle = explorer.readVehicle(yaml);
+  explorer.kernel.prepare(vehicle, health ?? vehicle.health, {...vehicle, ...settings});
+  return wrenches.map((u) => explorer.kernel.allocate(vehicle, u, method));
+}"""
+
+
+@pytest.fixture(scope='module')
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope='module')
+def opened(browser):
+    """Return the page, opened from its file, with what it asked of the network and its errors."""
+    page = browser.new_page(viewport={'width': 1280, 'height': 800})
+    page.asked, page.errors = [], []
+    page.on('request', lambda request: page.asked.append(request.url))
+    page.on('pageerror', lambda error: page.errors.append(str(error)))
+    page.goto(PAGE.as_uri())
+    page.wait_for_function('window.explorer?.times.length')
+    return page
+
+
+@pytest.fixture
+def page(opened):
+    """Return the page as it begins; a test must leave no error in it."""
+    show(opened, 'hexarotor')
+    yield opened
+    assert opened.errors == []
+
+
+def show(page, vehicle, **state):
+    page.evaluate('([yaml, name, state]) => explorer.show(yaml, name, state)',
+                  [VEHICLES.get(vehicle, vehicle), vehicle if vehicle in VEHICLES else '', state])
+
+
+def demands(problem, size):
+    """Return wrenches up to twice as far from the middle of the set as its boundary."""
+    inside = AdmissibleSet(problem).sample(np.random.default_rng(3), size)
+    return problem.center + np.linspace(0.5, 2.0, size)[:, None] * (inside - problem.center)
+
+
+def test_the_page_is_one_file_without_network(page):
+    assert PAGE.stat().st_size < 1e6
+    assert [url for url in page.asked if not url.startswith(('file:', 'data:', 'blob:'))] == []
+
+
+@pytest.mark.parametrize(('name', 'settings'), [
+    ('hexarotor', {}),
+    ('x8', {'thrust_deviation': 'avoid'}),
+    ('hexarotor_tilted', {'policy': 'scale'}),
+    ('hexarotor', {'policy': 'reject'}),
+    ('hexarotor', {'order': ['thrust', 'roll pitch', 'yaw'], 'thrust_deviation': 'allow'}),
+])
+def test_thousand_allocations_have_the_bits_of_python(page, name, settings):
+    exact = Exact(Vehicle.load(name), **settings)
+    wrenches = demands(exact.problem, 1000)
+    words = {'policy': settings.get('policy', 'prioritize'),
+             'deviation': settings.get('thrust_deviation', 'prevent')}
+    if 'order' in settings:
+        words['order'] = [group.split() for group in settings['order']]
+    answers = page.evaluate(ALLOCATE, [VEHICLES[name], None, words, wrenches.tolist(), 'exact'])
+    expected = exact.allocate_batch(wrenches)
+    assert np.array_equal([a['thrusts'] for a in answers], expected.thrusts)
+    assert np.array_equal([a['speeds'] for a in answers], expected.speeds)
+    assert np.array_equal([a['saturation'] for a in answers], expected.saturation)
+    assert np.array_equal([a['level'] for a in answers], expected.level)
+    assert len({a['status'] for a in answers}) == 2
+    margins = AdmissibleSet(exact.problem).margin(wrenches)
+    np.testing.assert_allclose([a['margin'] for a in answers], margins, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(('name', 'failed'), [
+    ('hexarotor', '1'), ('quadrotor', '2'), ('x8', '1,2,3'), ('y6', '1=0.4'), ('rov', '5,6'),
+])
+def test_axes_are_lost_and_served_as_in_python(page, name, failed):
+    report = audit(with_failures(Vehicle.load(name), read_failures(failed)))
+    problem = report.independent
+    health = report.vehicle.health.tolist()
+    prepared = page.evaluate(PREPARE, [VEHICLES[name], health, {}])
+    assert tuple(prepared['kept']) == problem.axes
+    wrenches = demands(problem, 100)
+    full = np.zeros((100, len(report.full.axes)))
+    full[:, [report.full.axes.index(axis) for axis in problem.axes]] = wrenches
+    answers = page.evaluate(ALLOCATE, [VEHICLES[name], health, {}, full.tolist(), 'exact'])
+    expected = Exact(report.vehicle).allocate_batch(wrenches)
+    assert np.array_equal([a['thrusts'] for a in answers], expected.thrusts)
+
+
+@pytest.mark.parametrize('method', ['pseudo_inverse', 'fixed_pseudo_inverse'])
+def test_the_other_methods_are_those_of_python(page, method):
+    report = audit(with_failures(Vehicle.load('hexarotor'), {'3': 0.0}))
+    kind = FixedPseudoInverse if method.startswith('fixed') else None
+    other = kind(report.vehicle) if kind else make_allocator(method, report.vehicle)
+    wrenches = demands(report.full, 200)
+    answers = page.evaluate(ALLOCATE, [
+        VEHICLES['hexarotor'], report.vehicle.health.tolist(), {}, wrenches.tolist(), method])
+    np.testing.assert_allclose(
+        [a['thrusts'] for a in answers], other.allocate_batch(wrenches).thrusts, atol=1e-12)
+
+
+def random_vehicle(rng):
+    """Return the parameter file of a vehicle with random numbers."""
+    n = int(rng.integers(4, 13))
+    rotors = {
+        'spins': rng.choice(['cw', 'ccw'], n).tolist(),
+        'thrust_coefficient': rng.uniform(1e-5, 1e-4, n).tolist(),
+        'torque_coefficient': float(rng.uniform(1e-7, 1e-6)),
+        'speed_min': rng.uniform(-100.0, 50.0, n).tolist(),
+        'speed_max': rng.uniform(300.0, 500.0, n).tolist(),
+        'health': rng.uniform(0.3, 1.0, n).tolist(),
+    }
+    if rng.random() < 0.3:
+        rotors['ring'] = {'count': n, 'radius': float(rng.uniform(0.2, 0.5)),
+                          'first_angle': float(rng.choice([0.0, 30.0, 45.0, 22.5]))}
+    else:
+        rotors['positions'] = rng.normal(0.0, 0.3, 3 * n).tolist()
+    if rng.random() < 0.5:
+        rotors['axes'] = (rng.normal(0.0, 0.2, (n, 3)) + [0.0, 0.0, 1.0]).ravel().tolist()
+        rotors['thrust_coefficient_reverse'] = float(rng.uniform(1e-5, 1e-4))
+    body = {'name': 'random', 'mass': 1.5, 'center_of_mass': rng.normal(0.0, 0.02, 3).tolist()}
+    return yaml.safe_dump({'/**': {'ros__parameters': {'vehicle': body, 'rotors': rotors}}})
+
+
+def test_matrices_and_bounds_have_the_bits_of_python(page, tmp_path):
+    rng = np.random.default_rng(5)
+    texts = [*VEHICLES.values(), *(random_vehicle(rng) for _ in range(100))]
+    found = page.evaluate("""(texts) => texts.map((text) => {
+      const vehicle = explorer.readVehicle(text);
+      return {...vehicle, ...explorer.bounds(vehicle, vehicle.health)};
+    })""", texts)
+    for text, got in zip(texts, found, strict=True):
+        (tmp_path / 'vehicle.yaml').write_text(text)
+        vehicle = Vehicle.load(tmp_path / 'vehicle.yaml')
+        assert got['axes'] == list(vehicle.axes)
+        assert np.array_equal(got['gamma'], control_allocation_matrix(vehicle)), text
+        assert np.array_equal(got['lower'], vehicle.thrust_min)
+        assert np.array_equal(got['upper'], vehicle.thrust_max)
+        assert np.array_equal(got['reference'][got['axes'].index('thrust')], vehicle.weight)
+
+
+@pytest.mark.parametrize('shown', [['roll', 'pitch', 'yaw'], ['thrust', 'yaw']])
+def test_the_attainable_set_is_that_of_python(page, shown):
+    show(page, 'hexarotor', demand=[14.0, 0.3, -0.2, 0.05], shown=shown)
+    admissible = AdmissibleSet(Vehicle.load('hexarotor'))
+    expected = admissible.section(shown, [14.0, 0.3, -0.2, 0.05]).vertices
+    rows = [admissible.problem.axes.index(axis) for axis in shown]
+    corners = np.array([corner for face in page.evaluate('explorer.sets[0]') for corner in face])
+    found = admissible.problem.center[rows] + admissible.problem.extent[rows] * (
+        corners[:, :len(shown)])
+    gaps = np.abs(found[:, None] - expected).max(axis=2)
+    assert gaps.min(axis=1).max() < 1e-9
+    assert gaps.min(axis=0).max() < 1e-9
+
+
+def centre(page, selector):
+    box = page.locator(selector).bounding_box()
+    return box['x'] + box['width'] / 2, box['y'] + box['height'] / 2
+
+
+def test_a_drag_moves_the_demand_and_fails_to_leave_the_set(page):
+    page.get_by_role('button', name='roll–pitch').click()
+    x, y = centre(page, '#set')
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 300, y, steps=10)
+    page.mouse.up()
+    assert page.locator('#status').inner_text() == 'PRIORITIZED'
+    roll = page.evaluate('explorer.state.demand[1]')
+    assert roll > 2.8
+    assert '2.74' in page.locator('#demand div:nth-child(2) output').inner_text()
+    page.locator('#set').focus()
+    page.keyboard.press('ArrowLeft')
+    assert page.evaluate('explorer.state.demand[1]') < roll
+
+
+def twelve():
+    """Return the parameter file of a vehicle with twelve rotors."""
+    rotors = {
+        'ring': {'count': 12, 'radius': 0.6}, 'spins': ['cw', 'ccw'] * 6,
+        'thrust_coefficient': 2.5e-5, 'torque_coefficient': 5e-7, 'speed_min': 40.0,
+        'speed_max': 400.0}
+    return json.dumps({'/**': {'ros__parameters': {'vehicle': {'mass': 2.0}, 'rotors': rotors}}})
+
+
+@pytest.mark.parametrize('vehicle', ['hexarotor', twelve()], ids=['hexarotor', 'twelve rotors'])
+def test_a_drag_is_answered_within_a_frame(page, vehicle):
+    show(page, vehicle)
+    times = page.evaluate("""() => {
+      const slider = document.querySelector('#demand input');
+      explorer.times.length = 0;
+      for (let i = 0; i < 60; i++) {
+        slider.value = Number(slider.min) + (slider.max - slider.min) * (i + 0.5) / 60;
+        slider.dispatchEvent(new Event('input'));
+      }
+      return explorer.times;
+    }""")
+    assert len(times) == 60
+    assert np.quantile(times, 0.9) < 16.0
+
+
+def test_a_click_on_a_rotor_fails_it_and_the_address_keeps_the_case(page, browser):
+    spot = page.evaluate("""() => {
+      const label = [...document.querySelectorAll('#body .rotor')].find((l) => l.textContent === '5');
+      const box = label.getBoundingClientRect();
+      return [box.x + box.width / 2, box.y + box.height / 2];
+    }""")
+    # The label is outside of the rotor, which is nearer to the middle.
+    middle = centre(page, '#body')
+    page.mouse.click(*(np.array(spot) * 0.75 + np.array(middle) * 0.25))
+    assert page.evaluate('explorer.state.health') == [1, 1, 1, 1, 0, 1]
+    assert 'Rotor 5 lost' in page.locator('#words').inner_text()
+    other = browser.new_page()
+    other.goto(page.url)
+    other.wait_for_function('window.explorer?.times.length')
+    assert other.evaluate('explorer.state') == page.evaluate('explorer.state')
+    assert other.locator('#words').inner_text() == page.locator('#words').inner_text()
+    other.close()
+
+
+DROP = """([text, name]) => {
+  const data = new DataTransfer();
+  data.items.add(new File([text], name));
+  window.dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true, cancelable: true}));
+}"""
+
+
+def test_a_dropped_file_is_shown_and_a_broken_one_refused_in_one_line(page):
+    page.evaluate(DROP, [twelve(), 'mine.yaml'])
+    page.wait_for_function('document.querySelectorAll("#rotors div").length === 12')
+    for text, fault in {
+        'vehicle: [': 'mine.yaml: not readable YAML',
+        'a: 1': 'mine.yaml: expected a ROS parameter file',
+        VEHICLES['hexarotor'].replace('[cw, ccw,', '[cw,'): 'rotors.spins: expected 6 words',
+        VEHICLES['hexarotor'].replace('40.0 ', '.nan '): 'rotors.speed_min: expected finite',
+    }.items():
+        page.evaluate(DROP, [text, 'mine.yaml'])
+        page.wait_for_function('document.querySelector("#fault").textContent')
+        said = page.locator('#fault').inner_text()
+        assert fault in said
+        assert '\n' not in said
+        assert page.locator('#rotors div').count() == 12
+        page.evaluate('document.querySelector("#fault").textContent = ""')
+
+
+@pytest.mark.parametrize('width', [1280, 390])
+def test_the_page_fits_its_width(page, width):
+    page.set_viewport_size({'width': width, 'height': 800})
+    assert page.evaluate('document.documentElement.scrollWidth') <= width
+    page.set_viewport_size({'width': 1280, 'height': 800})
+
+
+def test_the_command_writes_a_page_that_begins_with_the_vehicle(browser, tmp_path, capsys):
+    file, out = tmp_path / 'mine.yaml', tmp_path / 'page.html'
+    file.write_text(VEHICLES['y6'].replace('name: y6', 'name: mine </script>'))
+    assert main(['explore', str(file), '--out', str(out)]) == 0
+    page = browser.new_page()
+    page.goto(out.as_uri())
+    page.wait_for_function('window.explorer?.times.length')
+    assert page.evaluate('explorer.state.name') == 'mine'
+    page.close()
+    assert main(['explore', 'no such vehicle', '--out', str(out)]) == 1
+    assert capsys.readouterr().err.count('\n') == 1
