@@ -153,7 +153,7 @@ def random_vehicle(rng):
     else:
         rotors['positions'] = rng.normal(0.0, 0.3, 3 * n).tolist()
     if rng.random() < 0.5:
-        rotors['axes'] = (rng.normal(0.0, 0.2, (n, 3)) + [0.0, 0.0, 1.0]).ravel().tolist()
+        rotors['axes'] = rng.normal([0.0, 0.0, 1.0], 0.2, (n, 3)).ravel().tolist()
         rotors['thrust_coefficient_reverse'] = float(rng.uniform(1e-5, 1e-4))
     body = {'name': 'random', 'mass': 1.5, 'center_of_mass': rng.normal(0.0, 0.02, 3).tolist()}
     return yaml.safe_dump({'/**': {'ros__parameters': {'vehicle': body, 'rotors': rotors}}})
@@ -196,7 +196,7 @@ def centre(page, selector):
 
 
 def test_a_drag_moves_the_demand_and_fails_to_leave_the_set(page):
-    page.get_by_role('button', name='roll–pitch').click()
+    page.locator('#shown button[value="roll,pitch"]').click()
     x, y = centre(page, '#set')
     page.mouse.move(x, y)
     page.mouse.down()
@@ -238,8 +238,8 @@ def test_a_drag_is_answered_within_a_frame(page, vehicle):
 
 def test_a_click_on_a_rotor_fails_it_and_the_address_keeps_the_case(page, browser):
     spot = page.evaluate("""() => {
-      const label = [...document.querySelectorAll('#body .rotor')].find((l) => l.textContent === '5');
-      const box = label.getBoundingClientRect();
+      const labels = [...document.querySelectorAll('#body .rotor')];
+      const box = labels.find((label) => label.textContent === '5').getBoundingClientRect();
       return [box.x + box.width / 2, box.y + box.height / 2];
     }""")
     # The label is outside of the rotor, which is nearer to the middle.
@@ -258,7 +258,7 @@ def test_a_click_on_a_rotor_fails_it_and_the_address_keeps_the_case(page, browse
 DROP = """([text, name]) => {
   const data = new DataTransfer();
   data.items.add(new File([text], name));
-  window.dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true, cancelable: true}));
+  window.dispatchEvent(new DragEvent('drop', {dataTransfer: data, cancelable: true}));
 }"""
 
 
