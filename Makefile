@@ -86,7 +86,7 @@ test-all: $(if $(and $(shell command -v npm),$(shell command -v clang)),explorer
 test-numpy: .venv/.test
 	CA_ROS_KERNEL=numpy .venv/bin/python -m pytest --numprocesses auto -m 'not slow' \
 	    $(patsubst %,test/test_%.py,admissible_set allocators conventional exact preference \
-	    prioritize problem reversal slew)
+	    prioritize problem slew)
 
 benchmark: .venv/.benchmark
 	.venv/bin/python -m benchmarks --out benchmarks

@@ -277,6 +277,15 @@ def demands(draw, vehicle):
     return draw(st.sampled_from([1.0, 1.0, 1.5, 10.0, 1e6])) * (u + push)
 
 
+def around(problem, rng, size):
+    """Draw u (size, m) inside the set, on its boundary and up to three times as far outside."""
+    inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ problem.gamma.T
+    ways = inside - problem.center
+    ways *= np.array([problem.reach(problem.center, way) for way in ways])[:, None]
+    return (inside, problem.center + ways,
+            problem.center + rng.uniform(1.01, 3.0, (size, 1)) * ways)
+
+
 # Oracles
 
 def extreme(cost, matrix, right, low, high, method='highs'):

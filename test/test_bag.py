@@ -25,7 +25,7 @@ DecoderFactory = pytest.importorskip('mcap_ros2.decoder').DecoderFactory
 pytestmark = pytest.mark.slow
 
 LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'
-DURATION = 3.0
+DURATION = 1.5
 
 
 class Recording:

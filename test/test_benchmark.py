@@ -69,6 +69,7 @@ def test_a_peer_gives_the_exact_answer(name, vehicle):
         assert name == 'osqp' or not worst['norm_excess'] > 1e-6
 
 
+@pytest.mark.long
 def test_contenders_in_c_give_the_exact_answer():
     admissible, rng = AdmissibleSet(HEXAROTOR), np.random.default_rng(0)
     calls, absent, about = compiled(admissible.problem)
@@ -129,13 +130,6 @@ def test_a_ratio_is_that_of_neighbours_in_time():
     assert timing.ratio(rows, one, other._replace(contender='absent')) is None
 
 
-def test_who_is_too_slow_takes_part_in_some_repetitions_evenly_spread():
-    for count in range(1, 8):
-        part = [k for k in range(7) if timing.takes_part(k, count, 7)]
-        assert len(part) == count
-        assert np.ptp(np.diff([*part, 7])) <= 1
-
-
 def test_the_ring_of_six_is_the_hexarotor_and_all_rings_give_the_same_thrust():
     for vehicle, tilt in (('hexarotor', 0.0), ('hexarotor_tilted', np.radians(25.0))):
         gamma = AdmissibleSet(Vehicle.from_parameters(ring(6, tilt))).problem.gamma
@@ -163,6 +157,7 @@ def test_metrics_of_latency_by_hand():
         latency.metrics(block(np.full(3, np.nan)), 1.0)
 
 
+@pytest.mark.long
 def test_the_node_is_measured_beside_the_echo_node(graph, monkeypatch):
     monkeypatch.setattr(latency, 'RATES', (50.0,))
     rows = latency.measure_nodes('hexarotor', replace(TINY, blocks=(2, 0.2)))

@@ -27,7 +27,7 @@ from ca_ros.testing import DEADLINE
 from nodes import fly_offline
 from strategies import file_values
 
-DURATION = 3.0
+DURATION = 1.0
 METHODS = {'/uav1': 'exact', '/uav2': 'pseudo_inverse'}
 """The allocation method of each vehicle, by namespace."""
 

@@ -11,6 +11,7 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.testing import executable, wrench
+from strategies import length
 
 
 def pipe():
@@ -38,7 +39,7 @@ def commands(graph):
     return speeds, send
 
 
-@pytest.mark.parametrize('make', [pipe, terminal])
+@pytest.mark.parametrize('make', length([terminal], [pipe, terminal]))
 def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
     reader, console = make()
     os.set_blocking(console, False)
@@ -56,7 +57,7 @@ def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
     os.close(console)
 
 
-@pytest.mark.parametrize('closed', ['2>&-', '<&- >&- 2>&-'])
+@pytest.mark.parametrize('closed', length(['<&- >&- 2>&-'], ['2>&-', '<&- >&- 2>&-']))
 def test_an_allocator_answers_where_standard_streams_are_closed(graph, closed):
     code = f'exec "$0" --vehicle hexarotor {closed}'
     process = graph.start('/bin/sh', '-c', code, str(executable('allocator')))

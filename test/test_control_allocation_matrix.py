@@ -7,20 +7,7 @@ from hypothesis import given
 from ca_ros import control_allocation_matrix
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.settings import AXES
-from strategies import FLEET, HEXAROTOR, build, ring, vehicles
-
-THRUST, ROLL, PITCH, YAW = range(4)
-
-
-def test_quadrotor():
-    # r x e_3 = (y, -x, 0), and k = k_tau / k_f = 5e-7 / 2.5e-5 = 0.02 m.
-    quadrotor = build(
-        [[0.2, 0.3, 0.0], [-0.2, 0.3, 0.0], [-0.2, -0.3, 0.0], [0.2, -0.3, 0.0]], 'PNPN')
-    np.testing.assert_allclose(control_allocation_matrix(quadrotor), [
-        [1.0, 1.0, 1.0, 1.0],
-        [0.3, 0.3, -0.3, -0.3],
-        [-0.2, 0.2, 0.2, -0.2],
-        [0.02, -0.02, 0.02, -0.02]], rtol=1e-14)
+from strategies import FLEET, HEXAROTOR, build, vehicles
 
 
 def test_hexarotor_of_the_paper():
@@ -31,17 +18,6 @@ def test_hexarotor_of_the_paper():
         [0.0, s, s, 0.0, -s, -s],
         [-0.4, -0.2, 0.2, 0.4, 0.2, -0.2],
         [0.02, -0.02, 0.02, -0.02, 0.02, -0.02]], rtol=1e-14)
-
-
-def test_signs():
-    gamma = control_allocation_matrix(HEXAROTOR)
-    front, front_left, back, back_right = 0, 1, 3, 4
-    # Forward-left-up: a positive pitch puts the nose down, a positive roll the right side.
-    assert gamma[PITCH, front] < 0.0 < gamma[PITCH, back]
-    assert gamma[ROLL, front_left] > 0.0 > gamma[ROLL, back_right]
-    # Eq. (2): the body turns against its rotors, to the left if they turn clockwise.
-    assert HEXAROTOR.spins[front] > 0.0
-    assert gamma[YAW, front] > 0.0
 
 
 def test_tilted_axis():
@@ -58,21 +34,6 @@ def test_tilted_axis():
     # Rotor 2 at (0, 1, 0), upright, counter-clockwise.
     np.testing.assert_allclose(
         wrenches['P'][:, 1], [0.0, 0.0, 1.0, 1.0, 0.0, -0.1], atol=1e-15)
-
-
-def test_centre_of_mass_off_centre():
-    # 0.1 m ahead and 0.05 m to the right of the middle: arms (0.3, 0.05), (-0.1, 0.45) ...
-    vehicle = build(ring(4), 'PNPN', {'vehicle.center_of_mass': [0.1, -0.05, 0.7]})
-    gamma = control_allocation_matrix(vehicle)
-    np.testing.assert_allclose(gamma[ROLL], [0.05, 0.45, 0.05, -0.35], atol=1e-15)
-    np.testing.assert_allclose(gamma[PITCH], [-0.3, 0.1, 0.5, 0.1], atol=1e-15)
-
-
-def test_coefficients_of_each_rotor():
-    vehicle = build(ring(4), 'PNPN', thrust_coefficient=[1e-5, 2e-5, 4e-5, 5e-5],
-                    torque_coefficient=[2e-7, 2e-7, 2e-7, 1e-6])
-    np.testing.assert_allclose(
-        control_allocation_matrix(vehicle)[YAW], [0.02, -0.01, 0.005, -0.02])
 
 
 def test_health_weakens_bounds_but_not_the_effect_of_a_newton():

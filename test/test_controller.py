@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ca_ros import AdmissibleSet, ParameterError
+from ca_ros import AdmissibleSet
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import (
@@ -19,7 +19,6 @@ from ca_ros.flight.rigid_body import (
     heading,
     tilt,
 )
-from ca_ros.flight.settings import ControllerSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS, PrioritiesSettings
 from strategies import FLEET, HEXAROTOR, settings_of
@@ -221,34 +220,6 @@ def test_it_gives_way_by_the_reversal_of_the_user():
         PrioritiesSettings(thrust_deviation='never')
 
 
-def test_the_demand_is_what_rotors_with_wide_limits_give():
-    strong = replace(HEXAROTOR, speed_min=np.zeros(6), speed_max=np.full(6, 1e4),
-                     torque_coefficient=100.0 * HEXAROTOR.torque_coefficient)
-    state = REST, attitude(0.6, 0.5, 0.0), REST, np.array([0.0, 0.0, -6.0])
-    goal = Waypoint.of(2.0, -1.0, 3.0, 1.0)
-    demand = CONTROLLER.demand(*state, goal)
-    assert np.array_equal(demand, Controller(strong, SETTINGS.controller).wrench(*state, goal))
-    assert AdmissibleSet(HEXAROTOR).margin(demand) < 0.0
-    lost = Controller(HEXAROTOR.with_health(0.0), SETTINGS.controller)
-    assert np.array_equal(lost.demand(*state, goal), demand)
-    assert not lost.wrench(*state, goal).any()
-    with pytest.raises(ValueError, match='velocity'):
-        CONTROLLER.demand(REST, state[1], np.full(3, np.nan), REST, goal)
-
-
-def test_an_order_that_is_none_is_refused():
-    with pytest.raises(ParameterError, match=r'allocation\.exact\.order'):
-        Controller.from_settings(HEXAROTOR, settings_of({'allocation.exact.order': ['roll']}))
-    with pytest.raises(ValueError, match='order'):
-        Controller(HEXAROTOR, SETTINGS.controller, PrioritiesSettings(order=[('roll',)]))
-
-
-@pytest.mark.parametrize('distance', [30.0, 1e3, 1e6])
-def test_beyond_the_speed_limit_distance_does_not_matter(distance):
-    far = [wrench((distance * scale, 0.0, 0.0, 0.0)) for scale in (1.0, 2.0)]
-    np.testing.assert_allclose(*far)
-
-
 def test_a_far_waypoint_does_not_turn_the_vehicle_over():
     # Tilted by the greatest tilt towards the waypoint, it wants no more.
     tilted = attitude(0.0, SETTINGS.controller.tilt_max, 0.0)
@@ -272,26 +243,3 @@ def test_the_wrench_is_admissible_in_any_state(
         position, quaternion, velocity, angular_velocity, Waypoint.of(*goal, heading))
     assert np.all(np.isfinite(u))
     assert AdmissibleSet(FLEET[vehicle]).contains(u, tolerance=1e-12 * (1.0 + np.linalg.norm(u)))
-
-
-@pytest.mark.parametrize('euler', [
-    (np.pi, 0.0, 0.0), (0.0, np.pi, 0.0), (0.0, 0.0, np.pi), (0.0, np.pi / 2, 0.0)])
-def test_the_wrench_is_admissible_half_a_turn_away(euler):
-    u = wrench((0.0, 0.0, 0.0, 0.0), attitude=attitude(*euler))
-    assert np.all(np.isfinite(u))
-    assert AdmissibleSet(HEXAROTOR).contains(u, tolerance=1e-12)
-
-
-@given(st.floats(-3.1, 3.1))
-def test_the_heading_of_a_waypoint_is_the_one_it_was_made_of(heading):
-    assert Waypoint.of(0.0, 0.0, 0.0, heading).heading == pytest.approx(heading, abs=1e-12)
-
-
-def test_gains_are_numbers_or_one_per_axis():
-    state = [REST, attitude(0.0, 0.0, 0.0), REST, REST, Waypoint.of(0.1, 0.2, 0.3, 0.0)]
-    one, three = (
-        Controller(HEXAROTOR, ControllerSettings(position_stiffness=number)).demand(*state)
-        for number in (1.5, [1.5, 1.5, 1.5]))
-    np.testing.assert_array_equal(one, three)
-    with pytest.raises(ParameterError, match=r'controller\.attitude_damping'):
-        settings_of({'controller.attitude_damping': [1.0, 2.0]})

@@ -4,23 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import lsq_linear
 
 from ca_ros import AdmissibleSet, control_allocation_matrix
 from strategies import (
     HEXAROTOR,
     demands,
-    random_vehicle,
-    solver,
+    generators,
     vehicles,
 )
 from strategies import unaudited as make_allocator
-
-
-def cost(gamma, weight, reference, u, thrusts):
-    """Return |f - f_ref|_Q^2 + |Gamma f - u|^2."""
-    away, left = thrusts - reference, gamma @ thrusts - u
-    return away @ weight @ away + left @ left
 
 
 def check_optimum(vehicle, weight, reference, u, thrusts):
@@ -46,35 +38,14 @@ def test_the_conditions_of_an_optimum_hold(data):
 
 
 @given(st.data())
-def test_the_conditions_of_an_optimum_hold_for_a_singular_weight(data):
-    vehicle = data.draw(vehicles())
-    u = data.draw(demands(vehicle))
-    weight = data.draw(st.sampled_from([0.0, 1e-3])) * np.ones((vehicle.n, vehicle.n))
-    a = make_allocator('conventional', vehicle, weight=weight, reference='zero').allocate(u)
-    check_optimum(vehicle, weight, np.zeros(vehicle.n), u, a.thrusts)
-
-
-@pytest.mark.parametrize('seed', range(20))
-def test_it_agrees_with_other_solvers(seed):
-    rng = np.random.default_rng(seed)
-    vehicle = random_vehicle(rng, 4 + seed % 7)
-    n, gamma = vehicle.n, control_allocation_matrix(vehicle)
-    root = np.sqrt(1e-2) * rng.normal(size=(n, n))
-    weight, reference = root.T @ root, rng.uniform(vehicle.thrust_min, vehicle.thrust_max)
-    allocator = make_allocator('conventional', vehicle, weight=weight, reference=reference)
-    for u in rng.uniform(-0.5, 1.5, (10, n)) * vehicle.thrust_max @ gamma.T:
-        thrusts = allocator.allocate(u).thrusts
-        least_squares = lsq_linear(
-            np.vstack([root, gamma]), np.concatenate([root @ reference, u]),
-            (vehicle.thrust_min, vehicle.thrust_max), method='bvls', tol=1e-14).x
-        quadratic = solver('quadprog').solve_qp(
-            weight + gamma.T @ gamma, weight @ reference + gamma.T @ u,
-            np.hstack([np.eye(n), -np.eye(n)]),
-            np.concatenate([vehicle.thrust_min, -vehicle.thrust_max]))[0]
-        for other in (least_squares, quadratic):
-            other = np.clip(other, vehicle.thrust_min, vehicle.thrust_max)
-            assert cost(gamma, weight, reference, u, thrusts) <= cost(
-                gamma, weight, reference, u, other) * (1.0 + 1e-9) + 1e-12
+def test_the_conditions_of_an_optimum_hold_for_a_matrix_singular_or_not(data):
+    vehicle, rng = data.draw(vehicles()), data.draw(generators)
+    u, n = data.draw(demands(vehicle)), vehicle.n
+    root = 0.1 * rng.normal(size=(n, n))
+    weight = data.draw(st.sampled_from([np.zeros((n, n)), np.full((n, n), 1e-3), root.T @ root]))
+    reference = rng.uniform(vehicle.thrust_min, vehicle.thrust_max)
+    a = make_allocator('conventional', vehicle, weight=weight, reference=reference).allocate(u)
+    check_optimum(vehicle, weight, reference, u, a.thrusts)
 
 
 def test_a_single_axis_worked_out_by_hand():

@@ -126,6 +126,15 @@ def write(place, block):
     path.write_text(text, encoding='utf-8')
 
 
+ADDED = """
+python -c "from ca_ros import ALLOCATORS; assert 'mean' in ALLOCATORS"
+ruff check ca_ros/allocation
+python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
+static_study --methods exact,mean --out out/mean
+"""
+"""What must work with the method that CONTRIBUTING adds."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('page', [
     pytest.param(page, marks=pytest.mark.long if page in STUDIES else ()) for page in PAGES])
@@ -141,6 +150,8 @@ def test_the_commands_of_a_page_run_one_after_the_other(page, clone, graph):
         elif block.runs:
             printed = shell(clone, graph, f"python - <<'END'\n{block.text}\nEND\n")
             assert block.output is None or printed == block.output
+    if page == 'CONTRIBUTING.md':
+        shell(clone, graph, ADDED)
 
 
 def test_marks_are_known_and_what_is_not_run_here_is_listed(record_property):
@@ -188,24 +199,8 @@ def test_files_that_pages_name_exist():
 
 
 @pytest.mark.slow
-def test_a_method_added_as_contributing_says_is_everywhere(clone, graph):
-    for block in blocks('CONTRIBUTING.md'):
-        if block.mark.startswith(('file', 'insert')):
-            write(clone, block)
-    out = shell(clone, graph, """
-        python -c "from ca_ros import ALLOCATORS; print(*ALLOCATORS)"
-        python -m ruff check ca_ros/allocation/mean.py
-        python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
-        python -m pytest -q -p no:cacheprovider test/test_flown_methods.py -k studies_have_all
-        bringup --mode lockstep --method mean --out out/f
-        """)
-    assert 'mean' in out.splitlines()[0].split()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('script', ['readme.py'])
-def test_the_generated_parts_are_up_to_date(script):
-    command = [sys.executable, str(ROOT / 'docs' / 'scripts' / script), '--check']
+def test_the_generated_parts_are_up_to_date():
+    command = [sys.executable, str(ROOT / 'docs' / 'scripts' / 'readme.py'), '--check']
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
 

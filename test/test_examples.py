@@ -87,12 +87,6 @@ def test_px4_finds_the_output_that_sets_the_speed(speed, idle, factor):
     assert idle + output(control, factor) * (400.0 - idle) == pytest.approx(speed, abs=1e-3)
 
 
-def test_with_a_factor_of_one_and_no_idle_speed_both_kinds_are_the_same():
-    turning, top = np.array([40.0, 255.7, 400.0]), np.full(3, 400.0)
-    np.testing.assert_allclose(
-        px4.speed_controls(turning, top, 0.0, 1.0), px4.thrust_controls(turning, top), rtol=1e-15)
-
-
 def test_px4_gets_its_own_order_and_nan_for_what_does_not_turn():
     turning, top = np.array([100.0, 200.0, 0.0]), np.full(3, 400.0)
     sent = px4.fields(px4.thrust_controls(turning, top), turning, [2, 3, 1])

@@ -3,20 +3,17 @@
 import math
 import re
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.bringup.fault_proxy import PREFIX, remaps
+from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, Faults, FaultSettings, corrupted
 from ca_ros.settings import table
-from ca_ros.testing import BEST_EFFORT, DEADLINE, Graph, six, wrench
-from nodes import fly_in_real_time, fly_offline
-from strategies import LONG
-
-ZERO = dict.fromkeys(('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter'), 0.0)
+from ca_ros.testing import BEST_EFFORT, DEADLINE, six, wrench
+from nodes import fly_in_real_time, refused, run_all
+from strategies import length
 
 
 class Proxy:
@@ -72,7 +69,13 @@ def test_without_faults_every_message_passes_unchanged(graph):
     graph.spin_until(lambda: len(proxy.received) == 200, 'all messages')
     assert proxy.received == messages
     assert proxy.counts() == {'received': 200, 'passed': 200, 'on their way': 0}
-    assert proxy.status().level == DiagnosticStatus.OK
+    assert (proxy.status().level, proxy.status().message) == (DiagnosticStatus.OK, 'no faults')
+    # A publisher that does not match is said.
+    wrong = graph.node.create_publisher(WrenchStamped, 'command/wrench', BEST_EFFORT)
+    graph.spin_until(lambda: 'quality of service' in proxy.status().message, 'word of it')
+    assert proxy.status().level == DiagnosticStatus.WARN
+    graph.node.destroy_publisher(wrong)
+    graph.spin_until(lambda: proxy.status().message == 'no faults', 'the end of it')
 
 
 def test_the_fates_are_those_of_the_seed(graph):
@@ -106,21 +109,6 @@ def test_arrays_get_a_wrong_length(graph):
     assert {len(message.data) for message in proxy.received} == {5, 7}
 
 
-def test_delayed_messages_come_in_order_and_overtaken_ones_do_not(graph):
-    proxy = Proxy(graph, WrenchStamped, 'command/wrench', delay=0.05)
-    proxy.send(wrenches(50))
-    graph.spin_until(lambda: len(proxy.received) == 50, 'all messages')
-    assert [number(m) for m in proxy.received] == list(range(50))
-    assert proxy.counts()['delayed'] == 50
-    proxy.received.clear()
-    assert proxy.parameters.set_atomically({'delay': 0.0, 'reorder': 0.3}).successful
-    proxy.send(wrenches(50))
-    graph.spin_until(lambda: len(proxy.received) >= 49, 'all messages, but perhaps the last')
-    order = [number(m) for m in proxy.received]
-    assert order != sorted(order)
-    assert set(order) >= set(range(49))
-
-
 def test_a_link_is_cut_and_mended_and_wrong_values_change_nothing(graph):
     proxy = Proxy(graph, WrenchStamped, 'command/wrench')
     assert proxy.parameters.set_atomically({'drop': [1.0, 0.0, 0.0, 0.0]}).successful
@@ -135,169 +123,62 @@ def test_a_link_is_cut_and_mended_and_wrong_values_change_nothing(graph):
         assert not proxy.parameters.set_atomically(fixed).successful
     proxy.send(wrenches(20))
     assert proxy.counts()['dropped'] == 40
-    assert proxy.parameters.set_atomically({'drop': 0.0}).successful
-    proxy.send(wrenches(20))
-    graph.spin_until(lambda: len(proxy.received) == 20, 'all messages')
-    assert proxy.counts()['passed'] == 20
+    assert proxy.parameters.set_atomically({'drop': 0.0, 'delay': 0.05}).successful
+    # Delayed messages come in order, and overtaken ones do not.
+    proxy.send(wrenches(50))
+    graph.spin_until(lambda: len(proxy.received) == 50, 'all messages')
+    assert [number(m) for m in proxy.received] == list(range(50))
+    assert proxy.counts()['delayed'] == 50
+    proxy.received.clear()
+    assert proxy.parameters.set_atomically({'delay': 0.0, 'reorder': 0.3}).successful
+    proxy.send(wrenches(50))
+    graph.spin_until(lambda: len(proxy.received) >= 49, 'all messages, but perhaps the last')
+    order = [number(m) for m in proxy.received]
+    assert order != sorted(order)
+    assert set(order) >= set(range(49))
 
 
-def test_a_publisher_that_does_not_match_is_said(graph):
-    proxy = Proxy(graph, WrenchStamped, 'command/wrench')
-    graph.spin_until(lambda: proxy.status(), 'a diagnosis')
-    assert (proxy.status().level, proxy.status().message) == (DiagnosticStatus.OK, 'no faults')
-    wrong = graph.node.create_publisher(WrenchStamped, 'command/wrench', BEST_EFFORT)
-    graph.spin_until(lambda: 'quality of service' in proxy.status().message, 'word of it')
-    assert proxy.status().level == DiagnosticStatus.WARN
-    graph.node.destroy_publisher(wrong)
-    graph.spin_until(lambda: proxy.status().message == 'no faults', 'the end of it')
-
-
-@pytest.mark.parametrize('parameter', ['drop:=1.5', 'dorp:=0.1', 'corruptions:=[rust]'])
-def test_a_wrong_parameter_is_refused_in_one_line(graph, parameter):
-    proxy = graph.start('fault_proxy', '--ros-args', '-p', parameter)
-    out, err = graph.outlive(proxy)
-    assert proxy.returncode == 1
-    assert out == ''
-    [line] = err.splitlines()
-    assert line.startswith(f'fault_proxy: {parameter.split(":")[0]}')
-
-
-def test_its_help_names_every_parameter_and_the_remaps(graph):
-    out, err = graph.outlive(graph.start('fault_proxy', '--help'))
+@pytest.mark.slow
+def test_wrong_parameters_are_refused_in_one_line_and_its_help_names_all_and_the_remaps():
+    wrong = 'drop:=1.5', 'dorp:=0.1', 'corruptions:=[rust]'
+    refused([(('fault_proxy', '--ros-args', '-p', word), [word.split(':')[0]]) for word in wrong])
+    [(_, out, err)] = run_all([('fault_proxy', '--help')])
     assert err == ''
     assert [name for name in table(FaultSettings) if f'  {name} ' not in out] == []
     assert [topic for topic in LINK_CORRUPTIONS if f'-r {topic}:={PREFIX}{topic}' not in out] == []
 
 
-# Flights
-
-HERE, THERE = (0.0, 0.0, 1.0), (1.0, 1.0, 2.0)
-TOLERANCE = 0.01
-"""[m]"""
-STAY = 100
-"""Steps of 0.01 s."""
-
-FALLEN = -20.0
-"""Height from which it takes too long to come back [m]."""
-
-LEGS = {
-    'no faults': {},
-    'drop 1 %': {'drop': 0.01},
-    'drop 10 %': {'drop': 0.1},
-    'delay 20 ms in the loop': {'delay': [0.0, 0.02, 0.0, 0.0]},
-    'reorder 10 %': {'reorder': 0.1},
-    'corrupt 1 %': {'corrupt': 0.01},
-    'drop 30 %': {'drop': 0.3},
-}
-"""On each of the four links, so that 30 % leaves a quarter of the loop's answers; but the delay on
-one: 20 ms on each would be 60 ms in the loop, with which the controller's gains are not stable."""
-
-if LONG != 'soak':
-    # What drops is flown through by bringup, below.
-    LEGS = {name: LEGS[name] for name in ('delay 20 ms in the loop', 'corrupt 1 %')}
-
-
-class Pilot:
-    """Flies between two points through a proxy; its times are those of the simulator."""
-
-    def __init__(self, graph, real_time_factor):
-        self.graph = graph
-        self.pace = real_time_factor
-        for node in ('simulator', 'allocator', 'controller'):
-            # Many losses in a row, or a stall of the machine, are not an end of commands.
-            graph.start(
-                node, '--vehicle', 'hexarotor', '--ros-args', *remaps(node),
-                '-p', f'simulator.real_time_factor:={real_time_factor}',
-                '-p', f'command_timeout:={0.5 / real_time_factor}')
-        graph.start('fault_proxy')
-        self.waypoint = graph.publisher(PoseStamped, 'command/pose')
-        self.poses = graph.listen(PoseStamped, 'local_position/pose')
-        for node in ('simulator', 'allocator', 'controller'):
-            graph.connect(node)
-        self.proxy = graph.connect('fault_proxy')
-
-    def set_faults(self, faults):
-        """Make the links faulty in these ways and no others."""
-        if 'delay' in faults:
-            faults = {**faults, 'delay': [delay / self.pace for delay in faults['delay']]}
-        assert self.proxy.set_atomically({**ZERO, **faults}).successful
-
-    def fly(self, goal):
-        """Fly to a goal and stay there for a second; return times [s] and positions (K, 3)."""
-        message = PoseStamped()
-        p = message.pose.position
-        p.x, p.y, p.z = goal
-        self.poses.clear()
-        self.waypoint.publish(message)
-
-        def ended():
-            if self.poses:
-                assert position(self.poses[-1])[2] > FALLEN
-            return len(self.poses) > STAY and all(
-                math.dist(position(pose), goal) <= TOLERANCE for pose in self.poses[-STAY:])
-
-        self.graph.spin_until(ended, f'at {goal}', deadline=DEADLINE / self.pace)
-        poses = list(self.poses)
-        times = np.array([p.header.stamp.sec + p.header.stamp.nanosec / 1e9 for p in poses])
-        return times - times[0], np.array([position(pose) for pose in poses])
-
-
-def position(message):
-    """Return the position of a pose [m]."""
-    p = message.pose.position
-    return p.x, p.y, p.z
-
-
-@pytest.mark.long
-@pytest.mark.timeout(3600)
-@pytest.mark.filterwarnings('ignore:record_property')
-def test_flights_through_faults_reach_their_waypoint(record_property):
-    """Each property: error at the end, greatest distance from the ideal flight, duration."""
-    def flights(factor):
-        with Graph() as graph:
-            pilot = Pilot(graph, factor)
-            pilot.fly(HERE)
-            flown, start, goal = {}, HERE, THERE
-            for name, faults in LEGS.items():
-                pilot.set_faults(faults)
-                flown[name] = start, goal, *pilot.fly(goal)
-                start, goal = goal, start
-            return flown
-
-    for name, (start, goal, times, positions) in fly_in_real_time(flights).items():
-        ideal = fly_offline('exact', 10.0, (*goal, 0.0), start)
-        expected = np.column_stack([np.interp(times, ideal.time, x) for x in ideal.position.T])
-        error = np.linalg.norm(positions[-STAY:] - goal, axis=1).mean()
-        deviation = np.linalg.norm(positions - expected, axis=1).max()
-        record_property(
-            name, f'{1e3 * error:.1f} mm, {1e3 * deviation:.0f} mm, {times[-1]:.1f} s')
-        assert np.isfinite(positions).all()
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_bringup_flies_through_faults_in_one_command(graph, tmp_path):
+@pytest.mark.parametrize(('faults', 'delay'), [
+    ('drop:=0.1', 0.005), *length([], [
+        # Of four links with 30 % a quarter of the answers is left.
+        ('drop:=0.3', 0.0), ('reorder:=0.1', 0.0), ('corrupt:=0.01', 0.0)])])
+def test_bringup_flies_through_faults_in_one_command(graph, tmp_path, faults, delay):
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
 
     def flight(factor):
         diagnostics.clear()
         process = graph.start(
-            'bringup', '--faults', f'drop:=0.1 delay:={0.005 / factor} seed:=3',
-            '--namespace', 'uav1', '--duration', '12', '--out', str(tmp_path),
+            'bringup', '--faults', f'{faults} delay:={delay / factor} seed:=3',
+            '--namespace', 'uav1', '--duration', '10', '--out', str(tmp_path),
             '--ros-args', '-p', 'command_timeout:=1000.0',
             '-p', f'simulator.real_time_factor:={factor}')
         graph.spin_until(
             lambda: any(
-                status.name.startswith('uav1/fault_proxy') and 'drop 0.1' in status.message
+                status.name.startswith('uav1/fault_proxy')
+                and faults.replace(':=', ' ') in status.message
                 for array in diagnostics for status in array.status), 'its diagnostics')
         out, err = graph.outlive(process, DEADLINE / factor)
         assert process.returncode == 0, out + err
         assert 'reached' in out
-        [line] = re.findall(r'faults        dropped (\d+), delayed (\d+), of (\d+) messages', out)
-        dropped, delayed, received = map(int, line)
-        assert dropped + delayed == received > 1000
-        # Six standard deviations.
-        assert abs(dropped - 0.1 * received) < 6.0 * math.sqrt(0.09 * received)
+        if delay:
+            [line] = re.findall(
+                r'faults        dropped (\d+), delayed (\d+), of (\d+) messages', out)
+            dropped, delayed, received = map(int, line)
+            assert dropped + delayed == received > 1000
+            # Six standard deviations.
+            assert abs(dropped - 0.1 * received) < 6.0 * math.sqrt(0.09 * received)
         assert 'Traceback' not in err
         assert graph.alive() == []
 

@@ -47,7 +47,7 @@ class Asker:
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200 + 10 * SECONDS)
-@pytest.mark.parametrize('name', ['allocator', 'simulator'])
+@pytest.mark.parametrize('name', length(['simulator'], ['allocator', 'simulator']))
 def test_a_node_answers_during_and_after_a_flood(graph, name, record_property):
     process = graph.start(name, '--vehicle', 'hexarotor')
     diagnostics = Diagnostics(graph)

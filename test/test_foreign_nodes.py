@@ -3,7 +3,6 @@
 import signal
 import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.qos import STANDING
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.testing import Diagnostics
-from ca_ros.vehicle.files import find
 from nodes import fly_offline, read
 from strategies import file_values
 
@@ -38,21 +36,6 @@ def test_a_program_gets_the_arguments_of_the_node_whose_place_it_takes():
     assert rest == own['simulator'][3:]
     assert {name: lines[name] for name in ('controller', 'allocator')} == {
         name: own[name] for name in ('controller', 'allocator')}
-
-
-def test_the_file_of_the_vehicle_is_read_once(monkeypatch, tmp_path):
-    file = tmp_path / 'my.yaml'
-    file.write_text(find('x8').read_text(encoding='utf-8'), encoding='utf-8')
-    read, opened = Path.read_text, []
-
-    def counted(path, *arguments, **options):
-        opened.append(path)
-        return read(path, *arguments, **options)
-
-    monkeypatch.setattr(Path, 'read_text', counted)
-    lines = parse(['--vehicle', str(file)]).commands()
-    assert [path for path in opened if path == file] == [file]
-    assert all(str(file) in line for line in lines.values())
 
 
 @pytest.mark.parametrize('command', ['', 'no_such_program --x', "python 'x"])
@@ -239,18 +222,27 @@ def waypoint(height):
     return message
 
 
-def test_the_controller_gets_waypoints_kept_from_before_its_start_and_others_later(graph):
+def test_the_controller_gets_waypoints_kept_for_it_and_says_that_stamps_are_unequal(graph):
     standing = graph.publisher(PoseStamped, 'command/pose', STANDING)
     standing.publish(waypoint(1.0))
-    state = State(graph)
-    graph.start('controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    state, diagnostics = State(graph), Diagnostics(graph)
+    node = graph.start(
+        'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
     graph.connect('controller')
+    graph.spin_until(
+        lambda: [text for _, text, _ in diagnostics.all('controller')][-1:] == [
+            'no pose and velocity with the same stamp yet'], 'what it says',
+        repeat=lambda: state.send(5, 3))
+    state.send(6, 3)
+    state.send(7, 7)
+    graph.spin_until(lambda: state.wrenches, 'an answer')
+    assert [wrench.header.stamp.nanosec for wrench in state.wrenches] == [7]
 
     def thrust():
         return state.wrenches[-1].wrench.force.z if state.wrenches else 0.0
 
     def send():
-        state.send(0, 0)
+        state.send(8, 8)
 
     # More and less than the weight of 9.81 N.
     graph.spin_until(lambda: thrust() > 10.0, 'the waypoint kept for it', repeat=send)
@@ -260,22 +252,5 @@ def test_the_controller_gets_waypoints_kept_from_before_its_start_and_others_lat
     graph.spin_until(lambda: 0.0 < thrust() < 9.0, 'a later waypoint', repeat=send)
     standing.publish(waypoint(1.0))
     graph.spin_until(lambda: thrust() > 10.0, 'one more', repeat=send)
-
-
-def test_the_controller_says_that_pose_and_velocity_need_the_same_stamp(graph):
-    goals = graph.publisher(PoseStamped, 'command/pose')
-    state, diagnostics = State(graph), Diagnostics(graph)
-    node = graph.start(
-        'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
-    graph.connect('controller')
-    goals.publish(waypoint(1.0))
-    graph.spin_until(
-        lambda: [text for _, text, _ in diagnostics.all('controller')][-1:] == [
-            'no pose and velocity with the same stamp yet'], 'what it says',
-        repeat=lambda: state.send(5, 3))
-    state.send(6, 3)
-    state.send(7, 7)
-    graph.spin_until(lambda: state.wrenches, 'an answer')
-    assert [wrench.header.stamp.nanosec for wrench in state.wrenches] == [7]
     _, err = graph.end(node, signal.SIGTERM)
     assert 'no answer to pose and velocity with the stamps 5 and 3: expected equal stamps' in err

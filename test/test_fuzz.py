@@ -370,28 +370,22 @@ def test_after_anything_the_next_good_message_is_answered_as_if_nothing_had_been
         node.fuzz(rng)
         if k % BATCH == BATCH - 1:
             node.settle()
-    node.settle()
+    # Each number that is none, alone.
+    for _ in node.combine():
+        node.settle()
     account = check_account(node)
+    send_bytes(node, rng)
     check_log(node)
     record_property(f'{FUZZ} messages to {node.name}', dict(account))
 
 
-@pytest.mark.parametrize('kind', NODES)
-def test_each_number_that_is_none_is_as_if_it_had_not_been(graph, kind):
-    node = kind(graph)
-    for _ in node.combine():
-        node.settle()
-    check_account(node)
-
-
-@pytest.mark.parametrize('kind', NODES)
-def test_bytes_that_are_no_message_end_no_node(graph, kind):
-    node, rng = kind(graph), np.random.default_rng(8)
+def send_bytes(node, rng):
+    """Send bytes that are no message; they end no node."""
     others = [
-        (graph.publisher(kind, topic), serialize_message(message))
+        (node.graph.publisher(kind, topic), serialize_message(message))
         for kind, topic, message in node.inputs()]
     for publisher, _ in others:
-        graph.spin_until(publisher.get_subscription_count, 'matched')
+        node.graph.spin_until(publisher.get_subscription_count, 'matched')
     node.ask()
     for publisher, sound in others:
         # On its way a message is filled up to four bytes, and then may be one again.
@@ -403,7 +397,6 @@ def test_bytes_that_are_no_message_end_no_node(graph, kind):
             for place in range(4, len(sound) - 3, 4):
                 publisher.publish(sound[:place] + b'\xff\xff\xff\x7f' + sound[place + 4:])
         node.ask()
-    check_log(node)
 
 
 # Time
@@ -465,8 +458,7 @@ def test_old_and_disordered_commands_are_dropped_as_the_policy_says(graph):
     assert said['served'] == len(served)
 
 
-@pytest.mark.parametrize('mode', ['realtime', 'lockstep'])
-@pytest.mark.parametrize('first', ['served', 'rejected'])
+@pytest.mark.parametrize(('mode', 'first'), [('realtime', 'served'), ('lockstep', 'rejected')])
 def test_one_stamp_from_the_future_does_not_shut_out_all_that_follow(graph, mode, first):
     clock = Clock(graph, mode, '-p', 'allocation.exact.policy:=reject')
     future = 10**15

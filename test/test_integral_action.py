@@ -7,9 +7,8 @@ import pytest
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Controller
 from ca_ros.flight.momentum_observer import MomentumObserver
-from ca_ros.flight.rigid_body import rotation_matrix, velocity_in_body
+from ca_ros.flight.rigid_body import velocity_in_body
 from ca_ros.flight.waypoint import Waypoint
 from strategies import HEXAROTOR, length
 
@@ -57,18 +56,6 @@ def test_a_sound_model_flies_as_without_integral_action():
     np.testing.assert_allclose(with_it.position, without.position, atol=1e-9)
 
 
-class WindsUp(Controller):
-    """Takes its demand for what the rotors do."""
-
-    def wrench(self, position, attitude, velocity, angular_velocity, waypoint, time=None):
-        state = position, attitude, velocity, angular_velocity
-        wrench = super().wrench(*state, waypoint, time)
-        thrust, *torque = self.demand(*state, waypoint)
-        force = rotation_matrix(attitude)[:, 2] * thrust
-        self.disturbances.expect(force, np.array(torque), angular_velocity)
-        return wrench
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('mass', length([1.0], [0.9, 1.0, 1.1]))
 def test_a_step_that_saturates_does_not_wind_up(mass):
@@ -78,17 +65,10 @@ def test_a_step_that_saturates_does_not_wind_up(mass):
         1.0, 'vehicle.mass:=2.0', 'controller.speed_max:=20', f'simulator.mass_factor:={mass}')
     there = Waypoint.of(0.0, 0.0, 20.0, 0.0)
 
-    def overshoot(maker):
-        controller = maker.from_settings(loop.vehicle, loop.flown)
-        flight = fly(controller, loop.allocator('exact'), loop.plant(), there, 16.0)
-        assert np.sum(np.all(flight.speeds > 399.9, axis=1)) > 180
-        return flight.position[:, 2].max() - 20.0, flight.position_error(there)
-
-    height, error = overshoot(Controller)
-    assert error < 0.005
-    assert height < 0.02
-    if mass == 1.0:
-        assert overshoot(WindsUp)[0] > 5.0
+    flight = flown(loop, there, 16.0)
+    assert np.sum(np.all(flight.speeds > 399.9, axis=1)) > 180
+    assert flight.position_error(there) < 0.005
+    assert flight.position[:, 2].max() < 20.02
 
 
 def test_the_controller_continues_after_an_announcement():
@@ -173,27 +153,8 @@ def test_a_step_of_seconds_counts_once_the_next_state_confirms_it(step):
     np.testing.assert_allclose(observer.estimate, 0.0 if step < 0 else before, atol=0.02)
 
 
-def test_states_that_overtake_each_other_leave_the_integral_action_on():
-    # Each state arrives up to 20 ms late, so after every other one there is an older one.
-    loop = case(1.0, *ERRORS['wind of 0.9 N'][0])
-    plant, controller, allocator = loop.plant(), loop.controller(), loop.allocator('exact')
-    rng, step = np.random.default_rng(0), plant.time_step_ns
-    arrivals, speeds = [], np.zeros(6)
-    for i in range(2000):
-        arrivals.append((i * step + rng.integers(20_000_000), i * step, plant.measured))
-        arrivals.sort(key=lambda each: each[0])
-        while arrivals and arrivals[0][0] <= i * step:
-            _, time, state = arrivals.pop(0)
-            speeds = allocator.allocate(controller.wrench(
-                state[:3], state[6:10], velocity_in_body(state), state[10:], WAYPOINT, time,
-            )).speeds
-        plant.step(speeds)
-    assert np.linalg.norm(plant.state[:3] - WAYPOINT.position) < 0.001
-    assert controller.disturbances.counts['late'] > 100
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize('height', [-0.5, 1.0])
+@pytest.mark.parametrize('height', length([-0.5], [-0.5, 1.0]))
 def test_a_vehicle_that_has_landed_keeps_the_estimate_of_its_flight(height):
     # In the air with k_f 10 % low, landing on z = 0, then motors off for 20 s while the waypoint
     # stays below or above the ground.

@@ -12,7 +12,7 @@ from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import INVALID, load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import FLEET, HEXAROTOR, SOME, length, need_kernel, random_vehicle
+from strategies import FLEET, HEXAROTOR, SOME, around, length, need_kernel, random_vehicle
 
 VEHICLES = length(6, 30, 1000)
 """How many random vehicles."""
@@ -36,16 +36,6 @@ def pair(monkeypatch):
         assert [a.engine for a in engines] == ['C', 'NumPy']
         return engines
     return make
-
-
-def wrenches(problem, rng, size):
-    """Draw wrenches inside, on and outside of the set."""
-    thrusts = rng.uniform(problem.lower, problem.upper, (size, problem.n))
-    inside = thrusts @ problem.gamma.T
-    ways = inside - problem.center
-    ends = np.array([problem.reach(problem.center, way) for way in ways])[:, None]
-    shares = rng.uniform(1.0, 3.0, (size, 1))
-    return inside, problem.center + ends * ways, problem.center + shares * ends * ways
 
 
 def compare(kernel, reference, demands, slack=1e-12):
@@ -75,7 +65,7 @@ def test_it_answers_as_numpy_does(name, policy, pair):
     if 'order' in options and name == 'tilted_hexarotor':
         options['order'] = [*options['order'], 'force_x force_y']
     engines = pair(VehicleProblem(FLEET[name]), **options)
-    for demands in wrenches(engines[0].problem, np.random.default_rng(7), 20):
+    for demands in around(engines[0].problem, np.random.default_rng(7), 20):
         compare(*engines, demands)
 
 
@@ -83,7 +73,7 @@ def test_it_answers_as_numpy_does(name, policy, pair):
 def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
     rng = np.random.default_rng(seed)
     problem = VehicleProblem(random_vehicle(rng, 4 + seed % 13))
-    drawn = wrenches(problem, rng, 29)
+    drawn = around(problem, rng, 29)
     # With the default slack some wrenches near facets that are almost parallel are missed by it.
     for slack in (0.0, 1e-9):
         engines = pair(problem, residual_slack=slack)
@@ -94,7 +84,7 @@ def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
 @pytest.mark.parametrize('name', SOME)
 def test_an_answer_depends_on_the_wrench_alone(name):
     allocator = make_allocator('exact', VehicleProblem(FLEET[name]))
-    demands = np.vstack(wrenches(allocator.problem, np.random.default_rng(8), 50))
+    demands = np.vstack(around(allocator.problem, np.random.default_rng(8), 50))
     batch = allocator.allocate_batch(demands)
     backwards = allocator.allocate_batch(demands[::-1])
     singles = np.array([allocator.allocate(u).thrusts for u in demands])
@@ -106,7 +96,7 @@ def test_an_answer_depends_on_the_wrench_alone(name):
 def test_the_margin_is_the_distance_to_the_facets(name):
     problem = VehicleProblem(FLEET[name])
     kernel = kernel_of(problem)
-    for demands in wrenches(problem, np.random.default_rng(10), 10):
+    for demands in around(problem, np.random.default_rng(10), 10):
         margins = AdmissibleSet(problem).margin(demands)
         np.testing.assert_allclose(
             [kernel.margin(u) for u in demands], margins, rtol=0.0, atol=1e-9)
@@ -121,7 +111,7 @@ def kernel_of(problem, precision='double', dtype=np.float64):
 def test_in_single_precision_wrenches_are_given_to_1e_5(name):
     problem = VehicleProblem(FLEET[name])
     kernel = kernel_of(problem, 'single', np.float32)
-    for kind, demands in enumerate(wrenches(problem, np.random.default_rng(11), 100)):
+    for kind, demands in enumerate(around(problem, np.random.default_rng(11), 100)):
         for u in demands.astype(np.float32):
             thrusts = np.empty(problem.n, np.float32)
             answer = kernel.allocate(u, thrusts)
@@ -239,5 +229,5 @@ def test_it_answers_as_numpy_does_with_rotors_lost(name, pair):
         health[lost] = 0.0
         problem = audit(FLEET[name].with_health(health)).independent
         engines = pair(problem, residual_slack=0.0)
-        for demands in wrenches(problem, rng, 40):
+        for demands in around(problem, rng, 40):
             compare(*engines, demands)

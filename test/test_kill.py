@@ -163,7 +163,7 @@ def come_back(graph, folder, factor):
 @pytest.mark.slow
 @pytest.mark.timeout(1200 + 120 * KILLS)
 def test_in_lockstep_no_step_is_lost(graph, tmp_path):
-    duration, before = 20.0 + KILLS, shared_memory(graph)
+    duration, before = length(8.0, 20.0 + KILLS, 20.0 + KILLS), shared_memory(graph)
     flight = Flight(
         graph, tmp_path, '--mode', 'lockstep', '--duration', str(duration), '--method', 'exact')
     flight.wait(lambda pose: pose.pose.position.z > 0.1, 'a flight')
@@ -223,11 +223,6 @@ def test_nothing_flies_on_when_bringup_is_killed(graph, tmp_path):
         graph.end(flight, signal.SIGKILL)
         graph.spin_until(lambda: graph.alive() == [], 'all nodes have ended')
         graph.spin_until(lambda: set(told[-1].data) == {IDLE}, 'the last command is idle')
-    # The next flight is not among them.
-    flight = graph.start(
-        'bringup', '--mode', 'lockstep', *SHORT, '--out', str(tmp_path))
-    out, err = graph.outlive(flight)
-    assert flight.returncode == 0, out + err
 
 
 def test_a_node_that_cannot_start_ends_it(graph, tmp_path):

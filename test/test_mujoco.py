@@ -67,22 +67,6 @@ def test_accelerations_are_those_of_the_rigid_body(name, drag):
             body.data.qacc, expected, rtol=0.0, atol=1e-12 * max(1.0, np.abs(expected).max()))
 
 
-def test_euler_steps_converge_to_its_motion_with_order_one():
-    rigid = RigidBody(SHIPPED['hexarotor_tilted'])
-    commands = np.random.default_rng(1).uniform(100.0, 400.0, (20, 6))
-
-    def move(body, steps):
-        state = NULL_STATE
-        for speeds in commands:
-            for _ in range(steps):
-                state = body.step(state, speeds, 0.01 / steps)
-        return state
-
-    exact = move(MujocoBody(rigid), 4)
-    coarse, fine = (np.linalg.norm(move(rigid, steps) - exact) for steps in (8, 16))
-    assert coarse / fine == pytest.approx(2.0, rel=0.05)
-
-
 def test_a_motion_that_diverges_raises(tmp_path, monkeypatch):
     # MuJoCo writes its log there.
     monkeypatch.chdir(tmp_path)
@@ -110,23 +94,6 @@ def test_flights_differ_by_the_errors_of_the_integrators(name):
     assert np.linalg.norm(euler_steps.position - flight.position, axis=1).max() < 8e-3
     rk4_steps = fly_offline(name, 12.0, integrator='rk4')
     assert np.linalg.norm(rk4_steps.position - flight.position, axis=1).max() < 1e-5
-
-
-@pytest.mark.slow
-def test_lag_delay_and_noise_cost_as_much_as_with_our_rigid_body():
-    def error(kind):
-        """Return how far the vehicle hovers from its waypoint, RMS [m]."""
-        flights = [
-            fly_offline(
-                'hexarotor', 10.0, kind, motor_time_constant=0.05, command_delay=0.01,
-                velocity_noise=0.2, attitude_noise=0.02, angular_velocity_noise=0.2, seed=seed)
-            for seed in range(2)]
-        late = np.concatenate([flight.position[flight.time > 5.0] for flight in flights])
-        return np.sqrt(np.mean(np.sum(np.square(late - 1.0), axis=1)))
-
-    ours, theirs = error(lambda rigid: rigid), error(MujocoBody)
-    assert ours == pytest.approx(0.055, rel=0.05)
-    assert theirs == pytest.approx(ours, rel=0.02)
 
 
 def fly(graph, folder, *arguments):

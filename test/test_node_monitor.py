@@ -1,6 +1,7 @@
 """The monitor over DDS, and the nodes that heed it."""
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
@@ -15,6 +16,7 @@ from ca_ros.testing import Diagnostics, wrench
 HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit():
     case = Case.load('hexarotor_realistic')
     failures = RotorFailures((RotorFailure(2, 1.5),), None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ca_ros import ALLOCATORS, CaRosError, ParameterError, Vehicle, make_allocator
+from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import RigidBody
@@ -25,7 +25,6 @@ from ca_ros.settings import (
     REQUIRED,
     MissingParameterError,
     check,
-    check_given,
     flat,
     read,
     renamed,
@@ -190,12 +189,6 @@ def test_a_value_that_cannot_be_read_is_refused_wherever_it_stands(tmp_path, val
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_a_mapping_that_holds_itself_is_refused(tmp_path):
-    path = tmp_path / 'wrong.yaml'
-    path.write_text("'/**': &a\n  ros__parameters:\n    vehicle: *a\n")
-    assert 'line 3' in complaint(path)
-
-
 HEXAROTOR = file_values('hexarotor')
 OTHER = {'vehicle': {'mass': 2.0}, 'rotors.health': 0.5}
 
@@ -340,16 +333,6 @@ def test_only_control_and_simulation_need_the_inertia(tmp_path):
             load_for(kind, path)
 
 
-def test_settings_are_read_from_the_values_of_more():
-    given = {**HEXAROTOR, 'controller.speed_max': 2.0}
-    assert read(ControllerSettings, given, 'controller.').speed_max == 2.0
-    assert read(ControllerSettings, {'speed_max': 2.0}) == ControllerSettings(speed_max=2.0)
-    for wrong in ({'vehicle.mass': -1.0}, {'allocation.method': 'magic'}, {'vehicle.masss': 1.0}):
-        read(ControllerSettings, {**given, **wrong}, 'controller.')
-        with pytest.raises(ParameterError, match=next(iter(wrong))):
-            check_given({**given, **wrong}, PARAMETERS)
-
-
 def test_what_is_read_is_flat_again_and_frozen():
     settings = load('hexarotor')
     assert read(FileSettings, flat(settings)) == settings
@@ -421,21 +404,8 @@ def test_a_method_checks_its_options_as_its_parameters():
             make_allocator('exact', Vehicle.load('hexarotor'), **wrong)
 
 
-def test_errors_have_one_base():
-    assert issubclass(MissingParameterError, ParameterError)
-    assert issubclass(ParameterError, CaRosError)
-    assert issubclass(ParameterError, ValueError)
-    with pytest.raises(CaRosError, match='nowhere'):
-        Vehicle.load('nowhere')
-
-
 def test_a_name_for_another_node_is_left_alone():
     Vehicle.from_parameters({**HEXAROTOR, 'use_sim_time': True, 'camera.exposure': 3})
-
-
-def test_of_a_vehicle_only_the_health_can_change_in_flight():
-    # A running node takes all else from the vehicle of its start.
-    assert [name for name in VEHICLE if VEHICLE[name].mutable] == ['rotors.health']
 
 
 def test_ros_takes_the_same_sections_of_a_file_as_we_do(graph, tmp_path):

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.delay import Delay
 from ca_ros.flight.drag import Drag
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.plant import Plant, body_of
@@ -23,7 +22,6 @@ from ca_ros.flight.rigid_body import (
     VELOCITY,
     RigidBody,
 )
-from ca_ros.flight.sensors import turn
 from ca_ros.flight.settings import PlantSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.flight.wind import Wind
@@ -75,12 +73,6 @@ def test_a_motor_follows_a_step_as_one_minus_exp():
     np.testing.assert_allclose(slow.speeds, (1.0 - exp(-1.0)) * HOVER, rtol=1e-14)
 
 
-def test_a_delay_returns_what_it_was_given_some_steps_ago():
-    delay = Delay(3, 'first')
-    assert [delay(i) for i in range(5)] == ['first', 'first', 'first', 0, 1]
-    assert [Delay(0, 'first')(i) for i in range(2)] == [0, 1]
-
-
 def test_a_late_command_is_the_same_flight_later():
     prompt, late = plant(sub_steps=10.0), plant(sub_steps=10.0, command_delay=0.02)
     rng = np.random.default_rng(0)
@@ -112,14 +104,6 @@ def test_a_delay_that_is_no_multiple_of_the_step_is_refused(name):
 
 
 # Integration
-
-
-def test_free_fall_is_exact_with_rk4():
-    start = falling(position=[1.0, 2.0, 30.0], velocity=[1.0, -2.0, 3.0])
-    after = run(plant(start, integrator='rk4'), STOPPED, 150)[-1]
-    np.testing.assert_allclose(
-        after[POSITION], [1.0 + 1.5, 2.0 - 3.0, 30.0 + 4.5 - 0.5 * 9.81 * 1.5**2], rtol=1e-12)
-    np.testing.assert_allclose(after[VELOCITY], [1.0, -2.0, 3.0 - 9.81 * 1.5], rtol=1e-12)
 
 
 @pytest.mark.parametrize(('integrator', 'order'), [('euler', 1), ('rk4', 4)])
@@ -291,14 +275,6 @@ def test_noise_and_bias_have_their_statistics():
     assert np.abs(np.corrcoef(white.T) - np.eye(12)).max() < 0.07
 
 
-@pytest.mark.parametrize('vector', [[0.3, -0.2, 0.5], [1e-9, 0, 0], [0, 0, 0], [0, 3, 0]])
-def test_a_turn_is_that_of_scipy(vector):
-    quaternion = Rotation.from_euler('XYZ', [0.3, -0.4, 1.0]).as_quat()
-    turned = Rotation.from_quat(quaternion) * Rotation.from_rotvec(vector)
-    np.testing.assert_allclose(
-        turn(quaternion, np.array(vector, float)), turned.as_quat(), rtol=0.0, atol=1e-15)
-
-
 # The whole plant
 
 
@@ -350,25 +326,6 @@ def test_the_initial_state_is_that_of_the_parameters():
         flown.measured, [1, 2, 3, 4, 5, 6, 0, 0, np.sqrt(0.5), np.sqrt(0.5), 7, 8, 9], rtol=1e-15)
     # The square of this number is zero.
     assert plant(initial_attitude=[0.0, 0.0, 1e-200, 0.0]).measured[8] == 1.0
-
-
-@pytest.mark.parametrize(('name', 'value', 'fault'), [
-    ('initial_attitude', [0.0, 0.0, 0.0, 0.0], 'quaternion'),
-    ('initial_attitude', [0.0, 0.0, 1.0], 'expected 4 numbers'),
-    ('wind', [1.0, 2.0], '1 or 3 numbers, got 2'),
-    ('sub_steps', 1.5, 'whole number'),
-    ('seed', -1.0, 'at least 0'),
-    ('integrator', 'heun', 'one of euler, rk4'),
-    ('thrust_factor', [1.0, 1.0], '1 or 6 numbers'),
-])
-def test_a_wrong_parameter_is_named(name, value, fault):
-    with pytest.raises(ValueError, match=f'simulator.{name}: .*{fault}'):
-        plant(**{name: value})
-
-
-def test_a_delay_of_too_many_steps_is_refused():
-    with pytest.raises(ValueError, match=r'command_delay: expected up to 0.01 s, got 10 s'):
-        plant(time_step=1e-5, sub_steps=1000.0, command_delay=10.0)
 
 
 def test_a_flight_leaves_its_plant_alone():

@@ -10,7 +10,7 @@ from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import load
-from strategies import by_daqp, by_quadprog, length, need_kernel
+from strategies import around, by_daqp, by_quadprog, length, need_kernel
 
 PROBLEMS = length(15, 60, 1000)
 """How many random problems."""
@@ -39,21 +39,13 @@ def allocate(engine, problem, u):
     return engine.allocate(np.ascontiguousarray(u), thrusts), thrusts
 
 
-def wrenches(problem, rng, size):
-    """Draw attainable wrenches, and others up to twice as far from the centre as the boundary."""
-    inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ problem.gamma.T
-    ways = inside - problem.center
-    ends = np.array([problem.reach(problem.center, way) for way in ways])[:, None]
-    return inside, problem.center + rng.uniform(1.01, 2.0, (size, 1)) * ends * ways
-
-
 @pytest.mark.parametrize('seed', range(PROBLEMS))
 def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
     rng = np.random.default_rng(seed)
     problem, settings = random_problem(rng)
     kernel = kernel_for(load(), problem, settings)
     squares = np.diag(np.square(settings.weights))
-    for u in wrenches(problem, rng, 5)[0]:
+    for u in around(problem, rng, 5)[0]:
         answer, thrusts = allocate(kernel, problem, u)
         assert answer is None
         assert np.all((problem.lower <= thrusts) & (thrusts <= problem.upper))
@@ -72,7 +64,7 @@ def test_numpy_gives_the_same(seed, policy):
     problem, settings = random_problem(rng)
     settings = replace(settings, policy=policy, scale_reference=problem.center)
     engines = kernel_for(load(), problem, settings), NumpyEngine(problem, settings)
-    for demands in wrenches(problem, rng, 4):
+    for demands in around(problem, rng, 4)[::2]:
         for u in demands:
             (ours, f), (theirs, g) = (allocate(engine, problem, u) for engine in engines)
             assert (ours is None) == (theirs is None)
@@ -105,7 +97,7 @@ def test_ones_and_zeros_and_four_axes_change_no_bit(seed):
     options = (problem.gamma, problem.lower, problem.upper, problem.reference, each, each,
                [0, 1, 1, 1], int(Status.PRIORITIZED), False, 1e-9)
     plain = {'weight': np.ones(n), 'preferred': np.zeros(n)}
-    demands = np.vstack(wrenches(problem, rng, 50))
+    demands = np.vstack(around(problem, rng, 50)[::2])
     expected = [allocate(load()(*options), problem, u) for u in demands]
     assert {answer is None for answer, _ in expected} == {True, False}
     for name, preference in (('double', plain), ('double_4', {}), ('double_4', plain)):
@@ -145,7 +137,7 @@ def test_the_certificate_proves_the_least_weighted_distance():
     octorotor = Vehicle.load('octorotor')
     weights, preferred = rng.uniform(0.5, 4.0, 8), rng.uniform(0.0, 4.0, 8)
     allocator = make_allocator('exact', octorotor, weights=weights, preferred=preferred)
-    demands = np.vstack(wrenches(allocator.problem, rng, 20))
+    demands = np.vstack(around(allocator.problem, rng, 20)[::2])
     answers = allocator.allocate_batch(demands)
     proof = answers.certificate
     assert np.abs(proof.kkt_residual).max() <= 1e-9

@@ -13,6 +13,9 @@ from ca_ros.problem.prioritization import THRUST_DEVIATIONS
 from strategies import (
     FLEET,
     HEXAROTOR,
+    PX4_ROWS,
+    UNIT,
+    UNIT_QUADROTOR,
     demands,
     extreme,
     length,
@@ -283,3 +286,58 @@ def test_levels_of_scaling_are_the_share_of_the_line():
     start = allocator.admissible.reference
     np.testing.assert_allclose(
         allocator.allocate(u).wrench, start + level * (u - start), rtol=0.0, atol=1e-9)
+
+
+# No axis is reversed where a lesser quantity can pay
+
+ROUNDING = 1e-9
+
+
+def off_sense(served, demand, reference):
+    """Return how far values are outside of the range between reference and demand."""
+    low, high = np.minimum(reference, demand), np.maximum(reference, demand)
+    return np.maximum(np.maximum(low - served, served - high), 0.0)
+
+
+def test_yaw_is_not_reversed_worked_out_by_hand():
+    # Roll and pitch of 1 leave f4 - f2 = 1, so f4 = 1 and f2 = 0, and the same f1 = f3 = g: thrust
+    # is 1 + 2 g and yaw is 2 g - 1.  With the most thrust, g = 1, yaw would be +1 where -1 was
+    # asked for.  Thrust may pay down to hover, 2: then yaw is 0.
+    demand = [3.6, 1.0, 1.0, -1.0]
+    expected = {
+        'allow': [3.0, 1.0, 1.0, 1.0],
+        'avoid': [2.0, 1.0, 1.0, 0.0],
+        'prevent': [2.0, 1.0, 1.0, 0.0]}
+    for reversal, wrench in expected.items():
+        allocation = make_allocator(
+            'exact', UNIT_QUADROTOR, thrust_deviation=reversal).allocate(demand)
+        np.testing.assert_allclose(allocation.wrench, wrench, atol=1e-12)
+    # With 3 of thrust asked for at a weight of 2.4, g may go down to 0.7 only, unless prevented.
+    heavier = AdmissibleSet(Vehicle.from_parameters(UNIT | {'vehicle.mass': 2.4 / 9.81}))
+    expected = {'avoid': [2.4, 1.0, 1.0, 0.4], 'prevent': [2.0, 1.0, 1.0, 0.0]}
+    for reversal, wrench in expected.items():
+        served = heavier.prioritize(demand, thrust_deviation=reversal)
+        np.testing.assert_allclose(served, wrench, atol=1e-12)
+
+
+# PX4
+
+def test_the_rows_of_px4():
+    admissible = AdmissibleSet(UNIT_QUADROTOR)
+    demands = np.column_stack([4.0 * PX4_ROWS[:, 3], PX4_ROWS[:, :3]])
+    saturated = ~admissible.contains(demands, tolerance=ROUNDING)
+    demands = demands[saturated]
+    assert len(demands) == 39
+    off, sacrificed = {}, {}
+    for reversal in ('allow', 'avoid', 'prevent'):
+        served = admissible.prioritize(demands, thrust_deviation=reversal)
+        np.testing.assert_allclose(served[:, 1:3], demands[:, 1:3], atol=ROUNDING)
+        off[reversal] = np.count_nonzero(off_sense(served[:, 3], demands[:, 3], 0.0) > ROUNDING)
+        sacrificed[reversal] = np.abs(demands - served)[:, 0].sum() / 4.0
+    assert off == {'allow': 16, 'avoid': 0, 'prevent': 0}
+    # PX4's airmode of roll and pitch gives up 7.04.
+    assert sacrificed['prevent'] < 6.4
+    # With yaw before thrust it is PX4's full airmode.
+    served = admissible.prioritize(demands, ['roll pitch', 'yaw', 'thrust'])
+    full = PX4_ROWS[saturated, 12:] @ control_allocation_matrix(UNIT_QUADROTOR).T
+    np.testing.assert_allclose(served, full, rtol=0.0, atol=1e-6)

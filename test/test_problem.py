@@ -15,7 +15,7 @@ from ca_ros import (
     make_allocator,
 )
 from ca_ros.problem.problem import lengths
-from strategies import by_daqp, by_quadprog, length
+from strategies import around, by_daqp, by_quadprog, length
 
 PROBLEMS = length(8, 60, 1000)
 """How many random problems."""
@@ -39,21 +39,13 @@ def random_problem(seed):
     return AllocationProblem(matrix, lower, upper, reference=reference), rng
 
 
-def commands(problem, rng, size):
-    """Draw u inside, on and outside of the set."""
-    inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ problem.gamma.T
-    ways = inside - problem.center
-    ends = np.array([problem.reach(problem.center, way) for way in ways])[:, None]
-    return inside, problem.center + ends * ways, problem.center + 2.0 * ends * ways
-
-
 @pytest.mark.parametrize('engine', ['c', 'numpy'])
 @pytest.mark.parametrize('seed', range(PROBLEMS))
 def test_exact_gives_u_with_the_least_norm(seed, engine, monkeypatch):
     monkeypatch.setenv('CA_ROS_KERNEL', engine)
     problem, rng = random_problem(seed)
     allocator = make_allocator('exact', problem, residual_slack=0.0)
-    inside, border, outside = commands(problem, rng, 8)
+    inside, border, outside = around(problem, rng, 8)
     for u in np.vstack([inside, border]):
         answer = allocator.allocate(u)
         if answer.status is not Status.EXACT:
@@ -88,7 +80,7 @@ def test_every_method_takes_a_shipped_problem(method, name):
     # Of harv some facets are almost parallel, where `exact` would use its slack.
     options = {'residual_slack': 0.0} if method == 'exact' else {}
     allocator = make_allocator(method, problem, **options)
-    demands = np.vstack(commands(problem, np.random.default_rng(5), 20))
+    demands = np.vstack(around(problem, np.random.default_rng(5), 20))
     answers = allocator.allocate_batch(demands)
     assert np.all((problem.lower <= answers.thrusts) & (answers.thrusts <= problem.upper))
     exact = answers.status == Status.EXACT

@@ -31,24 +31,6 @@ param set-default CA_ROTOR3_PX -0.15
 param set-default CA_ROTOR3_PY 0.15
 param set-default CA_ROTOR3_KM -0.05
 """
-HEXA_X = """\
-param set-default CA_ROTOR_COUNT 6
-param set-default CA_ROTOR0_PX 0.866
-param set-default CA_ROTOR0_PY 0.5
-param set-default CA_ROTOR1_PX 0
-param set-default CA_ROTOR1_PY 1
-param set-default CA_ROTOR1_KM -0.05
-param set-default CA_ROTOR2_PX -0.866
-param set-default CA_ROTOR2_PY 0.5
-param set-default CA_ROTOR3_PX -0.866
-param set-default CA_ROTOR3_PY -0.5
-param set-default CA_ROTOR3_KM -0.05
-param set-default CA_ROTOR4_PX 0
-param set-default CA_ROTOR4_PY -1
-param set-default CA_ROTOR5_PX 0.866
-param set-default CA_ROTOR5_PY -0.5
-param set-default CA_ROTOR5_KM -0.05
-"""
 FULL = 4.0
 """Greatest thrust of a rotor of these vehicles [N]: 2.5e-5 * 400^2."""
 
@@ -83,24 +65,6 @@ def test_nose_to_the_north_is_a_heading_of_90_degrees():
     assert_allclose(rates, [0.1, -0.2, -0.3])
 
 
-def test_nose_to_the_east_is_no_rotation():
-    """North is then to the left, and what is down has a negative z."""
-    _, attitude, velocity, _ = odometry.state(message((S, 0, 0, S), (1, 2, 3)))
-    assert_allclose(attitude, [0, 0, 0, 1], atol=1e-15)
-    assert_allclose(velocity, [2, 1, -3], atol=1e-15)
-
-
-@pytest.mark.parametrize(('q', 'forward', 'left', 'up'), [
-    # Rolled to the right by 90 degrees, nose north: the left side is up, the top is east.
-    ((S, S, 0, 0), [0, 1, 0], [0, 0, 1], [1, 0, 0]),
-    # Pitched up by 90 degrees, nose north before: the nose is up, the top is south.
-    ((S, 0, S, 0), [0, 0, 1], [-1, 0, 0], [0, -1, 0]),
-])
-def test_a_tilted_body_points_where_it_should(q, forward, left, up):
-    matrix = Rotation.from_quat(odometry.attitude(q)).as_matrix()
-    assert_allclose(matrix.T, [forward, left, up], atol=1e-15)
-
-
 def test_any_attitude_is_that_of_the_matrices():
     # world ENU from NED, body FRD from FLU; independent: SciPy's rotations.
     world, body = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.diag([1, -1, -1])
@@ -133,17 +97,6 @@ def test_the_units_of_the_generic_quadrotor(vehicle):
     roll, yaw = 4 * 0.15 * FULL * S, 4 * 0.05 * FULL
     assert_allclose(
         setpoints.units(vehicle(QUAD_X)), [4 * FULL, 4 * FULL, 4 * FULL, roll, roll, yaw])
-
-
-def test_the_units_of_the_generic_hexarotor(vehicle):
-    """By hand, of the axis with the greater scale, pitch.
-
-    For a pitch of 1 N m four motors change by x / sum(x^2) = 0.866 / 3 N; its mean square over
-    these four, doubled, is 1/6 N^2.
-    """
-    level = FULL * np.sqrt(6)
-    unit = setpoints.units(vehicle(HEXA_X))
-    assert_allclose(unit[2:], [24, level, level, 6 * 0.05 * FULL], rtol=1e-3)
 
 
 def test_without_saturation_the_motors_are_those_of_px4(vehicle):
@@ -184,10 +137,6 @@ def test_the_generic_quadrotor_as_a_vehicle(vehicle):
     # PX4's default of KM is positive: counter-clockwise, which is -1 here.
     assert_allclose(quad.spins, [-1, -1, 1, 1])
     assert_allclose(quad.torque_coefficient, 0.05 * 2.5e-5)
-
-
-def test_a_measured_moment_constant_replaces_km(vehicle):
-    assert_allclose(vehicle(QUAD_X, moment_constant=0.016).torque_coefficient, 0.016 * 2.5e-5)
 
 
 @pytest.mark.parametrize('style', parameters.STYLES)

@@ -7,7 +7,7 @@ import pytest
 
 from ca_ros import ParameterError
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic.study import main as dynamic_study
+from ca_ros.evaluation.dynamic import study
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
@@ -56,41 +56,37 @@ def test_the_flight_follows_and_ends_at_the_last_one(square):
 
 
 @pytest.mark.slow
-def test_over_the_nodes_it_is_the_same_flight_to_the_last_bit(square, tmp_path, graph):
+def test_over_the_nodes_it_is_the_same_flight_to_the_last_bit(tmp_path, graph):
+    path = tmp_path / 'short.csv'
+    path.write_text(SQUARE.replace('2.5,', '0.3,').replace('5,0', '0.6,0'))
     process = graph.start(
-        'bringup', '--mode', 'lockstep', '--duration', '5.5', '--trajectory', str(square),
+        'bringup', '--mode', 'lockstep', '--duration', '1', '--trajectory', str(path),
         '--out', str(tmp_path / 'out'))
     out, err = graph.outlive(process)
     assert process.returncode in (0, 1), out + err
     assert 'Traceback' not in err
     table = np.genfromtxt(tmp_path / 'out' / 'flight.csv', delimiter=',', names=True)
-    flight = offline(Trajectory.read(square), 5.5)
+    flight = offline(Trajectory.read(path), 1.0)
+    assert len(flight.time) == 101
     for i in range(6):
         np.testing.assert_array_equal(table[f'speed_{i + 1}'], flight.speeds[:, i])
 
 
-@pytest.mark.slow
-def test_the_study_flies_it_and_judges_the_end(square, tmp_path):
-    out = tmp_path / 'out'
-    assert dynamic_study(['--trajectory', str(square), '--duration', '12', '--methods',
-                          'exact', '--out', str(out)]) == 0
-    found = json.loads((out / 'dynamic.json').read_text())
-    assert abs(found['methods']['exact']['steady_state_error']['x']) < 0.05
-    # exact produces each commanded wrench, also those after the second waypoint.
-    assert found['methods']['exact']['worst_force_residual'] < 1e-9
-    assert found['command'][-2:] == ['--trajectory', str(square)]
-    assert found['observations'] == {}
-
-
-@pytest.mark.slow
-def test_the_study_flies_to_an_own_waypoint(tmp_path):
-    out = tmp_path / 'out'
-    assert dynamic_study(['--waypoint', '0', '0', '2', '--heading', '0', '--methods', 'exact',
-                          '--duration', '8', '--out', str(out)]) == 0
-    last = (out / 'dynamic.csv').read_text().splitlines()[-1].split(',')
+def test_the_study_flies_it_or_to_an_own_waypoint_and_judges_the_end(
+        square, tmp_path, monkeypatch):
+    monkeypatch.setattr(study, 'draw', lambda *_: None)
+    goal = ['--waypoint', '0.0', '0.0', '2.0', '--heading', '0.0']
+    for where, x in ((['--trajectory', str(square)], 0.05), (goal, 1e-2)):
+        assert study.main([
+            *where, '--duration', '12', '--methods', 'exact', '--out', str(tmp_path)]) == 0
+        found = json.loads((tmp_path / 'dynamic.json').read_text())
+        assert abs(found['methods']['exact']['steady_state_error']['x']) < x
+        # exact produces each commanded wrench, also those after the second waypoint.
+        assert found['methods']['exact']['worst_force_residual'] < 1e-9
+        assert found['command'][-len(where):] == where
+        assert found['observations'] == {}
+    last = (tmp_path / 'dynamic.csv').read_text().splitlines()[-1].split(',')
     assert [float(x) for x in last[2:5]] == pytest.approx([0.0, 0.0, 2.0], abs=1e-2)
-    command = json.loads((out / 'dynamic.json').read_text())['command']
-    assert command[-6:] == ['--waypoint', '0.0', '0.0', '2.0', '--heading', '0.0']
 
 
 @pytest.mark.parametrize(('text', 'fault'), [
@@ -124,7 +120,7 @@ def test_a_spreadsheet_may_add_a_mark_and_blanks(tmp_path):
 ])
 def test_a_trajectory_excludes_a_waypoint(arguments, fault, square, tmp_path, capsys):
     words = ['--trajectory', str(square), *arguments, '--out', str(tmp_path / 'out')]
-    assert dynamic_study(words) == 1
+    assert study.main(words) == 1
     assert fault in capsys.readouterr().err
 
 
