@@ -16,7 +16,8 @@ from ca_ros.flight.settings import ControllerSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.settings import load
 from ca_ros.settings import flat
-from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle import geometry
+from ca_ros.vehicle.settings import AXES, RingSettings
 from ca_ros.vehicle.vehicle import Vehicle
 
 WAYPOINTS = (
@@ -61,17 +62,16 @@ def ring(n: int, tilt: float = 0.0) -> dict[str, Any]:
     """
     parameters = flat(load('hexarotor'))
     radius = float(np.linalg.norm(parameters['rotors.positions'][:2]))
-    angles = 2.0 * np.pi * np.arange(n) / n
-    cos, sin, zero = np.cos(angles), np.sin(angles), np.zeros(n)
-    circle = radius * np.column_stack([cos, sin, zero])
     for name in ('rotors.thrust_coefficient', 'rotors.torque_coefficient'):
         parameters[name] *= len(parameters['rotors.spins']) / n
-    parameters['rotors.positions'] = circle.ravel().tolist()
+    del parameters['rotors.positions']
+    parameters |= {'rotors.ring.count': n, 'rotors.ring.radius': radius}
     parameters['rotors.spins'] = ['cw', 'ccw'] * (n // 2)
     # The file's weight is for six rotors; the exact allocator does not use it.
     parameters['allocation.conventional.weight'] = 1e-4
     if tilt:
+        x, y, _ = geometry.ring(RingSettings(count=n, radius=1.0)).T
         aside = np.sin(tilt * (-1.0) ** np.arange(n))
-        axes = np.column_stack([-aside * sin, aside * cos, zero + np.cos(tilt)])
+        axes = np.column_stack([-aside * y, aside * x, np.full(n, np.cos(tilt))])
         parameters |= {'rotors.axes': axes.ravel().tolist(), 'allocation.axes': list(AXES)}
     return parameters

@@ -7,10 +7,8 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int8]
 
-
 FLOAT = np.dtype(float)
-
-PLAIN: tuple[type, ...] = (list, np.ndarray)
+"""The only object that is the type of arrays of floats in this machine's byte order."""
 
 
 def floats(values: ArrayLike) -> Array:
@@ -24,7 +22,8 @@ def floats(values: ArrayLike) -> Array:
         If they have no shape.
     """
     array = np.array(values)
-    if array.dtype is FLOAT and type(values) in PLAIN:
+    # The usual case, without the checks that take as long as an allocation.
+    if array.dtype is FLOAT and type(values) in (list, np.ndarray):
         return array
     if array.dtype.kind not in 'iuf' or isinstance(values, np.ma.MaskedArray):
         raise TypeError(f'expected real numbers, got {array.dtype}')

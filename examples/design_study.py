@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ca_ros import Vehicle, audit
+from ca_ros.vehicle.geometry import ring
+from ca_ros.vehicle.settings import RingSettings
 
 Row = dict[str, Any]
 COUNTED = 'hovers', 'keeps_hovering'
@@ -35,13 +37,12 @@ class Design(NamedTuple):
 
     def vehicle(self, base: Vehicle) -> Vehicle:
         """Return `base` with this geometry."""
-        angles = 2.0 * np.pi * np.arange(len(self.spin)) / len(self.spin)
-        cos, sin, zero = np.cos(angles), np.sin(angles), np.zeros(len(angles))
+        circle = ring(RingSettings(count=len(self.spin), radius=1.0))
         spins = np.array([1.0 if letter == 'P' else -1.0 for letter in self.spin])
         aside, up = spins * np.sin(np.radians(self.tilt)), np.cos(np.radians(self.tilt))
-        arms = self.arm * np.column_stack([cos, sin, zero])
-        axes = np.column_stack([-sin * aside, cos * aside, zero + up])
-        return replace(base, arms=arms, rotor_axes=axes, spins=spins)
+        x, y, z = circle.T
+        axes = np.column_stack([-y * aside, x * aside, z + up])
+        return replace(base, arms=self.arm * circle, rotor_axes=axes, spins=spins)
 
 
 def spin_orders(n: int) -> list[str]:

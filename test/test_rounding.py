@@ -10,11 +10,11 @@ import pytest
 from ca_ros import AdmissibleSet, AllocationProblem, Status, kernel, make_allocator
 from ca_ros.kernel import AXES_MAX, ROTORS_MAX, load
 from ca_ros.problem import prioritization
-from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.solver import dual_newton, simplex
 from ca_ros.solver.zonotope import SPANNING_MIN
+from ca_ros.vehicle.validation import ABSURD
 from strategies import build, length, ring
 
 pytestmark = pytest.mark.skipif(load() is None, reason='the extension module is not built')

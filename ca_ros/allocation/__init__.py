@@ -57,7 +57,7 @@ def method_class(method: str) -> type[Allocator]:
 
 def make_allocator(
     method: str,
-    vehicle: Vehicle | AllocationProblem,
+    problem: Vehicle | AllocationProblem,
     lost_axes: str | None = None,
     **options: Any,
 ) -> Allocator:
@@ -71,7 +71,7 @@ def make_allocator(
     ----------
     method : str
         A name in `ALLOCATORS`, or ``module:Class`` for a subclass of `Allocator` of one's own.
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
     lost_axes : 'refuse' or 'drop', optional
         'refuse': raise an error if the vehicle has lost axes or cannot hover.  'drop': leave out
         the lost axes; wrenches then have the components ``allocator.problem.axes``.  The default
@@ -89,11 +89,11 @@ def make_allocator(
         If the method has no such setting.
     """
     kind = method_class(method)
-    if isinstance(vehicle, Vehicle):
-        vehicle = accept(vehicle, lost_axes).independent
+    if isinstance(problem, Vehicle):
+        problem = accept(problem, lost_axes).independent
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
-    return allocator_with(kind, vehicle, kind.settings_type()(**options))
+    return allocator_with(kind, problem, kind.settings_type()(**options))
 
 
 def allocator_with(

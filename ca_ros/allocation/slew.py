@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array, constant
-from ca_ros.problem.numbers import numbers
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.vehicle.validation import numbers
 
 
 class SlewLimited(Allocator):

@@ -23,8 +23,8 @@ class FixedPseudoInverse(PseudoInverse):
     The share of a lost rotor is lost and not given to the others.
     """
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        super().__init__(vehicle)
+    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+        super().__init__(problem)
         self.inverse = np.linalg.pinv(self.problem.gamma)
 
 
@@ -65,8 +65,8 @@ class PlainOsqp(Saturated):
 
     SETTINGS: ClassVar[dict[str, Any]] = {'warm_starting': False}
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        super().__init__(vehicle)
+    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+        super().__init__(problem)
         try:
             self._solver, self._solve = osqp_program(self.problem, **self.SETTINGS)
         except ImportError:
@@ -90,8 +90,8 @@ class TightOsqp(PlainOsqp):
 class HierarchicalDaqp(Saturated):
     """The hierarchical program of DAQP, see `hierarchical`; a ValueError without the package."""
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        super().__init__(vehicle)
+    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+        super().__init__(problem)
         try:
             self._solve = hierarchical(self.problem)
         except ImportError:

@@ -15,10 +15,10 @@ from ca_ros.allocation.settings import VehicleMethodSettings, full_names
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
-from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.thrust_curve import ThrustCurve, root
+from ca_ros.vehicle.thrust_curve import ThrustCurve, root, rotor_speeds
+from ca_ros.vehicle.validation import ABSURD
 
 DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float64}
 
@@ -153,8 +153,7 @@ class Firmware:
         """
         row = fault if 0 <= fault < len(self.faults) else 0
         k_f, reverse, least, greatest = self.rotors[row]
-        zero = self.dtype(0)
-        rest = np.minimum(np.maximum(zero, least), greatest)
+        rest = np.minimum(np.maximum(self.dtype(0), least), greatest)
         if not self.is_sound(fault, wrench):
             return INVALID, rest
         thrusts = np.empty(self.problem.n, self.dtype)
@@ -162,18 +161,14 @@ class Firmware:
         status = 0 if answer is None else answer[0]
         if status in (INVALID, Status.REJECTED):
             return status, rest
-        # Sum, product, quotient, square root and comparisons are the same to the last bit in C.
-        forwards = np.maximum(thrusts, zero) / k_f
-        if self.curve.square:
-            forwards = np.sqrt(forwards)
-        else:
-            levels, segments = self.segments
-            a, b, c = segments[np.searchsorted(levels, forwards, 'right') - 1].T
-            forwards = root(a, b, forwards - c)
-        speeds = np.where(
-            thrusts < zero, -np.sqrt(np.maximum(-thrusts, zero) / reverse), forwards
-        )
-        return status, np.minimum(np.maximum(speeds, least), greatest)
+        inverse = np.sqrt if self.curve.square else self._curve_speeds
+        return status, rotor_speeds(thrusts, k_f, reverse, least, greatest, inverse)
+
+    def _curve_speeds(self, ratio: Array) -> Array:
+        """Return the speeds (n,) for thrusts over k_f (n,) by the thrust curve."""
+        levels, segments = self.segments
+        a, b, c = segments[np.searchsorted(levels, ratio, 'right') - 1].T
+        return root(a, b, ratio - c)
 
     def effort(self, fault: int, wrenches: Array) -> tuple[int, int]:
         """Return the greatest numbers of steps and of pivots for wrenches (N, m)."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.prioritization import PrioritizedAxesSettings
-from ca_ros.settings import Numbers, ParameterError, Settings, setting
+from ca_ros.settings import Numbers, ParameterError, Settings, repeated, setting
 from ca_ros.vehicle.settings import MovingVehicleSettings
 
 SIDEWAYS = ('force_x', 'force_y')
@@ -185,4 +185,4 @@ class PlantSettings(Settings):
 
 def triple(value: Numbers) -> Array:
     """Return a setting that is given once or for x, y, z as an array (3,)."""
-    return np.broadcast_to(np.asarray(value, dtype=float), (3,)).copy()
+    return repeated('x, y, z', value, 3)

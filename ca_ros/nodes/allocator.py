@@ -32,11 +32,11 @@ from ca_ros.nodes.qos import offered
 from ca_ros.nodes.settings import AllocatorSettings
 from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.audit import Audit
-from ca_ros.problem.numbers import ABSURD
 from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.validation import ABSURD
 
 ACKNOWLEDGED_MAX = 2.0
 """Time to wait at the end for the motors to acknowledge the last command [s]."""

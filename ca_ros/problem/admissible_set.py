@@ -33,7 +33,7 @@ class AdmissibleSet:
 
     Parameters
     ----------
-    vehicle : Vehicle or AllocationProblem
+    problem : Vehicle or AllocationProblem
 
     Raises
     ------
@@ -41,10 +41,10 @@ class AdmissibleSet:
         If the set has no volume: the rotors cannot control the axes independently.
     """
 
-    def __init__(self, vehicle: Vehicle | AllocationProblem) -> None:
-        self.problem = problem = problem_of(vehicle)
-        if not problem.has_volume:
-            raise problem.no_volume()
+    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+        self.problem = problem_of(problem)
+        if not self.problem.has_volume:
+            raise self.problem.no_volume()
         self._prioritizations: dict[object, Prioritization] = {}
 
     @cached_property

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ca_ros.settings import ParameterError, renamed
-from ca_ros.vehicle.files import find, flatten, read_yaml
+from ca_ros.vehicle.files import ParameterFile, flatten
 
 ARGUMENTS = ('matrix', 'lower', 'upper', 'axes', 'effector_names', 'reference', 'effector_kind')
 """The entries of a file, which are the arguments of `AllocationProblem`."""
@@ -55,16 +55,13 @@ def read_problem(name: str | Path, kind: Callable[..., P]) -> tuple[P, dict[str,
     ParameterError
         In one line that names the file, the entry and the fault.
     """
-    path = find(name)
+    file = ParameterFile(name)
+    if not isinstance(file.content, Mapping) or 'problem' not in file.content:
+        return None
     try:
-        content = read_yaml(path.read_text(encoding='utf-8'))
-        if not isinstance(content, Mapping) or 'problem' not in content:
-            return None
-        return _problem(content['problem'], kind), _options(content)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path}: not readable YAML: {error}') from None
+        return _problem(file.content['problem'], kind), _options(file.content)
     except ValueError as error:
-        raise ParameterError(f'{path}: {error}') from None
+        raise ParameterError(f'{file.path}: {error}') from None
 
 
 def _problem(given: Any, kind: Callable[..., P]) -> P:

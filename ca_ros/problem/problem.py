@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, constant, floats
 from ca_ros.problem.files import read_problem
-from ca_ros.problem.numbers import ABSURD, different_names, numbers
 from ca_ros.settings import ParameterError
 from ca_ros.solver.dual_newton import DualNewton, sum_rounding
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.files import shipped_problems
+from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds
 from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 
 EXACT_TOLERANCE = 1e-12
@@ -130,14 +130,11 @@ class AllocationProblem:
             raise ValueError(f'effector_kind: expected a word, got {effector_kind!r}')
         self.effector_kind = effector_kind
         low, high = numbers('lower', lower, n), numbers('upper', upper, n)
-        if (low > high).any():
-            i = int(np.argmax(low > high))
-            raise ValueError(
-                f'lower: {low[i]:g} of {self.effector_names[i]!r} is above its upper bound, '
-                f'{high[i]:g}'
-            )
-        zero = np.zeros(m)
-        start = numbers('reference', zero if reference is None else reference, m, scalar=False)
+        quoted = [repr(name) for name in self.effector_names]
+        ordered_bounds('lower', 'upper bound', low, high, quoted)
+        start = np.zeros(m) if reference is None else numbers('reference', reference)
+        if start.shape != (m,):
+            raise ValueError(f'reference: expected {m} numbers, got shape {start.shape}')
         self._fill(gamma, low, high, start)
         least = UNITS_MIN * max(1.0, float(self.extent.max()))
         if small := [k for k in range(m) if 0.0 < self.extent[k] < least]:

@@ -52,7 +52,7 @@ class VehicleProblem(AllocationProblem):
         return self.reference_inside
 
 
-def problem_of(vehicle: Vehicle | AllocationProblem) -> AllocationProblem:
+def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:
     """Return the problem of a vehicle, not audited, or the problem itself.
 
     Raises
@@ -60,11 +60,11 @@ def problem_of(vehicle: Vehicle | AllocationProblem) -> AllocationProblem:
     TypeError
         If the argument is neither.
     """
-    if isinstance(vehicle, Vehicle):
-        return VehicleProblem(vehicle)
-    if isinstance(vehicle, AllocationProblem):
-        return vehicle
-    raise TypeError(f'expected a Vehicle or an AllocationProblem, got {vehicle!r}')
+    if isinstance(problem, Vehicle):
+        return VehicleProblem(problem)
+    if isinstance(problem, AllocationProblem):
+        return problem
+    raise TypeError(f'expected a Vehicle or an AllocationProblem, got {problem!r}')
 
 
 def vehicle_of(problem: AllocationProblem) -> Vehicle:

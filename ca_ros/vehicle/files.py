@@ -84,12 +84,15 @@ class ParameterFile(str):
         If there is no such file, or it is not YAML; the message names the file.
     """
 
+    path: Path
     content: Any
 
     def __new__(cls, name: str | Path) -> ParameterFile:
         """Read the file of a vehicle or problem, see `find`."""
-        path = find(name)
+        if isinstance(name, ParameterFile):
+            return name
         self = super().__new__(cls, name)
+        self.path = path = find(name)
         try:
             self.content = read_yaml(path.read_text(encoding='utf-8'))
         except (OSError, UnicodeDecodeError) as error:
@@ -122,14 +125,11 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     NoSectionError
         If `node` is given and no section of the file is for it.
     """
-    file = vehicle if isinstance(vehicle, ParameterFile) else ParameterFile(vehicle)
-    path = find(vehicle)
+    file = ParameterFile(vehicle)
     try:
         return renamed(_ros_parameters(file.content, node))
-    except NoSectionError as error:
-        raise NoSectionError(f'{path}: {error}') from None
     except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
+        raise type(error)(f'{file.path}: {error}') from None
 
 
 def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:

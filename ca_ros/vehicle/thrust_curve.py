@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -200,6 +201,34 @@ class ThrustCurve:
         low, high = self.pwm
         share = np.where(reverses, 0.5 + np.multiply(0.5, throttles), throttles)
         return np.asarray(low + (high - low) * share)
+
+
+def rotor_speeds(
+    thrusts: Array,
+    forwards: Array,
+    backwards: Array,
+    low: Array,
+    high: Array,
+    inverse: Callable[[Array], Array] = np.sqrt,
+) -> Array:
+    """Return the speeds (..., n) for thrusts (..., n) [N], clipped to their bounds, Eq. (11).
+
+    Quotient, square root and comparisons give the same bits in C, in the precision of the arrays.
+
+    Parameters
+    ----------
+    thrusts : (..., n) array
+    forwards, backwards : (n,) arrays
+        k_f of rotors that turn forwards and backwards, positive [kg m].
+    low, high : (n,) arrays
+        Bounds of the speeds [rad/s].
+    inverse : callable
+        From thrust over k_f to speed, of rotors that turn forwards.
+    """
+    backward = thrusts < 0.0
+    ratio = np.abs(thrusts) / np.where(backward, backwards, forwards)
+    speeds = np.where(backward, -np.sqrt(ratio), inverse(ratio))
+    return np.minimum(np.maximum(speeds, low), high)
 
 
 def root(a: Array, b: Array, f: Array) -> Array:

@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, constant, floats, is_constant
 from ca_ros.settings import ParameterError, check_given, read, repeated, table
-from ca_ros.vehicle import files, values
+from ca_ros.vehicle import files
+from ca_ros.vehicle.geometry import rotor_axes, rotor_positions
 from ca_ros.vehicle.settings import (
+    AXES,
     AxesSettings,
     BodySettings,
     MovingBodySettings,
@@ -24,7 +26,8 @@ from ca_ros.vehicle.settings import (
     RotorSettings,
     VehicleSettings,
 )
-from ca_ros.vehicle.thrust_curve import ThrustCurve
+from ca_ros.vehicle.thrust_curve import ThrustCurve, rotor_speeds
+from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds
 
 EFFECTORS_MAX = 1000
 """Greatest number of rotors; more would need hours to list what they can do."""
@@ -165,40 +168,46 @@ class Vehicle:
             If settings contradict each other.
         """
         axes = AxesSettings() if axes is None else axes
-        arms = values.arms(body, rotors)
-        n = len(arms)
+        arms = rotor_positions(rotors) - np.array(body.center_of_mass, float)
+        n, spins = len(arms), rotors.spins
         if n > EFFECTORS_MAX:
             raise ParameterError(
                 f'rotors.positions: expected up to {EFFECTORS_MAX} rotors, got {n}'
             )
-        speed_min, speed_max = values.speed_bounds(rotors, n)
-        k_f = repeated('rotors.thrust_coefficient', rotors.thrust_coefficient, n)
+        if isinstance(spins, str) or len(spins) != n:
+            raise ParameterError(
+                f'rotors.spins: expected {n} words, one per rotor, got {spins!r}'
+            )
+
+        def each(name: str) -> Array:
+            return repeated(f'rotors.{name}', getattr(rotors, name), n)
+
+        speed_min, speed_max = each('speed_min'), each('speed_max')
+        names = [f'rotor {i + 1}' for i in range(n)]
+        ordered_bounds('rotors.speed_min', 'rotors.speed_max', speed_min, speed_max, names)
+        forwards, backwards = each('thrust_coefficient'), each('thrust_coefficient_reverse')
         try:
-            curve = ThrustCurve.from_settings(rotors.thrust_curve, k_f, speed_min, speed_max)
+            curve = ThrustCurve.from_settings(rotors.thrust_curve, forwards, speed_min, speed_max)
         except ParameterError as error:
             raise ParameterError(f'rotors.thrust_curve.{error}') from None
         return cls(
             mass=body.mass,
             gravity=body.gravity,
             buoyancy=body.buoyancy,
-            inertia=values.inertia(body) if isinstance(body, MovingBodySettings) else None,
+            inertia=inertia_matrix(body.inertia) if isinstance(body, MovingBodySettings) else None,
             arms=arms,
-            rotor_axes=values.rotor_axes(rotors, n),
-            spins=values.spins(rotors, n),
-            thrust_coefficient=k_f,
-            thrust_coefficient_reverse=values.reverse_coefficients(rotors, n),
-            torque_coefficient=repeated(
-                'rotors.torque_coefficient', rotors.torque_coefficient, n
-            ),
+            rotor_axes=rotor_axes(rotors, n),
+            spins=np.array([1.0 if word == 'cw' else -1.0 for word in spins]),
+            thrust_coefficient=forwards,
+            thrust_coefficient_reverse=np.where(backwards > 0.0, backwards, forwards),
+            torque_coefficient=each('torque_coefficient'),
             speed_min=speed_min,
             speed_max=speed_max,
-            health=repeated('rotors.health', rotors.health, n),
-            axes=values.commanded_axes(axes),
+            health=each('health'),
+            axes=tuple(axis for axis in AXES if axis in axes.axes),
             lost_axes=axes.lost_axes,
             curve=curve,
-            speed_max_per_volt=repeated(
-                'rotors.speed_max_per_volt', rotors.speed_max_per_volt, n
-            ),
+            speed_max_per_volt=each('speed_max_per_volt'),
         )
 
     def with_health(self, health: ArrayLike) -> Vehicle:
@@ -320,12 +329,12 @@ class Vehicle:
                 f'thrusts: {thrusts[place]:g} N of rotor {i + 1}, expected '
                 f'{self.thrust_min[i]:g} to {self.thrust_max[i]:g} N'
             )
-        forwards, backwards = np.maximum(thrusts, 0.0) / k, np.maximum(-thrusts, 0.0) / reverse
-        if not self.curve.square:
-            found = self.curve.speed(self.curve.coefficient * forwards)
-            return np.minimum(np.maximum(found, low), high)
-        speeds = np.sqrt(forwards) - np.sqrt(backwards)
-        return np.minimum(np.maximum(speeds, low), high)
+        inverse = np.sqrt if self.curve.square else self._curve_speeds
+        return rotor_speeds(thrusts, k, reverse, low, high, inverse)
+
+    def _curve_speeds(self, ratio: Array) -> Array:
+        """Return the speeds (..., n) for thrusts over k_f (..., n) by the thrust curve."""
+        return self.curve.speed(self.curve.coefficient * ratio)
 
     def throttles(self, speeds: ArrayLike) -> Array:
         """Return the throttles (..., n) of speeds (..., n) [rad/s], from -1 (or 0) to 1."""

@@ -1,0 +1,76 @@
+"""Checks of numbers and names that define a vehicle, a problem or an option."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array, floats
+from ca_ros.settings import ParameterError, repeated
+
+ABSURD = 1e100
+"""Greatest number that a wrench may have; larger ones are errors of the caller [N, N m]."""
+
+
+def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
+    """Return finite numbers as an array; raise a ValueError that names them if they are wrong.
+
+    With a `size`, the array is (size,), and one number counts for all effectors.
+    """
+    try:
+        array = floats(given)
+    except (TypeError, ValueError):
+        raise ValueError(f'{name}: expected numbers, got {given!r}') from None
+    if not (np.abs(array) <= ABSURD).all():
+        raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {given!r}')
+    return array if size is None else repeated(name, array, size, 'effector')
+
+
+def different_names(name: str, given: Sequence[str], size: int) -> tuple[str, ...]:
+    """Return names, as many as `size` and all different; else raise a ValueError."""
+    listed = isinstance(given, (list, tuple)) and all(isinstance(each, str) for each in given)
+    names = tuple(given) if listed else ()
+    if len(names) != size or len(set(names)) < size:
+        raise ValueError(f'{name}: expected {size} different names, got {given!r}')
+    if not all(each and each.isprintable() for each in names):
+        raise ValueError(f'{name}: expected names of printable characters, got {given!r}')
+    return names
+
+
+def ordered_bounds(
+    low: str, high: str, lower: Array, upper: Array, names: Sequence[str]
+) -> None:
+    """Raise a ParameterError that names the first lower bound (n,) above its upper bound."""
+    if (above := np.flatnonzero(lower > upper)).size:
+        i = above[0]
+        raise ParameterError(
+            f'{low}: {lower[i]:g} of {names[i]} is above its {high}, {upper[i]:g}'
+        )
+
+
+def inertia_matrix(inertia: ArrayLike) -> Array:
+    """Return the matrix (3, 3) of three or nine numbers; a body must be able to have it [kg m^2].
+
+    Raises
+    ------
+    ParameterError
+        If it is not symmetric or not positive definite, or a principal moment is too great.
+    """
+    numbers = np.asarray(inertia, dtype=float)
+    matrix = np.diag(numbers) if numbers.size == 3 else numbers.reshape(3, 3)
+    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+        raise ParameterError('vehicle.inertia: the matrix is not symmetric')
+    moments = np.linalg.eigvalsh(matrix)
+    if moments[0] <= 0.0:
+        raise ParameterError(
+            f'vehicle.inertia: must be positive definite, got a principal moment of '
+            f'{moments[0]:g} kg m^2'
+        )
+    if moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
+        raise ParameterError(
+            f'vehicle.inertia: no body has the principal moments {moments}: '
+            f'the greatest exceeds the sum of the others'
+        )
+    return matrix
