@@ -1,4 +1,4 @@
-"""What this installation of ca_ros has, and audits: ``python -m ca_ros [audit VEHICLE]``."""
+"""What this installation of ca_ros has, and its commands: ``python -m ca_ros [COMMAND]``."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ from ca_ros.commands import COMMANDS
 from ca_ros.evaluation import fit_thrust
 from ca_ros.evaluation.sets import audit_command
 from ca_ros.kernel import chosen, load
+from ca_ros.nodes.bridges import motors
 from ca_ros.settings import ParameterError
+from ca_ros.vehicle import px4_parameters, urdf
 from ca_ros.vehicle.files import config_directory
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = {
     'README.md': 'how to run it, comparison, results',
     'docs/': 'guides, topics, parameters, how the exact allocator works',
-    'examples/': 'from rotor speeds to Gazebo, PX4 and ros2_control',
+    'examples/': 'MuJoCo, and a search for designs',
 }
 
 
@@ -33,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
     )
     commands = parser.add_subparsers(title='commands', metavar='COMMAND')
-    for command in (audit_command, explore, fit_thrust):
+    for command in (audit_command, explore, fit_thrust, motors, px4_parameters, urdf):
         command.add_parser(commands)
     options = parser.parse_args(argv)
     if 'run' in options:
@@ -64,10 +66,7 @@ def overview() -> None:
         print(f'\n{title}:')
         for name, text in lines.items():
             print(f'  {name:{width}}  {text}')
-    print(
-        '\npython -m ca_ros audit VEHICLE: which axes the rotors can control, also after each '
-        'single failure'
-    )
+    print('\npython -m ca_ros --help: audits, thrust curves, geometry from PX4 and URDF, Gazebo')
 
 
 def installed() -> tuple[str, dict[str, str]]:

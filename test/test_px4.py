@@ -1,18 +1,20 @@
-"""The conversions from and to PX4 in examples/, on airframes and attitudes worked out by hand."""
+"""The conversions from and to PX4, on airframes and attitudes worked out by hand."""
 
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
-from strategies import FLEET, example, run_example
-
-odometry, setpoints, parameters, motors = map(
-    example, ('px4_odometry', 'px4_setpoints', 'px4_parameters', 'px4_actuator_motors'))
+from ca_ros.__main__ import main
+from ca_ros.nodes.bridges import px4
+from ca_ros.vehicle import px4_parameters as parameters
+from ca_ros.vehicle.files import read
+from strategies import FLEET
 
 S = np.sqrt(0.5)
 
@@ -58,7 +60,7 @@ def message(q=(1, 0, 0, 0), velocity=(0, 0, 0), **others):
 
 def test_nose_to_the_north_is_a_heading_of_90_degrees():
     """The heading is counted from the east."""
-    position, attitude, velocity, rates = odometry.state(message(velocity=(5, 0, 0)))
+    position, attitude, velocity, rates = px4.state(message(velocity=(5, 0, 0)))
     assert_allclose(position, [2, 1, 3])
     assert_allclose(attitude, [0, 0, S, S], atol=1e-15)
     assert_allclose(velocity, [5, 0, 0], atol=1e-14)
@@ -70,13 +72,13 @@ def test_any_attitude_is_that_of_the_matrices():
     world, body = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.diag([1, -1, -1])
     for rotation in Rotation.random(50, random_state=0):
         x, y, z, w = rotation.as_quat()
-        found = Rotation.from_quat(odometry.attitude((w, x, y, z))).as_matrix()
+        found = Rotation.from_quat(px4.attitude((w, x, y, z))).as_matrix()
         assert_allclose(found, world @ rotation.as_matrix() @ body, atol=1e-12)
         velocity = np.array([1.0, 2.0, 3.0])
         given = message((w, x, y, z), velocity)
-        assert_allclose(odometry.state(given)[2], body @ rotation.inv().apply(velocity))
+        assert_allclose(px4.state(given)[2], body @ rotation.inv().apply(velocity))
         given = message((w, x, y, z), rotation.inv().apply(velocity), velocity_frame=3)
-        assert_allclose(odometry.state(given)[2], body @ rotation.inv().apply(velocity))
+        assert_allclose(px4.state(given)[2], body @ rotation.inv().apply(velocity))
 
 
 @pytest.mark.parametrize(('wrong', 'words'), [
@@ -87,7 +89,7 @@ def test_any_attitude_is_that_of_the_matrices():
 ])
 def test_unknown_states_are_refused(wrong, words):
     with pytest.raises(ValueError, match=words):
-        odometry.state(message(**wrong))
+        px4.state(message(**wrong))
 
 
 # Set-points
@@ -96,21 +98,21 @@ def test_the_units_of_the_generic_quadrotor(vehicle):
     """By hand: thrust 4 f; roll, pitch 4 y f / sqrt(2), as each motor changes by 1 / sqrt(2)."""
     roll, yaw = 4 * 0.15 * FULL * S, 4 * 0.05 * FULL
     assert_allclose(
-        setpoints.units(vehicle(QUAD_X)), [4 * FULL, 4 * FULL, 4 * FULL, roll, roll, yaw])
+        px4.units(vehicle(QUAD_X)), [4 * FULL, 4 * FULL, 4 * FULL, roll, roll, yaw])
 
 
 def test_without_saturation_the_motors_are_those_of_px4(vehicle):
     """PX4's normalised mixer of a quadrotor X has 1/sqrt(2) for roll and pitch, 1 for the rest."""
     quad = vehicle(QUAD_X)
     roll, pitch, yaw, thrust = 0.1, -0.2, 0.05, 0.5
-    u = setpoints.wrench((0, 0, -thrust), (roll, pitch, yaw), setpoints.units(quad))
+    u = px4.wrench((0, 0, -thrust), (roll, pitch, yaw), px4.units(quad))
     # Forward-left-up: to the right is positive too, nose up and to the right are negative.
     assert_allclose(np.sign(u[2:]), [1, 1, 1, -1])
     speeds = make_allocator('exact', quad).allocate(u[2:]).speeds
     # Front right and rear left turn counter-clockwise, front left and rear right clockwise.
     r, p = S * roll, S * pitch
     by_hand = [-r + p + yaw, r - p + yaw, r + p - yaw, -r - p - yaw]
-    assert_allclose(motors.thrust_controls(speeds, quad.speed_max), thrust + np.array(by_hand))
+    assert_allclose(px4.controls(speeds, quad, [], 'thrust', 0.0)[:4], thrust + np.array(by_hand))
 
 
 @pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'x8', 'y6', 'asymmetric'])
@@ -118,13 +120,63 @@ def test_the_units_normalise_the_motors_as_px4_says(name):
     """What PX4 promises of its normalised matrix, which is computed here from Gamma."""
     some = FLEET[name]
     full = some.thrust_coefficient * some.speed_max**2
-    unit = setpoints.units(some)[2:] * [1, 1, 1, -1]
+    unit = px4.units(some)[2:] * [1, 1, 1, -1]
     mixer = np.linalg.pinv(control_allocation_matrix(some) * full) * unit
     changed = mixer[:, 1:3] ** 2
     level = [column[column > 1e-6].mean() for column in changed.T]
     assert np.abs(mixer[:, 0]).mean() == pytest.approx(1.0)
     assert max(level) == pytest.approx(0.5)
     assert mixer[:, 3].max() == pytest.approx(1.0)
+
+
+def test_a_wrench_and_its_set_points_are_inverses(vehicle):
+    unit = px4.units(vehicle(HEXA_X))
+    u = np.array([0.5, -0.3, 9.81, 0.2, -0.1, 0.05])
+    assert_allclose(px4.wrench(*px4.setpoints(u, unit), unit), u)
+    # Up is a negative thrust, nose down a negative pitch torque.
+    thrust, torque = px4.setpoints(u, unit)
+    assert thrust[2] == pytest.approx(-9.81 / 24.0, rel=1e-3)
+    assert (torque[1], torque[2]) == pytest.approx((0.1 / unit[4], -0.05 / unit[5]))
+
+
+# Motors
+
+def output(control, factor):
+    """Return what PX4 makes of a control: the x of control = factor x^2 + (1 - factor) x."""
+    roots = np.roots([factor, 1.0 - factor, -control]) if factor else [control]
+    return max(np.real(roots))
+
+
+speeds = st.floats(40.0, 400.0)
+QUAD = Vehicle.load('quadrotor')
+
+
+@given(speeds)
+def test_px4_gets_shares_of_the_greatest_thrust(speed):
+    control = px4.controls(np.full(4, speed), QUAD, [], 'thrust', 0.0)[:4]
+    assert_allclose(control, (2.5e-5 * speed**2) / (2.5e-5 * 400.0**2), rtol=1e-7)
+
+
+@given(speeds, st.floats(1.0, 40.0), st.sampled_from([0.0, 0.3, 1.0]) | st.floats(1e-3, 1.0))
+def test_px4_finds_the_output_that_sets_the_speed(speed, idle, factor):
+    """With the throttles of Gazebo: 0 is the idle speed, 1 the greatest."""
+    gazebo = Vehicle.from_parameters(read('quadrotor') | {
+        'rotors.thrust_curve.speeds': [idle, 400.0], 'rotors.thrust_curve.throttles': [0.0, 1.0]})
+    control = px4.controls(np.full(4, speed), gazebo, [], 'throttle', factor)[0]
+    assert idle + output(control, factor) * (400.0 - idle) == pytest.approx(speed, abs=0.1)
+
+
+def test_px4_gets_its_own_order_and_nan_for_what_does_not_turn():
+    sent = px4.controls(np.array([100.0, 200.0, 0.0, 400.0]), QUAD, [2, 3, 1, 4], 'thrust', 0.0)
+    assert (sent.dtype, sent.shape) == (np.float32, (12,))
+    assert_allclose(sent[:4], [0.25, np.nan, 0.0625, 1.0])
+    assert np.isnan(sent[4:]).all()
+
+
+@pytest.mark.parametrize('wrong', [[401.0, 0, 0, 0], [-1.0, 0, 0, 0], [np.nan, 0, 0, 0], [100.0]])
+def test_px4_gets_nothing_that_is_out_of_bounds(wrong):
+    with pytest.raises(ValueError, match='rotor speeds'):
+        px4.controls(np.array(wrong), QUAD, [], 'thrust', 0.0)
 
 
 # Parameters
@@ -213,21 +265,18 @@ def test_one_least_speed_is_for_motors_that_all_reverse(reverse, found):
     assert 'speed_min: -300.0' in parameters.from_px4(given, 1.0, speeds, 2.5e-5)
 
 
-@pytest.mark.parametrize('name', ['px4_actuator_motors', 'gazebo_actuators'])
-def test_adapters_without_reverse_refuse_vehicles_with_it(name):
-    option = '--sdf' if name == 'gazebo_actuators' else '--vehicle'
-    assert run_example(name, option, 'rov') == (
-        1, '', f'{name}: rotors reverse (rotors.speed_min < 0), which is not supported\n')
-
-
 def test_motors_that_reverse_are_marked():
     assert parameters.to_px4(Vehicle.load('rov'))['CA_R_REV'] == 2**8 - 1
     assert 'CA_R_REV' not in parameters.to_px4(Vehicle.load('quadrotor'))
 
 
-def test_the_commands_for_both_ways(tmp_path):
+def test_the_commands_for_both_ways(tmp_path, capsys):
     file, vehicle = tmp_path / 'my.params', tmp_path / 'my.yaml'
-    convert = partial(run_example, 'px4_parameters')
+
+    def convert(*arguments):
+        code = main(['px4-parameters', *map(str, arguments)])
+        return code, *capsys.readouterr()
+
     _, there, _ = convert('to-px4', 'hexarotor', '--style', 'params')
     assert there.splitlines()[1] == '1\t1\tCA_ROTOR_COUNT\t6\t6'
     file.write_text(there)
@@ -242,4 +291,4 @@ def test_the_commands_for_both_ways(tmp_path):
     assert_allclose(
         control_allocation_matrix(found), control_allocation_matrix(expected), atol=1e-9)
     code, _, err = convert('from-px4', vehicle, *numbers)
-    assert (code, err.startswith('px4_parameters: no CA_ROTOR_COUNT')) == (1, True)
+    assert (code, err.startswith('ca_ros px4-parameters: no CA_ROTOR_COUNT')) == (1, True)

@@ -15,6 +15,7 @@ from ca_ros.allocation.settings import (
 )
 from ca_ros.flight.settings import ControlSettings, DetectorSettings, PlantSettings
 from ca_ros.settings import (
+    Numbers,
     ParameterError,
     Settings,
     check_given,
@@ -29,6 +30,7 @@ from ca_ros.vehicle.settings import (
     MovingBodySettings,
     MovingVehicleSettings,
     RotorSettings,
+    VehicleSettings,
 )
 
 
@@ -138,6 +140,35 @@ class MonitorSettings(WorldSettings, NodeSettings, MovingVehicleSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BridgeSettings(Settings):
+    """What bridges pass on, and how."""
+
+    order: Numbers = setting(
+        0.0, 'for each motor or joint of the other side the rotor that it is, from 1; 0: the same '
+        'order', minimum=0.0)
+    actuators: Literal['velocity', 'normalized'] = setting(
+        'velocity', 'field of actuator_msgs/Actuators. velocity: rad/s; normalized: throttle')
+    px4_input: Literal['state', 'setpoints'] = setting(
+        'state',
+        'what comes from PX4. state: its odometry, for a controller of yours; setpoints: thrust '
+        'and torque of its rate loop, as command/wrench')
+    px4_output: Literal['thrust', 'throttle'] = setting(
+        'thrust',
+        'what PX4 gets. thrust: the share of the greatest thrust, of which PX4 makes its output '
+        'by THR_MDL_FAC; throttle: the control whose output is the throttle')
+    px4_thrust_factor: float = setting(
+        0.0, 'THR_MDL_FAC as it is set in PX4, for px4_output: throttle', minimum=0.0,
+        maximum=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BridgeNodeSettings(WorldSettings, NodeSettings, VehicleSettings):
+    """The settings of a bridge."""
+
+    bridge: BridgeSettings = BridgeSettings()
+
+
+@dataclass(frozen=True, kw_only=True)
 class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
     """All settings that the file of a vehicle may have."""
 
@@ -145,6 +176,7 @@ class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
     allocation: VehicleMethodSettings = group(VehicleAllocation)
     simulator: SimulationSettings
     detector: DetectorSettings
+    bridge: BridgeSettings = BridgeSettings()
 
 
 DECLARED: dict[str, type[NodeSettings]] = {

@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""A vehicle's parameter file from PX4's parameters, and PX4's parameters from the file.
+"""``python -m ca_ros px4-parameters``: a parameter file from PX4's parameters, and back.
 
 PX4's body frame is forward-right-down, ours is forward-left-up: y and z change their signs.
 PX4 models the rotor n (from 0 on) as
@@ -10,10 +9,6 @@ where u is its output, and KM is positive for a rotor that turns counter-clockwi
 (module.yaml of PX4's control_allocator).  PX4 normalises the allocation matrix.  Therefore only
 the ratios of CT matter there, and only the ratios of |KM|.  Airframes often leave both at
 PX4's defaults, 6.5 and 0.05.  Measure the coefficients that ca_ros needs (docs/vehicle.md).
-
-    python3 examples/px4_parameters.py from-px4 vehicle.params --mass 2 --speed-min 150 \\
-        --speed-max 1000 --thrust-coefficient 8.5e-6 --moment-constant 0.016 > my.yaml
-    python3 examples/px4_parameters.py to-px4 my.yaml --style params > vehicle.params
 """
 
 from __future__ import annotations
@@ -26,10 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ca_ros import Vehicle
 from ca_ros.arguments import finite
-from ca_ros.arrays import Array
-from ca_ros.vehicle.files import flatten, read_yaml
+from ca_ros.vehicle.parameter_text import parameter_text
+from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS = 12
 """The most rotors of PX4; 8 before version 1.14."""
@@ -139,34 +133,22 @@ def from_px4(
     thrust = thrust_coefficient * ct / ct.max()
     torque = thrust * (np.abs(km) if moment_constant is None else moment_constant)
 
-    def numbers(values: Sequence[float] | Array) -> str:
-        return ', '.join(repr(float(f'{value:.9g}') + 0.0) for value in values)
-
-    def rows(values: Array) -> str:
-        return ',\n                  '.join(numbers(row) for row in values)
-
     absent = [f'CA_ROTOR{i}_{kind}' for i in range(n) for kind in ('CT', 'KM')]
     absent = [name for name in absent if name not in given]
     note = f". PX4's defaults: {', '.join(absent)}" if absent else ''
-    inertias = f'      inertia: [{numbers(inertia)}]  # [kg m^2]\n' if inertia else ''
-    text = f"""\
-# From PX4's parameters; the rotors are in its order{note}.
-/**:
-  ros__parameters:
-    vehicle:
-      name: '{name}'
-      mass: {float(mass)!r}  # [kg]
-{inertias}    rotors:
-      positions: [{rows(places)}]  # [m]
-      axes:      [{rows(axes)}]
-      spins: [{', '.join('ccw' if each > 0.0 else 'cw' for each in km)}]
-      thrust_coefficient: [{numbers(thrust)}]  # [kg m]
-      torque_coefficient: [{numbers(torque)}]  # [kg m^2]
-      speed_min: {float(speeds[0])!r}  # [rad/s]
-      speed_max: {float(speeds[1])!r}  # [rad/s]
-"""
-    Vehicle.from_parameters(flatten(read_yaml(text)['/**']['ros__parameters']))
-    return text
+    return parameter_text(
+        f"From PX4's parameters; the rotors are in its order{note}.",
+        {'name': f"'{name}'", 'mass': mass, 'inertia': inertia},
+        {
+            'positions': places,
+            'axes': axes,
+            'spins': ['ccw' if each > 0.0 else 'cw' for each in km],
+            'thrust_coefficient': thrust,
+            'torque_coefficient': torque,
+            'speed_min': speeds[0],
+            'speed_max': speeds[1],
+        },
+    )
 
 
 def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
@@ -188,7 +170,7 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
     rows = [rotor - 1 for rotor in order or range(1, vehicle.n + 1)]
     if sorted(rows) != list(range(vehicle.n)):
         raise ValueError(f'--order: expected each of the rotors 1 to {vehicle.n} once')
-    full = vehicle.thrust_coefficient * vehicle.speed_max**2
+    full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
     found: dict[str, float] = {'CA_ROTOR_COUNT': vehicle.n}
     for motor, i in enumerate(rows):
         ratio = vehicle.torque_coefficient[i] / vehicle.thrust_coefficient[i]
@@ -215,23 +197,18 @@ def text(found: Mapping[str, float], style: str) -> str:
     return '\n'.join(lines)
 
 
-def main() -> None:
-    """Convert, and print the result."""
-    parser = argparse.ArgumentParser(
-        description="Convert the geometry of a vehicle from and to PX4's parameters CA_ROTOR*."
-    )
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to those of ``python -m ca_ros``."""
+    about = "the geometry of a vehicle from and to PX4's parameters CA_ROTOR*"
+    parser = commands.add_parser('px4-parameters', help=about, description=f'Convert {about}.')
     ways = parser.add_subparsers(dest='way', required=True)
     one = ways.add_parser('from-px4', help='print a parameter file of ca_ros')
     one.add_argument('file', type=Path, help='an airframe, or a file of QGroundControl (.params)')
-    one.add_argument('--mass', type=finite, required=True, help='[kg]')
-    one.add_argument('--speed-min', type=finite, required=True, help='[rad/s]')
-    one.add_argument('--speed-max', type=finite, required=True, help='[rad/s]')
-    one.add_argument(
-        '--thrust-coefficient', type=finite, required=True, help='k_f, of the strongest [kg m]'
-    )
+    add_numbers(one, 'k_f, of the strongest [kg m]')
     one.add_argument(
         '--moment-constant', type=finite, help='k_tau / k_f [m] (default: the magnitude of KM)'
     )
+    one.add_argument('--mass', type=finite, required=True, help='[kg]')
     one.add_argument(
         '--inertia', type=finite, nargs=3, metavar='J', help='Jx Jy Jz [kg m^2] (default: none)'
     )
@@ -241,7 +218,18 @@ def main() -> None:
     other.add_argument(
         '--order', default='', metavar='A,B,..', help="the rotor that each of PX4's motors is"
     )
-    options = parser.parse_args()
+    parser.set_defaults(run=run)
+
+
+def add_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:
+    """Add the options for the numbers of rotors that a geometry does not have."""
+    parser.add_argument('--speed-min', type=finite, required=True, help='[rad/s]')
+    parser.add_argument('--speed-max', type=finite, required=True, help='[rad/s]')
+    parser.add_argument('--thrust-coefficient', type=finite, required=True, help=coefficient)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Convert, and print the result; return the exit code."""
     try:
         if options.way == 'from-px4':
             given = read(options.file.read_text(encoding='utf-8'))
@@ -251,14 +239,12 @@ def main() -> None:
             print(
                 from_px4(given, options.mass, speeds, *coefficients, options.inertia, name), end=''
             )
-            return
+            return 0
         words = options.order.split(',') if options.order else []
         order = [int(word) if word.strip().isdecimal() else 0 for word in words]
         found = to_px4(Vehicle.load(options.vehicle), order)
     except (OSError, ValueError) as error:
-        sys.exit(f'px4_parameters: {error}')
+        print(f'ca_ros px4-parameters: {error}', file=sys.stderr)
+        return 1
     print(text(found, options.style))
-
-
-if __name__ == '__main__':
-    main()
+    return 0

@@ -1,0 +1,63 @@
+"""The base class of the bridges: nodes that convert messages and compute nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.publisher import Publisher
+
+from ca_ros.nodes.bridges.motors import order_of
+from ca_ros.nodes.diagnostics import OK, STALE
+from ca_ros.nodes.qos import requested
+from ca_ros.nodes.settings import BridgeNodeSettings
+from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.vehicle.vehicle import Vehicle
+
+
+class Bridge(VehicleNode):
+    """Passes messages on; those that cannot be converted are dropped and counted."""
+
+    declared = BridgeNodeSettings
+    settings: BridgeNodeSettings
+    vehicle: Vehicle
+
+    def build(self, settings: BridgeNodeSettings) -> Vehicle:
+        """Return the vehicle."""
+        return Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+
+    def adopt(self, built: Vehicle) -> None:
+        """Use the vehicle, and the order of the motors."""
+        self.vehicle = built
+        self.order = order_of(self.settings.bridge.order, built.n)
+
+    def state(self) -> tuple[bytes, str]:
+        """Return whether anything was passed on."""
+        return (OK, 'passes on') if self.counts['served'] else (STALE, 'nothing to pass on yet')
+
+    def passes(self, convert: Callable[[Any], Any], *publishers: Publisher) -> Any:
+        """Return a callback that converts messages and publishes the result, or each of several.
+
+        `convert` raises a ValueError for a message that it cannot convert, and returns None for
+        one that needs no answer.
+        """
+
+        def receive(message: Any) -> None:
+            self.counts['received'] += 1
+            try:
+                found = convert(message)
+            except ValueError as error:
+                self.drop('content', str(error))
+                return
+            if found is None:
+                return
+            given = found if isinstance(found, tuple) else (found,)
+            for publisher, each in zip(publishers, given, strict=True):
+                publisher.publish(each)
+            self.counts['served'] += 1
+
+        return receive
+
+    def listen(self, kind: type[Any], name: str, receive: Callable[[Any], None]) -> None:
+        """Subscribe to a topic of others."""
+        self.create_subscription(kind, name, receive, requested('realtime'))

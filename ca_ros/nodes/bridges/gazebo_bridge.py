@@ -1,0 +1,53 @@
+"""Rotor speeds to Gazebo's MulticopterMotorModel, and its odometry to the controller.
+
+The model takes its speed from `velocity` of actuator_msgs/Actuators at its `motorNumber`, from 0
+and never negative, in both senses of rotation.  ``python -m ca_ros gazebo-motors VEHICLE`` prints
+the models of a vehicle; ros_gz_bridge carries the messages.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.nodes import topics
+from ca_ros.nodes.bridges.actuators_bridge import ActuatorsBridge
+from ca_ros.nodes.bridges.motors import GAZEBO_TOPIC
+from ca_ros.nodes.executable import run
+from ca_ros.nodes.messages import pose_arrays, twist_arrays
+
+
+class GazeboBridge(ActuatorsBridge):
+    """Publishes Actuators.velocity, and pose and body velocity of an odometry."""
+
+    target = GAZEBO_TOPIC
+
+    def connect(self) -> None:
+        """Pass the odometry of Gazebo's OdometryPublisher on."""
+        publishers = self.publish_stream(topics.POSE), self.publish_stream(topics.VELOCITY)
+        self.listen(Odometry, 'odometry', self.passes(self._state, *publishers))
+
+    def fields(self, speeds: Float64MultiArray) -> dict[str, list[float]]:
+        """Return the fields of Actuators; Gazebo takes no negative speed."""
+        found = super().fields(speeds)
+        if any(speed < 0.0 for values in found.values() for speed in values):
+            raise ValueError(f'rotor speeds {found}: Gazebo takes none that is negative')
+        return found
+
+    def _state(self, odometry: Odometry) -> tuple[PoseStamped, TwistStamped]:
+        pose, twist = PoseStamped(), TwistStamped()
+        pose.header.stamp = twist.header.stamp = odometry.header.stamp
+        pose.header.frame_id = self.settings.world_frame
+        twist.header.frame_id = self.settings.command_frame
+        pose.pose, twist.twist = odometry.pose.pose, odometry.twist.twist
+        if not np.isfinite(np.concatenate([*pose_arrays(pose), *twist_arrays(twist)])).all():
+            raise ValueError('odometry: expected finite numbers')
+        return pose, twist
+
+
+def main() -> int:
+    """Run the node."""
+    about = 'Pass command/motor_speed on to Gazebo (command/motors), and its odometry back.'
+    return run('gazebo_bridge', GazeboBridge, about)

@@ -1,0 +1,125 @@
+"""Rotor speeds as the motors of others take them: order, signs, and Gazebo's motor models."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.settings import Numbers, ParameterError
+from ca_ros.vehicle.vehicle import Vehicle
+
+GAZEBO_TOPIC = 'command/motors'
+
+
+def order_of(numbers: Numbers, n: int) -> list[int]:
+    """Return the setting `bridge.order` as numbers from 1; empty: the order of the vehicle.
+
+    Raises
+    ------
+    ParameterError
+        If it does not have each rotor once.
+    """
+    order = [round(number) for number in np.ravel(np.asarray(numbers, dtype=float)).tolist()]
+    if order == [0]:
+        return []
+    if sorted(order) != list(range(1, n + 1)):
+        raise ParameterError(f'bridge.order: expected each of the rotors 1 to {n} once: {order}')
+    return order
+
+
+def ordered(values: Array, order: Sequence[int]) -> Array:
+    """Return values (n,) of the rotors in the order of the motors.
+
+    Parameters
+    ----------
+    values : (n,) array
+    order : sequence of int
+        For each motor the rotor that it is, from 1; empty: the same order.
+    """
+    return values[np.array(order) - 1] if order else values
+
+
+def sound_speeds(speeds: Sequence[float], vehicle: Vehicle) -> Array:
+    """Return rotor speeds as an array (n,) [rad/s].
+
+    Raises
+    ------
+    ValueError
+        If there is not one finite speed for each rotor.
+    """
+    found = np.asarray(speeds, dtype=float)
+    if found.shape != (vehicle.n,):
+        raise ValueError(f'{len(found)} rotor speeds for {vehicle.n} rotors')
+    if not np.isfinite(found).all():
+        raise ValueError(f'rotor speeds {found}: expected finite numbers')
+    return found
+
+
+def joint_velocities(speeds: Sequence[float], vehicle: Vehicle) -> Array:
+    """Return the velocity of each rotor's joint (n,), counter-clockwise seen from above [rad/s].
+
+    By the right-hand rule, a clockwise rotor has a negative velocity about an axis that points
+    along the thrust.
+    """
+    return -vehicle.spins * sound_speeds(speeds, vehicle)
+
+
+def motor_models(vehicle: Vehicle) -> str:
+    """Return Gazebo's plugins of a vehicle's rotors in SDF; links are rotor_1 and so on.
+
+    Raises
+    ------
+    ValueError
+        If Gazebo's model is not that of the rotors.
+    """
+    if (vehicle.speed_min < 0.0).any():
+        raise ValueError('rotors reverse (rotors.speed_min < 0), which Gazebo does not support')
+    if not vehicle.curve.square:
+        raise ValueError('rotors.thrust_curve: thrusts in Gazebo are k_f w^2')
+    blocks = []
+    for i in range(vehicle.n):
+        plugin = ElementTree.Element(
+            'plugin',
+            filename='gz-sim-multicopter-motor-model-system',
+            name='gz::sim::systems::MulticopterMotorModel',
+        )
+        thrust, torque = vehicle.thrust_coefficient[i], vehicle.torque_coefficient[i]
+        values = {
+            'jointName': f'rotor_{i + 1}_joint',
+            'linkName': f'rotor_{i + 1}',
+            'motorNumber': i,
+            'motorType': 'velocity',
+            'commandSubTopic': GAZEBO_TOPIC,
+            'turningDirection': 'cw' if vehicle.spins[i] > 0.0 else 'ccw',
+            'maxRotVelocity': f'{vehicle.speed_max[i]:.9g}',
+            'motorConstant': f'{thrust:.9g}',
+            'momentConstant': f'{torque / thrust:.9g}',
+        }
+        for name, value in values.items():
+            ElementTree.SubElement(plugin, name).text = str(value)
+        ElementTree.indent(plugin)
+        blocks.append(ElementTree.tostring(plugin, encoding='unicode'))
+    return '\n'.join(blocks)
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to those of ``python -m ca_ros``."""
+    about = "Gazebo's motor models of a vehicle, for its SDF"
+    parser = commands.add_parser('gazebo-motors', help=about, description=f'Print {about}.')
+    parser.add_argument('vehicle', help='a shipped vehicle or a parameter file')
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the motor models; return the exit code."""
+    try:
+        print(motor_models(Vehicle.load(options.vehicle)))
+    except ValueError as error:
+        print(f'ca_ros gazebo-motors: {error}', file=sys.stderr)
+        return 1
+    return 0

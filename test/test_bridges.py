@@ -1,0 +1,197 @@
+"""The bridges: their conversions without ROS, and those whose message packages have wheels."""
+
+import importlib.util
+import re
+import signal
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from ca_ros import ParameterError, Vehicle
+from ca_ros.__main__ import main
+from ca_ros.nodes.bridges import motors
+from ca_ros.vehicle.urdf import read_urdf
+from strategies import FLEET
+
+PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'px4.md'
+
+
+# Motors
+
+@pytest.mark.parametrize('name', ['hexarotor', 'x8', 'asymmetric'])
+def test_the_motor_models_give_the_yaw_torque_of_the_allocation_matrix(name):
+    vehicle = FLEET[name]
+    models = ElementTree.fromstring(f'<sdf>{motors.motor_models(vehicle)}</sdf>')
+    assert [int(model.findtext('motorNumber')) for model in models] == list(range(vehicle.n))
+    for model, i in zip(models, range(vehicle.n), strict=True):
+        # MulticopterMotorModel.cc: thrust k w^2, torque -direction * thrust * moment constant.
+        sign = {'ccw': -1.0, 'cw': 1.0}[model.findtext('turningDirection')]
+        thrust = float(model.findtext('motorConstant')) * 100.0**2
+        torque = sign * thrust * float(model.findtext('momentConstant'))
+        assert thrust == pytest.approx(vehicle.thrust_coefficient[i] * 100.0**2)
+        assert torque == pytest.approx(
+            vehicle.spins[i] * vehicle.torque_coefficient[i] * 100.0**2)
+        assert float(model.findtext('maxRotVelocity')) == pytest.approx(vehicle.speed_max[i])
+
+
+@pytest.mark.skipif(not PAGE.is_file(), reason='docs/ is not beside the tests')
+def test_the_motor_models_of_the_x500_are_those_of_px4(tmp_path, capsys):
+    """models/x500/model.sdf of PX4-gazebo-models."""
+    [x500] = re.findall(r'<!-- file x500.yaml -->\n```yaml\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    (tmp_path / 'x500.yaml').write_text(x500)
+    assert main(['gazebo-motors', str(tmp_path / 'x500.yaml')]) == 0
+    models = ElementTree.fromstring(f'<sdf>{capsys.readouterr().out}</sdf>')
+    names = (
+        'motorNumber', 'turningDirection', 'maxRotVelocity', 'motorConstant', 'momentConstant')
+    assert [[model.findtext(name) for name in names] for model in models] == [
+        [str(number), spin, '1000', '8.54858e-06', '0.016']
+        for number, spin in enumerate(['ccw', 'ccw', 'cw', 'cw'])]
+    assert {model.get('filename') for model in models} == {'gz-sim-multicopter-motor-model-system'}
+
+
+def test_joints_turn_clockwise_by_a_minus():
+    vehicle = Vehicle.load('hexarotor')
+    signs = np.sign(motors.joint_velocities(np.full(6, 100.0), vehicle))
+    assert_allclose(signs, [-1, 1, -1, 1, -1, 1])
+    for wrong in ([1.0] * 5, [np.nan] * 6):
+        with pytest.raises(ValueError, match='rotor speeds'):
+            motors.joint_velocities(wrong, vehicle)
+
+
+def test_the_order_of_the_motors():
+    assert motors.order_of(0.0, 3) == []
+    assert_allclose(motors.ordered(np.array([10.0, 20.0, 30.0]), [3, 1, 2]), [30.0, 10.0, 20.0])
+    for wrong in ([1, 2], [1, 2, 2], [0, 1, 2]):
+        with pytest.raises(ParameterError, match=r'^bridge\.order: expected each'):
+            motors.order_of(wrong, 3)
+
+
+# Nodes
+
+def test_joint_velocities_arrive(graph):
+    from std_msgs.msg import Float64MultiArray
+
+    process = graph.start(
+        'ros2_control_bridge', '--vehicle', 'quadrotor', '--ros-args',
+        '-r', '~/commands:=/rotor_controller/commands', '-p', 'bridge.order:=[4, 3, 2, 1]')
+    sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
+    received = graph.listen(Float64MultiArray, '/rotor_controller/commands')
+    graph.spin_until(
+        lambda: received, 'velocities', lambda: (
+            sender.publish(Float64MultiArray(data=[1.0])),
+            sender.publish(Float64MultiArray(data=[100.0, 200.0, 300.0, 400.0]))))
+    # The quadrotor's spins are cw, ccw, cw, ccw.
+    assert list(received[0].data) == [400.0, -300.0, 200.0, -100.0]
+    _, err = graph.end(process, signal.SIGTERM)
+    assert 'Traceback' not in err
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(('name', 'package'), [
+    ('actuators_bridge', 'actuator_msgs'), ('gazebo_bridge', 'actuator_msgs'),
+    ('px4_bridge', 'px4_msgs')])
+def test_without_its_messages_a_bridge_says_so_in_one_line(name, package, graph):
+    if importlib.util.find_spec(package):
+        pytest.skip(f'{package} is installed')
+    process = graph.start(name, '--vehicle', 'quadrotor')
+    _, err = graph.outlive(process)
+    assert process.returncode == 1
+    [line] = err.splitlines()
+    assert line.startswith(f'{name}: needs {package}: ')
+
+
+@pytest.mark.parametrize(('name', 'package'), [
+    ('actuators_bridge', 'actuator_msgs'), ('gazebo_bridge', 'actuator_msgs')])
+def test_actuators_arrive(name, package, graph):
+    pytest.importorskip(package, reason=f'{package} is not installed')
+    from actuator_msgs.msg import Actuators
+    from std_msgs.msg import Float64MultiArray
+
+    topic = {'actuators_bridge': 'command/actuators', 'gazebo_bridge': 'command/motors'}[name]
+    process = graph.start(name, '--vehicle', 'quadrotor')
+    sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
+    received = graph.listen(Actuators, topic)
+    sent = Float64MultiArray(data=[100.0, 200.0, 300.0, 400.0])
+    graph.spin_until(lambda: received, 'actuators', lambda: sender.publish(sent))
+    assert list(received[0].velocity) == list(sent.data)
+    graph.end(process, signal.SIGTERM)
+
+
+# URDF
+
+URDF = """\
+<robot name="quad">
+  <link name="base_link"><inertial><origin xyz="0 0 0.01"/><mass value="1.0"/>
+    <inertia ixx="0.01" iyy="0.012" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  {rotors}
+</robot>
+"""
+ROTOR = """
+  <joint name="arm_{i}" type="fixed"><parent link="base_link"/><child link="arm_{i}"/>
+    <origin xyz="0 0 0" rpy="0 0 {angle}"/></joint>
+  <link name="arm_{i}"/>
+  <joint name="turn_{i}" type="continuous"><parent link="arm_{i}"/><child link="rotor_{i}"/>
+    <origin xyz="0.2 0 0.05" rpy="{tilt} 0 0"/><axis xyz="0 0 1"/></joint>
+  <link name="rotor_{i}"><inertial><mass value="0.02"/>
+    <inertia ixx="1e-5" iyy="1e-5" izz="2e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+"""
+
+
+def urdf(tilt=0.0):
+    """Return the URDF of a quadrotor X whose rotors are tilted about their arms [rad]."""
+    return URDF.format(rotors=''.join(
+        ROTOR.format(i=i, angle=np.pi / 4 + i * np.pi / 2, tilt=tilt) for i in range(4)))
+
+
+def test_a_urdf_by_hand():
+    """The rotors are 0.2 m from the axis; they move the centre up by 4 * 0.02 * 0.04 / 1.08 m."""
+    model = read_urdf(urdf(), [f'rotor_{i}' for i in range(4)])
+    side = 0.2 * np.sqrt(0.5)
+    assert_allclose(model.positions, [
+        [side, side, 0.05], [-side, side, 0.05], [-side, -side, 0.05], [side, -side, 0.05]])
+    assert_allclose(model.axes, [[0, 0, 1]] * 4)
+    assert model.mass == pytest.approx(1.08)
+    height = (0.01 + 0.08 * 0.05) / 1.08
+    assert_allclose(model.center, [0, 0, height], atol=1e-15)
+    # Steiner: about z only the rotors' distances count.
+    assert model.inertia[2, 2] == pytest.approx(0.02 + 4 * (2e-5 + 0.02 * 0.2**2))
+    up = 1.0 * (height - 0.01) ** 2 + 0.08 * (0.05 - height) ** 2
+    assert model.inertia[0, 0] == pytest.approx(0.01 + 4 * (1e-5 + 0.02 * side**2) + up)
+
+
+def test_the_axes_of_tilted_rotors_are_those_of_scipy():
+    axes = read_urdf(urdf(0.3), [f'rotor_{i}' for i in range(4)]).axes
+    for i, axis in enumerate(axes):
+        turn = Rotation.from_euler('Z', np.pi / 4 + i * np.pi / 2) * Rotation.from_euler('x', 0.3)
+        assert_allclose(axis, turn.apply([0.0, 0.0, 1.0]), atol=1e-11)
+
+
+def test_the_command_prints_a_vehicle(tmp_path, capsys):
+    file, out = tmp_path / 'quad.urdf', tmp_path / 'quad.yaml'
+    file.write_text(urdf())
+    command = [
+        'from-urdf', str(file), '--spins', 'cw', 'ccw', 'cw', 'ccw', '--speed-min', '40',
+        '--speed-max', '400', '--thrust-coefficient', '2.5e-5', '--torque-coefficient', '5e-7']
+    assert main([*command, '--rotors', *(f'rotor_{i}' for i in range(4))]) == 0
+    out.write_text(capsys.readouterr().out)
+    vehicle = Vehicle.load(out)
+    assert (vehicle.n, vehicle.mass) == (4, pytest.approx(1.08))
+    assert_allclose(vehicle.arms[:, 2], 0.05 - 0.014 / 1.08)
+    assert main([*command, '--rotors', 'rotor_9']) == 1
+    assert 'rotor_9: no link with a joint; continuous joints turn rotor_0' in (
+        capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(('wrong', 'words'), [
+    ('<robot', 'no URDF'),
+    (urdf().replace('value="1.0"', ''), 'base_link: <inertial> without a number value'),
+    (urdf().replace('xyz="0.2 0 0.05"', 'xyz="0.2 0"', 1), "turn_0: xyz='0.2 0': expected three"),
+    (urdf().replace('<parent link="base_link"/>', '<parent link="rotor_0"/>'), 'form a ring'),
+])
+def test_a_broken_urdf_is_refused(wrong, words):
+    with pytest.raises(ParameterError, match=re.escape(words)):
+        read_urdf(wrong, [f'rotor_{i}' for i in range(4)])
