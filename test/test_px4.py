@@ -130,12 +130,12 @@ def test_the_units_normalise_the_motors_as_px4_says(name):
 
 
 def test_a_wrench_and_its_set_points_are_inverses(vehicle):
-    unit = px4.units(vehicle(HEXA_X))
+    unit = px4.units(vehicle(QUAD_X))
     u = np.array([0.5, -0.3, 9.81, 0.2, -0.1, 0.05])
     assert_allclose(px4.wrench(*px4.setpoints(u, unit), unit), u)
     # Up is a negative thrust, nose down a negative pitch torque.
     thrust, torque = px4.setpoints(u, unit)
-    assert thrust[2] == pytest.approx(-9.81 / 24.0, rel=1e-3)
+    assert thrust[2] == pytest.approx(-9.81 / (4 * FULL))
     assert (torque[1], torque[2]) == pytest.approx((0.1 / unit[4], -0.05 / unit[5]))
 
 

@@ -100,6 +100,9 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         '--namespace', namespace, '--out', str(tmp_path), '--ros-args',
         '-p', 'simulator.publish_clock:=true',
         '-p', 'simulator.publish_odometry:=true')
+    graph.start(
+        'ros2_control_bridge', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}',
+        '--enclave', f'{namespace.rstrip("/")}/ros2_control_bridge')
     seen = {}
 
     def agree():

@@ -90,7 +90,7 @@ def read_urdf(text: str, rotors: Sequence[str]) -> Model:
         axes.append(places[name][0] @ way)
     positions = np.array([places[name][1] for name in rotors])
     return Model(
-        robot.get('name', 'multirotor'), mass, center, total, positions, np.round(axes, 12)
+        robot.get('name', 'multirotor'), mass, center, total, positions, np.array(axes).round(12)
     )
 
 

@@ -11,9 +11,9 @@ from functools import partial
 from pages import DOCS, filled
 
 from ca_ros import ALLOCATORS, settings
-from ca_ros.nodes.settings import DECLARED, MonitorSettings
+from ca_ros.nodes.settings import DECLARED, BridgeNodeSettings, MonitorSettings
 
-TABLES = {**DECLARED, 'monitor': MonitorSettings}
+TABLES = {**DECLARED, 'bridge': BridgeNodeSettings, 'monitor': MonitorSettings}
 
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 

@@ -154,7 +154,7 @@ def setpoints(wrench: ArrayLike, unit: Array) -> tuple[Array, Array]:
 
 def controls(
     speeds: Array, vehicle: Vehicle, order: Sequence[int], output: str, thrust_factor: float
-) -> Array:
+) -> Any:
     """Return ActuatorMotors.control (12,), float32.
 
     PX4's output x follows from the control c that it is sent by c = F x^2 + (1 - F) x, with its
@@ -192,6 +192,6 @@ def controls(
         found = curve.thrust(speeds) / curve.thrust(vehicle.speed_max)
     else:
         found = to_thrust(vehicle.throttles(speeds), thrust_factor)
-    message = np.full(CONTROLS, np.nan, dtype=np.float32)
+    message: Any = np.full(CONTROLS, np.nan, dtype=np.float32)
     message[: vehicle.n] = ordered(np.where(speeds == 0.0, np.nan, found), order)
     return message
