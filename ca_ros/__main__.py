@@ -66,7 +66,11 @@ def overview() -> None:
         print(f'\n{title}:')
         for name, text in lines.items():
             print(f'  {name:{width}}  {text}')
-    print('\npython -m ca_ros --help: audits, thrust curves, geometry from PX4 and URDF, Gazebo')
+    print(
+        '\npython -m ca_ros audit VEHICLE: which axes the rotors can control, also after each '
+        'single failure'
+        '\npython -m ca_ros --help: the other commands, such as fit-thrust and px4-parameters'
+    )
 
 
 def installed() -> tuple[str, dict[str, str]]:
