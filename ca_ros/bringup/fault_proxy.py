@@ -140,7 +140,7 @@ class FaultProxyNode(ParameterNode):
                 notes.append(f'a publisher offers another {fault}: its messages are not forwarded')
                 self.get_logger().warning(f'{topic}: {notes[-1]}', throttle_duration_sec=10.0)
             level, message = (WARN, ', '.join(notes)) if notes else (OK, 'no faults')
-            statuses.append(self._diagnostics.status(topic, level, message, values))
+            statuses.append((topic, level, message, values))
         self._diagnostics.publish(*statuses)
 
 

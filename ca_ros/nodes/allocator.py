@@ -28,7 +28,6 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
-from ca_ros.nodes.qos import offered
 from ca_ros.nodes.settings import AllocatorSettings
 from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.audit import Audit
@@ -74,17 +73,13 @@ class AllocatorNode(HealthNode):
         """Create the method, and begin to answer."""
         super().start()
         self._speeds = self.publish_stream(topics.SPEED_COMMAND)
-        self._allocated, self._residual, self._saturation = (
-            self.create_publisher(topic.kind, topic.name, offered(self.mode))
-            for topic in (topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION)
-        )
+        reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
+        self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
         self.subscribe_stream(topics.WRENCH, self._serve, read_wrench)
         self.start_diagnostics('allocation')
         if find_spec('osqp') is None:
-            self.get_logger().info(
-                'osqp is not installed: allocation.exact.solver can only be newton, '
-                'which gives the same answers'
-            )
+            known = 'allocation.exact.solver can only be newton, which gives the same answers'
+            self.get_logger().info(f'osqp is not installed: {known}')
 
     def build(self, settings: AllocatorSettings) -> tuple[Audit, Allocator]:
         """Create the method for the axes that the rotors can control; in flight no code loads."""
@@ -92,10 +87,9 @@ class AllocatorNode(HealthNode):
         if self.audit is None:
             self._loaded = dict.fromkeys((*ALLOCATORS, method))
         if method not in self._loaded:
-            raise ParameterError(
-                f'allocation.method: {method} was not loaded at the start; in flight it can be '
-                f'{", ".join(self._loaded)}'
-            )
+            text = 'was not loaded at the start; in flight it can be'
+            known = ', '.join(self._loaded)
+            raise ParameterError(f'allocation.method: {method} {text} {known}')
         report = self.audited(settings)
         return report, allocator_of(settings.allocation, report.independent)
 
@@ -126,17 +120,18 @@ class AllocatorNode(HealthNode):
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
-        times = {}
-        if self._latencies:
-            ranks = np.percentile(np.array(self._latencies), (50, 99, 100))
-            times = dict(zip(('p50', 'p99', 'max'), ranks, strict=True))
+        ranks = {'p50': 50, 'p99': 99, 'max': 100} if self._latencies else {}
+        latencies = np.array(self._latencies) / 1e3
         return {
             'method': self.settings.allocation.method,
             'engine': self.method.engine,
             'audit': self.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
             **super().values(),
-            **{f'latency {name} [us]': f'{time / 1e3:.0f}' for name, time in times.items()},
+            **{
+                f'latency {name} [us]': f'{np.percentile(latencies, rank):.0f}'
+                for name, rank in ranks.items()
+            },
         }
 
     @property

@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
+from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
@@ -26,7 +27,7 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
-from ca_ros.nodes.qos import COMMAND, STANDING, offered
+from ca_ros.nodes.qos import COMMAND, STANDING
 from ca_ros.nodes.settings import ControllerNodeSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.settings import AXES
@@ -60,22 +61,17 @@ class ControllerNode(HealthNode):
         """Create the controller, and begin to answer."""
         super().start()
         self._wrench = self.publish_stream(topics.WRENCH)
-        topic = topics.UNALLOCATED
-        self._unallocated = self.create_publisher(topic.kind, topic.name, offered(self.mode))
+        self._unallocated = self.publish_stream(topics.UNALLOCATED)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
-        events = SubscriptionEventCallbacks(matched=self._ask_for_waypoint)
-        self._listen_to_waypoints(COMMAND, events)
+        self._listen_to_waypoints(COMMAND, matched=self._ask_for_waypoint)
         self.subscribe_stream(topics.POSE, self._receive_pose)
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
         self.start_diagnostics('control')
 
-    def _listen_to_waypoints(
-        self, quality: QoSProfile, events: SubscriptionEventCallbacks
-    ) -> Subscription:
-        topic = topics.WAYPOINT
-        return self.create_subscription(
-            topic.kind, topic.name, self._receive_waypoint, quality, event_callbacks=events
-        )
+    def _listen_to_waypoints(self, quality: QoSProfile, **events: Any) -> Subscription:
+        topic, made = topics.WAYPOINT, SubscriptionEventCallbacks(**events)
+        given = topic.kind, topic.name, self._receive_waypoint, quality
+        return self.create_subscription(*given, event_callbacks=made)
 
     def _ask_for_waypoint(self, _: object) -> None:
         """Subscribe once more if a publisher keeps its last waypoint for new subscribers.
@@ -85,8 +81,7 @@ class ControllerNode(HealthNode):
         others = self.get_publishers_info_by_topic(topics.WAYPOINT.name)
         durabilities = [other.qos_profile.durability for other in others]
         if STANDING.durability in durabilities and self._standing is None:
-            quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
-            self._standing = self._listen_to_waypoints(STANDING, quiet)
+            self._standing = self._listen_to_waypoints(STANDING, use_default_callbacks=False)
 
     def build(self, settings: ControllerNodeSettings) -> tuple[Audit, Controller]:
         """Create the controller for the axes that the rotors can control."""
@@ -162,11 +157,8 @@ class ControllerNode(HealthNode):
         self._came['pose'] = monotonic()
         stamps = self._stamps()
         if self.mode == 'lockstep' and self._open and self._waypoint and len({*stamps}) == 2:
-            self.warn_throttled(
-                'stamp',
-                f'no answer to pose and velocity with the stamps {stamps[0]} and {stamps[1]}: '
-                'expected equal stamps',
-            )
+            what = f'pose and velocity with the stamps {stamps[0]} and {stamps[1]}'
+            self.warn_throttled('stamp', f'no answer to {what}: expected equal stamps')
         self._pose, self._open = message, True
         self._answer()
 
@@ -196,14 +188,10 @@ class ControllerNode(HealthNode):
                 if first:
                     self.drop('frame', f'state {fault}')
                 return
-        wrench = np.zeros(len(AXES))
+        state = *pose_arrays(self._pose), *twist_arrays(self._velocity)
         try:
-            wrench[self._rows] = self.controller.wrench(
-                *pose_arrays(self._pose),
-                *twist_arrays(self._velocity),
-                self._waypoint,
-                nanoseconds(self._pose.header.stamp),
-            )
+            time = nanoseconds(self._pose.header.stamp)
+            wrench = self._six(self.controller.wrench(*state, self._waypoint, time))
         except ValueError as error:
             if first:
                 self.drop('state', f'state: {error}')
@@ -214,14 +202,17 @@ class ControllerNode(HealthNode):
         self._wrench.publish(wrench_message(wrench, header))
         if self.controller.unallocated.any():
             self.counts['cut'] += 1
-            self.warn_throttled(
-                'cut',
-                f'the demand is not attainable; unallocated: {self._components()} [N, N m]',
-            )
+            what = f'the demand is not attainable; unallocated: {self._components()} [N, N m]'
+            self.warn_throttled('cut', what)
         if self._unallocated.get_subscription_count():
-            cut = np.zeros(len(AXES))
-            cut[self._rows] = self.controller.unallocated
+            cut = self._six(self.controller.unallocated)
             self._unallocated.publish(wrench_message(cut, header))
+
+    def _six(self, wrench: Array) -> Array:
+        """Return force and torque (6,) of a wrench (m,) in the axes of the vehicle [N, N m]."""
+        numbers = np.zeros(len(AXES))
+        numbers[self._rows] = wrench
+        return numbers
 
     def _components(self) -> str:
         """Return the components of the last demand that are not allocated."""

@@ -22,33 +22,20 @@ SEVERITY = (OK, STALE, WARN, ERROR)
 
 
 class DiagnosticsPublisher:
-    """Publishes statuses of a node on /diagnostics.
-
-    Parameters
-    ----------
-    node : Node
-    hardware_id : str
-        What the statuses are about, such as the name of the vehicle.
-    """
+    """Publishes statuses of a node on /diagnostics, about a vehicle or a link, the hardware."""
 
     def __init__(self, node: Node, hardware_id: str) -> None:
         self._node, self._hardware_id = node, hardware_id
         self._publisher = node.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
 
-    def status(
-        self, subject: str, level: bytes, message: str, values: Mapping[str, object]
-    ) -> DiagnosticStatus:
-        """Return a status of the node: subject, such as ``allocation``, level, message, values."""
-        return DiagnosticStatus(
-            level=level,
-            name=f'{self._node.get_fully_qualified_name().lstrip("/")}: {subject}',
-            message=message,
-            hardware_id=self._hardware_id,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-
-    def publish(self, *statuses: DiagnosticStatus) -> None:
-        """Publish statuses with the present time."""
-        array = DiagnosticArray(status=statuses)
+    def publish(self, *statuses: tuple[str, bytes, str, Mapping[str, object]]) -> None:
+        """Publish statuses: subject, such as ``allocation``, level, message and values of each."""
+        array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        for subject, level, message, values in statuses:
+            pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+            about = {'name': f'{name}: {subject}', 'hardware_id': self._hardware_id}
+            status = DiagnosticStatus(level=level, message=message, values=pairs, **about)
+            array.status.append(status)
         self._publisher.publish(array)

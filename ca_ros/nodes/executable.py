@@ -55,10 +55,7 @@ def in_one_line(error: Exception) -> str:
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     """Split a command line into the node's own arguments and those for ROS.
 
-    Raises
-    ------
-    ValueError
-        If ROS rejects its part.
+    Raises a ValueError if ROS rejects its part.
     """
     try:
         remove_ros_args(args=['', *argv])
@@ -68,32 +65,22 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def vehicle_arguments(vehicle: str, node: str, declared: type[Settings]) -> list[str]:
-    """Return the ROS arguments that give a node the parameters of a vehicle.
+    """Return the ROS arguments that give a node, by full name, the parameters of a vehicle.
 
-    Parameters
-    ----------
-    vehicle : str
-        A shipped vehicle's name, or a path to a parameter file.
-    node : str
-        Full name of the node.  If the file has no section for it, such as the dump of another
-        node, the node gets the parameters that `Vehicle.load` reads.
-    declared : type
-        The settings of the node.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such vehicle, or it is wrong.
+    A file without a section for the node, such as the dump of another node, gives it the
+    parameters that `Vehicle.load` reads.  Raises a ParameterError if the vehicle is wrong.
     """
+    section: str | None = node
     try:
-        load_for(declared, vehicle, node)
-        Vehicle.load(vehicle, node)
+        settings = load_for(declared, vehicle, section)
     except NoSectionError:
-        Vehicle.load(vehicle)
-        own = flat(load_for(declared, vehicle))
-        values = [f'{name}:={json.dumps(value)}' for name, value in own.items()]
-        return ['--ros-args', *(word for value in values for word in ('-p', value)), '--']
-    return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
+        section, settings = None, load_for(declared, vehicle)
+    Vehicle.load(vehicle, section)
+    words = ['--params-file', str(find(vehicle).resolve())]
+    if section is None:
+        own = (f'{name}:={json.dumps(value)}' for name, value in flat(settings).items())
+        words = [word for value in own for word in ('-p', value)]
+    return ['--ros-args', *words, '--']
 
 
 def parse(prog: str, description: str, argv: Sequence[str], declared: type[Settings]) -> list[str]:
@@ -104,12 +91,9 @@ def parse(prog: str, description: str, argv: Sequence[str], declared: type[Setti
         epilog='ROS arguments follow --ros-args, for instance: '
         '--ros-args --params-file FILE -r __ns:=/uav1',
     )
-    parser.add_argument(
-        '--vehicle',
-        metavar='NAME|FILE',
-        help=f'a shipped vehicle or a parameter file (default: {DEFAULT_VEHICLE}, unless '
-        '--params-file gives one)',
-    )
+    default = f'(default: {DEFAULT_VEHICLE}, unless --params-file gives one)'
+    about = f'a shipped vehicle or a parameter file {default}'
+    parser.add_argument('--vehicle', metavar='NAME|FILE', help=about)
     own, ros = split(argv)
     node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
     # ROS silently ignores a -p whose type differs from that of the value in a parameter file.
@@ -127,11 +111,9 @@ def parse(prog: str, description: str, argv: Sequence[str], declared: type[Setti
         if '--params-file' in ros or required <= names:
             return ros
         vehicle = DEFAULT_VEHICLE
+        text = f"{prog}: no --vehicle and no --params-file: this is the paper's {vehicle}"
         with suppress(OSError):
-            print(
-                f"{prog}: no --vehicle and no --params-file: this is the paper's {vehicle}",
-                file=sys.stderr,
-            )
+            print(text, file=sys.stderr)
     # The user's files come later, so they can override single values.
     return [*vehicle_arguments(vehicle, node, declared), *ros]
 
@@ -158,19 +140,8 @@ def run(
     """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 
     The signals set a flag and do not shut the context down, so the node can send its last
-    messages.
-
-    Parameters
-    ----------
-    name : str
-        Name of the executable and the node.
-    node_class : type
-    description : str
-        For ``--help``.
-    argv : sequence of str, optional
-        The command line; default `sys.argv`.
-    parse : callable, optional
-        Returns the arguments for ROS from name, description, command line and declared settings.
+    messages.  The name is that of executable and node, the description is for ``--help``, and
+    `argv` is by default that of the process.  `parse` returns the arguments for ROS.
     """
     replace_closed()
     stop: list[int] = []
@@ -198,14 +169,11 @@ def run(
             ros = parse(name, description, given, node_class.declared)
             rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
             node = node_class(name)
-        except MissingParameterError as error:
-            print(f'{name}: {error} in {_parameter_files(ros)}', file=sys.stderr)
-            return 1
-        except (ValueError, ParameterException) as error:
-            print(f'{name}: {error}', file=sys.stderr)
-            return 1
-        except RCLError as error:
-            print(f'{name}: {in_one_line(error)}', file=sys.stderr)
+        except (ValueError, ParameterException, RCLError) as error:
+            text = in_one_line(error) if isinstance(error, RCLError) else str(error)
+            if isinstance(error, MissingParameterError):
+                text += f' in {_parameter_files(ros)}'
+            print(f'{name}: {text}', file=sys.stderr)
             return 1
         executor = Executor()
         executor.add_node(node)

@@ -32,9 +32,7 @@ class HealthNode(VehicleNode):
         """Build, and begin to listen to the monitor."""
         super().start()
         topic = topics.ROTOR_HEALTH
-        self._health_reports = self.create_subscription(
-            topic.kind, topic.name, self._receive_health, STANDING
-        )
+        self.create_subscription(topic.kind, topic.name, self._receive_health, STANDING)
 
     def audited(self, settings: Any) -> Audit:
         """Audit which axes the rotors can control with the health in use."""
@@ -65,9 +63,8 @@ class HealthNode(VehicleNode):
         time = speeds_stamp(message)
         if health.shape != (n,) or not ((health >= 0.0) & (health <= 1.0)).all():
             self.counts['refused health'] += 1
-            self.warn_throttled(
-                'health', f'refused rotor health {health}: expected {n} numbers in [0, 1]'
-            )
+            what = f'refused rotor health {health}: expected {n} numbers in [0, 1]'
+            self.warn_throttled('health', what)
             return
         before = np.ones(n) if self._reported is None else self._reported
         self._reported = health
@@ -78,17 +75,12 @@ class HealthNode(VehicleNode):
 
     def _use(self) -> None:
         """Build for the health in use."""
-        if self.mode == 'lockstep':
-            built = self.build(self.settings)
-        else:
-            built = self._build_beside(self.settings).result()
+        lockstep, settings = self.mode == 'lockstep', self.settings
+        built = self.build(settings) if lockstep else self._build_beside(settings).result()
         self._built = built
         self.adopt(built)
         assert self._reported is not None
-        parameter = repeated('rotors.health', self.settings.rotors.health, len(self._reported))
-        reduced = np.flatnonzero(self._reported < parameter) + 1
-        self.get_logger().warning(
-            f'the monitor reports: rotors {", ".join(map(str, reduced))} have failed'
-            if len(reduced)
-            else 'the monitor reports that all rotors are as announced'
-        )
+        parameter = repeated('rotors.health', settings.rotors.health, len(self._reported))
+        reduced = ', '.join(map(str, np.flatnonzero(self._reported < parameter) + 1))
+        found = f'rotors {reduced} have failed' if reduced else 'all rotors are as announced'
+        self.get_logger().warning(f'the monitor reports: {found}')

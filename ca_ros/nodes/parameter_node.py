@@ -62,37 +62,23 @@ class _Starting(type):
 class ParameterNode(Node, metaclass=_Starting):
     """A node with settings.
 
-    A subclass defines `build` and `adopt`.  The constructors only set attributes and declare the
-    parameters.  After all of them `start` runs, which calls `build` and `adopt`, so these methods
-    can use every attribute.  A subclass extends `start` for what needs the built object, such as
-    publishers and subscriptions.
+    A subclass defines `build` and `adopt`.  The constructors, which take the arguments of
+    `rclpy.node.Node`, only set attributes and declare the parameters.  After all of them `start`
+    runs, which calls `build` and `adopt`, so these methods can use every attribute.  A subclass
+    extends `start` for what needs the built object, such as publishers and subscriptions.
 
-    Parameters
-    ----------
-    node_name : str
-    **kwargs
-        As for `rclpy.node.Node`: context, namespace, parameter_overrides and others.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter is missing or wrong.
-
-    Attributes
-    ----------
-    declared : type
-        The settings of the node, a subclass of `Settings`.
-    known : type
-        The settings that its files may have, those of other nodes included.
-    settings : Settings
-        The present settings, of the class `declared`.
-    unknown : list of str
-        The names of given parameters that are not in `known`.
+    Raises a ParameterError if a parameter is missing or wrong; the names of given parameters that
+    are not in `known` are in the list `unknown`.
     """
 
     declared: type[Settings]
+    """The settings of the node."""
+
     known: type[Settings]
+    """The settings that its files may have, those of other nodes included."""
+
     settings: Any
+    """The present settings, of the class `declared`."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -127,13 +113,9 @@ class ParameterNode(Node, metaclass=_Starting):
         """Build from the settings; the result goes to `adopt`.
 
         A change of settings that are declared without `rebuild` does not call `build`.  An
-        exception refuses the change, and ends the node only at its start.  In flight `build` runs
-        in a thread of its own, while the node serves its streams, so it must change nothing.
-
-        Raises
-        ------
-        ValueError
-            If the settings are wrong.
+        exception, a ValueError if settings are wrong, refuses the change, and ends the node only
+        at its start.  In flight `build` runs in a thread of its own, while the node serves its
+        streams, so it must change nothing.
         """
         raise NotImplementedError
 
@@ -148,10 +130,7 @@ class ParameterNode(Node, metaclass=_Starting):
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all parameters or none, as rclpy does, and adopt the settings.
 
-        Raises
-        ------
-        ParameterNotDeclaredException
-            If the node does not declare one of them; unlike rclpy's, it names them.
+        Raises a ParameterNotDeclaredException that, unlike rclpy's, names what is not declared.
         """
         unknown = [change.name for change in parameter_list if not self.has_parameter(change.name)]
         if unknown:

@@ -71,19 +71,6 @@ class WorldSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandSettings(Settings):
-    """Which wrenches the allocator serves."""
-
-    command_age_max: float = setting(
-        0.0,
-        'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
-        'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True, rebuild=False)
-    command_order: Literal['any', 'newer'] = setting(
-        'any', 'wrenches whose stamps are out of order. any: serve them; newer: drop them',
-        mutable=True, rebuild=False)
-
-
-@dataclass(frozen=True, kw_only=True)
 class SimulationSettings(PlantSettings):
     """The simulated vehicle, and the clock of its node."""
 
@@ -106,16 +93,20 @@ class HealthSettings(Settings):
     """What nodes that heed the monitor have."""
 
     await_health: bool = setting(
-        False,
-        'in mode lockstep, answer a state only with the rotor_health of its stamp',
-    )
+        False, 'in mode lockstep, answer a state only with the rotor_health of its stamp')
 
 
 @dataclass(frozen=True, kw_only=True)
-class AllocatorSettings(
-    CommandSettings, HealthSettings, TimeoutSettings, NodeSettings, AllocatedVehicleSettings
-):
+class AllocatorSettings(HealthSettings, TimeoutSettings, NodeSettings, AllocatedVehicleSettings):
     """The settings of the allocator node."""
+
+    command_age_max: float = setting(
+        0.0,
+        'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
+        'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True, rebuild=False)
+    command_order: Literal['any', 'newer'] = setting(
+        'any', 'wrenches whose stamps are out of order. any: serve them; newer: drop them',
+        mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,14 +181,9 @@ K = TypeVar('K', bound=Settings)
 
 
 def with_own_methods(kind: type[K], *methods: str) -> type[K]:
-    """Return a class of settings that also has those of methods ``module:Class``.
+    """Return a class of settings that also has those of methods ``module:Class``, if it has any.
 
-    A class without methods, such as that of the simulator, stays as it is.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such class.
+    Raises a ParameterError if there is no such class.
     """
     if 'allocation.method' not in table(kind) or not (own := own_methods(*methods)):
         return kind
@@ -211,25 +197,10 @@ def load(vehicle: str | Path, node: str | None = None) -> FileSettings:
 
 
 def load_for(kind: type[K], vehicle: str | Path, node: str | None = None) -> K:
-    """Read and check the parameter file of a vehicle.
+    """Return the settings of a class, and of one's own method, in a file; check the others, too.
 
-    Parameters
-    ----------
-    kind : type
-        Which settings to return; the others in the file are checked, too.
-    vehicle, node
-        As in `ca_ros.vehicle.files.read`.
-
-    Returns
-    -------
-    Settings
-        With the settings of one's own method, if the file names one.
-
-    Raises
-    ------
-    ParameterError
-        As in `ca_ros.vehicle.files.read`, or if a name or a value is wrong; the message names the
-        file, the setting and the fault.
+    `vehicle` and `node` are those of `ca_ros.vehicle.files.read`.  Raises a ParameterError that
+    names the file, the setting and the fault.
     """
     given = files.read(vehicle, node)
     try:

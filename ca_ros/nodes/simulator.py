@@ -24,7 +24,7 @@ from ca_ros.nodes.messages import (
     stamp,
     state_messages,
 )
-from ca_ros.nodes.qos import LOCKSTEP_DEPTH, offered
+from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
@@ -73,21 +73,16 @@ class SimulatorNode(VehicleNode):
         self._due = self.steady.now().nanoseconds
         self._pose, self._velocity = map(self.publish_stream, (topics.POSE, topics.VELOCITY))
         settings = self.settings.simulator
-        self._odometry = (
-            self.publish_stream(topics.ODOMETRY) if settings.publish_odometry else None
-        )
-        self._ticks = self.publish_stream(topics.CLOCK) if settings.publish_clock else None
+        odometry, clock = settings.publish_odometry, settings.publish_clock
+        self._odometry = self.publish_stream(topics.ODOMETRY) if odometry else None
+        self._ticks = self.publish_stream(topics.CLOCK) if clock else None
         self._speeds = self.publish_stream(topics.SPEEDS)
-        self._measured = self.create_publisher(
-            topics.MEASURED_SPEEDS.kind, topics.MEASURED_SPEEDS.name, offered(self.mode)
-        )
+        self._measured = self.publish_stream(topics.MEASURED_SPEEDS)
         self.create_service(Trigger, '~/reset', self._reset)
         self.subscribe_stream(topics.SPEED_COMMAND, self._receive)
-        self._timer = self.create_timer(
-            STATE_REPEAT if lockstep else self._period_ns / 1e9,
-            self._repeat if lockstep else self._catch_up,
-            clock=self.steady,
-        )
+        period = STATE_REPEAT if lockstep else self._period_ns / 1e9
+        turn = self._repeat if lockstep else self._catch_up
+        self._timer = self.create_timer(period, turn, clock=self.steady)
         self.start_diagnostics('simulation')
 
     def build(self, settings: SimulatorSettings) -> Plant:
@@ -227,15 +222,9 @@ class SimulatorNode(VehicleNode):
         if self._held:
             return
         state, time = self.plant.measured, stamp(self._time)
-        pose, velocity = state_messages(
-            state[POSITION],
-            state[ATTITUDE],
-            velocity_in_body(state),
-            state[ANGULAR_VELOCITY],
-            time,
-            self.settings.world_frame,
-            self.settings.command_frame,
-        )
+        parts = state[POSITION], state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY]
+        frames = self.settings.world_frame, self.settings.command_frame
+        pose, velocity = state_messages(*parts, time, *frames)
         # The clock comes first: nodes that use it must not see stamps of the future.
         if self._ticks is not None:
             self._ticks.publish(Clock(clock=time))

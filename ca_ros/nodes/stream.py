@@ -70,12 +70,10 @@ def subscribe(
 ) -> Subscription:
     """Subscribe to a stream in a mode, 'realtime' or 'lockstep'.
 
-    `receive` gets what `read` returns for the bytes of a message; default: the message.
-
-    Messages of more than `SIZE_MAX` bytes are dropped before conversion; `drop` gets a reason and
-    a text.  In real time only the newest of the messages that wait after a stall is received.
-    While there is one publisher, `counts` gets the messages that were lost in transport or
-    replaced by a newer message before the node took them.
+    `receive` gets what `read` returns for the bytes of a message; default: the message.  Messages
+    of more than `SIZE_MAX` bytes are dropped before conversion; `drop` gets a reason and a text.
+    In real time only the newest of the messages that wait after a stall is received.  While there
+    is one publisher, `counts` gets the messages that were lost or that newer ones replaced.
     """
     kind, name = topic.kind, topic.name
     newest = 0

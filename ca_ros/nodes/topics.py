@@ -18,22 +18,11 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic.
+    """A topic: its type, the node that publishes it ('': all), and subscribers in the loop.
 
-    Attributes
-    ----------
-    name : str
-        Relative to the namespace or to the publisher (``~/``), or absolute.
-    kind : type
-        The message type.
-    publisher : str
-        The node that publishes the topic; empty if all nodes do.
-    subscribers : tuple of str
-        The nodes of the loop that subscribe to the topic.
-    stream : bool
-        Whether each step of the loop has one message, with the stamp of the step.
-    optional : bool
-        Whether the topic has a publisher only if a parameter asks for it.
+    The name is absolute, or relative to the namespace or to the publisher (``~/``).  A `stream`
+    has one message for each step of the loop, with the stamp of the step.  An `optional` topic has
+    a publisher only if a parameter asks for it.
     """
 
     name: str

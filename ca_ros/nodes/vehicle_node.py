@@ -13,6 +13,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from ca_ros.nodes.diagnostics import ERROR, SEVERITY, WARN, DiagnosticsPublisher
@@ -74,15 +75,12 @@ class VehicleNode(ParameterNode):
     def audited(self, settings: Any) -> Audit:
         """Audit which axes the vehicle's rotors can control.
 
-        Raises
-        ------
-        ParameterError
-            If an axis or hover is lost at the start, and `allocation.lost_axes` is refuse.
+        Raises a ParameterError if an axis or hover is lost at the start, and
+        `allocation.lost_axes` is refuse.
         """
         if self.audit is None:
-            return accept(
-                Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
-            )
+            given = settings.vehicle, settings.rotors, settings.allocation
+            return accept(Vehicle.from_settings(*given))
         # In a running node only the health can change, and lost axes are dropped, not refused.
         vehicle = self.audit.full.vehicle
         health = repeated('rotors.health', settings.rotors.health, vehicle.n)
@@ -116,9 +114,9 @@ class VehicleNode(ParameterNode):
         given = self.drop, self.counts, self._stalls
         self._streams.append(subscribe(self, topic, self.mode, receive, read, *given))
 
-    def publish_stream(self, topic: Topic) -> Publisher:
-        """Create the publisher of a stream; it should be the only one."""
-        publisher = self.create_publisher(topic.kind, topic.name, offered(self.mode))
+    def publish_stream(self, topic: Topic, quality: QoSProfile | None = None) -> Publisher:
+        """Create the publisher of a topic; it should be the only one."""
+        publisher = self.create_publisher(topic.kind, topic.name, quality or offered(self.mode))
         self._offers.append(publisher)
         return publisher
 
@@ -214,10 +212,8 @@ class VehicleNode(ParameterNode):
         return levels[0][0], '; '.join(message for _, message in levels)
 
     def _publish_status(self) -> None:
-        self._published = level, message = self._status()
-        self._diagnostics.publish(
-            self._diagnostics.status(self._subject, level, message, self.values())
-        )
+        self._published = self._status()
+        self._diagnostics.publish((self._subject, *self._published, self.values()))
 
     def _look_around(self) -> None:
         """Report faults of endpoints, and how many messages were dropped since the last look."""

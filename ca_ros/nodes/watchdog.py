@@ -16,16 +16,9 @@ TICK = 0.02
 class Watchdog:
     """Expires when commands cease, by the steady clock, since ROS time may pause or jump.
 
-    The watchdog is asleep until the first command, because the rotors rest until then.
-
-    Attributes
-    ----------
-    timeout : float
-        Longest time without a command [s].
-    expired : bool
-        Whether the timeout had passed at the last look.
-    begun : bool
-        Whether the last look was the first after the timeout.
+    The watchdog is asleep until the first command, because the rotors rest until then.  `timeout`
+    is the longest time without a command [s], `expired` tells whether it had passed at the last
+    look, and `begun` whether that was the first look after it.
     """
 
     def __init__(self, timeout: float = 0.0) -> None:
@@ -61,16 +54,7 @@ class Watchdog:
 
 
 def fallback(action: str, vehicle: Vehicle, last: Array) -> Array:
-    """Return the rotor speeds (n,) [rad/s] of a timeout action.
-
-    Parameters
-    ----------
-    action : 'idle', 'stop' or 'hold'
-        The speeds nearest to zero, zero, or the last speeds.
-    vehicle : Vehicle
-    last : (n,) array
-        The last speeds [rad/s].
-    """
+    """Return rotor speeds (n,) [rad/s]: idle, the nearest to zero; stop, zero; hold, the last."""
     if action == 'hold':
         return last
     return vehicle.idle_speeds if action == 'idle' else np.zeros(vehicle.n)
