@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
 
 
 class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -22,6 +24,20 @@ def finite(text: str) -> float:
     if not math.isfinite(number):
         raise argparse.ArgumentTypeError(f'{text} is not a finite number')
     return number
+
+
+def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
+    """Return an argparse type: a positive, finite number; an int also as 1e8."""
+
+    def read(text: str) -> Any:
+        with suppress(ValueError):
+            number = float(text)
+            if 0 < number < float('inf') and kind(number) == number:
+                return kind(number)
+        what = 'positive whole number' if kind is int else 'positive number'
+        raise argparse.ArgumentTypeError(f'{text!r} is not a {what}')
+
+    return read
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter, defaultdict
+from contextlib import closing
 from functools import reduce
 from pathlib import Path
 from xml.etree import ElementTree
@@ -205,7 +206,7 @@ def test_a_folder_that_is_there_is_left_alone(graph, tmp_path):
 
 
 def test_a_bag_without_a_message_is_removed(tmp_path):
-    with Bag(tmp_path / 'new' / 'bag') as bag:
+    with closing(Bag(tmp_path / 'new' / 'bag')) as bag:
         assert bag.path.is_dir()
     assert not bag.path.exists()
 

@@ -9,7 +9,7 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.fault_proxy import PREFIX
-from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, Faults, FaultSettings, corrupted
+from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, FaultSettings, corrupted
 from ca_ros.settings import table
 from ca_ros.testing import BEST_EFFORT, DEADLINE, six, wrench
 from nodes import fly_in_real_time, refused, run_all
@@ -83,8 +83,8 @@ def test_the_fates_are_those_of_the_seed(graph):
     proxy = Proxy(graph, WrenchStamped, 'command/wrench', seed=5.0, **given,
                   corruptions='[not_a_number, infinite, huge, sign, frame]')
     messages = wrenches(200)
-    faults = Faults(
-        'command/wrench', 5.0, **given, corruptions=LINK_CORRUPTIONS['command/wrench'])
+    corruptions = LINK_CORRUPTIONS['command/wrench']
+    faults = FaultSettings(topics='command/wrench', seed=5, **given, corruptions=corruptions)
     fates = [faults.fate(k) for k in range(len(messages))]
     expected = []
     for message, fate in zip(messages, fates, strict=True):

@@ -12,7 +12,6 @@ from ca_ros.bringup.link_faults import (
     CORRUPTIONS,
     LINK_CORRUPTIONS,
     Fate,
-    Faults,
     FaultSettings,
     Link,
     corrupted,
@@ -23,7 +22,7 @@ SHARES = st.floats(0.0, 1.0)
 TIMES = st.floats(0.0, 0.1)
 TOPICS = st.sampled_from(list(LINK_CORRUPTIONS))
 FAULTY = st.builds(
-    Faults, topic=TOPICS, seed=st.integers(0, 2**32).map(float), drop=SHARES, duplicate=SHARES,
+    FaultSettings, topics=TOPICS, seed=st.integers(0, 10**9), drop=SHARES, duplicate=SHARES,
     reorder=SHARES, corrupt=SHARES, delay=TIMES, jitter=TIMES)
 NUMBERS = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=8)
 
@@ -39,7 +38,7 @@ def test_a_fate_depends_on_seed_topic_and_number_alone(faults, order):
 
 def test_a_fate_is_the_same_on_every_machine():
     # Computed once, so that a seed that was told to someone else means the same to them.
-    faults = Faults('command/wrench', seed=7.0, drop=0.2, reorder=0.2, corrupt=0.3)
+    faults = FaultSettings(topics='command/wrench', seed=7, drop=0.2, reorder=0.2, corrupt=0.3)
     assert [faults.fate(k).kinds for k in range(8)] == GOLDEN
 
 
@@ -56,15 +55,15 @@ def test_what_is_lost_at_one_rate_is_lost_at_every_greater_rate(faults, more, k)
 @pytest.mark.parametrize('share', [0.0, 0.1, 1.0])
 def test_shares_are_kept(kind, share):
     n = 10_000
-    faults = Faults('command/wrench', **{kind: share})
+    faults = FaultSettings(topics='command/wrench', **{kind: share})
     hit = sum(bool(faults.fate(k).kinds) for k in range(n))
     assert abs(hit - n * share) <= 5.0 * math.sqrt(n * share * (1.0 - share))
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.integers(0, 1000))
 def test_delays_lie_within_delay_and_jitter(delay, jitter, k):
-    assert delay <= Faults('command/wrench', delay=delay, jitter=jitter).fate(k).delay
-    assert Faults('command/wrench', delay=delay, jitter=jitter).fate(k).delay <= delay + jitter
+    faults = FaultSettings(topics='command/wrench', delay=delay, jitter=jitter)
+    assert delay <= faults.fate(k).delay <= delay + jitter
 
 
 # Corruption

@@ -49,10 +49,10 @@ def test_a_program_that_does_not_exist_is_refused_at_once(command, capsys):
 
 def test_it_says_which_parameters_of_a_program_it_cannot_compare(capsys):
     parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
-    assert not_compared(parameters, {'mode': 'lockstep'}) == []
+    assert [*not_compared(parameters, {'mode': 'lockstep'})] == []
     parameters['simulator'] = {}
     del parameters['controller']['vehicle.inertia']
-    assert not_compared(parameters, {'mode': 'lockstep'}) == [
+    assert [*not_compared(parameters, {'mode': 'lockstep'})] == [
         'the controller does not declare vehicle.inertia: these cannot be compared',
         'the simulator has no parameters: its mode and vehicle cannot be compared']
     check(parameters, {})

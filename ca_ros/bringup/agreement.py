@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ca_ros.commands import NODES
@@ -17,25 +17,18 @@ VEHICLE = table(MovingVehicleSettings)
 REFERENCE_ORDER = ('allocator', 'controller', 'simulator')
 """The others are compared with the first of these nodes that declares a parameter."""
 
+Parameters = Mapping[str, Mapping[str, Any]]
+"""Values by node and name."""
+
 
 class DisagreementError(CaRosError):
     """A node has another parameter than the options or the other nodes."""
 
 
-def check(parameters: Mapping[str, Mapping[str, Any]], asked: Mapping[str, Any]) -> None:
-    """Refuse nodes that contradict the options or each other's mode; warn of two vehicles.
+def check(parameters: Parameters, asked: Mapping[str, Any]) -> None:
+    """Refuse nodes that contradict the options `asked` or each other's mode, by an error.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Values by node and name.
-    asked : mapping
-        The values that the options set, by name.
-
-    Raises
-    ------
-    DisagreementError
-        If a node has another value.
+    What cannot be compared, and two vehicles, are warnings: model mismatch is a common experiment.
     """
     if 'mode' not in (common := combined(parameters)):
         raise DisagreementError('no node declares the parameter mode: one of ours must be there')
@@ -53,21 +46,10 @@ def check(parameters: Mapping[str, Mapping[str, Any]], asked: Mapping[str, Any])
         print(f'bringup: warning: the nodes have different vehicles: {found}', file=sys.stderr)
 
 
-def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return which nodes differ in which parameters of the vehicle.
+def differences(parameters: Parameters) -> str:
+    """Return which nodes differ in which parameters of the vehicle, if any do.
 
-    The nodes are compared with the first node of `REFERENCE_ORDER` that declares a parameter.  A
-    difference is not an error, because model mismatch is a common experiment.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Values by node and name.
-
-    Returns
-    -------
-    str
-        Empty if there are no differences.
+    They are compared with the first node of `REFERENCE_ORDER` that declares a parameter.
     """
     found: dict[tuple[str, str], list[str]] = {}
     for node in NODES:
@@ -81,7 +63,7 @@ def differences(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     )
 
 
-def combined(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def combined(parameters: Parameters) -> dict[str, Any]:
     """Return the values of all nodes by name: those of the first node in `REFERENCE_ORDER`."""
     values: dict[str, Any] = {}
     for node in reversed(REFERENCE_ORDER):
@@ -89,29 +71,12 @@ def combined(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return values
 
 
-def not_compared(
-    parameters: Mapping[str, Mapping[str, Any]], asked: Mapping[str, Any]
-) -> list[str]:
-    """Return which nodes, programs of one's own, lack parameters that `check` compares.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Values by node and name.
-    asked : mapping
-        The values that the options set, by name.
-    """
-    found = []
+def not_compared(parameters: Parameters, asked: Mapping[str, Any]) -> Iterator[str]:
+    """Yield which nodes, programs of one's own, lack parameters that `check` compares."""
     for node in NODES:
-        declared = table(DECLARED[node])
-        names = [name for name in (*asked, *VEHICLE) if name in declared]
-        lacking = [name for name in names if name not in parameters[node]]
-        if not parameters[node]:
-            found.append(
-                f'the {node} has no parameters: its mode and vehicle cannot be compared'
-            )
-        elif lacking:
-            found.append(
-                f'the {node} does not declare {", ".join(lacking)}: these cannot be compared'
-            )
-    return found
+        declared, own = table(DECLARED[node]), parameters[node]
+        names = [name for name in (*asked, *VEHICLE) if name in declared and name not in own]
+        if not own:
+            yield f'the {node} has no parameters: its mode and vehicle cannot be compared'
+        elif names:
+            yield f'the {node} does not declare {", ".join(names)}: these cannot be compared'

@@ -37,25 +37,11 @@ class BagError(CaRosError, RuntimeError):
 
 
 class Bag:
-    """Writes the messages of `RECORDED` to an MCAP bag of rosbag2.
+    """Writes the messages of `RECORDED` to an MCAP bag of rosbag2, a new folder.
 
-    Parameters
-    ----------
-    path : Path
-        The folder to create.
-
-    Attributes
-    ----------
-    path : Path
-    counts : dict of str to int
-        Messages written, by topic.
-    lost : int
-        Messages on the vehicle's own topics that were sent but not received.
-
-    Raises
-    ------
-    BagError
-        If the folder exists or cannot be created, or `rosbags` is not installed.
+    `counts` are the messages written, by topic; `lost` is how many on the vehicle's own topics
+    were sent but not received.  Raises a BagError if the folder exists or cannot be created, or
+    `rosbags` is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,11 +64,6 @@ class Bag:
         except (WriterError, OSError) as error:
             raise BagError(f'--bag: {error}') from None
 
-    def __enter__(self) -> Bag:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def listen(self, namespace: str) -> None:
         """Subscribe to all topics; `write` takes the messages without an executor."""
@@ -96,11 +77,9 @@ class Bag:
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             subscription = self._node.create_subscription(kind, topic, print, qos, raw=True)
             self._subscriptions[topic] = subscription
+            about = {'typestore': self._types, 'offered_qos_profiles': [_noted(qos)]}
             self._connections[topic] = self._writer.add_connection(
-                subscription.topic_name,
-                type_name(kind),
-                typestore=self._types,
-                offered_qos_profiles=[_noted(qos)],
+                subscription.topic_name, type_name(kind), **about
             )
 
     def missing(self) -> list[str]:
@@ -166,23 +145,9 @@ class Bag:
 
 def _noted(qos: QoSProfile) -> Any:
     """Return a profile in the form of rosbags, which has the numbers of rmw."""
-    from rosbags.interfaces import (
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
+    from rosbags import interfaces as rosbags
 
-    return Qos(
-        QosHistory(qos.history.value),
-        qos.depth,
-        QosReliability(qos.reliability.value),
-        QosDurability(qos.durability.value),
-        QosTime(*INFINITE),
-        QosTime(*INFINITE),
-        QosLiveliness.AUTOMATIC,
-        QosTime(*INFINITE),
-        False,
-    )
+    durability = rosbags.QosDurability(qos.durability.value)
+    reliability, ever = rosbags.QosReliability(qos.reliability.value), rosbags.QosTime(*INFINITE)
+    kept = rosbags.QosHistory(qos.history.value), qos.depth, reliability, durability
+    return rosbags.Qos(*kept, ever, ever, rosbags.QosLiveliness.AUTOMATIC, ever, False)

@@ -66,12 +66,6 @@ def _bringup(plan: Plan, out: Path) -> int:
     interrupts = note_signals()
     try:
         nodes, bag = _prepare(plan, out)
-    except InvalidNamespaceException:
-        print(f'bringup: --namespace: {plan.namespace} is not a namespace', file=sys.stderr)
-        return 1
-    except RCLError as error:
-        print(f'bringup: {in_one_line(error)}', file=sys.stderr)
-        return 1
     except (CaRosError, OSError, ValueError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 1
@@ -96,11 +90,14 @@ def _prepare(plan: Plan, out: Path) -> tuple[dict[str, list[str]], Bag | None]:
     out.mkdir(parents=True, exist_ok=True)
     if not os.access(out, os.W_OK | os.X_OK):
         raise PermissionError(f'--out: {out} cannot be written to')
-    validate_namespace(plan.namespace)
-    rclpy.init(
-        args=['--ros-args', '--enclave', f'{plan.namespace.rstrip("/")}/recorder'],
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
+    words = ['--ros-args', '--enclave', f'{plan.namespace.rstrip("/")}/recorder']
+    try:
+        validate_namespace(plan.namespace)
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    except InvalidNamespaceException:
+        raise ValueError(f'--namespace: {plan.namespace} is not a namespace') from None
+    except RCLError as error:
+        raise ValueError(in_one_line(error)) from None
     return nodes, Bag(plan.bag) if plan.bag else None
 
 

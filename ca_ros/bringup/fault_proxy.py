@@ -5,17 +5,16 @@ from __future__ import annotations
 import argparse
 from array import array
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from math import inf
 from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.bringup.link_faults import Faults, FaultSettings, Link, corrupted
+from ca_ros.bringup.link_faults import FaultSettings, Link, corrupted
 from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import mismatch
 from ca_ros.nodes.executable import run, split
@@ -59,10 +58,6 @@ class FaultProxyNode(ParameterNode):
     def __init__(self, node_name: str = 'fault_proxy', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._links: dict[str, Link[Any]] = {}
-        self._counts: dict[str, Counter[str]] = {}
-        self._faults: dict[str, Faults] = {}
-        self._in: dict[str, Subscription] = {}
         if self.unknown:
             names = ', '.join(table(FaultSettings))
             raise ParameterError(f'{self.unknown[0]}: no such parameter ({names})')
@@ -72,26 +67,27 @@ class FaultProxyNode(ParameterNode):
         super().start()
         # The deep queues of lockstep, so that the proxy itself loses no message.
         quality = offered('lockstep')
-        kinds = {topic.name: topic.kind for topic in LINKS}
+        kinds = {topic.name: topic.kind for topic in LINKS if topic.name in self._faults}
+        self._links = {topic: Link[Any]() for topic in self._faults}
+        self._counts = {topic: Counter[str]() for topic in self._faults}
         self._out = {
-            topic: self.create_publisher(kinds[topic], f'{PREFIX}{topic}', quality)
-            for topic in self._faults
+            topic: self.create_publisher(kind, f'{PREFIX}{topic}', quality)
+            for topic, kind in kinds.items()
         }
-        for topic in self._faults:
-            self._links[topic], self._counts[topic] = Link(), Counter()
-            self._in[topic] = self.create_subscription(
-                kinds[topic], topic, partial(self._take, topic), quality
-            )
+        self._in = {
+            topic: self.create_subscription(kind, topic, partial(self._take, topic), quality)
+            for topic, kind in kinds.items()
+        }
         self._alarm = self.create_timer(1.0, self._pass_on, clock=self._steady)
         self._alarm.cancel()
         self._diagnostics = DiagnosticsPublisher(self, hardware_id='link')
         self.create_timer(1.0, self._diagnose, clock=self._steady)
 
-    def build(self, settings: FaultSettings) -> dict[str, Faults]:
+    def build(self, settings: FaultSettings) -> dict[str, FaultSettings]:
         """Return the faults of each link."""
         return settings.links()
 
-    def adopt(self, built: dict[str, Faults]) -> None:
+    def adopt(self, built: dict[str, FaultSettings]) -> None:
         """Apply these faults from the next message on."""
         self._faults = built
 
@@ -151,22 +147,20 @@ def corrupt(message: Any, corruption: str, place: float) -> None:
     elif isinstance(message, Float64MultiArray):
         message.data = array('d', corrupted(list(message.data), corruption, place))
     else:
-        fields = _numbers(message)
+        fields = [*_numbers(message)]
         values = [getattr(part, name) for part, name in fields]
         for (part, name), value in zip(fields, corrupted(values, corruption, place), strict=True):
             setattr(part, name, value)
 
 
-def _numbers(message: Any) -> list[tuple[Any, str]]:
-    """Return the number fields of a message, as pairs of a submessage and a field's name."""
-    found = []
+def _numbers(message: Any) -> Iterator[tuple[Any, str]]:
+    """Yield the number fields of a message, as pairs of a submessage and a field's name."""
     for name, kind in message.get_fields_and_field_types().items():
         value = getattr(message, name)
         if kind == 'double':
-            found.append((message, name))
+            yield message, name
         elif hasattr(value, 'get_fields_and_field_types'):
-            found += _numbers(value)
-    return found
+            yield from _numbers(value)
 
 
 def _parse(

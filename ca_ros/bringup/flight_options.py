@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 from ca_ros.arguments import finite
 from ca_ros.flight.rotor_failures import ANNOUNCE, LATEST, RotorFailure, RotorFailures
@@ -18,56 +19,28 @@ POSITION, HEADING = (1.0, 1.0, 1.0), 45.0
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the waypoint or the trajectory, and for rotor failures."""
-    parser.add_argument(
-        '--waypoint',
-        type=finite,
-        nargs=3,
-        metavar=('X', 'Y', 'Z'),
-        help=f'position to fly to [m] (default: {" ".join(f"{x:g}" for x in POSITION)})',
-    )
-    parser.add_argument(
-        '--heading',
-        type=finite,
-        help=f'heading to turn to [degrees] (default: {HEADING:g})',
-    )
-    parser.add_argument(
-        '--trajectory',
-        type=Path,
-        metavar='FILE',
-        help=f'fly to one waypoint after the other: a CSV file with {", ".join(COLUMNS)}, in s, m '
-        'and rad; each becomes active at its time',
-    )
-    parser.add_argument(
-        '--fail',
-        type=_failure,
-        action='append',
-        default=[],
-        metavar='ROTOR@TIME[=HEALTH]',
-        help='break a rotor (1 is the first) at a time of the flight [s], to this health '
-        '(0: lost); may be repeated',
-    )
-    parser.add_argument(
-        '--announce',
-        type=_delay,
-        default=ANNOUNCE,
-        metavar='SECONDS',
-        help='time from a failure to its announcement to allocator and controller, or never',
-    )
-    parser.add_argument(
-        '--detect',
-        action='store_true',
-        help='detect rotor failures from the motion; with --announce never nobody else names them',
-    )
+    add = parser.add_argument
+    about = f'position to fly to [m] (default: {" ".join(f"{x:g}" for x in POSITION)})'
+    add('--waypoint', type=finite, nargs=3, metavar=('X', 'Y', 'Z'), help=about)
+    add('--heading', type=finite, help=f'heading to turn to [degrees] (default: {HEADING:g})')
+    file = f'a CSV file with {", ".join(COLUMNS)}, in s, m and rad'
+    about = f'fly to one waypoint after the other: {file}; each becomes active at its time'
+    add('--trajectory', type=Path, metavar='FILE', help=about)
+    health = 'to this health (0: lost); may be repeated'
+    about = f'break a rotor (1 is the first) at a time of the flight [s], {health}'
+    fail: Any = {'type': _failure, 'action': 'append', 'default': []}
+    add('--fail', **fail, metavar='ROTOR@TIME[=HEALTH]', help=about)
+    about = 'time from a failure to its announcement to allocator and controller, or never'
+    add('--announce', type=_delay, default=ANNOUNCE, metavar='SECONDS', help=about)
+    about = 'detect rotor failures from the motion; with --announce never nobody else names them'
+    add('--detect', action='store_true', help=about)
 
 
 def trajectory_of(options: argparse.Namespace) -> Trajectory:
     """Return the trajectory that the options name.
 
-    Raises
-    ------
-    ParameterError
-        If there are a waypoint and a trajectory, the file is wrong, or the flight ends before its
-        last waypoint.
+    Raises a ParameterError if there are a waypoint and a trajectory, the file is wrong, or the
+    flight ends before its last waypoint.
     """
     position, heading = options.waypoint, options.heading
     if options.trajectory is not None:
@@ -86,13 +59,7 @@ def trajectory_of(options: argparse.Namespace) -> Trajectory:
 
 
 def failures_of(options: argparse.Namespace) -> RotorFailures:
-    """Return the failures that the options name.
-
-    Raises
-    ------
-    ParameterError
-        If a rotor fails twice at the same time.
-    """
+    """Return the failures that the options name; a ParameterError if two are the same."""
     return RotorFailures(tuple(options.fail), options.announce)
 
 
@@ -110,13 +77,11 @@ def trajectory_words(options: argparse.Namespace) -> list[str]:
 
 def failure_words(failures: RotorFailures) -> list[str]:
     """Return the options that name these failures, for a command line."""
-    words = []
-    for each in failures.failures:
-        words += ['--fail', f'{each.rotor}@{each.time!r}={each.health!r}']
-    if not words:
-        return []
+    texts = [f'{each.rotor}@{each.time!r}={each.health!r}' for each in failures.failures]
     announce = 'never' if failures.announce is None else repr(failures.announce)
-    return [*words, '--announce', announce]
+    return [word for text in texts for word in ('--fail', text)] + (
+        ['--announce', announce] if texts else []
+    )
 
 
 def _failure(text: str) -> RotorFailure:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 from heapq import heappop, heappush
 from math import copysign, inf, nan
-from typing import Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from std_msgs.msg import Float64MultiArray
 
@@ -63,23 +63,44 @@ class FaultSettings(Settings):
         for name in AMOUNTS:
             repeated(name, getattr(self, name), len(names), 'topic')
 
-    def links(self) -> dict[str, Faults]:
-        """Return the faults of each topic."""
-        names, corruptions = _listed(self.topics), _listed(self.corruptions)
-        columns = {
-            name: repeated(name, getattr(self, name), len(names), 'topic').tolist()
-            for name in AMOUNTS
-        }
+    def links(self) -> dict[str, FaultSettings]:
+        """Return the settings of each topic."""
+        names, kinds = _listed(self.topics), _listed(self.corruptions)
+        columns = {name: repeated(name, getattr(self, name), len(names)) for name in AMOUNTS}
         return {
-            topic: Faults(
-                topic,
-                # As a number with a point: the random numbers depend on its digits.
-                float(self.seed),
-                corruptions=tuple(kind for kind in LINK_CORRUPTIONS[topic] if kind in corruptions),
-                **{name: column[i] for name, column in columns.items()},
+            topic: replace(
+                self,
+                topics=topic,
+                corruptions=[kind for kind in LINK_CORRUPTIONS[topic] if kind in kinds],
+                **{name: float(column[i]) for name, column in columns.items()},
             )
             for i, topic in enumerate(names)
         }
+
+    @property
+    def active(self) -> dict[str, float]:
+        """Shares and times of one topic that are not zero, by name."""
+        return {name: getattr(self, name) for name in AMOUNTS if getattr(self, name)}
+
+    def fate(self, k: int) -> Fate:
+        """Return the fate of message k of one topic, which depends on no other message.
+
+        Each fault has its own random number.  A message that is lost at one rate is therefore lost
+        at every greater rate, independently of the other faults.
+        """
+        # The numbers, the same on every machine, depend on the digits of a seed with a point.
+        words = f'{float(self.seed)!r} {self.topics} {k}'
+        drop, duplicate, reorder, corrupt, kind, place, jitter = (
+            (word >> 11) * 2.0**-53
+            for word in struct.unpack('<7Q8x', blake2b(words.encode()).digest())
+        )
+        given: Any = self
+        if drop < given.drop:
+            return Fate(copies=0)
+        copies, delay = 1 + (duplicate < given.duplicate), given.delay + jitter * given.jitter
+        hit = corrupt < given.corrupt and bool(given.corruptions)
+        corruption = given.corruptions[int(kind * len(given.corruptions))] if hit else None
+        return Fate(copies, delay, reorder < given.reorder, corruption, place)
 
 
 AMOUNTS = ('drop', 'duplicate', 'reorder', 'corrupt', 'delay', 'jitter')
@@ -90,22 +111,12 @@ FAULT_KINDS = ('dropped', 'duplicated', 'delayed', 'reordered', 'corrupted')
 """The names under which the faults of messages are counted."""
 
 
-@dataclass(frozen=True)
-class Fate:
+class Fate(NamedTuple):
     """The faults of one message.
 
-    Attributes
-    ----------
-    copies : int
-        Number of times that the message is sent: 0 if it is lost, 2 if it is duplicated.
-    delay : float
-        Delay [s].
-    overtaken : bool
-        Whether the message is sent after the next message.
-    corruption : str or None
-        One of `CORRUPTIONS`.
-    place : float
-        Index of the corrupted number over the number of numbers, in [0, 1).
+    It is sent `copies` times: not at all if it is lost, twice if it is duplicated; after a delay
+    [s]; after the next message if it is `overtaken`.  The corruption is one of `CORRUPTIONS`;
+    `place` is the index of the corrupted number over the number of numbers, in [0, 1).
     """
 
     copies: int = 1
@@ -117,59 +128,9 @@ class Fate:
     @property
     def kinds(self) -> list[str]:
         """The names of the faults of the message."""
-        happens = (
-            not self.copies,
-            self.copies > 1,
-            self.delay > 0.0,
-            self.overtaken,
-            self.corruption is not None,
-        )
+        twice, late, damaged = self.copies > 1, self.delay > 0.0, self.corruption is not None
+        happens = not self.copies, twice, late, self.overtaken, damaged
         return [kind for kind, fault in zip(FAULT_KINDS, happens, strict=True) if fault]
-
-
-@dataclass(frozen=True)
-class Faults:
-    """The faults of one link; see `FaultSettings`."""
-    topic: str
-    seed: float = 0.0
-    drop: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
-    corrupt: float = 0.0
-    delay: float = 0.0
-    jitter: float = 0.0
-    corruptions: tuple[str, ...] = CORRUPTIONS
-
-    @property
-    def active(self) -> dict[str, float]:
-        """Shares and times that are not zero, by name."""
-        return {name: getattr(self, name) for name in AMOUNTS if getattr(self, name)}
-
-    def fate(self, k: int) -> Fate:
-        """Return the fate of message k, which does not depend on any other message.
-
-        Each fault has its own random number.  A message that is lost at one rate is therefore lost
-        at every greater rate, independently of the other faults.
-        """
-        drop, duplicate, reorder, corrupt, kind, place, jitter = _draws(self.seed, self.topic, k)
-        if drop < self.drop:
-            return Fate(copies=0)
-        corruption = None
-        if corrupt < self.corrupt and self.corruptions:
-            corruption = self.corruptions[int(kind * len(self.corruptions))]
-        return Fate(
-            copies=2 if duplicate < self.duplicate else 1,
-            delay=self.delay + jitter * self.jitter,
-            overtaken=reorder < self.reorder,
-            corruption=corruption,
-            place=place,
-        )
-
-
-def _draws(seed: float, topic: str, k: int) -> tuple[float, ...]:
-    """Return seven numbers in [0, 1), the same on every machine."""
-    words = struct.unpack('<7Q8x', blake2b(f'{seed!r} {topic} {k}'.encode()).digest())
-    return tuple((word >> 11) * 2.0**-53 for word in words)
 
 
 def _listed(words: str | Sequence[str]) -> list[str]:

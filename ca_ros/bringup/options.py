@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS, method_class
-from ca_ros.arguments import HelpFormatter, finite, renamed
+from ca_ros.arguments import HelpFormatter, positive, renamed
 from ca_ros.bringup.flight_options import add_options, failures_of, trajectory_of
 from ca_ros.bringup.link_faults import FaultSettings
 from ca_ros.bringup.plan import Plan
@@ -21,81 +21,16 @@ from ca_ros.settings import table
 REPLACEMENTS = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}
 """The options that start a program of one's own, and the node whose place it takes."""
 
-SAME = ('duration', 'faults', 'respawn', 'out', 'bag', 'figures', 'figure_width')
+SAME = ('detect', 'duration', 'faults', 'respawn', 'out', 'bag', 'figures', 'figure_width')
 """The options that the plan has under the same name."""
 
 
 def parse(argv: Sequence[str]) -> Plan:
     """Return the plan of the flight that a command line asks for.
 
-    Raises
-    ------
-    ParameterError
-        If the waypoints or the failures are wrong.
+    Raises a ParameterError if the waypoints or the failures are wrong.
     """
-    parser = argparse.ArgumentParser(
-        prog='bringup',
-        description='Start controller, allocator and simulator, fly to a waypoint, and report.',
-        epilog='ROS arguments after --ros-args go to the three nodes.',
-        formatter_class=HelpFormatter,
-    )
-    parser.add_argument(
-        '--method',
-        type=_method,
-        metavar='METHOD',
-        help=f'allocation method: {", ".join(ALLOCATORS)}, or module:Class for your own '
-        "(default: the parameter file's)",
-    )
-    parser.add_argument(
-        '--mode',
-        choices=table(NodeSettings)['mode'].choices,
-        help="follow the clock, or step as fast as possible (default: the parameter file's)",
-    )
-    parser.add_argument('--duration', type=_positive, default=10.0, help='time of flight [s]')
-    add_options(parser)
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='folder of the results (default: a new one here, flight_DATE_TIME)',
-    )
-    add_figure_options(parser)
-    parser.add_argument(
-        '--bag',
-        type=Path,
-        metavar='DIR',
-        help='record every message into this new folder, as an MCAP bag of rosbag2',
-    )
-    parser.add_argument(
-        '--respawn',
-        action='store_true',
-        help='restart nodes that end; a new simulator restarts the flight',
-    )
-    parser.add_argument(
-        '--faults',
-        type=_faults,
-        metavar='PARAMETERS',
-        help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'",
-    )
-    for option, node in REPLACEMENTS.items():
-        parser.add_argument(
-            f'--{option}',
-            type=_program,
-            metavar='COMMAND',
-            help=f'a program of your own in place of the {node}; it gets the same ROS arguments '
-            '(docs/plant.md)',
-        )
-    vehicle = parser.add_mutually_exclusive_group()
-    vehicle.add_argument(
-        '--vehicle',
-        help=f'a shipped vehicle or a parameter file (default: {DEFAULT_VEHICLE}, unless the ROS '
-        'arguments have a --params-file)',
-    )
-    vehicle.add_argument('--params-file', metavar='FILE', help='a parameter file')
-    parser.add_argument(
-        '--namespace',
-        help='namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)',
-    )
+    parser = _parser()
     try:
         own, ros = split(argv)
     except ValueError as error:
@@ -117,7 +52,6 @@ def parse(argv: Sequence[str]) -> Plan:
     return Plan(
         trajectory=trajectory_of(options),
         failures=failures_of(options),
-        detect=options.detect,
         vehicle=file,
         parameters={name: value for name, value in chosen.items() if value},
         namespace=namespace,
@@ -125,6 +59,41 @@ def parse(argv: Sequence[str]) -> Plan:
         ros=ros,
         **{name: given[name] for name in SAME},
     )
+
+
+def _parser() -> argparse.ArgumentParser:
+    about = 'Start controller, allocator and simulator, fly to a waypoint, and report.'
+    epilog = 'ROS arguments after --ros-args go to the three nodes.'
+    parser = argparse.ArgumentParser('bringup', description=about, epilog=epilog)
+    parser.formatter_class = HelpFormatter
+    add = parser.add_argument
+    methods = f'{", ".join(ALLOCATORS)}, or module:Class for your own'
+    about = f"allocation method: {methods} (default: the parameter file's)"
+    add('--method', type=_method, metavar='METHOD', help=about)
+    about = "follow the clock, or step as fast as possible (default: the parameter file's)"
+    add('--mode', choices=table(NodeSettings)['mode'].choices, help=about)
+    add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
+    add_options(parser)
+    about = 'folder of the results (default: a new one here, flight_DATE_TIME)'
+    add('--out', type=Path, metavar='DIR', help=about)
+    add_figure_options(parser)
+    about = 'record every message into this new folder, as an MCAP bag of rosbag2'
+    add('--bag', type=Path, metavar='DIR', help=about)
+    about = 'restart nodes that end; a new simulator restarts the flight'
+    add('--respawn', action='store_true', help=about)
+    about = "put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'"
+    add('--faults', type=_faults, metavar='PARAMETERS', help=about)
+    same = 'it gets the same ROS arguments (docs/plant.md)'
+    for option, node in REPLACEMENTS.items():
+        about = f'a program of your own in place of the {node}; {same}'
+        add(f'--{option}', type=_program, metavar='COMMAND', help=about)
+    add = parser.add_mutually_exclusive_group().add_argument
+    unless = f'(default: {DEFAULT_VEHICLE}, unless the ROS arguments have a --params-file)'
+    add('--vehicle', help=f'a shipped vehicle or a parameter file {unless}')
+    add('--params-file', metavar='FILE', help='a parameter file')
+    about = 'namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)'
+    parser.add_argument('--namespace', help=about)
+    return parser
 
 
 def _absolute(namespace: str) -> str:
@@ -137,13 +106,6 @@ def _method(text: str) -> str:
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text
-
-
-def _positive(text: str) -> float:
-    number = finite(text)
-    if number <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text} is not positive')
-    return number
 
 
 def _words(text: str) -> list[str]:

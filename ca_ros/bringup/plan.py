@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from ca_ros.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments
-from ca_ros.nodes.settings import DECLARED, MonitorSettings
+from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings
 from ca_ros.vehicle.files import ParameterFile
 
 
@@ -22,26 +22,11 @@ from ca_ros.vehicle.files import ParameterFile
 class Plan:
     """What is flown, with which nodes, and what is written.
 
-    Attributes
-    ----------
-    duration : float
-        Time of flight [s].
-    vehicle : str or None
-        A shipped vehicle or a parameter file; None if `ros` names a file.
-    parameters : mapping of str to str
-        The parameters that options set, by name.
-    replacements : mapping of str to sequence of str
-        The programs that take the place of nodes, by the name of the node.
-    detect : bool
-        Whether the monitor flies along.
-    faults : sequence of str or None
-        The parameters of the fault proxy, ``NAME:=VALUE``; None without it.
-    ros : sequence of str
-        The ROS arguments of all nodes.
-    out, bag : Path or None
-        Folders of the results and of the bag; None: a new one, no bag.
-    figures, figure_width : sequence of str, float
-        File formats, width [mm].
+    The duration is in s.  `vehicle` is a shipped one or a file, or None if `ros`, the ROS
+    arguments of all nodes, names a file.  `parameters` are those that options set.  A program of
+    `replacements` takes the place of a node.  With `detect` the monitor flies along.  `faults` are
+    parameters of the fault proxy, ``NAME:=VALUE``, or None without it.  `out` and `bag` are
+    folders; None: a new one, no bag.  Figures have formats and a width [mm].
     """
 
     trajectory: Trajectory
@@ -61,39 +46,31 @@ class Plan:
     figure_width: float = WIDTHS['page']
 
     def commands(self) -> dict[str, list[str]]:
-        """Return the command line of each node by name.
-
-        Raises
-        ------
-        ParameterError
-            If the vehicle is wrong.
-        """
-        chosen = [
-            word for name, value in self.parameters.items() for word in ('-p', f'{name}:={value}')
-        ]
+        """Return the command line of each node by name; raise a ParameterError if it is wrong."""
+        chosen = _parameters(f'{name}:={value}' for name, value in self.parameters.items())
         file = None if self.vehicle is None else ParameterFile(self.vehicle)
+        space = ['-r', f'__ns:={self.namespace}']
         lines = {}
-        for name in NODES:
+        for name in (*NODES, *['monitor'] * self.detect):
             full = full_name(self.namespace, name)
-            own = ['--ros-args', '--enclave', full, '-r', f'__ns:={self.namespace}']
+            own = ['--ros-args', '--enclave', full, *space]
             if self.faults is not None:
                 own += remaps(name)
             node: Sequence[str] = [sys.executable, '-m', COMMANDS[name]]
             if name in self.replacements:
                 node = self.replacements[name]
                 own += ['-r', f'__node:={name}']
-            vehicle = [] if file is None else vehicle_arguments(file, full, DECLARED[name])
+            kind = DECLARED.get(name, MonitorSettings)
+            vehicle = [] if file is None else vehicle_arguments(file, full, kind)
             lines[name] = [*node, *own, '--', *vehicle, *self.ros, '--ros-args', *chosen]
-        if self.detect:
-            for name in ('allocator', 'controller'):
+            if self.detect and issubclass(kind, HealthSettings):
                 lines[name] += ['-p', 'await_health:=true']
-            full = full_name(self.namespace, 'monitor')
-            own = ['--ros-args', '--enclave', full, '-r', f'__ns:={self.namespace}']
-            vehicle = [] if file is None else vehicle_arguments(file, full, MonitorSettings)
-            node = [sys.executable, '-m', COMMANDS['monitor'], *own, '--', *vehicle, *self.ros]
-            lines['monitor'] = [*node, '--ros-args', *chosen]
         if self.faults is not None:
-            own = ['--ros-args', '-r', f'__ns:={self.namespace}']
-            own += [word for parameter in self.faults for word in ('-p', parameter)]
+            own = ['--ros-args', *space, *_parameters(self.faults)]
             lines['fault_proxy'] = [sys.executable, '-m', COMMANDS['fault_proxy'], *own]
         return lines
+
+
+def _parameters(rules: Iterable[str]) -> list[str]:
+    """Return the ROS arguments of parameters, ``NAME:=VALUE``."""
+    return [word for rule in rules for word in ('-p', rule)]

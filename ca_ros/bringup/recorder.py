@@ -35,12 +35,8 @@ PARAMETERS_MAX = 5.0
 class Recorder(Node):
     """Sends the waypoint, and joins the messages of the simulator to samples by their stamps.
 
-    Parameters
-    ----------
-    links : iterable of str
-        Topics that need a publisher and a subscriber before the flight starts.
-    foreign : collection of str
-        The nodes that may lack parameters of ours, or have none.
+    `links` are topics that need a publisher and a subscriber before the flight starts.  The
+    `foreign` nodes may lack parameters of ours, or have none.
     """
 
     def __init__(
@@ -89,12 +85,8 @@ class Recorder(Node):
         ]
 
     def _offer_waypoint(self) -> Publisher:
-        return self.create_publisher(
-            topics.WAYPOINT.kind,
-            topics.WAYPOINT.name,
-            STANDING,
-            event_callbacks=PublisherEventCallbacks(matched=self._greet),
-        )
+        topic, events = topics.WAYPOINT, PublisherEventCallbacks(matched=self._greet)
+        return self.create_publisher(topic.kind, topic.name, STANDING, event_callbacks=events)
 
     def drain(self) -> None:
         """Take all messages, in a fraction of the time of an executor."""
@@ -144,9 +136,7 @@ class Recorder(Node):
         if node in self._names:
             self.parameters[node] = dict(zip(self._names[node], answer, strict=True))
         else:
-            self._names[node] = [
-                name for name in table(DECLARED[node]) if name in answer
-            ]
+            self._names[node] = [name for name in table(DECLARED[node]) if name in answer]
             self._calls[node] = self._parameter_clients[node].get(self._names[node])
 
     def send(self, waypoint: Waypoint) -> None:

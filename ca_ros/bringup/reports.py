@@ -15,12 +15,12 @@ from ca_ros.nodes.topics import DIAGNOSTICS
 from ca_ros.process.diagnostics import DiagnosticsReader, Status, counts
 
 
-class Reports:
+class Reports(DiagnosticsReader):
     """The reports of the nodes in the namespace of a node, which subscribes to them."""
 
     def __init__(self, node: Node) -> None:
+        super().__init__(node)
         self._namespace = node.get_namespace()
-        self._reader = DiagnosticsReader(node)
 
     def timeouts(self) -> Counter[str]:
         """Return the number of timeouts of each node of the loop that had one."""
@@ -47,19 +47,12 @@ class Reports:
 
     def faults_of_nodes(self) -> str:
         """Return what the nodes report other than OK, in brackets; empty if there is nothing."""
-        found = [
-            f'{name}: {status.message}'
-            for name in NODES
-            for status in self._of(name)
-            if status.level != OK
-        ]
+        reports = ((name, status) for name in NODES for status in self._of(name))
+        found = [f'{name}: {status.message}' for name, status in reports if status.level != OK]
         return f' ({"; ".join(found)})' if found else ''
 
     def _sum(self, name: str) -> Counter[str]:
-        total: Counter[str] = Counter()
-        for status in self._of(name):
-            total.update(counts(status.values))
-        return total
+        return sum((counts(status.values) for status in self._of(name)), Counter[str]())
 
     def _of(self, name: str, since: int = 0) -> list[Status]:
-        return self._reader.statuses(full_name(self._namespace, name), since)
+        return self.statuses(full_name(self._namespace, name), since)

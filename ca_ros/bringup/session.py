@@ -7,7 +7,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf
@@ -45,22 +45,13 @@ class Stopped(CaRosError):
 
 @dataclass(frozen=True)
 class Flown:
-    """A finished flight.
+    """A finished flight, and the time that it took [s].
 
-    Attributes
-    ----------
-    wall : float
-        Time that the flight took [s].
-    respawned, timeouts : Counter of str
-        Restarts and timeouts of each node that had some.
-    faults : Counter of str
-        How many messages the fault proxy received, and how many had each fault; empty without it.
-    parameters : dict
-        The parameters of the nodes by name, see `combined`; `vehicle` is theirs.
-    stops : bool
-        Whether the timeout action of a node is to stop the rotors.
-    detected : mapping of int to float
-        Times of flight at which the monitor found failures [s], by rotor, from 1.
+    `respawned` and `timeouts` count those of each node that had some.  `faults` counts the
+    messages that the fault proxy received, and those with each fault.  `parameters` are those of
+    the nodes by name, see `combined`, and `vehicle` is theirs.  `stops` tells whether the timeout
+    action of a node is to stop the rotors.  `detected` are the times of flight at which the
+    monitor found failures [s], by rotor, from 1.
     """
 
     flight: Flight
@@ -77,14 +68,8 @@ class Flown:
 class Session:
     """The nodes of one flight as processes, and the recorder and the bag in this process.
 
-    Parameters
-    ----------
-    plan : Plan
-    commands : mapping of str to sequence of str
-        The command line of each node by name.
-    interrupts : list of int
-        Signals that have arrived; one ends the flight.
-    bag : Bag or None
+    `commands` are the command lines of the nodes by name.  `interrupts` grows with the signals
+    that arrive; one ends the flight.
     """
 
     def __init__(
@@ -106,16 +91,10 @@ class Session:
         self._looked = time.monotonic()
 
     def fly(self) -> Flown:
-        """Start the nodes, fly, and end the nodes.
-
-        Raises
-        ------
-        CaRosError
-            If the flight ended early.
-        """
+        """Start the nodes, fly, and end them; raise a CaRosError if the flight ended early."""
         try:
             # The bag closes after the nodes have ended, so it is complete.
-            with self._bag or nullcontext():
+            with closing(self._bag) if self._bag else nullcontext():
                 began = time.monotonic()
                 while time.monotonic() < began + LOOK_AROUND and not self._interrupts:
                     self._executor.spin_once(timeout_sec=0.05)
@@ -163,33 +142,22 @@ class Session:
         flight = recorder.flight(duration)
         if common['mode'] == 'lockstep' and (lost := flight.missing(duration)):
             raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
-        return Flown(
-            flight,
-            wall,
-            self._processes.respawned,
-            self._reports.timeouts(),
-            faults,
-            common,
-            vehicle,
-            detected={
-                rotor: (time - recorder.end(0.0)) / 1e9
-                for rotor, time in self._reports.detected().items()
-            },
-            stops=any(own.get('timeout_action') == 'stop' for own in parameters.values()),
-        )
+        start, found = recorder.end(0.0), self._reports.detected()
+        stops = any(own.get('timeout_action') == 'stop' for own in parameters.values())
+        detected = {rotor: (time - start) / 1e9 for rotor, time in found.items()}
+        counts = self._processes.respawned, self._reports.timeouts(), faults
+        return Flown(flight, wall, *counts, common, vehicle, stops, detected)
 
     def _lacking(self, topics: list[str], seconds: float) -> str:
         faults = self._reports.faults_of_nodes()
         return f'after {seconds:g} s no node on {", ".join(topics)}{faults}'
 
     def _stalled(self, progress: float, seconds: float) -> str:
-        faults = self._reports.faults_of_nodes()
+        what = f'stalled at {progress:.2f} s for {seconds:g} s'
         if self._recorder.elapsed_ns is None:
-            return (
-                f'the flight has not begun for {seconds:g} s: no rotor speeds that answer a '
-                f'wrench on {SPEEDS.name}{faults}'
-            )
-        return f'the flight has stalled at {progress:.2f} s for {seconds:g} s{faults}'
+            answers = f'no rotor speeds that answer a wrench on {SPEEDS.name}'
+            what = f'not begun for {seconds:g} s: {answers}'
+        return f'the flight has {what}{self._reports.faults_of_nodes()}'
 
     def _spin(self) -> None:
         """Serve the recorder and the bag once, and restart nodes that have ended."""
@@ -205,9 +173,8 @@ class Session:
             raise Stopped(f'interrupted by {signal.Signals(self._interrupts[0]).name}')
         respawned = self._processes.respawn() if self._plan.respawn else {}
         if ended := self._processes.ended().items():
-            raise Stopped(
-                ', '.join(f'the {name} ended with exit code {code}' for name, code in ended)
-            )
+            codes = (f'the {name} ended with exit code {code}' for name, code in ended)
+            raise Stopped(', '.join(codes))
         for name, code in respawned.items():
             line = f'bringup: the {name} ended with exit code {code} and is started again'
             if name == 'simulator':
@@ -242,12 +209,9 @@ class Patience:
         self._limit, self._notice, self._notices = Deadline(PROGRESS_TIMEOUT), Deadline(NOTICE), 0
 
     def check(self, what: Callable[[float], str]) -> None:
-        """Print every `NOTICE` seconds what is waited for; raise `Stopped` at the limit.
+        """Print what is waited for every `NOTICE` seconds, of which `what` makes the text [s].
 
-        Parameters
-        ----------
-        what : callable
-            Returns what is waited for, from the time that has passed [s].
+        Raises `Stopped` at the limit.
         """
         if self._limit.passed():
             raise Stopped(what(PROGRESS_TIMEOUT))

@@ -43,15 +43,14 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
     else:
         reached = reached and heading_error <= HEADING_TOLERANCE
         away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
-    speeds = flight.speeds
-    inside = _within_bounds(flown, failures)
+    speeds, inside = flight.speeds, 'within' if _within_bounds(flown, failures) else 'OUT OF'
+    how = f'{mode}, {len(flight.time)} samples, in {flown.wall:.1f} s'
+    span = f'{speeds.min():.1f} to {speeds.max():.1f} rad/s in flight'
     lines = [
-        f'flight of {flight.time[-1]:.2f} s ({mode}, {len(flight.time)} samples, '
-        f'in {flown.wall:.1f} s)',
+        f'flight of {flight.time[-1]:.2f} s ({how})',
         f'  waypoint      {"reached" if reached else "MISSED"}: {away}',
         f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,',
-        f'                {speeds.min():.1f} to {speeds.max():.1f} rad/s in flight, '
-        f'{"within" if inside else "OUT OF"} bounds',
+        f'                {span}, {inside} bounds',
     ]
     lines += _failures(flown, failures)
     weak = ', '.join(
@@ -103,16 +102,16 @@ def _incidents(flown: Flown) -> list[str]:
 
 def _hint(flown: Flown, waypoint: Waypoint, spins: bool) -> list[str]:
     """Return a line on why the waypoint was missed, if that is known."""
-    if speed := _approach(flown.flight, waypoint, spins):
-        return [f'  hint          it was still approaching, {speed}: try a longer --duration']
     load, processors = os.getloadavg()[0], os.cpu_count() or 1
     late = flown.timeouts or load > processors
-    if flown.parameters['mode'] == 'realtime' and late and not flown.faults:
-        return [
-            f'  hint          the machine may be too slow for real time (load average {load:.1f} '
-            f'on {processors} processors): try --mode lockstep'
-        ]
-    return []
+    if speed := _approach(flown.flight, waypoint, spins):
+        hint = f'it was still approaching, {speed}: try a longer --duration'
+    elif flown.parameters['mode'] == 'realtime' and late and not flown.faults:
+        why = f'load average {load:.1f} on {processors} processors'
+        hint = f'the machine may be too slow for real time ({why}): try --mode lockstep'
+    else:
+        return []
+    return [f'  hint          {hint}']
 
 
 def _approach(flight: Flight, waypoint: Waypoint, spins: bool) -> str:

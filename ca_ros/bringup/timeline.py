@@ -34,21 +34,9 @@ class Timeline:
     waits at each time (`simulator.hold_at`) until the nodes have answered, so all flights are the
     same.  In real time it does not wait.
 
-    Parameters
-    ----------
-    recorder : Recorder
-        Sends the waypoints, and is the node of the clients.
-    trajectory : Trajectory
-    failures : RotorFailures
-    parameters : mapping
-        The parameters by node and name.
-    n : int
-        Number of rotors.
-
-    Raises
-    ------
-    TimelineError
-        If the vehicle does not have these rotors, or the simulator lacks a parameter.
+    The recorder sends the waypoints, and is the node of the clients; the parameters are by node
+    and name; the vehicle has n rotors.  Raises a TimelineError if it does not have the rotors that
+    fail, or the simulator lacks a parameter.
     """
 
     def __init__(
@@ -80,32 +68,19 @@ class Timeline:
             for name in NODES
             if 'rotors.health' in parameters[name]
         }
-        for name in NODES:
-            if failures.times() and name not in self._health:
-                print(
-                    f'bringup: warning: the {name} does not declare rotors.health: it is not told '
-                    'of rotor failures',
-                    file=sys.stderr,
-                )
+        for name in (name for name in NODES if failures.times() and name not in self._health):
+            text = f'the {name} does not declare rotors.health: it is not told of rotor failures'
+            print(f'bringup: warning: {text}', file=sys.stderr)
         self._set_to = {name: health.tolist() for name, health in self._health.items()}
         self._ahead = round(common.get('simulator.time_step', 0.0) * 1e9) if self._lockstep else 0
         services = [SetParameters] if self._times else []
         self._clients = {name: ParameterClient(recorder, name, *services) for name in self._health}
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
-        """Do what is due.
+        """Do what is due; raise a TimelineError if a node refuses, or does not answer.
 
-        Parameters
-        ----------
-        elapsed : int or None
-            Time of flight up to the last complete sample [ns]; None before the flight.
-        spin : callable
-            Spins the node once.
-
-        Raises
-        ------
-        TimelineError
-            If a node refuses, or does not answer.
+        `elapsed` is the time of flight up to the last complete sample [ns], None before the
+        flight; `spin` spins the node once.
         """
         # The simulator waits with the state that follows the last complete sample.
         now = 0 if elapsed is None else elapsed + self._ahead
@@ -128,20 +103,26 @@ class Timeline:
 
     def _send(self, waypoint: Waypoint, spin: Callable[[], None]) -> None:
         self._recorder.send(waypoint)
-        deadline = Deadline(TIMEOUT)
-        while self._lockstep and not self._recorder.delivered():
-            if deadline.passed():
-                raise TimelineError('the controller does not receive the waypoint')
-            spin()
+        if self._lockstep:
+            fault = 'the controller does not receive the waypoint'
+            _wait(lambda: self._recorder.delivered() or None, fault, spin)
 
     def _set(
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
     ) -> None:
         call = self._clients[name].set({parameter: value})
-        limit = Deadline(TIMEOUT)
-        while (results := call.answer()) is None:
-            if limit.passed():
-                raise TimelineError(f'the {name} does not answer: {parameter} cannot be set')
-            spin()
-        if not results[0].successful:
-            raise TimelineError(f'the {name} refuses {parameter}: {results[0].reason}')
+        [result] = _wait(
+            call.answer, f'the {name} does not answer: {parameter} cannot be set', spin
+        )
+        if not result.successful:
+            raise TimelineError(f'the {name} refuses {parameter}: {result.reason}')
+
+
+def _wait(answer: Callable[[], Any], fault: str, spin: Callable[[], None]) -> Any:
+    """Spin until there is an answer, and return it; raise the fault after `TIMEOUT`."""
+    limit = Deadline(TIMEOUT)
+    while (found := answer()) is None:
+        if limit.passed():
+            raise TimelineError(fault)
+        spin()
+    return found

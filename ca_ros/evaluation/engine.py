@@ -32,9 +32,9 @@ from tqdm import tqdm
 
 from ca_ros.allocation.exact import processors
 from ca_ros.allocation.own_method import own_class
+from ca_ros.arguments import positive
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.result_files import versions
-from ca_ros.evaluation.study_cli import positive
 from ca_ros.kernel import chosen
 
 CHUNKS_MAX = 500

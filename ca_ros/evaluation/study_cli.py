@@ -6,9 +6,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from ca_ros.allocation import ALLOCATORS, Allocator
 from ca_ros.arguments import HelpFormatter
@@ -78,20 +76,6 @@ def concluded(prog: str, study: Callable[[], None]) -> int:
         print(f'{prog}: interrupted{stop}', file=sys.stderr)
         return 130
     return 0
-
-
-def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
-    """Return an argparse type: a positive, finite number; an int also as 1e8."""
-
-    def read(text: str) -> Any:
-        with suppress(ValueError):
-            number = float(text)
-            if 0 < number < float('inf') and kind(number) == number:
-                return kind(number)
-        what = 'positive whole number' if kind is int else 'positive number'
-        raise argparse.ArgumentTypeError(f'{text!r} is not a {what}')
-
-    return read
 
 
 def natural(text: str) -> int:

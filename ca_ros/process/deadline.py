@@ -9,12 +9,7 @@ class Deadline:
     """A time limit for a loop that polls; at most `POLL` of the time between two polls counts.
 
     A stall of the machine also stalls the process that the loop waits for, so it must not use up
-    the time limit.
-
-    Parameters
-    ----------
-    limit : float
-        Time until the deadline [s].
+    the time limit [s].
     """
 
     POLL = 0.5

@@ -30,16 +30,9 @@ Answer = TypeVar('Answer')
 
 
 class Call(Generic[Answer]):
-    """A call of a service, which is repeated until it is answered.
+    """A call of a service, which is repeated until it is answered; `read` makes the answer.
 
     DDS loses an answer if the node has not yet discovered the client that waits for it.
-
-    Parameters
-    ----------
-    client : Client
-    request : message
-    read : callable
-        Returns the answer from the response.
     """
 
     def __init__(self, client: Client, request: Any, read: Callable[[Any], Answer]) -> None:
@@ -53,7 +46,7 @@ class Call(Generic[Answer]):
         return self._client.service_is_ready()
 
     def answer(self) -> Answer | None:
-        """Return the answer, None before; call this until it returns one."""
+        """Return the answer, None before there is one; each call may repeat the request."""
         for future in self._futures:
             if future.done():
                 return self._read(future.result())
@@ -78,28 +71,28 @@ class ParameterClient:
 
     def names(self) -> Call[list[str]]:
         """Ask for the names of all parameters."""
-        request = ListParameters.Request()
-        return self._call(ListParameters, request, lambda answer: answer.result.names)
+        return self._call(ListParameters, lambda answer: answer.result.names)
 
     def get(self, names: Iterable[str]) -> Call[list[Any]]:
         """Ask for the values of parameters."""
-        request = GetParameters.Request(names=list(names))
-        return self._call(
-            GetParameters, request, lambda answer: [*map(parameter_value_to_python, answer.values)]
-        )
+
+        def read(answer: Any) -> list[Any]:
+            return [*map(parameter_value_to_python, answer.values)]
+
+        return self._call(GetParameters, read, names=list(names))
 
     def set(self, values: Mapping[str, Any]) -> Call[list[Any]]:
         """Set parameters one by one; the answer has a SetParametersResult of each."""
-        request = SetParameters.Request(parameters=_messages(values))
-        return self._call(SetParameters, request, lambda answer: answer.results)
+        messages = _messages(values)
+        return self._call(SetParameters, lambda answer: answer.results, parameters=messages)
 
     def set_atomically(self, values: Mapping[str, Any]) -> Call[Any]:
         """Set all parameters or none; the answer is a SetParametersResult."""
-        request = SetParametersAtomically.Request(parameters=_messages(values))
-        return self._call(SetParametersAtomically, request, lambda answer: answer.result)
+        kind, messages = SetParametersAtomically, _messages(values)
+        return self._call(kind, lambda answer: answer.result, parameters=messages)
 
-    def _call(self, kind: Any, request: Any, read: Callable[[Any], Any]) -> Call[Any]:
-        return Call(self._client(kind), request, read)
+    def _call(self, kind: Any, read: Callable[[Any], Any], **fields: Any) -> Call[Any]:
+        return Call(self._client(kind), kind.Request(**fields), read)
 
     def _client(self, kind: Any) -> Client:
         service = SERVICES[kind]

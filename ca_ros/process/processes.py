@@ -25,13 +25,8 @@ def start(command: Sequence[str], **options: Any) -> Process:
     """Start a child process in a session of its own; it gets SIGTERM when this process ends.
 
     The signal is sent for every end of this process, also by kill -9 or while the child starts.
-    Linux sends it when the calling thread ends, so call this function from the main thread.
-
-    Parameters
-    ----------
-    command : sequence of str
-    **options
-        As for `subprocess.Popen`.
+    Linux sends it when the calling thread ends, so call this function from the main thread.  The
+    options are those of `subprocess.Popen`.
     """
     prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
@@ -90,16 +85,8 @@ def note_signals() -> list[int]:
 class Processes:
     """Named child processes, each in its own process group: Ctrl-C reaches only the parent.
 
-    Parameters
-    ----------
-    commands : mapping of str to sequence of str
-        Command lines by name, which `__enter__` starts in this order.
-
-    Attributes
-    ----------
-    running : dict of str to Popen
-    respawned : Counter of str
-        Number of restarts of each process by `respawn`.
+    `__enter__` starts the commands, by name, in their order.  `respawned` counts the restarts of
+    each process by `respawn`.
     """
 
     ENDING = 5.0

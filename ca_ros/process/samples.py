@@ -23,16 +23,10 @@ class SampleError(CaRosError):
 
 
 class Samples:
-    """The states and the rotor speeds of a vehicle, by their stamps.
+    """The states and the rotor speeds of a vehicle, by their stamps [ns].
 
-    Attributes
-    ----------
-    newest : dict of str to int
-        The newest stamp of each topic [ns].
-    start : int or None
-        The stamp at which the rotors start [ns]; None before.
-    last : int or None
-        The newest stamp of a complete sample since the start [ns].
+    `newest` has the newest stamp of each topic, `start` is the stamp at which the rotors start,
+    None before, and `last` the newest stamp of a complete sample since then.
     """
 
     def __init__(self) -> None:
@@ -45,24 +39,19 @@ class Samples:
     def add(self, topic: str, message: Any) -> None:
         """Add a message of one of the topics in `SAMPLED`; ignore speeds without a stamp.
 
-        Raises
-        ------
-        SampleError
-            If its stamp is earlier than the one before, or its numbers are not finite or not as
-            many as the vehicle has rotors.
+        Raises a SampleError if its stamp is earlier than the one before, or its numbers are not
+        finite or not as many as the vehicle has rotors.
         """
         if (time := stamp_of(message)) is None:
             return
         parts = _parts(message)
         if time < (before := self.newest.get(topic, time)):
-            raise SampleError(
-                f'{topic}: stamp {time / 1e9:g} s after {before / 1e9:g} s: expected ascending'
-            )
+            times = f'stamp {time / 1e9:g} s after {before / 1e9:g} s'
+            raise SampleError(f'{topic}: {times}: expected ascending')
         for numbers in parts.values():
             if not np.isfinite(numbers).all():
-                raise SampleError(
-                    f'{topic} at {time / 1e9:g} s: {numbers.tolist()}: expected finite numbers'
-                )
+                found = f'{topic} at {time / 1e9:g} s: {numbers.tolist()}'
+                raise SampleError(f'{found}: expected finite numbers')
         self.newest[topic] = time
         sample = self._samples.setdefault(time, {})
         sample.update(parts)
@@ -87,10 +76,8 @@ class Samples:
 
     def _check_rotors(self, speeds: Array) -> None:
         if self._rotors not in (None, len(speeds)):
-            raise SampleError(
-                f'{SPEEDS.name} has {len(speeds)} rotor speeds: expected {self._rotors}, one for '
-                'each rotor of the vehicle'
-            )
+            expected = f'expected {self._rotors}, one for each rotor of the vehicle'
+            raise SampleError(f'{SPEEDS.name} has {len(speeds)} rotor speeds: {expected}')
 
     def any_complete(self) -> bool:
         """Return whether a state and rotor speeds have had the same stamp."""

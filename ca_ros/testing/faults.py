@@ -12,17 +12,10 @@ from ca_ros.testing.parameters import Parameters
 
 
 class FaultProxy:
-    """The node `fault_proxy` between the publishers and the subscribers of some topics.
+    """The node `fault_proxy` on topics between nodes of the loop, such as ``'command/wrench'``.
 
-    Start the subscribers with the arguments of `remaps`.
-
-    Parameters
-    ----------
-    graph : Graph
-    topic, *others : str
-        Topics between the nodes of the loop, such as ``'command/wrench'``.
-    **faults : float
-        Faults by name, such as ``drop=0.1`` or ``delay=0.02``; ``fault_proxy --help`` lists them.
+    Start the subscribers with the arguments of `remaps`.  The faults are by name, such as
+    ``drop=0.1`` or ``delay=0.02``; ``fault_proxy --help`` lists them.
     """
 
     def __init__(self, graph: Graph, topic: str, *others: str, **faults: Any) -> None:
@@ -40,13 +33,7 @@ class FaultProxy:
         return [word for topic in self._topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
 
     def set(self, **faults: Any) -> None:
-        """Change faults; those that are not named stay.
-
-        Raises
-        ------
-        ValueError
-            If a fault is unknown or out of its range.
-        """
+        """Change faults; those that are not named stay.  Wrong ones raise a ValueError."""
         result = self._parameters.set_atomically(faults)
         if not result.successful:
             raise ValueError(result.reason)

@@ -38,17 +38,9 @@ RELIABLE, BEST_EFFORT = (
 class Graph(GraphProcesses):
     """A ROS graph: processes, nodes in the process of the test, and the node of the test.
 
-    A context manager; the fixture `graph` of pytest gives each test its own.
-
-    Parameters
-    ----------
-    **environment : str
-        See `GraphProcesses`.
-
-    Attributes
-    ----------
-    sections : dict of str to callable
-        Further sections of the report of a failure: title and function that returns the text.
+    A context manager; the fixture `graph` of pytest gives each test its own.  For the environment
+    see `GraphProcesses`.  `sections` are further sections of the report of a failure: title and
+    function that returns the text.
     """
 
     def __enter__(self) -> Graph:
@@ -73,12 +65,9 @@ class Graph(GraphProcesses):
     @cached_property
     def context(self) -> Context:
         """The context of the nodes in the process of the test."""
-        context = Context()
+        context, signals = Context(), SignalHandlerOptions.NO
         rclpy.init(
-            args=[],
-            context=context,
-            domain_id=self.domain,
-            signal_handler_options=SignalHandlerOptions.NO,
+            args=[], context=context, domain_id=self.domain, signal_handler_options=signals
         )
         self._ending.callback(self._close)
         return context
@@ -86,24 +75,15 @@ class Graph(GraphProcesses):
     @cached_property
     def node(self) -> Node:
         """The node of the test."""
-        return self.add_node(
-            rclpy.create_node(
-                'test', context=self.context, start_parameter_services=False, enable_rosout=False
-            )
-        )
+        less: Any = {'start_parameter_services': False, 'enable_rosout': False}
+        return self.add_node(rclpy.create_node('test', context=self.context, **less))
 
     @cached_property
     def _executor(self) -> SingleThreadedExecutor:
         return SingleThreadedExecutor(context=self.context)
 
     def add_node(self, node: Node) -> Node:
-        """Let a node in the process of the test work whenever the test waits; return the node.
-
-        Raises
-        ------
-        ValueError
-            If the node is not on the context of the graph.
-        """
+        """Let a node, on the context of the graph, work whenever the test waits; return it."""
         if node.context is not self.context:
             raise ValueError(f'{node.get_name()}: create the node with context=graph.context')
         self._executor.add_node(node)
@@ -152,22 +132,11 @@ class Graph(GraphProcesses):
         repeat: Callable[[], object] | None = None,
         deadline: float = DEADLINE,
     ) -> None:
-        """Let the nodes work until a condition holds.
+        """Let the nodes work until a condition holds; `what` describes it in errors.
 
-        Parameters
-        ----------
-        condition : callable
-        what : str
-            Description of the condition, for the error.
-        repeat : callable, optional
-            Called at the start and then at growing intervals, for messages that may be lost.
-        deadline : float
-            Time limit, without stalls of the machine [s].
-
-        Raises
-        ------
-        AssertionError
-            If the condition does not hold in time, or if a process ends meanwhile.
+        `repeat` is called at the start and then at growing intervals, for messages that may be
+        lost.  Raises an AssertionError if the condition does not hold by the deadline [s], not
+        counting stalls of the machine, or if a process ends meanwhile.
         """
         __tracebackhide__ = True
         limit, again, pause = Deadline(deadline), time.monotonic(), FIRST_PAUSE

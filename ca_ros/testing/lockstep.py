@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from numpy.typing import ArrayLike
@@ -29,17 +30,8 @@ class Lockstep:
 
     The simulator takes a step when rotor speeds answer its state, so a flight does not depend on
     the speed of the machine.  To test a plant of one's own, start it first, and leave the
-    simulator out of `nodes`.
-
-    Parameters
-    ----------
-    graph : Graph
-    vehicle : str
-        A shipped vehicle or a parameter file.
-    nodes : sequence of str
-        The nodes of this package to start.
-    ros_arguments : sequence of str
-        ROS arguments of all these nodes, such as ``('-p', 'rotors.health:=0.9')``.
+    simulator out of `nodes`, the nodes of this package to start.  They all get the ROS arguments,
+    such as ``('-p', 'rotors.health:=0.9')``.  The vehicle is a shipped one or a parameter file.
     """
 
     def __init__(
@@ -51,12 +43,11 @@ class Lockstep:
     ) -> None:
         self._graph, self._samples = graph, Samples()
         self._wrenches: dict[int, WrenchStamped] = {}
-        for topic in SAMPLED:
-            receive = partial(self._samples.add, topic.name)
+        for topic in (*SAMPLED, WRENCH):
+            receive: Any = partial(self._samples.add, topic.name)
+            if topic is WRENCH:
+                receive = self._receive_wrench
             graph.node.create_subscription(topic.kind, topic.name, receive, offered('lockstep'))
-        graph.node.create_subscription(
-            WRENCH.kind, WRENCH.name, self._receive_wrench, offered('lockstep')
-        )
         graph.sections['lockstep'] = self.table
         arguments = ['--vehicle', vehicle, '--ros-args', '-p', 'mode:=lockstep', *ros_arguments]
         if 'simulator' in nodes:
@@ -76,13 +67,7 @@ class Lockstep:
         return min(self._samples.newest[topic.name] for topic in (POSE, VELOCITY))
 
     def run(self, until: float) -> Flight:
-        """Return the flight up to a time [s], inclusive; wait for it if need be.
-
-        Raises
-        ------
-        AssertionError
-            If a state is not answered.
-        """
+        """Return the flight up to a time [s], inclusive; an AssertionError without an answer."""
         __tracebackhide__ = True
         end = round(until * 1e9)
         while self.time <= end:
@@ -92,15 +77,8 @@ class Lockstep:
     def step(self, numbers: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Answer the present state with a wrench, see `wrench`; return the next state.
 
-        Returns
-        -------
-        position, attitude, velocity, angular_velocity : (3,), (4,), (3,), (3,) arrays
-            As in `Flight`.
-
-        Raises
-        ------
-        AssertionError
-            If the simulator does not take the step.
+        Position (3,), attitude (4,), velocity (3,) and angular velocity (3,) are as in `Flight`.
+        Raises an AssertionError if the simulator does not take the step.
         """
         __tracebackhide__ = True
         message = wrench(numbers, self.time)

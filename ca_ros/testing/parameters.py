@@ -31,13 +31,7 @@ class Parameters:
         return self._wait(self._client.set_atomically(values))
 
     def _wait(self, call: Call[Answer]) -> Answer:
-        answers: list[Answer] = []
-
-        def answered() -> bool:
-            answer = call.answer()
-            if answer is not None:
-                answers.append(answer)
-            return bool(answers)
-
-        self._spin_until(answered, f'{call.service}: answered')
-        return answers[0]
+        self._spin_until(lambda: call.answer() is not None, f'{call.service}: answered')
+        answer = call.answer()
+        assert answer is not None
+        return answer

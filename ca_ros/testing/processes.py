@@ -37,23 +37,13 @@ STREAMS = 'stdout', 'stderr'
 class GraphProcesses:
     """Processes in a ROS domain of their own; a context manager that checks how they end.
 
-    Parameters
-    ----------
-    **environment : str
-        Environment variables, in addition to `SETTINGS` or instead of them.  With ROS_DOMAIN_ID
-        the graph joins that domain and claims none.
-
-    Attributes
-    ----------
-    domain : int
-        The ROS domain.
-    failed : bool
-        Whether the test has failed; then the exit codes do not matter.
-    opened : list of GraphProcesses
-        All that are open, for the report of a failed test.
+    The environment variables are in addition to `SETTINGS` or instead of them.  With ROS_DOMAIN_ID
+    the graph joins that domain and claims none.  `failed` says whether the test has failed; then
+    the exit codes do not matter.
     """
 
     opened: ClassVar[list[GraphProcesses]] = []
+    """All that are open, for the report of a failed test."""
 
     def __init__(self, **environment: str) -> None:
         self._settings = SETTINGS | environment
@@ -120,18 +110,11 @@ class GraphProcesses:
     def start(
         self, name: str, *arguments: str, exit_codes: Sequence[int] = (0,), **options: Any
     ) -> Process:
-        """Start a process in a process group of its own.
+        """Start a process, see `executable`, in a process group of its own.
 
-        Parameters
-        ----------
-        name : str
-            See `executable`.
-        *arguments : str
-        exit_codes : sequence of int
-            Exit codes that are right at the end of the test, where each process gets SIGINT, and
-            before it, unless the test ends the process.
-        **options
-            As for `subprocess.Popen`.
+        The exit codes are those that are right at the end of the test, where each process gets
+        SIGINT, and before it, unless the test ends the process.  The options are those of
+        `subprocess.Popen`.
         """
         with ExitStack() as files:
             streams = {
@@ -163,13 +146,8 @@ class GraphProcesses:
     def outlive(self, process: Process, deadline: float = DEADLINE) -> tuple[str, str]:
         """Wait until a process ends by itself; return its output.
 
-        Raises
-        ------
-        AssertionError
-            If that does not happen within `deadline` seconds.
-        pytest.xfail.Exception
-            If Fast DDS blocks at the end of one of our nodes; the test then counts as an expected
-            failure.
+        Raises an AssertionError if that does not happen by the deadline [s].  If Fast DDS blocks
+        at the end of one of our nodes, the test counts as an expected failure.
         """
         __tracebackhide__ = True
         limit = Deadline(deadline)
@@ -203,11 +181,8 @@ class GraphProcesses:
 
     def ended(self) -> list[str]:
         """Return the last words of the processes that ended while the test did not expect it."""
-        found = [
-            process
-            for process in self._started
-            if process not in self._awaited and process.poll() is not None
-        ]
+        codes = {process: process.poll() for process in self._started}
+        found = [p for p, code in codes.items() if code is not None and p not in self._awaited]
         self._reported.update(found)
         return [
             f'{self._name(process)}, exit code {process.returncode}: {self._tail(process, 3)}'

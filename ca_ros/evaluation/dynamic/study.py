@@ -11,7 +11,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
-from ca_ros.arguments import split
+from ca_ros.arguments import positive, split
 from ca_ros.bringup.flight_options import (
     add_options,
     failure_words,
@@ -28,7 +28,7 @@ from ca_ros.evaluation.dynamic.ros_flight import check, fly_over_ros
 from ca_ros.evaluation.dynamic.tables import document
 from ca_ros.evaluation.paper import flown_as_in_the_paper
 from ca_ros.evaluation.result_files import command, facts, write
-from ca_ros.evaluation.study_cli import case_of, concluded, parser, positive
+from ca_ros.evaluation.study_cli import case_of, concluded, parser
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import NULL_STATE

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ca_ros.allocation import AllocationProblem, Allocator
-from ca_ros.arguments import split
+from ca_ros.arguments import positive, split
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.engine import add_options, chunk_size, compute
 from ca_ros.evaluation.errors import ERRORS, columns
@@ -21,7 +21,7 @@ from ca_ros.evaluation.result_files import facts, write
 from ca_ros.evaluation.static.chunks import StaticChunks, Summary, merged
 from ca_ros.evaluation.static.plots import draw
 from ca_ros.evaluation.static.tables import document, standard_error
-from ca_ros.evaluation.study_cli import case_of, concluded, natural, parser, positive
+from ca_ros.evaluation.study_cli import case_of, concluded, natural, parser
 from ca_ros.evaluation.wrench_metrics import metrics
 from ca_ros.evaluation.wrench_sets import SAMPLINGS
 from ca_ros.problem.admissible_set import AdmissibleSet
