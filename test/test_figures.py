@@ -13,6 +13,7 @@ from PIL import Image
 from ca_ros.bringup.plots import draw_flight
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
+from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.metrics import sample_errors
 from ca_ros.figures import COLORS, FORMATS, formats, millimetres, save
 from ca_ros.flight.closed_loop import fly
@@ -101,7 +102,8 @@ def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
             case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes)
         samples[method] = sample_errors(flight, case.controller(), WAYPOINT, changes)
     path = tmp_path / 'animation.gif'
-    animate(path, flights, samples, case.vehicle, Trajectory.to(WAYPOINT), failures)
+    goal = Trajectory.to(WAYPOINT)
+    animate(path, Flights(flights, samples, case.vehicle, goal, failures))
     with Image.open(path) as film:
         assert film.n_frames == 15
         assert film.info['loop'] == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -58,20 +59,10 @@ class CaseError(CaRosError):
 class Case:
     """A vehicle, or a problem without a vehicle, under study.
 
-    Attributes
-    ----------
-    name : str
-        A shipped vehicle or problem, or the path of a file.
-    settings : FileSettings or None
-        All settings; None if there is no vehicle.
-    methods : MethodSettings
-        The settings of the methods.
-    problem : AllocationProblem
-        Of a vehicle: with the axes that its rotors can control.
-    changes : tuple of str
-        Parameters other than in the file, ``NAME:=VALUE``.
-    left_out : dict
-        Methods that do not apply to the problem and were not asked for by name, with the reason.
+    The name is that of a shipped one, or the path of a file; there are no settings without a
+    vehicle.  The problem of a vehicle has the axes that its rotors can control.  `changes` are
+    parameters other than in the file, ``NAME:=VALUE``.  Methods that do not apply to the problem
+    and were not asked for by name are `left_out`, with the reason.
     """
 
     name: str
@@ -107,19 +98,18 @@ class Case:
         found = None if flying else read_problem(name, AllocationProblem)
         problem, given = (None, files.read(name)) if found is None else found
         own = own_methods(*methods, str(given.get('allocation.method')))
+        kind: Any = with_own_methods(FileSettings, *own)
+        if problem is not None:
+            kind = with_methods(MethodSettings, own)
+        prefix = '' if problem is None else 'allocation.'
         try:
-            if problem is not None:
-                kind = with_methods(MethodSettings, own)
-                given = _changed(given, changes, known := table(kind, 'allocation.'))
-                check_given(given, known)
-                return cls(name, None, read(kind, given, 'allocation.'), problem, tuple(changes))
-            complete = with_own_methods(FileSettings, *own)
-            given = _changed(given, changes, known := table(complete))
+            given = _changed(given, changes, known := table(kind, prefix))
             check_given(given, known)
-            settings = read(complete, given)
-            vehicle = accept(
-                Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
-            ).vehicle
+            settings = read(kind, given, prefix)
+            if problem is not None:
+                return cls(name, None, settings, problem, tuple(changes))
+            given = settings.vehicle, settings.rotors, settings.allocation
+            vehicle = accept(Vehicle.from_settings(*given)).vehicle
         except ParameterError as error:
             raise ParameterError(f'{name}: {error}') from None
         return cls(name, settings, settings.allocation, VehicleProblem(vehicle), tuple(changes))
@@ -133,19 +123,13 @@ class Case:
 
     @property
     def flown(self) -> FileSettings:
-        """The settings of a vehicle.
-
-        Raises
-        ------
-        TypeError
-            If there is no vehicle.
-        """
+        """The settings of a vehicle; a TypeError without one."""
         if self.settings is None:
             raise TypeError(f'{self.name} is not a vehicle')
         return self.settings
 
     def audited(self, health: Array) -> Vehicle:
-        """Return the vehicle with other rotor health (n,), and the axes it can then command."""
+        """Return the vehicle with other rotor health (n,), and the axes it can then control."""
         given = self.flown
         vehicle = Vehicle.from_settings(given.vehicle, given.rotors, given.allocation)
         return audit(vehicle.with_health(health)).vehicle
@@ -163,6 +147,11 @@ class Case:
         """Return the plant, with all effects of the parameters ``simulator.*``."""
         return Plant(self.body(), self.flown.simulator)
 
+    def told(self, method: str, health: Array) -> tuple[Controller, Allocator]:
+        """Return the controller and the allocator of a method that know of rotor health (n,)."""
+        vehicle = self.audited(health)
+        return self.controller(vehicle), self.allocator(method, vehicle)
+
     def failing(self, method: str, failures: RotorFailures) -> list[Change]:
         """Return the changes of a method's closed loop that rotor failures cause."""
         changes = []
@@ -171,16 +160,10 @@ class Case:
             before = physical, believed
             physical = failures.physical(self.vehicle.health, time)
             believed = failures.believed(self.vehicle.health, time)
-            told = not np.array_equal(believed, before[1])
-            vehicle = self.audited(believed) if told else None
-            changes.append(
-                Change(
-                    time,
-                    self.controller(vehicle) if told else None,
-                    self.allocator(method, vehicle) if told else None,
-                    None if np.array_equal(physical, before[0]) else self.body(physical),
-                )
-            )
+            known = np.array_equal(believed, before[1])
+            new = (None, None) if known else self.told(method, believed)
+            body = None if np.array_equal(physical, before[0]) else self.body(physical)
+            changes.append(Change(time, *new, body))
         return changes
 
     def detector(self) -> Detector:
@@ -189,20 +172,12 @@ class Case:
 
     def detected(self, method: str, flight: Flight) -> list[Change]:
         """Return the changes of a method's closed loop that the detection of failures causes."""
-        return [
-            Change(time, self.controller(told), self.allocator(method, told))
-            for time, health in replay(self.detector(), flight)
-            for told in [self.audited(health)]
-        ]
+        found = replay(self.detector(), flight)
+        return [Change(time, *self.told(method, health)) for time, health in found]
 
     def detection(self, method: str) -> Detection:
         """Return the detection of failures for a method's closed loop."""
-
-        def rebuild(health: Array) -> tuple[Controller, Allocator]:
-            vehicle = self.audited(health)
-            return self.controller(vehicle), self.allocator(method, vehicle)
-
-        return Detection(self.detector(), rebuild)
+        return Detection(self.detector(), partial(self.told, method))
 
     def allocator(self, method: str, vehicle: Vehicle | None = None) -> Allocator:
         """Return the allocator of a method for a vehicle, by default that of the case.
@@ -224,12 +199,10 @@ def methods_of(text: str) -> list[str]:
     """
     names: list[str] = []
     for word in (each.strip() for each in text.split(',')):
-        if not (word in SETS or word in ALLOCATORS or word in FOR_COMPARISON or names_class(word)):
-            known = ', '.join([*ALLOCATORS, *FOR_COMPARISON])
-            raise ValueError(
-                f'no method {word!r}; there are {known}, {" and ".join(SETS)} for several, and '
-                'module:Class for your own'
-            )
+        if not (word in {*SETS, *ALLOCATORS, *FOR_COMPARISON} or names_class(word)):
+            known = f'{", ".join([*ALLOCATORS, *FOR_COMPARISON])}, {" and ".join(SETS)}'
+            more = f'{known} for several, and module:Class for your own'
+            raise ValueError(f'no method {word!r}; there are {more}')
         names += SETS.get(word, (word,))
     return list(dict.fromkeys(names))
 

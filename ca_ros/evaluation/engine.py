@@ -71,23 +71,10 @@ def compute(
 ) -> list[Any]:
     """Return the results of chunks in the order of their numbers, whatever computed them.
 
-    Parameters
-    ----------
-    task : callable
-        Returns the result of a chunk, which depends on its number alone; can be pickled.
-    count : int
-        Number of chunks.
-    options : Namespace
-        With `workers` and `scheduler`, see `add_options`.
-    methods : sequence of str
-        Methods of the user's own, ``module:Class``, on whose code the results depend too.
-    **bar
-        Arguments of the progress bar, which counts chunks.
-
-    Raises
-    ------
-    EngineError
-        If a worker process was killed, the cluster cannot be reached, or it has other code.
+    The task, which can be pickled, returns the result of a chunk.  It depends on the number of the
+    chunk alone, and on the code of the user's own `methods`, ``module:Class``.  The options are
+    those of `add_options`; the bar, which has further arguments, counts chunks.  Raises an
+    EngineError if a worker process was killed, the cluster cannot be reached, or has other code.
     """
     given, done, news = (pickle.dumps(task), code(*methods)), 0, perf_counter() + NEWS
     futures: list[Future[Any]] = []
@@ -116,12 +103,10 @@ def compute(
 def _executor(options: argparse.Namespace, count: int) -> Iterator[Executor]:
     """Open the executor; report what the user can mend as an EngineError."""
     workers = min(options.workers or processors(), count)
-    opened: AbstractContextManager[Executor]
+    opened: AbstractContextManager[Executor] = ThreadPoolExecutor(1)
     if options.scheduler:
         opened = _cluster(options.scheduler)
-    elif workers == 1:
-        opened = ThreadPoolExecutor(1)
-    else:
+    elif workers > 1:
         opened = ProcessPoolExecutor(workers, get_context('spawn'), _start)
     try:
         with opened as executor:

@@ -56,18 +56,9 @@ def evaluate(
     """Allocate wrenches (N, m) [N, N m] and measure the errors of the answers.
 
     A batch is one call, whose time is divided equally; otherwise wrenches are allocated one by
-    one.
-
-    Returns
-    -------
-    DataFrame
-        One row per wrench: the columns of static.csv but ``sample``, and ``violation``, the
-        largest violation of the bounds by the method's thrusts before saturation [N].
-
-    Raises
-    ------
-    AnswerError
-        If the answers are not thrusts of the vehicle's rotors.
+    one.  Returns one row per wrench: the columns of static.csv but ``sample``, and ``violation``,
+    the largest violation of the bounds by the method's thrusts before saturation [N].  Raises an
+    AnswerError if the answers are not thrusts of the vehicle's rotors.
     """
     whole = batch and hasattr(allocator, 'allocate_batch')
     call = allocator.allocate_batch if whole else allocator.allocate

@@ -7,7 +7,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
@@ -24,7 +24,7 @@ NOT_REPEATED = (
     'out', 'figures', 'figure_width', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint',
     'heading', 'trajectory', 'workers', 'scheduler',
 )  # fmt: skip
-"""Options that `command` leaves out: places of files and of computation, and what the dynamic
+"""Options that the command leaves out: places of files and of computation, and what the dynamic
 study adds itself."""
 
 
@@ -45,20 +45,20 @@ def _plain(found: Any) -> Any:
     return None if isinstance(found, float) and not isfinite(found) else found
 
 
-def command(prog: str, options: argparse.Namespace) -> list[str]:
-    """Return the command line that gives the same results, with the defaults spelled out."""
+def facts(
+    case: Case, prog: str, options: argparse.Namespace, more: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return what a study says about how its results were made.
+
+    The command, with more words at its end, gives the same results; defaults are spelled out.
+    """
     words = [prog]
     for name, value in vars(options).items():
         if name not in NOT_REPEATED and value is not None and value is not False:
             for each in value if isinstance(value, list) else [value]:
                 words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]
-    return words
-
-
-def facts(case: Case, prog: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Return what a study says about how its results were made."""
     return {
-        'command': command(prog, options),
+        'command': [*words, *more],
         'vehicle': case.name,
         'changes': case.changes,
         'parameters': case.parameters,

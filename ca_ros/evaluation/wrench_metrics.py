@@ -94,12 +94,9 @@ def least_energy(problem: AllocationProblem, served: Array) -> Array:
 def metrics(problem: AllocationProblem, demands: Array, thrusts: Array) -> dict[str, Any]:
     """Return the metrics of thrusts (N, n) that answer demands (N, m), by name.
 
-    Returns
-    -------
-    dict
-        ``reversed`` and ``exceeded``: the share of the wrenches with such an axis; ``lost``, see
-        `lost`; for a vehicle also ``energy``, its mean [N^1.5], and ``energy_excess``, relative to
-        the least energy that gives the same wrenches.
+    ``reversed`` and ``exceeded`` are the shares of the wrenches with such an axis; for a vehicle
+    there are also ``energy``, its mean [N^1.5], and ``energy_excess``, relative to the least
+    energy that gives the same wrenches.
     """
     served = demands - problem.residual(demands, thrusts)
     found: dict[str, Any] = {

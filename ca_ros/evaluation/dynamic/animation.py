@@ -8,7 +8,6 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure, SubFigure
@@ -16,11 +15,10 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
+from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.plot_style import failing, title
 from ca_ros.figures import COLORS, style
 from ca_ros.flight.record import Flight
-from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -50,14 +48,7 @@ SHADES = {'#000000': 12, BODY: 6, THRUST: 6, LOST: 6, FRONT: 6}
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 33)
 
 
-def animate(
-    path: Path,
-    flights: Mapping[str, Flight],
-    samples: Mapping[str, pd.DataFrame],
-    vehicle: Vehicle,
-    trajectory: Trajectory,
-    failures: RotorFailures,
-) -> None:
+def animate(path: Path, study: Flights) -> None:
     """Write an animation of flights, in real time, as a GIF file.
 
     Each column shows the vehicle as it is at the start, with the thrust of each rotor as an
@@ -65,8 +56,8 @@ def animate(
     all vehicles have one scale. Up to `ACROSS` columns stand in a row. A + marks the waypoint that
     counts at the time. A vehicle that falls below its start after a failure stays there.
     """
-    end = max(float(flight.time[-1]) for flight in flights.values())
-    moments = [time / 1e9 for time in failures.times() if time / 1e9 < end]
+    flights, vehicle, end = study.flights, study.vehicle, study.end
+    moments = [time for time in study.moments if time < end]
     start = max(0.0, min(moments) - LEAD) if moments else 0.0
     grounds = {name: _ground(flight, moments) for name, flight in flights.items()}
     frames = []
@@ -83,13 +74,13 @@ def animate(
         for part, row in zip(parts, rows, strict=True):
             grid = part.add_gridspec(1, columns, **place)
             scenes += [part.add_subplot(grid[0, i], **look) for i in range(len(row))]
-            own = {name: flights[name] for name in row}
-            cursors |= _plots(part, columns, own, samples, grounds, moments, (start, end))
+            own = {name: grounds[name] for name in row}
+            cursors |= _plots(part, columns, study, own, moments, (start, end))
         for time in np.arange(start, end, 1.0 / FRAMES_PER_SECOND):
-            goal = trajectory.at(round(time * 1e9))
+            goal = study.trajectory.at(round(time * 1e9))
             for scene, (name, flight) in zip(scenes, flights.items(), strict=True):
                 k = min(int(np.searchsorted(flight.time, time + 1e-9)) - 1, grounds[name])
-                health = failures.physical(vehicle.health, round(time * 1e9))
+                health = study.failures.physical(vehicle.health, round(time * 1e9))
                 _draw_vehicle(scene, flight, k, vehicle.with_health(health), goal)
                 scene.set_title(TITLES.get(name, title(name)), fontsize='x-large', pad=14.0)
                 tilt = f'tilt {np.degrees(flight.tilt[k]):2.0f}°'
@@ -114,23 +105,22 @@ def _ground(flight: Flight, moments: Sequence[float]) -> int:
 def _plots(
     figure: SubFigure,
     columns: int,
-    flights: Mapping[str, Flight],
-    samples: Mapping[str, pd.DataFrame],
+    study: Flights,
     grounds: Mapping[str, int],
     moments: Sequence[float],
     limits: tuple[float, float],
 ) -> dict[str, list[tuple[Any, Array]]]:
-    """Draw the curves; return the marker of the present time on each, and the values."""
+    """Draw the curves up to the grounds; return markers of the present time, and the values."""
     place = {'left': 0.1, 'right': 0.98, 'bottom': 0.09, 'top': 0.38, 'hspace': 0.3}
     grid = figure.add_gridspec(2, columns, wspace=0.1, **place)
     axes = grid.subplots(sharex=True, sharey='row', squeeze=False)
     cursors: dict[str, list[tuple[Any, Array]]] = {}
-    for (name, flight), column in zip(flights.items(), axes.T, strict=False):
+    for (name, ground), column in zip(grounds.items(), axes.T, strict=False):
         cursors[name] = []
-        part = slice(0, grounds[name] + 1)
+        time = study.flights[name].time[: ground + 1]
         for plot, key in zip(column, ('margin', 'torque_error'), strict=True):
-            values = samples[name][key].to_numpy()
-            failing(plot, flight.time[part], values[part], moments, color=LOST, linewidth=1.2)
+            values = study.samples[name][key].to_numpy()
+            failing(plot, time, values[: ground + 1], moments, color=LOST, linewidth=1.2)
             [cursor] = plot.plot([], [], 'o', color=THRUST, markersize=8, clip_on=False, zorder=5)
             cursors[name].append((cursor, values))
         column[-1].set_xlabel('time [s]')
@@ -139,7 +129,7 @@ def _plots(
     axes[0, 0].set_xlim(limits)
     errors = axes[1, 0]
     errors.set_ylim(top=max(errors.get_ylim()[1], ERROR_SHOWN))
-    for plot in axes[:, len(flights) :].flatten():
+    for plot in axes[:, len(grounds) :].flatten():
         plot.remove()
     figure.align_ylabels(axes[:, 0])
     return cursors

@@ -60,31 +60,20 @@ def sample_errors(
     the changes are later waypoints, rotor failures and their announcements.  The vehicle is the
     one that flies, by default that of the controller.
 
-    Returns
-    -------
-    DataFrame
-        One row per sample: ``force_error`` [N] and ``torque_error`` [N m], the lengths of
-        commanded minus delivered; ``margin`` [N, N m] of the commanded wrench in the admissible
-        set of the rotors as they physically are, NaN where that set has no volume;
-        ``thrusts_squared``, |f|^2 [N^2]; ``energy``, the sum of |f|^1.5 [N^1.5]; ``change``, the
-        sum of |change of thrust| over the rotors since the previous sample [N]; ``goal_height``
-        of the waypoint [m]; ``movable`` and ``at_bound``: how many rotors can move, and are at a
-        bound.
+    Returns one row per sample: ``force_error`` [N] and ``torque_error`` [N m], the lengths of
+    commanded minus delivered; ``margin`` [N, N m] of the commanded wrench in the admissible set of
+    the rotors as they physically are, NaN where that set has no volume; ``thrusts_squared``, |f|^2
+    [N^2]; ``energy``, the sum of |f|^1.5 [N^1.5]; ``change``, the sum of |change of thrust| over
+    the rotors since the previous sample [N]; ``goal_height`` of the waypoint [m]; ``movable`` and
+    ``at_bound``: how many rotors can move, and are at a bound.
     """
     parts, given = [], []
     start = vehicle or controller.vehicle
+    whole = flight.position, flight.attitude, flight.velocity, flight.angular_velocity
     for part, pilot, vehicle, goal in _legs(flight, controller, start, waypoint, changes):
-        states = zip(
-            flight.position[part],
-            flight.attitude[part],
-            flight.velocity[part],
-            flight.angular_velocity[part],
-            strict=True,
-        )
         times = np.round(flight.time[part] * 1e9).astype(int).tolist()
-        commanded = np.array(
-            [pilot.wrench(*state, goal, t) for state, t in zip(states, times, strict=True)]
-        )
+        states = zip(*(values[part] for values in whole), times, strict=True)
+        commanded = np.array([pilot.wrench(*state, goal, time) for *state, time in states])
         thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
         residual = commanded - thrusts @ control_allocation_matrix(pilot.vehicle).T
         forces = np.array([axis in FORCES for axis in axes])
@@ -119,16 +108,12 @@ def height_lost(flight: Flight, waypoints: float) -> float:
 def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[str, Any]:
     """Return the metrics of a flight by name, with samples from `sample_errors`.
 
-    Returns
-    -------
-    dict
-        ``steady_state_error`` (mean of waypoint minus value), ``settling_time`` (None if it never
-        settles) and ``overshoot`` (share of the step) by axis; ``effort``, the integral of |f|^2
-        [N^2 s]; ``energy``, the integral of the sum of |f|^1.5 [N^1.5 s]; ``smoothness``, the sum
-        of |change of thrust| over rotors and samples per second [N/s]; ``recovered``: whether the
-        flight ends within `RECOVERED` of the waypoint; ``height_lost`` [m]; ``time_at_bound``, the
-        share of the rotors' time; ``worst_force_residual`` [N] and ``worst_torque_residual``
-        [N m]; and ``greatest_tilt`` [rad].
+    ``steady_state_error`` (mean of waypoint minus value), ``settling_time`` (None if it never
+    settles) and ``overshoot`` (share of the step) are by axis.  ``effort`` is the integral of
+    |f|^2 [N^2 s], ``energy`` that of the sum of |f|^1.5 [N^1.5 s], ``smoothness`` the sum of
+    |change of thrust| over rotors and samples per second [N/s].  ``recovered`` says whether the
+    flight ends within `RECOVERED` of the waypoint, ``time_at_bound`` is the share of the rotors'
+    time, and ``greatest_tilt`` is in rad.
     """
     ways = dict(zip('xyz', (waypoint.position - flight.position).T, strict=True))
     ways['yaw'] = difference(waypoint.heading, flight.heading)

@@ -14,47 +14,38 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ca_ros.arrays import Array
+from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.metrics import STEADY
 from ca_ros.evaluation.plot_style import FAILED, entries, entries_of, failing, styles, title
 from ca_ros.figures import COLORS, DASHED, WIDTHS, across, line, save, sheet, style
 from ca_ros.flight.record import Flight
-from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
 
 def draw(
-    out: Path,
-    flights: Mapping[str, Flight],
-    samples: Mapping[str, pd.DataFrame],
-    vehicle: Vehicle,
-    waypoint: Waypoint,
-    failures: RotorFailures,
-    formats: Sequence[str],
-    width: float = WIDTHS['page'],
+    out: Path, study: Flights, formats: Sequence[str], width: float = WIDTHS['page']
 ) -> None:
-    """Draw all plots of a dynamic study into a folder; failures have a plot of their own.
-
-    The samples are from `sample_errors`; the vehicle is as it is at the start.
-    """
+    """Draw all plots of a dynamic study into a folder; failures have a plot of their own."""
     with matplotlib.rc_context(style(width)):
         plots = {
-            'position': _draw_position(flights, waypoint),
-            'attitude': _draw_attitude(flights, waypoint),
-            'rotor_speeds': _draw_speeds(flights, vehicle),
+            'position': _draw_position(study),
+            'attitude': _draw_attitude(study.flights, study.trajectory.last),
+            'rotor_speeds': _draw_speeds(study.flights, study.vehicle),
         }
-        if failures.failures:
-            plots['failure'] = _draw_failure(flights, samples, vehicle, waypoint, failures)
+        if study.failures.failures:
+            plots['failure'] = _draw_failure(study)
         for name, plot in plots.items():
             save(plot, out / name, formats)
 
 
-def _draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
+def _draw_position(study: Flights) -> Figure:
     """Draw the position over time, and the error in the last second."""
+    flights = study.flights
     figure, body = sheet(5.4, entries_of(list(flights), coinciding=True))
     panels = body.subplots(3, 2, sharex='col', width_ratios=(across(3, 1.5), 1))
     for i, (whole, last) in enumerate(panels):
-        goal = float(waypoint.position[i])
+        goal = float(study.trajectory.last.position[i])
         paths = {name: flight.position[:, i] for name, flight in flights.items()}
         errors = {name: 1e3 * (path - goal) for name, path in paths.items()}
         _lines(whole, flights, paths, goal)
@@ -63,8 +54,8 @@ def _draw_position(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
         last.set_ylabel(f'error in ${"xyz"[i]}$ [mm]')
         last.margins(y=0.2)
     panels[0][1].set_title('last second')
-    end = max(float(flight.time[-1]) for flight in flights.values())
-    panels[0][1].set_xticks([end - STEADY, end], [f'{end - STEADY:g}', f'{end:g}'])
+    ends = [study.end - STEADY, study.end]
+    panels[0][1].set_xticks(ends, [f'{end:g}' for end in ends])
     for axes in panels[-1]:
         axes.set_xlabel('time [s]')
     return figure
@@ -105,15 +96,10 @@ def _draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
     return figure
 
 
-def _draw_failure(
-    flights: Mapping[str, Flight],
-    samples: Mapping[str, pd.DataFrame],
-    vehicle: Vehicle,
-    waypoint: Waypoint,
-    failures: RotorFailures,
-) -> Figure:
+def _draw_failure(study: Flights) -> Figure:
     """Draw flights with rotor failures beside each other, one column per method."""
-    moments = [time / 1e9 for time in failures.times()]
+    flights, vehicle, moments = study.flights, study.vehicle, study.moments
+    goal = study.trajectory.last.position
     columns = across(len(flights), 1.1)
     blocks = -(-len(flights) // columns)
     figure, body = sheet(7.6 * blocks, entries(_looks(vehicle)))
@@ -126,11 +112,11 @@ def _draw_failure(
             # Where coordinates coincide, those below are wider.
             look = {'color': ('0.65', '0.3', COLORS[1])[i], 'linewidth': 3.2 - 1.0 * i}
             position.plot(flight.time, flight.position[:, i], label=f'${axis}$', **look)
-        for level in np.unique(waypoint.position):
+        for level in np.unique(goal):
             position.axhline(level, **DASHED)
         tilt.plot(flight.time, np.degrees(flight.tilt), color='black')
         _speeds(speeds, flight, vehicle)
-        failing(margin, flight.time, samples[name]['margin'].to_numpy(), moments)
+        failing(margin, flight.time, study.samples[name]['margin'].to_numpy(), moments)
         for axes in column[:-1]:
             for moment in moments:
                 axes.axvline(moment, **FAILED)
@@ -145,11 +131,10 @@ def _draw_failure(
     first = grid[0, 0]
     first.legend(loc='lower right')
     first.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-    end = max(float(flight.time[-1]) for flight in flights.values())
-    first.set_xlim(max(0.0, min(moments) - 2.0), end)
+    first.set_xlim(max(0.0, min(moments) - 2.0), study.end)
     # A falling vehicle leaves the panel, so that the scale suits the others.
-    places = np.concatenate([waypoint.position, np.zeros(3)])
-    margins = pd.concat([own['margin'] for own in samples.values()])
+    places = np.concatenate([goal, np.zeros(3)])
+    margins = pd.concat([own['margin'] for own in study.samples.values()])
     highest = float(np.nanmax(margins, initial=0.0))
     lowest = max(float(np.nanmin(margins, initial=0.0)), -2.0 * highest)
     for position, _, _, margin in stacks[::columns]:

@@ -21,13 +21,14 @@ from ca_ros.bringup.flight_options import (
 )
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
+from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.metrics import metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import findings, observe
 from ca_ros.evaluation.dynamic.plots import draw
 from ca_ros.evaluation.dynamic.ros_flight import check, fly_over_ros
 from ca_ros.evaluation.dynamic.tables import document
 from ca_ros.evaluation.paper import flown_as_in_the_paper
-from ca_ros.evaluation.result_files import command, facts, write
+from ca_ros.evaluation.result_files import facts, write
 from ca_ros.evaluation.study_cli import case_of, concluded, parser
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
@@ -131,13 +132,7 @@ def _write(
         'start': 'rest at the origin' if resting else 'the initial state of the parameters',
         'goal': str(options.goals),
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
-        **facts(case, 'dynamic_study', options),
-        'command': [
-            *command('dynamic_study', options),
-            *words,
-            *failure_words(failures),
-            *['--detect'] * options.detect,
-        ],
+        **facts(case, 'dynamic_study', options, [*words, *failure_words(failures)]),
         'methods': {
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },
@@ -152,10 +147,10 @@ def _write(
     )
     text = document(found)
     write(out / 'dynamic', rows, found, text)
+    study = Flights(flights, samples, case.vehicle, options.goals, failures)
     if options.animate:
-        animate(out / 'animation.gif', flights, samples, case.vehicle, options.goals, failures)
-    style = options.figures, options.figure_width
-    draw(out, flights, samples, case.vehicle, goal, failures, *style)
+        animate(out / 'animation.gif', study)
+    draw(out, study, options.figures, options.figure_width)
     return text
 
 

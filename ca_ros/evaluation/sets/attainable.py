@@ -71,7 +71,7 @@ def plot(
     sets : mapping of str to AdmissibleSet
         By their names in the legend; all with the same axes.
     axes : sequence of str
-        The two or three axes to draw.
+        The two or three axes to draw; a ValueError if one is unknown or repeated.
     at : (m,) array, optional
         A wrench with the values of the other axes, the same for all sets; by default the
         reference of the first problem, hover for a vehicle [N, N m].
@@ -79,11 +79,6 @@ def plot(
         Draw projections instead: the other axes have any attainable value.
     width : float
         Width of the figure [mm].
-
-    Raises
-    ------
-    ValueError
-        If an axis is unknown or repeated, or `at` is not a wrench.
     """
     problem = next(iter(sets.values())).problem
     wrench = problem.reference if at is None else problem.check(at)
