@@ -77,7 +77,7 @@ class Bag:
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             subscription = self._node.create_subscription(kind, topic, print, qos, raw=True)
             self._subscriptions[topic] = subscription
-            about = {'typestore': self._types, 'offered_qos_profiles': [_noted(qos)]}
+            about: Any = {'typestore': self._types, 'offered_qos_profiles': [_noted(qos)]}
             self._connections[topic] = self._writer.add_connection(
                 subscription.topic_name, type_name(kind), **about
             )

@@ -66,16 +66,14 @@ class FaultSettings(Settings):
     def links(self) -> dict[str, FaultSettings]:
         """Return the settings of each topic."""
         names, kinds = _listed(self.topics), _listed(self.corruptions)
-        columns = {name: repeated(name, getattr(self, name), len(names)) for name in AMOUNTS}
-        return {
-            topic: replace(
-                self,
-                topics=topic,
-                corruptions=[kind for kind in LINK_CORRUPTIONS[topic] if kind in kinds],
-                **{name: float(column[i]) for name, column in columns.items()},
-            )
-            for i, topic in enumerate(names)
-        }
+        found = {}
+        for i, topic in enumerate(names):
+            own: dict[str, Any] = {
+                name: float(repeated(name, getattr(self, name), len(names))[i]) for name in AMOUNTS
+            }
+            own['corruptions'] = [kind for kind in LINK_CORRUPTIONS[topic] if kind in kinds]
+            found[topic] = replace(self, topics=topic, **own)
+        return found
 
     @property
     def active(self) -> dict[str, float]:

@@ -108,8 +108,8 @@ class Case:
             settings = read(kind, given, prefix)
             if problem is not None:
                 return cls(name, None, settings, problem, tuple(changes))
-            given = settings.vehicle, settings.rotors, settings.allocation
-            vehicle = accept(Vehicle.from_settings(*given)).vehicle
+            parts = settings.vehicle, settings.rotors, settings.allocation
+            vehicle = accept(Vehicle.from_settings(*parts)).vehicle
         except ParameterError as error:
             raise ParameterError(f'{name}: {error}') from None
         return cls(name, settings, settings.allocation, VehicleProblem(vehicle), tuple(changes))
@@ -161,9 +161,9 @@ class Case:
             physical = failures.physical(self.vehicle.health, time)
             believed = failures.believed(self.vehicle.health, time)
             known = np.array_equal(believed, before[1])
-            new = (None, None) if known else self.told(method, believed)
+            new: Any = () if known else self.told(method, believed)
             body = None if np.array_equal(physical, before[0]) else self.body(physical)
-            changes.append(Change(time, *new, body))
+            changes.append(Change(time, *new, body=body))
         return changes
 
     def detector(self) -> Detector:
