@@ -161,9 +161,9 @@ class Case:
             physical = failures.physical(self.vehicle.health, time)
             believed = failures.believed(self.vehicle.health, time)
             known = np.array_equal(believed, before[1])
-            new: Any = () if known else self.told(method, believed)
+            new = (None, None) if known else self.told(method, believed)
             body = None if np.array_equal(physical, before[0]) else self.body(physical)
-            changes.append(Change(time, *new, body=body))
+            changes.append(Change(time, new[0], new[1], body))
         return changes
 
     def detector(self) -> Detector:

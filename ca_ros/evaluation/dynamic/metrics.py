@@ -72,8 +72,8 @@ def sample_errors(
     whole = flight.position, flight.attitude, flight.velocity, flight.angular_velocity
     for part, pilot, vehicle, goal in _legs(flight, controller, start, waypoint, changes):
         times = np.round(flight.time[part] * 1e9).astype(int).tolist()
-        states: Any = zip(*(values[part] for values in whole), times, strict=True)
-        commanded = np.array([pilot.wrench(*state, goal, time) for *state, time in states])
+        states = zip(*(values[part] for values in whole), times, strict=True)
+        commanded = np.array([pilot.wrench(p, q, v, w, goal, t) for p, q, v, w, t in states])
         thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
         residual = commanded - thrusts @ control_allocation_matrix(pilot.vehicle).T
         forces = np.array([axis in FORCES for axis in axes])
