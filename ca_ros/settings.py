@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import inf, isfinite, nan
+from textwrap import wrap
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -43,6 +44,8 @@ LARGEST, SMALLEST = 1e9, 1e-30
 
 WEIGHTS_MAX = 1e4
 """Greatest ratio of two weights."""
+
+INDENT = '    '
 
 SWITCH: dict[str, Any] = {'enabled': True, 'disabled': False}
 
@@ -233,6 +236,17 @@ def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
         )
     _FOUND[kind] = found
     return found
+
+
+def described(kind: type[Settings]) -> list[str]:
+    """Return the lines of the section Parameters of a docstring: the settings of a class."""
+    lines = []
+    for name, field in _fields(kind).items():
+        if isinstance(field, Field):
+            default = '' if field.default is REQUIRED else f', default {_listed(field.default)!r}'
+            lines += [f'{name} : {field.range()}{default}']
+            lines += wrap(field.description, 95, initial_indent=INDENT, subsequent_indent=INDENT)
+    return lines
 
 
 def with_groups(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, Signature, cleandoc, signature
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -15,12 +16,15 @@ from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import Settings
+from ca_ros.settings import Settings, described
 from ca_ros.vehicle.vehicle import Vehicle
 
 P = ParamSpec('P')
 S = TypeVar('S')
 A = TypeVar('A')
+
+HEADING = re.compile(r'^(?=\w+\n---)', re.MULTILINE)
+"""Where a section of a docstring begins."""
 
 
 def takes_settings(
@@ -86,6 +90,16 @@ class Allocator(ABC):
     """What holds for every result, for the same table."""
     engine: str = 'NumPy'
     """What works out the thrusts."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Put the settings of the method into its docstring, as the section Parameters."""
+        super().__init_subclass__(**options)
+        text = cleandoc(cls.__doc__ or '')
+        if text and 'Parameters\n-' not in text:
+            head, *rest = HEADING.split(text, maxsplit=1)
+            names = ['problem : Vehicle or AllocationProblem', *described(cls.settings_type())]
+            parameters = '\n'.join(['Parameters', '----------', *names])
+            cls.__doc__ = '\n\n'.join([head.rstrip(), parameters, *rest])
 
     @takes_settings(Settings)
     def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
@@ -184,3 +198,9 @@ class Allocator(ABC):
 
     def _status(self, u: Array, thrusts: Array) -> Status:
         return Status.EXACT if self._judge(u, thrusts) else Status.INEXACT
+
+    def _clipped(self, u: Array, wanted: Array) -> Allocation:
+        """Return the allocation of thrusts (n,) that are clipped to their bounds, Eq. (13)."""
+        thrusts = self.problem.clip(wanted)
+        violation = float(np.abs(wanted - thrusts).max())
+        return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)

@@ -40,18 +40,8 @@ class BetaflightMixer(Allocator):
     a share of the thrust at full throttle.  For regular frames with equal rotors the columns
     are Betaflight's tables, except for the scale of roll, pitch and yaw.  For other vehicles the
     throttle moves the rotors in proportion to their share of thrust, so that the torques stay.
-    Forces along x and y are scaled like torques.
-
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-        With the axis thrust, and no axes but those of a multirotor.
-    airmode : bool
-
-    Raises
-    ------
-    ValueError
-        If the option or an axis is wrong.
+    Forces along x and y are scaled like torques.  The problem needs the axis thrust, and no axes
+    but those of a multirotor.
 
     References
     ----------
@@ -85,7 +75,7 @@ class BetaflightMixer(Allocator):
         self._ends = np.sort(ends, axis=0)
 
     def _allocate(self, u: Array) -> Allocation:
-        problem, share = self.problem, self._collective[self._counts]
+        share = self._collective[self._counts]
         u_own = u - self._offset
         difference = self._differences @ np.delete(u_own, self._thrust)
         throttle = float(u_own[self._thrust])
@@ -94,9 +84,7 @@ class BetaflightMixer(Allocator):
         low, high = self._throttles(scale * spread)
         throttle = min(max(throttle, low), high)
         wanted = self._base + throttle * self._collective + scale * difference
-        thrusts = problem.clip(wanted)
-        violation = float(np.abs(wanted - thrusts).max())
-        return Allocation(problem, u, thrusts, self._status(u, thrusts), violation=violation)
+        return self._clipped(u, wanted)
 
     def _throttles(self, spread: Array) -> tuple[float, float]:
         """Return the least and the greatest thrust at which no rotor is beyond its bounds [N]."""

@@ -37,21 +37,14 @@ class Conventional(Allocator):
     """Weighted compromise between wrench and reference thrusts, Eqs. (18)-(19).
 
     The thrusts minimise ``|f - f_ref|_Q^2 + |Gamma f - u|^2`` subject to the bounds.  If several
-    thrusts have the same cost, as with Q = q 1 1^T, the result is the one of least norm.
-
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-    weight : float, (n,) or (n * n,) or (n, n) array
-        Q, symmetric and positive semidefinite: q for Q = q I, the diagonal, or the matrix.
-    reference : 'hover', 'zero' or (n,) array
-        f_ref [N]; 'hover' is m g / n on each rotor, or without a vehicle the smallest f that gives
-        the reference of the problem.
+    thrusts have the same cost, as with Q = q 1 1^T, the result is the one of least norm.  The
+    reference 'hover' is m g / n on each rotor, or without a vehicle the smallest f that gives the
+    reference of the problem.
 
     Raises
     ------
-    ValueError
-        If an option has the wrong shape, or Q is not symmetric and positive semidefinite.
+    ParameterError
+        If Q is not symmetric and positive semidefinite.
     """
 
     solves = 'quadratic program: min |f - f_ref|^2_Q + |Gamma f - u|^2 within the bounds'

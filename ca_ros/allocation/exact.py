@@ -44,30 +44,11 @@ class Exact(Allocator):
     chooses an attainable wrench, which is then allocated exactly.  A batch uses all processors
     that the process may run on.
 
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-    policy : 'prioritize', 'scale' or 'reject'
-        What to allocate for a wrench outside the admissible set: the result of
-        `AdmissibleSet.prioritize`, the result of `AdmissibleSet.scale`, or nothing.
-    order : sequence of groups of axes
-        The priorities of 'prioritize'.
-    scale_reference : (m,) array, optional
-        The reference of 'scale' [N, N m].
-    solver : 'newton' or 'osqp'
-        Where the solver starts: at the pseudo-inverse or at the solution of OSQP.  Both end at the
-        same thrusts, to rounding.  With 'osqp' the NumPy implementation solves the problem.
-    thrust_deviation : 'prevent', 'avoid' or 'allow'
-        An option of 'prioritize', see `AdmissibleSet.prioritize`.
-    residual_slack : float
-        Greatest error of an attainable wrench u, as a share of max(1, |u|).  It is used only where
-        facets of the admissible set are almost parallel, because the vehicle is symmetric except
-        for the rounding of its file.  There it keeps the thrusts from jumping.
-    weights : float or (n,) array
-        The diagonal of W, positive, at most 1e4 times each other.  A rotor with a greater weight
-        deviates less from its preferred thrust.
-    preferred : float or (n,) array
-        f_p, the preferred thrusts [N].
+    The solver starts at the pseudo-inverse or at the solution of OSQP, and ends at the same
+    thrusts, to rounding.  With 'osqp' the NumPy implementation solves the problem.
+
+    Where facets of the admissible set are almost parallel, because the vehicle is symmetric except
+    for the rounding of its file, `residual_slack` keeps the thrusts from jumping.
 
     Attributes
     ----------

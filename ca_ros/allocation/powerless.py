@@ -8,13 +8,7 @@ from ca_ros.arrays import Array
 
 
 class Powerless(Allocator):
-    """Leaves all rotors at rest for every wrench, with the status INEXACT.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        A vehicle without any working rotor.
-    """
+    """Leaves all rotors at rest for every wrench, with the status INEXACT."""
 
     def _allocate(self, u: Array) -> Allocation:
         thrusts = self.problem.lower.copy()

@@ -30,15 +30,7 @@ class PseudoInverse(Allocator):
         self.inverse = np.linalg.pinv(self._columns)
 
     def _allocate(self, u: Array) -> Allocation:
-        wanted = self.inverse @ u
-        thrusts = self.problem.clip(wanted)
-        return Allocation(
-            self.problem,
-            u,
-            thrusts,
-            self._status(u, thrusts),
-            violation=float(np.abs(wanted - thrusts).max()),
-        )
+        return self._clipped(u, self.inverse @ u)
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
         wanted = demands @ self.inverse.T

@@ -32,21 +32,8 @@ class RedistributedPseudoInverse(Allocator):
     Thrusts beyond a bound are set to the bound and stay there.  The pseudo-inverse of the columns
     of the other rotors distributes what is left of the wrench, until no thrust is beyond its
     bounds or no rotor is left [1]_ [2]_.  A thrust that was set to a bound is never released, so
-    attainable wrenches may be missed.
-
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-    weights : float or (n,) array
-        As for `WeightedPseudoInverse`.
-    iterations : int
-        Greatest number of pseudo-inverses for one wrench.  With 1 the method is the clipped
-        pseudo-inverse.
-
-    Raises
-    ------
-    ValueError
-        If an option is wrong.
+    attainable wrenches may be missed.  With one iteration the method is the clipped
+    pseudo-inverse.
 
     References
     ----------

@@ -52,17 +52,7 @@ class SequentialDesaturation(Allocator):
     Differences from PX4: here u is a wrench, and the airmode is one of PX4's former parameter
     MC_AIRMODE, without the limit MC_AIRMODE_LIM between them.  Forces along x and y are mixed
     like roll and pitch, and never reduced.  Steps for axes that a vehicle has lost are left out.
-
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-        With the axis thrust, and no axes but those of a multirotor.
-    airmode : 'disabled', 'roll_pitch' or 'roll_pitch_yaw'
-
-    Raises
-    ------
-    ValueError
-        If the option or an axis is wrong.
+    The problem needs the axis thrust, and no axes but those of a multirotor.
 
     References
     ----------
@@ -91,11 +81,7 @@ class SequentialDesaturation(Allocator):
         self._offset = problem.gamma @ self._base
 
     def _allocate(self, u: Array) -> Allocation:
-        problem = self.problem
-        wanted = self._desaturated(u - self._offset)
-        thrusts = problem.clip(wanted)
-        violation = float(np.abs(wanted - thrusts).max())
-        return Allocation(problem, u, thrusts, self._status(u, thrusts), violation=violation)
+        return self._clipped(u, self._desaturated(u - self._offset))
 
     def _desaturated(self, u: Array) -> Array:
         """Return the thrusts (n,) before clipping."""

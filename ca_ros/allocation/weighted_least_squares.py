@@ -67,28 +67,8 @@ class WeightedLeastSquares(Allocator):
     gives it.  The cost depends on the units of wrench and thrusts: [2]_ has angular accelerations
     in place of torques, and thrusts as shares of a command.
 
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-    gamma : float
-        Weight of the wrench against the preferred thrusts.  The default is that of QCAT, the
-        toolbox of the author of [1]_.
-    wu : float or (n,) array
-        The diagonal of Wu, positive, at most 1e4 times each other: a weight for each rotor.
-    wv : sequence of str, or float or (m,) array
-        The diagonal of Wv, not negative: words such as ``roll 1000``, or the numbers.  Of the
-        words, those for axes that the vehicle has not are ignored; an axis without a word has the
-        weight 1.
-    preferred : 'zero', 'minimum', 'middle' or (n,) array
-        f_p [N]: no thrust (the default of Paparazzi [3]_), the lower bounds, the middles of the
-        bounds, or numbers.
-    iterations : int
-        Greatest number of least-squares problems for one wrench.
-
-    Raises
-    ------
-    ValueError
-        If an option is wrong.
+    By default, gamma is that of QCAT, the toolbox of the author of [1]_; Wv and f_p are those of
+    Paparazzi [3]_.  Words of Wv for axes that the vehicle has not are ignored.
 
     References
     ----------

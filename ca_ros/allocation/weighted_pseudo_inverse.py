@@ -33,19 +33,7 @@ class WeightedPseudoInverse(PseudoInverse):
 
     Before clipping, the thrusts ``W^-1 (Gamma W^-1)^+ u`` are those of least ``|W f|`` that give
     the wrench, with W the diagonal matrix of the weights [1]_.  A rotor with a greater weight is
-    used less.  Lost rotors are left out.
-
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-    weights : float or (n,) array
-        The diagonal of W, positive, at most 1e4 times each other.  If all are equal, the method is
-        `PseudoInverse`.
-
-    Raises
-    ------
-    ValueError
-        If the weights are wrong.
+    used less; with equal weights the method is `PseudoInverse`.  Lost rotors are left out.
 
     References
     ----------

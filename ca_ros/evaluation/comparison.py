@@ -55,9 +55,7 @@ class Saturated(Allocator):
         if not np.isfinite(wanted).all():
             rest = self.problem.resting_thrusts.copy()
             return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
-        thrusts = self.problem.clip(wanted)
-        violation = float(np.abs(wanted - thrusts).max())
-        return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
+        return self._clipped(u, wanted)
 
 
 class PlainOsqp(Saturated):
