@@ -4,7 +4,7 @@
  * axes in the order of the vehicle, columns rotors. After a failure, axes that the rotors cannot
  * control independently are left out, as `ca_ros.problem.audit` does.
  */
-#include "exact.c" /* for normal_of */
+#include "exact.c" /* for span and normal_of */
 
 #define SHARED __attribute__((visibility("default")))
 #define IN SHARED
@@ -15,7 +15,7 @@
 #define INDEPENDENCE_MIN 0.05
 #define THRUST 2 /* in the order force_x, force_y, thrust, roll, pitch, yaw */
 
-enum method { EXACT, CLIPPED, COMPUTED_ONCE, DESATURATED };
+enum method { EXACT, CLIPPED, COMPUTED_ONCE };
 
 IN int rotors, axes, axis[CA_M]; /* `axis` has the place in the order above */
 IN ca_real gamma[CA_M][CA_N];
@@ -33,45 +33,33 @@ OUT int status, saturation[CA_N], limit[CA_N]; /* `limit`: rotors at the nearest
 OUT ca_real points[POINTS][3];                 /* corners of polygons, in units of `extent` */
 OUT int corners[FACETS * 2];
 
-static ca_problem problem, mixer, once;
+static ca_problem problem, current, once;
 static int rows, row_of[CA_M]; /* axes that are controlled */
 static ca_real normal[FACETS][CA_M], width[FACETS];
 
-/* The distance of the row of an axis from the span of the others, all of length 1. */
-static ca_real independence(int count, const int *chosen, int which)
-{
-    ca_real basis[CA_M][CA_N];
-    for (int k = 0; k < count; k++) {
-        /* The row in question comes last. */
-        const int row = chosen[k == count - 1 ? which : k < which ? k : k + 1];
-        for (int i = 0; i < rotors; i++)
-            basis[k][i] = gamma[row][i] * (upper[i] - lower[i]);
-        const ca_real whole = ca_length(rotors, basis[k]);
-        for (int turn = 0; turn < 2; turn++)
-            for (int j = 0; j < k; j++) {
-                const ca_real share = ca_dot(rotors, basis[j], basis[k]);
-                for (int i = 0; i < rotors; i++)
-                    basis[k][i] -= share * basis[j][i];
-            }
-        const ca_real rest = ca_length(rotors, basis[k]);
-        if (k == count - 1)
-            return whole > 0 ? rest / whole : 0;
-        const ca_real scale = rest > 1e-12 * whole ? 1 / rest : 0;
-        for (int i = 0; i < rotors; i++)
-            basis[k][i] *= scale;
-    }
-    return 0;
-}
-
+/* Whether the axes that are kept, without one more, are independent: the column of an axis in the
+ * pseudo-inverse has the inverse of the distance of its row from the span of the others as length. */
 static int independent(int without)
 {
-    int chosen[CA_M], count = 0;
+    static ca_problem part;
+    part.n = rotors;
+    part.m = 0;
+    for (int i = 0; i < rotors; i++)
+        part.half_range[i] = (upper[i] - lower[i]) / 2;
     for (int k = 0; k < axes; k++)
         if (kept[k] && k != without)
-            chosen[count++] = k;
-    for (int k = 0; k < count; k++)
-        if (!(independence(count, chosen, k) >= INDEPENDENCE_MIN))
+            ca_copy(rotors, gamma[k], part.gamma[part.m++]);
+    if (!span(&part, 1))
+        return 0;
+    for (int k = 0; k < part.m; k++) {
+        ca_real row = 0, column = 0;
+        for (int i = 0; i < rotors; i++)
+            row += part.gamma[k][i] * part.half_range[i] * part.gamma[k][i] * part.half_range[i];
+        for (int j = k; j < part.m; j++)
+            column += part.coordinates[j][k] * part.coordinates[j][k];
+        if (!(row * column <= 1 / (INDEPENDENCE_MIN * INDEPENDENCE_MIN)))
             return 0;
+    }
     return 1;
 }
 
@@ -189,10 +177,10 @@ SHARED int prepare_vehicle(void)
         options.order[k] = k;
         options.reference[k] = reference[row_of[k]];
     }
-    if (set_up(&mixer, lower, upper, 0, &options))
+    if (set_up(&current, lower, upper, 0, &options))
         return CA_NO_VOLUME;
     set_up(&once, lower, upper, 1, &options);
-    problem = mixer;
+    problem = current;
     find_facets();
     for (int k = 0; k < rows; k++) {
         center[row_of[k]] = problem.center[k];
@@ -230,93 +218,13 @@ SHARED int prepare_vehicle(void)
     return set_up(&problem, lower, upper, 1, &options);
 }
 
-/* Column of the pseudo-inverse for a row, without rotors that cannot change their thrust. */
-static void column_of(const ca_problem *p, int row, ca_real *column)
-{
-    for (int i = 0; i < rotors; i++) {
-        column[i] = 0;
-        for (int j = row; j < rows; j++)
-            column[i] += p->basis[i][j] * p->coordinates[j][row];
-    }
-}
-
 static void pseudo_inverse(const ca_problem *p, const ca_real *u, ca_real *f)
 {
-    ca_real column[CA_N];
-    for (int i = 0; i < rotors; i++)
-        f[i] = 0;
-    for (int k = 0; k < rows; k++) {
-        column_of(p, k, column);
-        for (int i = 0; i < rotors; i++)
-            f[i] += column[i] * u[k];
-    }
-}
-
-/* Move thrusts along a column, twice, the second time half as far, so that the greatest
- * saturations of both signs balance; see ca_ros.allocation.sequential_desaturation. */
-static void along(int which, int raised, ca_real room, ca_real *f)
-{
-    ca_real column[CA_N], sum = 0, square = 0, peak = 0;
-    int row = -1, count = 0, pair[2] = {-1, -1};
-    for (int k = 0; k < rows; k++) {
-        row = axis[row_of[k]] == which ? k : row;
-        if (axis[row_of[k]] == 3 || axis[row_of[k]] == 4)
-            pair[axis[row_of[k]] - 3] = k;
-    }
-    if (row < 0)
-        return;
-    for (int p = 0; p < 2; p++) /* roll and pitch have one scale */
-        if ((which == 3 || which == 4) && pair[p] >= 0) {
-            ca_real total = 0;
-            int entries = 0;
-            column_of(&mixer, pair[p], column);
-            for (int i = 0; i < rotors; i++) {
-                total += column[i] * column[i];
-                entries += ca_abs(column[i]) > 0;
-            }
-            square = ca_max(square, ca_sqrt(2 * total / (entries ? entries : 1)));
-        }
-    column_of(&mixer, row, column);
     for (int i = 0; i < rotors; i++) {
-        sum += ca_abs(column[i]);
-        peak = ca_max(peak, ca_abs(column[i]));
-        count += ca_abs(column[i]) > 0;
+        f[i] = 0;
+        for (int j = 0; j < rows; j++)
+            f[i] += p->basis[i][j] * ca_dot(j + 1, p->coordinates[j], u);
     }
-    const ca_real scale = which == THRUST ? sum / (count ? count : 1) : which == 5 ? peak : square;
-    for (int turn = 0; turn < 2; turn++) {
-        ca_real least = 0, most = 0;
-        for (int i = 0; i < rotors; i++)
-            if (ca_abs(column[i]) >= 0.2 * scale && ca_abs(column[i]) > 0) {
-                const ca_real top = upper[i] + room * (upper[i] - lower[i]);
-                const ca_real step = (ca_clip(f[i], lower[i], top) - f[i]) / column[i];
-                least = ca_min(least, step);
-                most = ca_max(most, step);
-            }
-        const ca_real gain = (turn ? 0.5 : 1) * (least + most);
-        if (!turn && !raised && gain > 0)
-            return;
-        for (int i = 0; i < rotors; i++)
-            f[i] += gain * column[i];
-    }
-}
-
-static void desaturate(const ca_real *u, ca_real *f)
-{
-    ca_real mixed[CA_M], twist[CA_M] = {0}, column[CA_N];
-    for (int k = 0; k < rows; k++) {
-        const int yaw = axis[row_of[k]] == 5;
-        mixed[k] = yaw ? 0 : u[k];
-        twist[k] = yaw ? u[k] : 0;
-    }
-    pseudo_inverse(&mixer, mixed, f);
-    along(THRUST, 0, 0, f);
-    along(3, 1, 0, f);
-    along(4, 1, 0, f);
-    pseudo_inverse(&mixer, twist, column);
-    for (int i = 0; i < rotors; i++)
-        f[i] += column[i];
-    along(5, 1, 0.15, f);
-    along(THRUST, 0, 0, f);
 }
 
 /* Allocate the demand with a method; sets all results but the polygons. */
@@ -331,10 +239,8 @@ SHARED void allocate(int method)
         const ca_answer answer = ca_allocate(&problem, u, thrusts);
         status = answer.status;
         level = answer.level;
-    } else if (method == DESATURATED)
-        desaturate(u, thrusts);
-    else
-        pseudo_inverse(method == CLIPPED ? &mixer : &once, u, thrusts);
+    } else
+        pseudo_inverse(method == CLIPPED ? &current : &once, u, thrusts);
     for (int i = 0; i < rotors; i++) {
         thrusts[i] = ca_clip(thrusts[i], lower[i], upper[i]);
         const ca_real below = 1e-12 * ca_max(1, ca_abs(lower[i]));

@@ -6,7 +6,7 @@ const ROTORS = 32, INTS = ['rotors', 'axes', 'axis', 'policy', 'order', 'group',
   'saturation', 'limit', 'corners'];
 const POLICIES = {prioritize: 1, scale: 2, reject: 4}, DEVIATIONS = ['prevent', 'avoid', 'allow'];
 export const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALID'];
-export const METHODS = {exact: 0, pseudo_inverse: 1, fixed_pseudo_inverse: 2, sequential_desaturation: 3};
+export const METHODS = {exact: 0, pseudo_inverse: 1, fixed_pseudo_inverse: 2};
 
 export async function loadKernel() {
   const {instance} = await WebAssembly.instantiate(wasm, {});

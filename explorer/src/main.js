@@ -6,7 +6,7 @@ import {Stage} from './stage.js';
 import {bounds, readVehicle} from './vehicle.js';
 
 const REACH = 1.6, OTHERS = {'': 'no other method', pseudo_inverse: 'clipped pseudo-inverse',
-  fixed_pseudo_inverse: 'clipped pseudo-inverse, computed once', sequential_desaturation: 'sequential desaturation (PX4)'};
+  fixed_pseudo_inverse: 'clipped pseudo-inverse, computed once'};
 const $ = (id) => document.getElementById(id), text = (id, words) => ($(id).textContent = words);
 const make = (tag, fields, ...below) => {
   const node = Object.assign(document.createElement(tag), fields);
@@ -18,7 +18,7 @@ const listed = (words) => words.length > 1 ? `${words.slice(0, -1).join(', ')} a
 const numbered = (flags, value) => flags.flatMap((flag, i) => flag === value ? [i + 1] : []);
 
 const kernel = await loadKernel();
-const stages = {body: new Stage($('body'), [-2.8, -3.2, 3.1]), set: new Stage($('set'), [2.6, -4.6, 2.6])};
+const stages = {body: new Stage($('body'), [-3, -3.45, 3.35]), set: new Stage($('set'), [2.6, -4.6, 2.6])};
 const state = {}, page = {kernel, readVehicle, bounds, state, show, times: []};
 window.explorer = page;
 let vehicle, set, answer;
@@ -64,8 +64,8 @@ function build() {
     make('input', {type: 'range', min: 0, max: 1, step: 0.01, ariaLabel: `health of rotor ${i + 1}`,
       oninput: ({target}) => { state.health[i] = Number(target.value); change(); }}),
     make('output'), document.createElementNS('http://www.w3.org/2000/svg', 'svg'), make('output'))));
-  const views = [...(axes.length > 3 ? [axes.slice(-3)] : []), ...axes.flatMap((a, i) => axes.slice(i + 1).map((b) => [a, b]))]
-    .filter((view) => axes.length < 6 || !view.some((axis) => axis.startsWith('force')) || view.length === 2 && view[0] === 'force_x');
+  const forces = (axis) => axis.startsWith('force') || axis === 'thrust', pairs = axes.flatMap((a, i) => axes.slice(i + 1).map((b) => [a, b]));
+  const views = [...(axes.length > 3 ? [axes.slice(-3)] : []), ...pairs.filter(([a, b]) => axes.length < 5 || forces(a) === forces(b))];
   $('shown').replaceChildren(...views.map((view) => make('button', {textContent: view.length > 2 ? 'all torques' : view.join('–'),
     value: view, onclick: () => { state.shown = view; update(); }})));
 }
@@ -98,8 +98,9 @@ function update() {
   drawSet(stages.set, {axes, shown: view, scaled, value, sets: sets.map((polygons) => polygons ?? []), demand: state.demand,
     served: answer.wrench, beside: beside?.wrench, start: vehicle.reference});
   page.sets = sets;
-  const fixed = axes.flatMap((axis, k) => view.includes(k) ? [] : [`${axis} ${digits(state.demand[k])} ${UNITS[axis]}`]);
-  text('set-title', `Attainable ${view.length > 2 ? 'torques' : view.map((k) => axes[k]).join(' and ')} at ${fixed.join(', ')}`);
+  const fixed = axes.flatMap((axis, k) => view.includes(k) || axes.length > 4 && !state.demand[k] ? [] : [`${axis} ${digits(state.demand[k])} ${UNITS[axis]}`]);
+  text('set-title', `Attainable ${view.length > 2 ? 'torques' : view.map((k) => axes[k]).join(' and ')}${fixed.length ? ` at ${fixed.join(', ')}` : ''}`);
+  $('moved').hidden = !others;
   controls(beside);
   explain(beside);
   history.replaceState(null, '', `#${address()}`);
@@ -251,7 +252,7 @@ const drag = (event) => {
 };
 const view = () => state.shown.map((axis) => vehicle.axes.indexOf(axis));
 const move = (spot) => {
-  view().forEach((k, i) => { state.demand[k] = set.center[k] + set.extent[k] * Math.max(-REACH, Math.min(REACH, spot[i])); });
+  view().forEach((k, i) => { state.demand[k] = +(set.center[k] + set.extent[k] * Math.max(-REACH, Math.min(REACH, spot[i]))).toFixed(4); });
   update();
 };
 $('set').addEventListener('pointerdown', (event) => {
