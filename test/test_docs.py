@@ -77,7 +77,8 @@ def blocks(page):
 def clone(tmp_path):
     """Return a copy of the sources, with a virtual environment that is this one."""
     place = tmp_path / 'clone'
-    left_out = shutil.ignore_patterns('.*', 'out', 'build', 'install', 'log', '*.egg-info')
+    left_out = shutil.ignore_patterns(
+        '.*', 'out', 'build', 'install', 'log', '*.egg-info', 'node_modules')
     shutil.copytree(ROOT, place, ignore=left_out)
     shutil.copytree(ROOT / '.ci', place / '.ci')
     activate = place / '.venv' / 'bin' / 'activate'
