@@ -81,22 +81,34 @@ class Field:
     ----------
     description : str
         With the unit in brackets.
+    default : value or REQUIRED
     kinds : tuple of types
         `bool`, `int`, `float` and `str`, as far as allowed.
     array : bool
         Whether several values are allowed.
-    default : value or REQUIRED
+    minimum, maximum : float
+        Each number is in [minimum, maximum], and greater than zero if `positive`.
+    choices : sequence of str
+        The allowed words, if they are not in the type.
+    sizes : sequence of int
+        How many numbers there may be.
+    own_class : bool
+        Whether ``module:Class`` is allowed beside the choices.
+    mutable : bool
+        Whether it can be set on a running node.
+    rebuild : bool
+        Whether a node then builds its allocator, controller or plant again.
     """
 
     description: str
+    default: Any = REQUIRED
     kinds: tuple[type, ...] = (float,)
     array: bool = False
-    default: Any = REQUIRED
     minimum: float = -inf
     maximum: float = inf
     positive: bool = False
-    choices: tuple[str, ...] = ()
-    sizes: tuple[int, ...] = ()
+    choices: Sequence[str] = ()
+    sizes: Sequence[int] = ()
     own_class: bool = False
     mutable: bool = False
     rebuild: bool = True
@@ -123,18 +135,7 @@ class Field:
 
 
 def setting(
-    default: Any = REQUIRED,
-    description: str = '',
-    *,
-    unit: str = '',
-    minimum: float = -inf,
-    maximum: float = inf,
-    positive: bool = False,
-    choices: Sequence[str] = (),
-    sizes: Sequence[int] = (),
-    own_class: bool = False,
-    mutable: bool = False,
-    rebuild: bool = True,
+    default: Any = REQUIRED, description: str = '', *, unit: str = '', **limits: Any
 ) -> Any:
     """Declare a setting, a field of a subclass of `Settings`.
 
@@ -146,33 +147,12 @@ def setting(
     default : optional
         Without a default, the setting must be given.  A setting whose default is None is for
         Python alone: files and nodes do not have it.
-    description : str
-    unit : str
-    minimum, maximum : float
-        Each number is in [minimum, maximum], and greater than zero if `positive`.
-    choices : sequence of str
-        The allowed words, if they are not in the type.
-    sizes : sequence of int
-        How many numbers there may be.
-    own_class : bool
-        Whether ``module:Class`` is allowed beside the choices.
-    mutable : bool
-        Whether it can be set on a running node.
-    rebuild : bool
-        Whether a node then builds its allocator, controller or plant again.
+    description, unit : str
+    **limits
+        Attributes of `Field`, such as `minimum`, `positive`, `choices` and `mutable`.
     """
-    declared = Field(
-        f'{description} [{unit}]' if unit else description,
-        minimum=minimum,
-        maximum=maximum,
-        positive=positive,
-        choices=tuple(choices),
-        sizes=tuple(sizes),
-        own_class=own_class,
-        mutable=mutable,
-        rebuild=rebuild,
-        default=_frozen(default),
-    )
+    text = f'{description} [{unit}]' if unit else description
+    declared = Field(text, _frozen(default), **limits)
     given = {} if default is REQUIRED else {'default': declared.default}
     return dataclasses.field(**given, metadata={'setting': declared})
 
@@ -197,7 +177,6 @@ class Settings:
                 if value is not field.default:
                     object.__setattr__(self, name, _frozen(check(name, value, field)))
 
-
     def __reduce_ex__(self, protocol: Any) -> Any:
         # Pickle finds other classes by their names.
         recipe = vars(type(self)).get('_recipe')
@@ -221,7 +200,7 @@ def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
             found[each.name] = each.metadata.get('group', hint)
             continue
         parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-        kinds, choices, array = [], list(declared.choices), False
+        kinds, choices, array = [], [*declared.choices], False
         for part in parts:
             if get_origin(part) is Literal:
                 kinds.append(str)

@@ -16,6 +16,7 @@ from ca_ros.flight.settings import ControllerSettings
 from ca_ros.nodes.settings import (
     DECLARED,
     AllocatorSettings,
+    BridgeNodeSettings,
     FileSettings,
     MonitorSettings,
     load,
@@ -302,8 +303,8 @@ def test_a_name_that_looks_like_one_of_ours_is_not_passed_over(tmp_path, name):
 
 
 def test_a_file_may_have_what_the_nodes_declare():
-    declared = set().union(*(table(kind) for kind in DECLARED.values()))
-    assert declared | table(MonitorSettings).keys() == PARAMETERS.keys()
+    kinds = (*DECLARED.values(), MonitorSettings, BridgeNodeSettings)
+    assert set().union(*map(table, kinds)) == PARAMETERS.keys()
 
 
 def test_a_node_declares_only_what_it_uses_of_a_vehicle():

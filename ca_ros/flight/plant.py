@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -9,31 +10,41 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.flight.delay import Delay, delay_steps
 from ca_ros.flight.drag import Drag
-from ca_ros.flight.ground import stopped_by_ground
 from ca_ros.flight.integrators import INTEGRATORS
-from ca_ros.flight.mismatch import mismatched
 from ca_ros.flight.motor_lag import MotorLag
-from ca_ros.flight.rigid_body import POSITION, RigidBody
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, POSITION, VELOCITY, RigidBody
 from ca_ros.flight.sensors import Sensors
 from ca_ros.flight.settings import PlantSettings, triple
 from ca_ros.flight.wind import Wind
-from ca_ros.settings import ParameterError
+from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.vehicle import Vehicle
+
+MEASURED = ('position', 'velocity', 'attitude', 'angular_velocity')
+"""What noise and bias are for, in the order of a state."""
 
 
 def body_of(vehicle: Vehicle, settings: PlantSettings) -> RigidBody:
     """Return the rigid body of a vehicle with the mismatch and the drag of the settings.
+
+    Its mass and its rotors' coefficients are those of the vehicle times the factors.  The bounds
+    of the rotor speeds stay, so the bounds of the thrusts change.
 
     Raises
     ------
     ParameterError
         If the vehicle has no inertia, or not one factor for each rotor.
     """
-    linear = triple(settings.linear_drag)
-    rotor, rotational = settings.rotor_drag, settings.rotational_drag
-    dragged = linear.any() or rotor or rotational
-    drag = Drag(linear, rotor, rotational) if dragged else None
-    return RigidBody(mismatched(vehicle, settings), drag)
+    thrust = repeated('simulator.thrust_factor', settings.thrust_factor, vehicle.n)
+    torque = repeated('simulator.torque_factor', settings.torque_factor, vehicle.n)
+    simulated = replace(
+        vehicle,
+        mass=vehicle.mass * settings.mass_factor,
+        thrust_coefficient=vehicle.thrust_coefficient * thrust,
+        thrust_coefficient_reverse=vehicle.thrust_coefficient_reverse * thrust,
+        torque_coefficient=vehicle.torque_coefficient * torque,
+    )
+    drag = Drag(triple(settings.linear_drag), settings.rotor_drag, settings.rotational_drag)
+    return RigidBody(simulated, drag if drag.takes_wind or drag.rotational else None)
 
 
 class Plant:
@@ -104,7 +115,11 @@ class Plant:
         self._commands = Delay(late, self.speeds)
         late = delay_steps('simulator.state_delay', settings.state_delay, self._sub_step)
         self._states = Delay(late, self.state)
-        self._sensors = Sensors(*_errors(settings), noise)
+        deviation, bias = (
+            np.concatenate([triple(getattr(settings, f'{part}_{kind}')) for part in MEASURED])
+            for kind in ('noise', 'bias')
+        )
+        self._sensors = Sensors(deviation, bias, noise)
         self._late = self.state
         self.measure()
 
@@ -149,18 +164,16 @@ def initial_state(settings: PlantSettings) -> Array:
     )
 
 
-def _errors(settings: PlantSettings) -> tuple[Array, Array]:
-    """Return noise and bias (12,) of the measured state."""
-    noise = (
-        settings.position_noise,
-        settings.velocity_noise,
-        settings.attitude_noise,
-        settings.angular_velocity_noise,
-    )
-    bias = (
-        settings.position_bias,
-        settings.velocity_bias,
-        settings.attitude_bias,
-        settings.angular_velocity_bias,
-    )
-    return np.concatenate([*map(triple, noise)]), np.concatenate([*map(triple, bias)])
+def stopped_by_ground(state: Array) -> Array:
+    """Return a state (13,) after contact with the plane z = 0, where the ground is.
+
+    The contact is an inelastic stop of the centre of mass with full friction: a vehicle that is
+    below the plane, or on it and not rising, is put at rest on the plane, and its attitude stays.
+    It leaves the plane as soon as the thrust exceeds the weight.
+    """
+    if state[POSITION][2] > 0.0 or (state[POSITION][2] == 0.0 and state[VELOCITY][2] > 0.0):
+        return state
+    stopped = np.array(state)
+    stopped[POSITION][2] = 0.0
+    stopped[VELOCITY] = stopped[ANGULAR_VELOCITY] = 0.0
+    return stopped
