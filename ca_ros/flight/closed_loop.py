@@ -61,17 +61,14 @@ def fly(
     changes: Iterable[Change] = (),
     detection: Detection | None = None,
 ) -> Flight:
-    """Fly to a waypoint.
+    """Fly to a waypoint; return one sample at each step up to the `duration` [s].
+
+    The samples have the measured states and the commanded rotor speeds.
 
     Parameters
     ----------
-    controller : Controller
-    allocator : Allocator
     body : RigidBody or Plant
         A plant is flown from its initial state, and stays as it is.
-    waypoint : Waypoint
-    duration : float
-        [s]
     time_step : float, optional
         Of a rigid body [s], by default 0.01 s, rounded to whole nanoseconds as in the stamps of
         ROS.  A plant has its own.
@@ -82,12 +79,6 @@ def fly(
         Each takes effect at the first sample at or after its time.
     detection : Detection, optional
         Failures that it finds in a sample take effect at that sample.
-
-    Returns
-    -------
-    Flight
-        One sample at each step up to `duration`, with the measured states and the commanded rotor
-        speeds.
 
     Raises
     ------
@@ -120,14 +111,8 @@ def fly(
             allocator = parts[1]
         velocity = velocity_in_body(state)
         try:
-            wrench = controller.wrench(
-                state[POSITION],
-                state[ATTITUDE],
-                velocity,
-                state[ANGULAR_VELOCITY],
-                waypoint,
-                step * step_ns,
-            )
+            pose, omega = (state[POSITION], state[ATTITUDE]), state[ANGULAR_VELOCITY]
+            wrench = controller.wrench(*pose, velocity, omega, waypoint, step * step_ns)
         except ValueError as error:
             time = step * time_step
             raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error

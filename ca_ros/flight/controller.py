@@ -15,7 +15,7 @@ from ca_ros.flight.settings import SIDEWAYS, ControllerSettings, ControlSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.prioritization import PrioritiesSettings
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.settings import ParameterError
+from ca_ros.settings import ParameterError, table
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -77,22 +77,17 @@ class Controller:
         self.vehicle, self.settings, self.priorities = vehicle, settings, priorities
         self._inertia = inertia_of(vehicle)
         self.problem = VehicleProblem(vehicle)
-        self._exact = (
-            None
-            if vehicle.powerless
-            else Exact(
-                self.problem,
-                order=priorities.order,
-                thrust_deviation=priorities.thrust_deviation,
-            )
-        )
+        self._exact = None
+        if not vehicle.powerless:
+            given = {name: getattr(priorities, name) for name in table(PrioritiesSettings)}
+            self._exact = Exact(self.problem, **given)
         self.unallocated = np.zeros(len(vehicle.axes))
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
         self._level = settings.attitude == 'level' and set(SIDEWAYS) <= set(vehicle.axes)
-        self._position_stiffness = triple(settings.position_stiffness)
-        self._position_damping = triple(settings.position_damping)
-        self._attitude_stiffness = triple(settings.attitude_stiffness)
-        self._attitude_damping = triple(settings.attitude_damping)
+        gains = settings.position_stiffness, settings.position_damping
+        self._position_stiffness, self._position_damping = map(triple, gains)
+        gains = settings.attitude_stiffness, settings.attitude_damping
+        self._attitude_stiffness, self._attitude_damping = map(triple, gains)
         gain = settings.integral_gain
         self.disturbances = MomentumObserver(vehicle, gain) if gain > 0.0 else None
 
@@ -120,25 +115,10 @@ class Controller:
         waypoint: Waypoint,
         time: int | None = None,
     ) -> Array:
-        """Return the wrench that leads to a waypoint: `demand`, prioritized.
+        """Return the wrench (m,) that leads to a waypoint [N, N m]: `demand`, prioritized.
 
-        Parameters
-        ----------
-        position, attitude, velocity, angular_velocity, waypoint
-            As in `demand`.
-        time : int, optional
-            Time of the state [ns]; needed for integral action alone.
-
-        Returns
-        -------
-        (m,) array
-            In the admissible set [N, N m], one component for each of the vehicle's axes; zero if
-            all rotors are lost.
-
-        Raises
-        ------
-        ValueError
-            As in `demand`, or if the integral action lacks the time.
+        It is in the admissible set; zero if all rotors are lost.  `time`, that of the state [ns],
+        is needed for integral action alone.
         """
         state = position, attitude, velocity, angular_velocity
         if self.disturbances is None:
@@ -172,7 +152,7 @@ class Controller:
         angular_velocity: Array,
         waypoint: Waypoint,
     ) -> Array:
-        """Return the wanted wrench, admissible or not.
+        """Return the wanted wrench (m,), admissible or not [N, N m].
 
         Parameters
         ----------
@@ -182,12 +162,6 @@ class Controller:
             Quaternion x, y, z, w, body to world.
         velocity, angular_velocity : (3,) arrays
             In the body frame [m/s, rad/s].
-        waypoint : Waypoint
-
-        Returns
-        -------
-        (m,) array
-            One component for each of the vehicle's axes [N, N m].
 
         Raises
         ------
