@@ -14,6 +14,7 @@ from ca_ros.allocation.exact_settings import POLICIES
 from ca_ros.firmware import firmware as module
 from ca_ros.firmware import footprint, golden
 from ca_ros.firmware.command import checked, main
+from ca_ros.firmware.detector import STATES
 from ca_ros.firmware.export import identifier
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
@@ -110,6 +111,24 @@ def test_golden_vectors_are_reproduced_here(name, compiler, precision, exported)
 def test_golden_vectors_are_reproduced_on_emulated_boards(name, precision, exported):
     needs(*ARM)
     assert len(reproduced(make(exported(name, precision), 'qemu'))) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('precision', 'arguments'), length(
+    [('single', [])], [('single', ['qemu']), ('double', ['qemu-m7'])]))
+def test_the_detector_finds_the_same_failure_in_the_golden_flight(
+        precision, arguments, tmp_path):
+    needs(*(ARM if arguments else ('make', 'gcc')))
+    out = tmp_path / 'octorotor'
+    given = ['--vehicle', 'octorotor', '--faults', 'none', '--out', str(out)]
+    assert main([*given, '--precision', precision, '--detector']) == 0
+    counts = reproduced(make(out, *arguments))
+    assert counts[1::2] == [STATES] * (len(counts) // 2)
+    # The last state's health and certainty.
+    last = (out / 'golden_flight.h').read_text(encoding='utf-8').split('{')[-2:]
+    assert last[0].startswith('0x0p+0')
+    assert last[0].count('0x1p+0') == 7
+    assert float.fromhex(last[1].split('f')[0].split(',')[0]) >= 0.99
 
 
 @pytest.mark.long

@@ -196,7 +196,7 @@ def test_an_interrupt_while_the_package_is_imported_ends_a_command_without_a_tra
 
 # Rooms
 
-ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'firmware', 'flight', 'nodes',
+ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'firmware', 'nodes',
          'process', 'bringup', 'evaluation', 'testing']
 """From the first to the last on the way of a wrench: none imports a later one."""
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.arguments import split
+from ca_ros.firmware.detector import detector_of
 from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES, Firmware
@@ -32,7 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         name = identifier(settings.vehicle.name)
         faults = faults_of(vehicle, options.faults)
         firmware = Firmware.make(faults, settings.allocation, options.precision)
-        write(firmware, name, options.out)
+        detector = detector_of(vehicle, given) if options.detector else None
+        write(firmware, name, options.out, detector)
     except (ValueError, OSError) as error:
         print(f'firmware: {options.vehicle}: {error}', file=sys.stderr)
         return 1
@@ -76,6 +78,9 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar='FAULT',
         help='what can be announced in flight: none; single, the loss of each rotor by itself '
         '(default); or, for each fault, the rotors that are lost or weaker: 1,3=0.4',
+    )
+    parser.add_argument(
+        '--detector', action='store_true', help='with the detector of rotor failures'
     )
     return parser.parse_args(argv)
 

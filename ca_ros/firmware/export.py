@@ -9,15 +9,22 @@ from string import Template
 
 from ca_ros import kernel
 from ca_ros.firmware import golden, literals
+from ca_ros.firmware.detector import write_detector
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.footprint import measure
 from ca_ros.firmware.readme import facts
+from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
 
 KERNEL_FILES = (
     *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'numbers.h'),
     *('exact.c', 'least_norm.c', 'priorities.c'),
+)
+DETECTOR_FILES = (
+    '| `{name}_detector.h`, `{name}_detector.c`; `detector.h`, `detector.c`; `golden_flight.h`, '
+    "`check_detector.c` | the detector of rotor failures: the vehicle's constants, the code, its "
+    'check |\n'
 )
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
 TEMPLATES = {
@@ -52,7 +59,9 @@ def identifier(name: str) -> str:
     return found
 
 
-def write(firmware: Firmware, name: str, out: Path) -> None:
+def write(
+    firmware: Firmware, name: str, out: Path, detector: FailureDetector | None = None
+) -> None:
     """Write all files of a vehicle.
 
     Parameters
@@ -62,6 +71,8 @@ def write(firmware: Firmware, name: str, out: Path) -> None:
         As `identifier` returns it.
     out : path
         A folder; it is made if it is not there.
+    detector : FailureDetector, optional
+        Its files are written, too.
 
     Raises
     ------
@@ -79,6 +90,10 @@ def write(firmware: Firmware, name: str, out: Path) -> None:
     for file in FIXED:
         shutil.copyfile(templates / file, out / file)
     fields = {'name': name, 'NAME': name.upper(), **_numbers(firmware), **_words(firmware, name)}
+    fields['detector'] = 'yes' if detector else ''
+    fields['detector_files'] = DETECTOR_FILES.format(name=name) if detector else ''
+    if detector:
+        write_detector(detector, name, firmware.precision, out)
     core = 'Cortex-M4F' if firmware.single else 'Cortex-M7'
     for template, target in TEMPLATES.items():
         if template == 'README.md':

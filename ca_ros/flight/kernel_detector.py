@@ -115,10 +115,14 @@ def packed(detector: FailureDetector, fields: dict[str, int], n_max: int) -> Arr
 
 
 def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) -> Detector:
-    """Return a detector of rotor failures: in C, or in NumPy if CA_ROS_KERNEL is 'numpy'."""
+    """Return a detector of rotor failures: in C where it can.
+
+    It is in NumPy without the extension module, with `CA_ROS_KERNEL=numpy`, and for vehicles with
+    a thrust curve or more rotors than the module has place for.
+    """
     detector = FailureDetector(vehicle, settings)
     module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else load()
-    if module is None or vehicle.n > module.N:
+    if module is None or vehicle.n > module.N or not vehicle.curve.square:
         return detector
     model = packed(detector, module.FIELDS, module.N)
     return KernelDetector(module, model, vehicle, detector.settings)

@@ -1,14 +1,17 @@
-"""Flights for docs/detection.md: unannounced failures, and hours without one."""
+"""Fly unannounced failures and fill the tables of docs/detection.md; or fly hours without one."""
 
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import replace
 from time import process_time
 
 import numpy as np
+from pages import fill
 
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.detection import Detection
 from ca_ros.flight.plant import Plant
@@ -76,49 +79,145 @@ def held(flight, goal):
 
 def row(vehicle, manoeuvre, rotor, changes, seed=0):
     """Return what happened to one failure, announced after 0.1 s and detected."""
-    cells = []
+    flew, detection, flight = [], None, None
     for announce in (0.1, None):
         try:
             flight, detection, goal, at, case = failed(
                 vehicle, manoeuvre, rotor, changes, announce, seed)
-            cells.append(held(flight, goal))
+            flew.append(held(flight, goal))
         except FloatingPointError:
-            cells.append(False)
-            continue
-    first = next(((t, h) for t, h in detection.found), None) if detection else None
-    after = asked = named = None
-    if first:
-        named = [int(i) + 1 for i in np.flatnonzero(detection.detector.health < 1.0)]
-        after = first[0] / 1e9 - at
+            flew.append(False)
+    outcome = {'announced': flew[0], 'detected': flew[1], 'after': None, 'asked': None,
+               'wrong': False}
+    if detection and detection.found:
+        found = detection.found[0][0] / 1e9
         hover = case.vehicle.weight / case.vehicle.n / case.vehicle.thrust_per_squared_speed
-        begin = round(at * 100)
-        end = round(first[0] / 1e7)
-        busy = flight.speeds[begin:end, rotor] ** 2 >= 0.5 * hover[rotor]
-        asked = 0.01 * int(busy.sum())
-    return {'announced': cells[0], 'detected': cells[-1], 'after': after, 'asked': asked,
-            'named': named}
+        busy = flight.speeds[:, rotor] ** 2 >= 0.5 * hover[rotor]
+        since = (flight.time >= at - 1e-9) & (flight.time < found - 1e-9)
+        outcome |= {
+            'after': found - at, 'asked': 0.01 * int((busy & since).sum()),
+            'wrong': bool((np.delete(detection.detector.health, rotor) < 1.0).any()),
+        }
+    return outcome
 
 
-def table(options):
-    """Print the table of failures."""
+def range_of(times):
+    """Return the median and the greatest of times [s], in ms."""
+    if not times:
+        return 'none'
+    return f'{1e3 * np.median(times):.0f}, {1e3 * max(times):.0f}'
+
+
+def manoeuvres_table(options):
+    """Return the table of failures in manoeuvres, with the settings of the realistic hexarotor."""
     changes = realistic(options.noise, options.lag, options.delay, options.gusts, options.wind)
+    rows = []
     for vehicle in options.vehicles:
-        for manoeuvre in options.manoeuvres:
+        for manoeuvre in MANOEUVRES:
             n = Case.load(vehicle).vehicle.n
-            rotors = range(n) if options.rotors is None else options.rotors
-            rows = {i + 1: row(vehicle, manoeuvre, i, changes) for i in rotors}
-            times = [1000 * each['after'] for each in rows.values() if each['after'] is not None]
-            print(
-                f'{vehicle:16s} {manoeuvre:8s} announced',
-                ''.join('x' if each['announced'] else '-' for each in rows.values()), 'detected',
-                ''.join('x' if each['detected'] else '-' for each in rows.values()),
-                'median', np.median(times) if times else None,
-                'all', ' '.join(
-                    f'{1000 * e["after"]:.0f}' if e['after'] is not None else 'none'
-                    for e in rows.values()),
-                'wrong', {i: e['named'] for i, e in rows.items()
-                          if e['named'] not in (None, [i])},
-                flush=True)
+            found = [row(vehicle, manoeuvre, i, changes) for i in range(n)]
+            named = [each for each in found if each['after'] is not None]
+            counts = [sum(each[key] for each in found)
+                      for key in ('announced', 'detected', 'wrong')]
+            rows.append((
+                f'`{vehicle}`', manoeuvre, range_of([each['after'] for each in named]),
+                range_of([each['asked'] for each in named]), f'{len(named)} of {n}',
+                *map(str, counts)))
+            print(*rows[-1], flush=True)
+    titles = ('vehicle', 'flight', 'after [ms]', 'asked [ms]', 'detected', 'holds, announced',
+              'holds, detected', 'wrong names')
+    return table(titles, rows, words=2)
+
+
+class Slow(Detection):
+    """A detection that gets one in some states."""
+
+    def __init__(self, detection, each):
+        self.detector, self._rebuild, self.found = detection.detector, detection._rebuild, []
+        self._each, self._count = each, 0
+
+    def observe(self, time, state):
+        self._count += 1
+        return super().observe(time, state) if self._count % self._each == 0 else None
+
+
+# Conditions by name: arguments of `realistic`, parameters, and further arguments of `hovering`.
+CONDITIONS = {
+    'as shipped (`hexarotor_realistic`)': ({}, [], {}),
+    'no noise': ({'noise': 0.0}, [], {}),
+    'noise twice': ({'noise': 2.0}, [], {}),
+    'no gusts, no wind': ({'gusts': 0.0, 'wind': 0.0}, [], {}),
+    'gusts 1 m/s': ({'gusts': 1.0}, [], {}),
+    'gusts 2 m/s, wind 3 m/s': ({'gusts': 2.0, 'wind': 3.0}, [], {}),
+    'noise twice, gusts 1 m/s, wind 2 m/s': ({'noise': 2.0, 'gusts': 1.0, 'wind': 2.0}, [], {}),
+    'no lag': ({'lag': 0.0}, [], {}),
+    'lag 100 ms': ({'lag': 0.1}, [], {}),
+    'lag 30 ms, set 50': ({}, ['simulator.motor_time_constant:=0.03'], {}),
+    'lag 70 ms, set 50': ({}, ['simulator.motor_time_constant:=0.07'], {}),
+    'delay 30 ms': ({'delay': 0.03}, [], {}),
+    'delay 0, set 10 ms': ({}, ['simulator.command_delay:=0.0'], {}),
+    'delay 20 ms, set 10': ({}, ['simulator.command_delay:=0.02'], {}),
+    'states at 500 Hz': ({}, ['simulator.time_step:=0.002'], {}),
+    'states at 50 Hz': ({}, [], {'each': 2}),
+    'states at 20 Hz': ({}, [], {'each': 5}),
+    'mass 10 % more': ({}, ['simulator.mass_factor:=1.1'], {}),
+    'mass 10 % less': ({}, ['simulator.mass_factor:=0.9'], {}),
+    'k_f 10 % more': ({}, ['simulator.thrust_factor:=1.1'], {}),
+    'k_f 10 % less': ({}, ['simulator.thrust_factor:=0.9'], {}),
+    'inertia 10 % more': ({}, [], {'inertia': 1.1}),
+    'inertia 10 % less': ({}, [], {'inertia': 0.9}),
+    'load of 15 %, 5 cm off centre': ({}, [], {'load': 0.05}),
+    'load of 15 %, 10 cm': ({}, [], {'load': 0.1}),
+    'load of 15 %, 15 cm': ({}, [], {'load': 0.15}),
+}
+
+
+def hovering(vehicle, rotor, changes, each=1, inertia=1.0, load=0.0, at=4.0):
+    """Lose a rotor at hover; return false alarms, the time to detection and wrong names."""
+    case = Case.load(vehicle, changes)
+    health = np.ones(case.vehicle.n)
+    health[rotor] = 0.0
+
+    def body(health, offset=None):
+        made = case.body(health)
+        changed = replace(made.vehicle, inertia=inertia * made.vehicle.inertia)
+        return heavier(RigidBody(changed, made.drag), offset)
+
+    offset = load * np.array([np.cos(rotor), np.sin(rotor), 0.0]) if load else None
+    events = [Change(0, body=body(1.0)), Change(round(at * 1e9), body=body(health, offset))]
+    if load:
+        events.append(Change(2_000_000_000, body=body(1.0, offset)))
+    detection = case.detection('exact')
+    detection = Slow(detection, each) if each > 1 else detection
+    with suppress(FloatingPointError):
+        fly(case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(0, 0, 1, 0),
+            at + 1.0, changes=events, detection=detection)
+    found = [(time / 1e9, lost) for time, lost in detection.found]
+    early = any(time < at for time, _ in found)
+    after = next((t - at for t, lost in found if t >= at and lost[rotor] < 1.0), None)
+    wrong = any((np.delete(lost, rotor) < 1.0).any() for t, lost in found if t >= at)
+    return early, after, wrong and not early
+
+
+def limits_table(options):
+    """Return the table of detection at hover, for each condition and vehicle."""
+    rows = []
+    for name, (air, parameters, further) in CONDITIONS.items():
+        cells = []
+        for vehicle in options.vehicles:
+            found = [hovering(vehicle, i, [*realistic(**air), *parameters], **further)
+                     for i in range(options.rotors)]
+            early, times, wrong = zip(*found, strict=True)
+            after = [time for time in times if time is not None]
+            cell = range_of(after)
+            for count, what in (
+                (sum(early), 'false'), (sum(wrong), 'wrong'), (len(found) - len(after), 'missed'),
+            ):
+                cell += f'; {count} {what}' if count else ''
+            cells.append(cell)
+        rows.append((name, *cells))
+        print(*rows[-1], sep=' | ', flush=True)
+    return table(('condition', *(f'`{each}`' for each in options.vehicles)), rows)
 
 
 class Faulty(Detection):
@@ -159,9 +258,15 @@ class Weather(Plant):
 
 def loaded(case, rng):
     """Return the body with 15 % more mass, up to 5 cm off the centre."""
-    body, vehicle = case.body(), case.vehicle
-    offset = 0.15 / 1.15 * np.append(rng.uniform(-0.05, 0.05, 2), 0.0)
-    heavy = replace(body.vehicle, mass=body.vehicle.mass * 1.15, arms=vehicle.arms - offset)
+    return heavier(case.body(), np.append(rng.uniform(-0.05, 0.05, 2), 0.0))
+
+
+def heavier(body, offset):
+    """Return a body with a load of 15 % of its mass at an offset [m]; None: without it."""
+    if offset is None:
+        return body
+    vehicle = body.vehicle
+    heavy = replace(vehicle, mass=1.15 * vehicle.mass, arms=vehicle.arms - 0.15 / 1.15 * offset)
     return RigidBody(heavy, body.drag)
 
 
@@ -181,7 +286,8 @@ def eventless(vehicle, seed, options, duration=60.0):
     points += [(duration - 8.0, *rng.uniform(-5, 5, 2), 1.0, 0.0), (duration - 4.0, 0, 0, -0.5, 0)]
     events = [*turns(*points), Change(round(rng.uniform(5.0, 45.0) * 1e9), body=loaded(case, rng))]
     detection = case.detection('exact')
-    detection = Faulty(detection, rng) if seed % 2 else detection
+    faulty = seed // len(options.vehicles) % 2
+    detection = Faulty(detection, rng) if faulty else detection
     plant = Weather(case.body(), case.flown.simulator)
     fly(case.controller(), case.allocator('exact'), plant, Waypoint.of(0, 0, 2, 0), duration,
         changes=events, detection=detection)
@@ -208,19 +314,21 @@ def hours(options):
 
 
 def main():
-    """Print a table of failures, or fly for hours without one."""
+    """Fill the tables of the page, or fly for hours without a failure."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add('--hours', type=float, default=0.0, help='fly so long without a failure [h]')
     add('--first', type=int, default=0, help='seed of the first flight')
     add('--vehicles', nargs='+', default=VEHICLES)
-    add('--manoeuvres', nargs='+', default=list(MANOEUVRES))
-    add('--rotors', nargs='+', type=int)
+    add('--rotors', type=int, default=3, help='of each vehicle, in the table of conditions')
     for name, default in (('noise', 1.0), ('lag', 0.05), ('delay', 0.01), ('gusts', 0.5),
                           ('wind', 1.0)):
         add(f'--{name}', type=float, default=default)
     options = parser.parse_args()
-    (hours if options.hours else table)(options)
+    if options.hours:
+        hours(options)
+    else:
+        fill('detection.md', limits=limits_table(options), flights=manoeuvres_table(options))
 
 
 if __name__ == '__main__':

@@ -24,6 +24,8 @@ from pages import DOCS, fill, telling
 import ca_ros
 from ca_ros.arrays import Array
 from ca_ros.evaluation.wrench_sets import gauge, near_boundary
+from ca_ros.firmware.detector import STATES, write_detector
+from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -124,6 +126,24 @@ def count(
     return counts
 
 
+def count_detector(vehicle: Vehicle) -> Array:
+    """Return the instructions of each step of the golden flight, and whether rotor 1 is lost."""
+    problem = VehicleProblem(vehicle)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        numbers = header(problem, 'single', 'static const __attribute__((unused))')
+        (folder / 'data.h').write_text(numbers, encoding='utf-8')
+        (folder / 'vehicle.h').write_text('', encoding='utf-8')
+        write_detector(FailureDetector(vehicle), 'vehicle', 'single', folder)
+        sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
+        parts = [f'-I{folder}', f'-I{KERNEL}', *sizes]
+        sources = [str(PROGRAM), str(folder / 'detector.c'), str(folder / 'vehicle_detector.c')]
+        program = folder / 'detector.elf'
+        command = [COMPILER, *FLAGS, '-O3', *parts, '-DCA_FLOAT', '-DCOUNT_DETECTOR', *sources]
+        subprocess.check_call([*command, '-lm', '-o', str(program)])
+        return run(program, np.zeros((STATES, len(problem.axes)), np.float32))
+
+
 def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, ...]]:
     """Return the rows of the table for a vehicle."""
     rows = []
@@ -142,10 +162,18 @@ def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, 
 def main() -> None:
     """Count, and fill the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--size', type=int, default=10_000, help='wrenches of each kind')
-    size = parser.parse_args().size
+    add = parser.add_argument
+    add('--size', type=int, default=10_000, help='wrenches of each kind')
+    add('--detector', action='store_true', help='count the detector of failures alone')
+    options = parser.parse_args()
+    size = options.size
     if missing():
         parser.error(f'not installed: {", ".join(missing())}')
+    for name in VEHICLES if options.detector else ():
+        steps = count_detector(Vehicle.load(name))[1:, 0]
+        print(f'{name}: {np.median(steps):.0f} instructions in the median, {steps.max()} at most')
+    if options.detector:
+        return
     rows = []
     for name in VEHICLES:
         rows += rows_of(name, count(VehicleProblem(Vehicle.load(name)), tuple(METHODS), size))

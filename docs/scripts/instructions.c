@@ -71,6 +71,28 @@ static int call(const float *u, float *f)
         f[i] = solver.solution->x[i];
     return solver.info->status_val;
 }
+#elif defined COUNT_DETECTOR
+/* A call is a state and a command of the golden flight. */
+#include "golden_flight.h"
+static ca_detector detector;
+static int row;
+
+static void start(void)
+{
+    ca_detector_start(&detector, &MODEL);
+    print(0, '\n');
+}
+
+static int call(const float *u, float *f)
+{
+    const int64_t time = (int64_t)row * 10000000;
+    (void)u;
+    (void)f;
+    ca_detector_command(&detector, time, flight[row].speeds);
+    ca_detector_observe(&detector, time, flight[row].state, flight[row].state + 4);
+    row++;
+    return detector.health[0] < 1;
+}
 #else
 static void start(void)
 {

@@ -1,0 +1,137 @@
+"""The detector of rotor failures of an exported vehicle: its constants and a golden flight."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from ca_ros import kernel
+from ca_ros.arrays import Array
+from ca_ros.firmware.firmware import DTYPES
+from ca_ros.firmware.literals import braced, indented, real
+from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.kernel_detector import KernelDetector, load, packed
+from ca_ros.flight.rigid_body import inertia_of
+from ca_ros.flight.settings import DetectorSettings
+from ca_ros.settings import ParameterError, Settings, check_given, read, table
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.vehicle import Vehicle
+
+KERNEL_FILES = ('detector.h', 'detector.c')
+TEMPLATES = {
+    'detector_constants.h': '{name}_detector.h',
+    'detector_constants.c': '{name}_detector.c',
+    'golden_flight.h': 'golden_flight.h',
+}
+FIXED = ('check_detector.c',)
+
+STEP = 0.01
+"""Between two states of the golden flight [s]."""
+
+STATES, FAILURE = 90, 70
+"""States of the golden flight, and the first after the failure of rotor 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectedSettings(Settings):
+    """The settings of the detector in a vehicle's file."""
+
+    detector: DetectorSettings
+
+
+def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
+    """Return the detector of a vehicle's file.
+
+    Raises
+    ------
+    ParameterError
+        If a setting is wrong, or the detector in C is not for this vehicle.
+    """
+    ours = {name: value for name, value in given.items() if name.startswith('detector.')}
+    check_given(ours, table(DetectedSettings))
+    if not vehicle.curve.square:
+        raise ParameterError('--detector: not for a vehicle with rotors.thrust_curve')
+    return FailureDetector(vehicle, read(DetectedSettings, ours).detector)
+
+
+def write_detector(detector: FailureDetector, name: str, precision: str, out: Path) -> None:
+    """Write the files of the detector beside those of the vehicle.
+
+    Raises
+    ------
+    ParameterError
+        If the extension module is not built.
+    OSError
+    """
+    folder = Path(kernel.__file__).parent
+    for file in KERNEL_FILES:
+        shutil.copyfile(folder / file, out / file)
+    templates = Path(__file__).with_name('templates')
+    for file in FIXED:
+        shutil.copyfile(templates / file, out / file)
+    fields = {
+        'name': name,
+        'NAME': name.upper(),
+        'model': '\n'.join(
+            _field(key, numbers, precision) for key, numbers in detector.model().items()
+        ),
+        'flight': golden_flight(detector, precision),
+    }
+    for template, target in TEMPLATES.items():
+        text = Template((templates / template).read_text(encoding='utf-8')).substitute(fields)
+        (out / target.format(name=name)).write_text(text, encoding='utf-8')
+
+
+def golden_flight(detector: FailureDetector, precision: str) -> str:
+    """Return the initialisers of a flight in which rotor 1 fails, with the answers.
+
+    The vehicle moves at 1 m/s, and its rotors have constant speeds: that of hover, if one speed
+    is enough.
+    """
+    module = load('_detector_single' if precision == 'single' else '_detector')
+    if module is None:
+        raise ParameterError('the extension modules of the detector are not built')
+    vehicle, dtype = detector.vehicle, DTYPES[precision]
+    model = packed(detector, module.FIELDS, module.N)
+    answers = KernelDetector(module, model, vehicle, detector.settings)
+    rng = np.random.default_rng(0)
+    wrenches, sound = rotor_wrenches(vehicle), vehicle.with_health(1.0)
+    up = max(float(wrenches[2] @ sound.thrust_per_squared_speed), 1e-9)
+    speeds = np.full(vehicle.n, (vehicle.weight / up) ** 0.5)
+    thrusts = sound.thrusts(speeds)
+    lost = np.concatenate([
+        wrenches[:3, 0] / vehicle.mass, np.linalg.inv(inertia_of(vehicle)) @ wrenches[3:, 0]
+    ]) * thrusts[0]
+    noise = np.repeat([0.01, 0.005], 3)
+    motion = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    lines = []
+    for i in range(STATES):
+        motion = motion - (i >= FAILURE) * STEP * lost
+        state = np.concatenate([[0.0, 0.0, 0.0, 1.0], motion + noise * rng.standard_normal(6)])
+        state, command = state.astype(dtype), speeds.astype(dtype)
+        row = [array.astype(float) for array in (state[:4], state[4:7], state[7:], command)]
+        time = i * round(1e9 * STEP)
+        answers.observe(time, *row[:3])
+        answers.command(time, row[3])
+        parts: list[Array] = [state, command, answers.health, answers.certainty]
+        lines.append(indented(f'{{{", ".join(braced(p, precision) for p in parts)}}},', 1))
+    return '\n'.join(lines)
+
+
+def _field(name: str, numbers: Array, precision: str) -> str:
+    if not numbers.ndim:
+        return f'    .{name} = {real(_rounded(numbers, precision).item(), precision)},'
+    if numbers.ndim == 1:
+        return indented(f'.{name} = {braced(_rounded(numbers, precision), precision)},', 1)
+    rows = (indented(f'{braced(_rounded(row, precision), precision)},', 2) for row in numbers)
+    return '\n'.join([f'    .{name} = {{', *rows, '    },'])
+
+
+def _rounded(numbers: Array, precision: str) -> Array:
+    return np.asarray(numbers, DTYPES[precision]).astype(float)
