@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     # bringup flies without matplotlib.
+    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure, SubFigure
 
@@ -26,6 +27,13 @@ STYLE: dict[Any, Any] = {
 }
 DASHED: dict[str, Any] = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
 """The style of waypoints and bounds."""
+
+MOMENTS: dict[str, dict[str, Any]] = {
+    'failure': {'color': 'black', 'linestyle': ':', 'linewidth': 0.8},
+    'announced': {'color': '0.5', 'linestyle': '--', 'linewidth': 0.8},
+    'detected': {'color': COLORS[3], 'linestyle': '-.', 'linewidth': 0.8},
+}
+"""The styles of the times of a flight at which a rotor fails, and at which it becomes known."""
 
 DASHES: Any = ('-', (0, (5, 1)), (0, (1, 1)))
 
@@ -93,6 +101,13 @@ def style(width: float = WIDTHS['page']) -> dict[Any, Any]:
     """Return the settings of matplotlib for figures of a width [mm] at their final size."""
     font = 8.0 if width < 120.0 else 9.0
     return {**STYLE, 'font.size': font, 'figure.figsize': (width / INCH, width / INCH)}
+
+
+def mark(axes: Axes, moments: Mapping[str, Sequence[float]]) -> None:
+    """Draw the times [s] of each kind of `MOMENTS` as vertical lines, the first with a label."""
+    for name, times in moments.items():
+        for i, time in enumerate(times):
+            axes.axvline(time, label='_' * (i > 0) + name, **MOMENTS[name])
 
 
 def inches() -> float:

@@ -107,7 +107,10 @@ def write_results(plan: Plan, out: Path, flown: Flown) -> None:
     with naming(files[0]):
         flown.flight.write_csv(files[0])
     try:
-        figure = draw_flight(flown.flight, flown.vehicle, plan.trajectory, plan.figure_width)
+        moments = plan.failures.moments(flown.detected.values())
+        figure = draw_flight(
+            flown.flight, flown.vehicle, plan.trajectory, plan.figure_width, moments
+        )
         for form in plan.figures:
             with naming(out / f'flight.{form}'):
                 files += save(figure, out / 'flight', [form])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.figures import DASHED, WIDTHS, line, sheet, style
+from ca_ros.figures import DASHED, WIDTHS, line, mark, sheet, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.vehicle.vehicle import Vehicle
@@ -19,17 +21,22 @@ if TYPE_CHECKING:
 
 
 def draw_flight(
-    flight: Flight, vehicle: Vehicle, trajectory: Trajectory, width: float = WIDTHS['page']
+    flight: Flight,
+    vehicle: Vehicle,
+    trajectory: Trajectory,
+    width: float = WIDTHS['page'],
+    moments: Mapping[str, Sequence[float]] = MappingProxyType({}),
 ) -> Figure:
     """Plot position, attitude and rotor speeds over time; waypoints and bounds are dashed.
 
-    The figure has a width [mm].
+    The figure has a width [mm]; lines mark the moments, see `ca_ros.figures.mark`.
     """
     import matplotlib
 
     with matplotlib.rc_context(style(width)):
         figure, body = sheet(7.0)
         position, attitude, speeds = body.subplots(3, 1, sharex=True)
+        mark(position, moments)
         _lines(position, flight.time, flight.position, ('x', 'y', 'z'), 'position [m]')
         goals, headings = trajectory.goals(flight.time)
         position.plot(flight.time, goals, **DASHED)
@@ -43,6 +50,8 @@ def draw_flight(
         attitude.plot(flight.time, np.degrees(headings), **DASHED)
         names = [f'rotor {i + 1}' for i in range(vehicle.n)]
         _lines(speeds, flight.time, flight.speeds, names, 'rotor speed [rad/s]')
+        for axes in (attitude, speeds):
+            mark(axes, moments)
         for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
             speeds.axhline(bound, **DASHED)
         speeds.set_xlabel('time [s]')

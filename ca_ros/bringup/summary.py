@@ -79,6 +79,8 @@ def _failures(flown: Flown, failures: RotorFailures) -> list[str]:
             told.append(f'detected at {flown.detected[each.rotor]:.2f} s')
         if failures.announce is not None:
             told.append(f'announced at {each.time + failures.announce:.2f} s')
+        elif told:
+            told.append('never announced')
         said = ', '.join(told) or 'never announced or detected'
         lines.append(f'  failure       rotor {each.rotor} {what} at {each.time:.2f} s, {said}')
     for rotor in sorted(flown.detected.keys() - {each.rotor for each in failures.failures}):

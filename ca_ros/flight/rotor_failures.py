@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,6 +106,12 @@ class RotorFailures:
         return sorted(
             {_ns(each.time + delay) for each in self.failures for delay in (late or [0.0])}
         )
+
+    def moments(self, detected: Iterable[float] = ()) -> dict[str, list[float]]:
+        """Return the times of flight [s] of failures, announcements and detections."""
+        failed = [each.time for each in self.failures]
+        announced = [] if self.announce is None else [time + self.announce for time in failed]
+        return {'failure': failed, 'announced': announced, 'detected': list(detected)}
 
     def physical(self, health: Array, time: int) -> Array:
         """Return the actual health (n,) at a time of flight [ns] from that at the start."""

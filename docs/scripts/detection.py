@@ -8,10 +8,9 @@ from dataclasses import replace
 from time import process_time
 
 import numpy as np
-from pages import fill
+from pages import fill, telling
 
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.detection import Detection
 from ca_ros.flight.plant import Plant
@@ -126,7 +125,7 @@ def manoeuvres_table(options):
             print(*rows[-1], flush=True)
     titles = ('vehicle', 'flight', 'after [ms]', 'asked [ms]', 'detected', 'holds, announced',
               'holds, detected', 'wrong names')
-    return table(titles, rows, words=2)
+    return telling('detection_flights', titles, rows, lambda row: row[1] in SHOWN, words=2)
 
 
 class Slow(Detection):
@@ -170,6 +169,15 @@ CONDITIONS = {
     'load of 15 %, 10 cm': ({}, [], {'load': 0.1}),
     'load of 15 %, 15 cm': ({}, [], {'load': 0.15}),
 }
+
+
+SHOWN = (
+    *('hover', 'slalom', 'as shipped (`hexarotor_realistic`)', 'no noise', 'noise twice'),
+    *('noise twice, gusts 1 m/s, wind 2 m/s', 'lag 70 ms, set 50', 'delay 20 ms, set 10'),
+    *('states at 500 Hz', 'states at 50 Hz', 'states at 20 Hz', 'mass 10 % less'),
+    *('k_f 10 % less', 'inertia 10 % more', 'load of 15 %, 10 cm', 'load of 15 %, 15 cm'),
+)
+"""Flights and conditions that the page shows."""
 
 
 def hovering(vehicle, rotor, changes, each=1, inertia=1.0, load=0.0, at=4.0):
@@ -217,7 +225,8 @@ def limits_table(options):
             cells.append(cell)
         rows.append((name, *cells))
         print(*rows[-1], sep=' | ', flush=True)
-    return table(('condition', *(f'`{each}`' for each in options.vehicles)), rows)
+    titles = ('condition', *(f'`{each}`' for each in options.vehicles))
+    return telling('detection_limits', titles, rows, lambda row: row[0] in SHOWN)
 
 
 class Faulty(Detection):

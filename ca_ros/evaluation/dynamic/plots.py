@@ -11,13 +11,25 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.metrics import STEADY
-from ca_ros.evaluation.plot_style import FAILED, entries, entries_of, failing, styles, title
-from ca_ros.figures import COLORS, DASHED, WIDTHS, across, line, save, sheet, style
+from ca_ros.evaluation.plot_style import entries, entries_of, styles, title
+from ca_ros.figures import (
+    COLORS,
+    DASHED,
+    MOMENTS,
+    WIDTHS,
+    across,
+    line,
+    mark,
+    save,
+    sheet,
+    style,
+)
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
@@ -30,8 +42,8 @@ def draw(
     with matplotlib.rc_context(style(width)):
         plots = {
             'position': _draw_position(study),
-            'attitude': _draw_attitude(study.flights, study.trajectory.last),
-            'rotor_speeds': _draw_speeds(study.flights, study.vehicle),
+            'attitude': _draw_attitude(study),
+            'rotor_speeds': _draw_speeds(study),
         }
         if study.failures.failures:
             plots['failure'] = _draw_failure(study)
@@ -39,16 +51,30 @@ def draw(
             save(plot, out / name, formats)
 
 
+def _kinds(study: Flights) -> list[Line2D]:
+    """Return the lines of a legend of the kinds of moments that there are."""
+    marks = [study.marks(name) for name in study.flights]
+    return entries({
+        kind: look for kind, look in MOMENTS.items() if any(each[kind] for each in marks)
+    })
+
+
+def _mark_all(axes: Axes, study: Flights) -> None:
+    for name in study.flights:
+        mark(axes, study.marks(name))
+
+
 def _draw_position(study: Flights) -> Figure:
     """Draw the position over time, and the error in the last second."""
     flights = study.flights
-    figure, body = sheet(5.4, entries_of(list(flights), coinciding=True))
+    figure, body = sheet(5.4, [*entries_of(list(flights), coinciding=True), *_kinds(study)])
     panels = body.subplots(3, 2, sharex='col', width_ratios=(across(3, 1.5), 1))
     for i, (whole, last) in enumerate(panels):
         goal = float(study.trajectory.last.position[i])
         paths = {name: flight.position[:, i] for name, flight in flights.items()}
         errors = {name: 1e3 * (path - goal) for name, path in paths.items()}
         _lines(whole, flights, paths, goal)
+        _mark_all(whole, study)
         _lines(last, flights, errors, 0.0, STEADY)
         whole.set_ylabel(f'${"xyz"[i]}$ [m]')
         last.set_ylabel(f'error in ${"xyz"[i]}$ [mm]')
@@ -61,9 +87,10 @@ def _draw_position(study: Flights) -> Figure:
     return figure
 
 
-def _draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
+def _draw_attitude(study: Flights) -> Figure:
     """Draw the attitude over time."""
-    figure, body = sheet(5.4, entries_of(list(flights), coinciding=True))
+    flights, waypoint = study.flights, study.trajectory.last
+    figure, body = sheet(5.4, [*entries_of(list(flights), coinciding=True), *_kinds(study)])
     panels = body.subplots(3, 1, sharex=True)
     goals = (None, None, float(np.degrees(waypoint.heading)))
     for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'heading'), panels, strict=True)):
@@ -72,18 +99,21 @@ def _draw_attitude(flights: Mapping[str, Flight], waypoint: Waypoint) -> Figure:
             for method, flight in flights.items()
         }
         _lines(axes, flights, angles, goals[i])
+        _mark_all(axes, study)
         axes.set_ylabel(f'{name} [°]')
     panels[-1].set_xlabel('time [s]')
     return figure
 
 
-def _draw_speeds(flights: Mapping[str, Flight], vehicle: Vehicle) -> Figure:
+def _draw_speeds(study: Flights) -> Figure:
     """Draw the rotor speeds, one panel per method."""
+    flights, vehicle = study.flights, study.vehicle
     rows = -(-len(flights) // 2)
-    figure, body = sheet(0.4 + 2.2 * rows, entries(_looks(vehicle)))
+    figure, body = sheet(0.4 + 2.2 * rows, [*entries(_looks(vehicle)), *_kinds(study)])
     panels = body.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).flatten()
     for (name, flight), axes in zip(flights.items(), panels, strict=False):
         _speeds(axes, flight, vehicle)
+        mark(axes, study.marks(name))
         axes.set_title(title(name, 22))
         axes.margins(x=0.0)
     for axes in panels[: len(flights) : 2]:
@@ -102,7 +132,7 @@ def _draw_failure(study: Flights) -> Figure:
     goal = study.trajectory.last.position
     columns = across(len(flights), 1.1)
     blocks = -(-len(flights) // columns)
-    figure, body = sheet(7.6 * blocks, entries(_looks(vehicle)))
+    figure, body = sheet(7.6 * blocks, [*entries(_looks(vehicle)), *_kinds(study)])
     grid = body.subplots(4 * blocks, columns, sharex=True, sharey='row', squeeze=False)
     # Each block has four rows, and a column per method.
     stacks = grid.reshape(blocks, 4, columns).transpose(0, 2, 1).reshape(-1, 4)
@@ -116,10 +146,10 @@ def _draw_failure(study: Flights) -> Figure:
             position.axhline(level, **DASHED)
         tilt.plot(flight.time, np.degrees(flight.tilt), color='black')
         _speeds(speeds, flight, vehicle)
-        failing(margin, flight.time, study.samples[name]['margin'].to_numpy(), moments)
-        for axes in column[:-1]:
-            for moment in moments:
-                axes.axvline(moment, **FAILED)
+        margin.plot(flight.time, study.samples[name]['margin'], color='black')
+        margin.axhline(0.0, **DASHED)
+        for axes in column:
+            mark(axes, study.marks(name))
         position.set_title(title(name, 15))
         margin.tick_params(labelbottom=True)
         margin.set_xlabel('time [s]')
@@ -129,7 +159,7 @@ def _draw_failure(study: Flights) -> Figure:
     for axes, label in zip(grid[:, 0], names * blocks, strict=True):
         axes.set_ylabel(label)
     first = grid[0, 0]
-    first.legend(loc='lower right')
+    first.legend(handles=first.lines[:3], loc='lower right')
     first.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     first.set_xlim(max(0.0, min(moments) - 2.0), study.end)
     # A falling vehicle leaves the panel, so that the scale suits the others.

@@ -57,9 +57,13 @@ def _study(options: argparse.Namespace) -> None:
     if options.detect and failures.failures and failures.announce is not None:
         raise ParameterError('--detect: with --announce never, since nobody else names failures')
     flights = _fly(case, allocators, changes, options)
-    if options.detect:
-        changes = {name: [*changes[name], *case.detected(name, flights[name])] for name in flights}
-    print(_write(case, flights, changes, options))
+    found = {
+        name: case.detected(name, flight) if options.detect else []
+        for name, flight in flights.items()
+    }
+    changes = {name: [*changes[name], *found[name]] for name in flights}
+    detected = {name: [each.time / 1e9 for each in found[name]] for name in flights}
+    print(_write(case, flights, changes, detected, options))
     print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
 
 
@@ -110,6 +114,7 @@ def _write(
     case: Case,
     flights: Mapping[str, Flight],
     changes: Mapping[str, Sequence[Change]],
+    detected: Mapping[str, Sequence[float]],
     options: argparse.Namespace,
 ) -> str:
     """Write all files; return dynamic.md."""
@@ -127,12 +132,13 @@ def _write(
     words, problem = trajectory_words(options), VehicleProblem(case.vehicle)
     checked = flown_as_in_the_paper(case.parameters) and not options.fail and not words
     observations = list(observe(flights, problem, goal)) if checked else []
+    flown = [*words, *failure_words(failures), *['--detect'] * options.detect]
     found = {
         'duration': options.duration,
         'start': 'rest at the origin' if resting else 'the initial state of the parameters',
         'goal': str(options.goals),
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
-        **facts(case, 'dynamic_study', options, [*words, *failure_words(failures)]),
+        **facts(case, 'dynamic_study', options, flown),
         'methods': {
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },
@@ -147,7 +153,7 @@ def _write(
     )
     text = document(found)
     write(out / 'dynamic', rows, found, text)
-    study = Flights(flights, samples, case.vehicle, options.goals, failures)
+    study = Flights(flights, samples, case.vehicle, options.goals, failures, detected)
     if options.animate:
         animate(out / 'animation.gif', study)
     draw(out, study, options.figures, options.figure_width)
