@@ -31,7 +31,6 @@ from ca_ros.figures import (
     style,
 )
 from ca_ros.flight.record import Flight
-from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
 
