@@ -72,8 +72,8 @@ demo: .venv/.demo
 
 test: .venv/.test
 	.venv/bin/python -m ruff check
-	.venv/bin/python -m mypy
-	.venv/bin/python -m pytest --numprocesses $(workers) --dist worksteal $(coverage)
+	.venv/bin/python -m mypy & \
+	    .venv/bin/python -m pytest --numprocesses $(workers) --dist worksteal $(coverage) && wait $$!
 
 test-all: export CA_ROS_LONG = 1
 test-all: coverage = --cov ca_ros --cov-report term:skip-covered

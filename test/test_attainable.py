@@ -64,15 +64,6 @@ def test_a_body_has_the_faces_of_its_hull():
     assert len(draw({'hexarotor': body}, np.zeros(3), body.axes).axes) == 1
 
 
-def test_any_number_of_sets_is_drawn():
-    hexarotor = Vehicle.load('hexarotor')
-    healths = [np.ones(6), *(1.0 - np.eye(6))]
-    sets = {str(i): AdmissibleSet(hexarotor.with_health(health)).projection(['roll', 'pitch'])
-            for i, health in enumerate(healths)}
-    figure = draw(sets, np.zeros(2), ['roll', 'pitch'])
-    assert len(figure.axes[0].patches) == 7
-
-
 @pytest.mark.parametrize(('arguments', 'fault'), [
     (['--axes', 'roll'], 'expected two or three axes'),
     (['--axes', 'roll,up'], 'axes: expected different ones of'),

@@ -25,7 +25,7 @@ from ca_ros.process.deadline import Deadline
 from ca_ros.settings import table as settings_of
 from ca_ros.testing import DEADLINE
 from nodes import fly_offline
-from strategies import file_values
+from strategies import file_values, length
 
 DURATION = 1.0
 METHODS = {'/uav1': 'exact', '/uav2': 'pseudo_inverse'}
@@ -148,7 +148,8 @@ def test_a_subclass_may_set_its_attributes_after_the_constructor_of_its_base(gra
         node.destroy_node()
 
 
-@pytest.mark.parametrize('executor_class', [Executor, SingleThreadedExecutor])
+@pytest.mark.parametrize(
+    'executor_class', length([Executor], [Executor, SingleThreadedExecutor]))
 def test_nodes_on_one_executor_fly_as_the_offline_loop_to_the_last_bit(
         graph, tmp_path, executor_class):
     with Composition(graph, executor_class) as composition:

@@ -228,12 +228,6 @@ def test_what_is_wrong_is_said_in_one_line(arguments, words, tmp_path, capsys):
     assert err.count('\n') == 1
 
 
-def test_a_vehicle_that_has_lost_an_axis_flies_if_told_to(tmp_path, plain):
-    assert main([
-        '-p', 'rotors.health:=[0, 1, 1, 1, 1, 1]', '-p', 'allocation.lost_axes:=drop',
-        '--methods', 'exact', '--duration', '1', '--out', str(tmp_path)]) == 0
-
-
 # Rotor failures
 
 @pytest.fixture(scope='module')

@@ -12,7 +12,7 @@ from threading import Barrier
 import pytest
 
 from ca_ros.evaluation import engine
-from ca_ros.evaluation.engine import EngineError, chunk_size, code, compute
+from ca_ros.evaluation.engine import EngineError, code, compute
 from ca_ros.evaluation.static import study
 from ca_ros.evaluation.static.study import main
 
@@ -58,14 +58,6 @@ class Who:
         if chunk >= 0:
             self.met.wait()
         return id(self)
-
-
-@pytest.mark.parametrize(('total', 'least', 'size'), [
-    (300, 100, 100), (1, 100, 100), (5_000_000, 10_000, 10_000), (5_000_001, 10_000, 20_000),
-    (100_000_000, 10_000, 200_000)])
-def test_there_are_at_most_500_chunks(total, least, size):
-    assert chunk_size(total, least) == size
-    assert -(-total // size) <= engine.CHUNKS_MAX
 
 
 def test_results_are_in_the_order_of_the_chunks(tmp_path):

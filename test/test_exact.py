@@ -225,17 +225,6 @@ def test_the_certificate_of_thrusts_that_are_not_the_least():
     assert proof.primal_residual < 1e-12
 
 
-def test_the_certificate_of_a_batch_has_one_row_a_wrench():
-    allocator = make_allocator('exact', FLEET['hexarotor'])
-    wrenches = np.array([[9.81, 0.0, 0.0, 0.0], [30.0, 1.0, 0.0, 0.0]])
-    together = allocator.allocate_batch(wrenches).certificate
-    for i, u in enumerate(wrenches):
-        alone = allocator.allocate(u).certificate
-        for name in ('primal_residual', 'bound_violation', 'kkt_residual', 'margin', 'limit'):
-            np.testing.assert_allclose(
-                getattr(together, name)[i], getattr(alone, name), rtol=1e-9, atol=1e-12)
-
-
 # Slack, for vehicles that are symmetric but for the digits of their file
 
 def written(name, digits):

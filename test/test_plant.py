@@ -217,11 +217,6 @@ def test_a_fall_ends_on_the_ground(integrator):
     np.testing.assert_array_equal(states[-1][[3, 4, 5, 10, 11, 12]], 0.0)
 
 
-def test_a_start_below_the_ground_is_refused():
-    with pytest.raises(ParameterError, match=r'simulator\.ground: .* z = -0\.5 m'):
-        plant(ground='flat', initial_position=[0.0, 0.0, -0.5])
-
-
 # Mismatch
 
 

@@ -58,15 +58,6 @@ def test_the_vertices_are_those_of_the_hull_and_span_the_volume(case):
     assert np.abs(image.margin(image.vertices)).max() <= 1e-9 * np.abs(image.vertices).max()
 
 
-@pytest.mark.parametrize('case', SHIPPED)
-def test_the_authority_at_a_vertex_holds_the_vertex(case):
-    image, _ = set_of(case)
-    size = np.abs(image.vertices).max()
-    for vertex in image.vertices[:50]:
-        for (low, high), value in zip(image.authority(vertex).values(), vertex, strict=True):
-            assert low - 1e-9 * size <= value <= high + 1e-9 * size
-
-
 @pytest.mark.parametrize('k', [1, 2, 3])
 @pytest.mark.parametrize('case', SETS)
 def test_a_projection_is_the_hull_of_projected_vertices(case, k):

@@ -201,17 +201,6 @@ def test_what_is_served_is_in_the_set_and_what_is_in_the_set_is_served(data):
         np.testing.assert_array_equal(served, u)
 
 
-@given(st.data())
-def test_the_first_group_is_not_touched_by_the_demands_after_it(data):
-    vehicle = data.draw(vehicles())
-    u = data.draw(demands(vehicle))
-    admissible = AdmissibleSet(vehicle)
-    changed = u.copy()
-    changed[[0, 3]] = data.draw(st.floats(-100.0, 100.0)), data.draw(st.floats(-10.0, 10.0))
-    served = [admissible.prioritize(demand)[1:3] for demand in (u, changed)]
-    np.testing.assert_allclose(*served, rtol=0.0, atol=1e-9 * (1.0 + np.linalg.norm(served[0])))
-
-
 def test_an_order_may_be_of_words_and_name_axes_that_the_vehicle_does_not_command():
     u = [9.81, 3.0, 0.0, 1.0]
     admissible = AdmissibleSet(HEXAROTOR)

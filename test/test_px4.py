@@ -94,13 +94,6 @@ def test_unknown_states_are_refused(wrong, words):
 
 # Set-points
 
-def test_the_units_of_the_generic_quadrotor(vehicle):
-    """By hand: thrust 4 f; roll, pitch 4 y f / sqrt(2), as each motor changes by 1 / sqrt(2)."""
-    roll, yaw = 4 * 0.15 * FULL * S, 4 * 0.05 * FULL
-    assert_allclose(
-        px4.units(vehicle(QUAD_X)), [4 * FULL, 4 * FULL, 4 * FULL, roll, roll, yaw])
-
-
 def test_without_saturation_the_motors_are_those_of_px4(vehicle):
     """PX4's normalised mixer of a quadrotor X has 1/sqrt(2) for roll and pitch, 1 for the rest."""
     quad = vehicle(QUAD_X)
@@ -189,25 +182,6 @@ def test_the_generic_quadrotor_as_a_vehicle(vehicle):
     # PX4's default of KM is positive: counter-clockwise, which is -1 here.
     assert_allclose(quad.spins, [-1, -1, 1, 1])
     assert_allclose(quad.torque_coefficient, 0.05 * 2.5e-5)
-
-
-@pytest.mark.parametrize('style', parameters.STYLES)
-@pytest.mark.parametrize(
-    'name', ['quadrotor', 'hexarotor', 'x8', 'tilted_hexarotor', 'asymmetric'])
-def test_there_and_back(vehicle, name, style):
-    some, n = FLEET[name], FLEET[name].n
-    order = np.random.default_rng(0).permutation(n)
-    given = parameters.to_px4(some, (order + 1).tolist())
-    text = parameters.text(given, style)
-    assert parameters.read(text) == pytest.approx(given, rel=1e-8)
-    back = vehicle(text, (0.0, 400.0))
-    full = some.thrust_coefficient * some.speed_max**2
-    for found, expected in (
-        (back.arms, some.arms), (back.rotor_axes, some.rotor_axes), (back.spins, some.spins),
-        (back.thrust_coefficient, 2.5e-5 * full / full.max()),
-        (back.torque_coefficient / back.thrust_coefficient,
-         some.torque_coefficient / some.thrust_coefficient)):
-        assert_allclose(found, expected[order], rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize('name', ['hexarotor', 'x8', 'asymmetric', 'tilted_hexarotor'])

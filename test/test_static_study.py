@@ -136,15 +136,6 @@ def test_the_table_has_the_paper_s_beside_ours(study):
         assert (study / name).stat().st_size > 20_000
 
 
-def test_what_is_said_of_the_conventional_allocator_is_true_of_this_one(tmp_path, plain):
-    command = ['--methods', 'conventional', '--samples', '20', '--out', str(tmp_path)]
-    for change, words in (
-            ([], 'Q = q 1 1^T with q = 9.1e-4 and f_ref = 0 are chosen'),
-            (['-p', 'allocation.conventional.weight:=1e-4'], 'Q and f_ref are not those of')):
-        assert main([*command, *change]) == 0
-        assert words in (tmp_path / 'static.md').read_text()
-
-
 # Any size, any order
 
 @pytest.mark.parametrize('sampling', SAMPLINGS)

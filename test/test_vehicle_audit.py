@@ -193,13 +193,6 @@ def test_drop_gives_up_the_lost_axes(fault, method):
         make_allocator(method, said, lost_axes='refuse')
 
 
-def test_a_sound_vehicle_stays_as_it_is(pnpnpn):
-    assert audit(pnpnpn).vehicle is pnpnpn
-    # Its lost axes are not dropped tomorrow because it was audited today.
-    with pytest.raises(ParameterError, match='is refused'):
-        make_allocator('exact', without(audit(pnpnpn).vehicle, 1))
-
-
 def test_a_problem_is_judged_by_its_mathematics_alone():
     vehicle = moved(1e-3)
     problem = VehicleProblem(vehicle)
