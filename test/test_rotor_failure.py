@@ -17,6 +17,7 @@ from ca_ros.evaluation.dynamic.study import main as dynamic_study
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.testing import Diagnostics, wrench
@@ -194,27 +195,24 @@ def test_a_rotor_that_is_not_there_cannot_fail(tmp_path, capsys):
 # Over DDS
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('vehicle', 'failures', 'duration', 'words'), [
-    # A flight begins at rest, as in hover.
-    ('hexarotor', RotorFailures((RotorFailure(1, 0.0),), 0.1), 10.0,
-     ['waypoint      reached', 'rotor 1 lost', 'heading is given up']),
-    # Not announced.
-    ('hexarotor', RotorFailures((RotorFailure(1, 1.0), RotorFailure(2, 1.505, 0.5)), None), 4.0,
-     ['MISSED', 'heading is given up', 'rotor 1 lost, rotor 2 at 50 %'])])
-def test_failures_over_dds_equal_those_offline_to_the_last_bit(
-        graph, tmp_path, vehicle, failures, duration, words):
+@pytest.mark.parametrize('announce', length([0.1], [0.1, None]))
+def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
+        graph, tmp_path, announce):
+    path = tmp_path / 'square.csv'
+    path.write_text('t,x,y,z,heading\n0,1,0,1,0\n0.5,1,1,1,1.5\n1,0,1,1.5,-1.5\n')
+    failures = RotorFailures((RotorFailure(1, 0.3), RotorFailure(2, 0.805, 0.5)), announce)
     process = graph.start(
-        'bringup', '--mode', 'lockstep', '--vehicle', vehicle, '--duration', str(duration),
-        '--out', str(tmp_path), '--waypoint', *map(str, NEXT.position), '--heading', '0',
-        *failure_words(failures))
+        'bringup', '--mode', 'lockstep', '--duration', '1.5', '--trajectory', str(path),
+        '--out', str(tmp_path), *failure_words(failures))
     out, err = graph.outlive(process)
-    assert process.returncode == ('MISSED' in words), out + err
-    assert [word for word in (*words, 'within bounds') if word not in out] == []
-    assert ('heading is given up' in out) == ('heading is given up' in words)
-    case = case_of(vehicle)
+    assert process.returncode == 1, out + err
+    words = 'MISSED', 'heading is given up', 'rotor 1 lost, rotor 2 at 50 %', 'within bounds'
+    assert [word for word in words if word not in out] == []
+    case, trajectory = case_of('hexarotor'), Trajectory.read(path)
     fly(
-        case.controller(), case.allocator('exact'), case.body(), NEXT, duration,
-        changes=case.failing('exact', failures)).write_csv(tmp_path / 'offline.csv')
+        case.controller(), case.allocator('exact'), case.body(), trajectory.first, 1.5,
+        changes=[*case.failing('exact', failures), *trajectory.changes()],
+    ).write_csv(tmp_path / 'offline.csv')
     assert (tmp_path / 'flight.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
 
 

@@ -55,23 +55,6 @@ def test_the_flight_follows_and_ends_at_the_last_one(square):
     assert flight.position[500, 1] > 0.5
 
 
-@pytest.mark.slow
-def test_over_the_nodes_it_is_the_same_flight_to_the_last_bit(tmp_path, graph):
-    path = tmp_path / 'short.csv'
-    path.write_text(SQUARE.replace('2.5,', '0.3,').replace('5,0', '0.6,0'))
-    process = graph.start(
-        'bringup', '--mode', 'lockstep', '--duration', '1', '--trajectory', str(path),
-        '--out', str(tmp_path / 'out'))
-    out, err = graph.outlive(process)
-    assert process.returncode in (0, 1), out + err
-    assert 'Traceback' not in err
-    table = np.genfromtxt(tmp_path / 'out' / 'flight.csv', delimiter=',', names=True)
-    flight = offline(Trajectory.read(path), 1.0)
-    assert len(flight.time) == 101
-    for i in range(6):
-        np.testing.assert_array_equal(table[f'speed_{i + 1}'], flight.speeds[:, i])
-
-
 def test_the_study_flies_it_or_to_an_own_waypoint_and_judges_the_end(
         square, tmp_path, monkeypatch):
     monkeypatch.setattr(study, 'draw', lambda *_: None)
