@@ -138,6 +138,7 @@ setup(
             'ros-diagnostic-msgs==5.3.6',
             'ros-nav-msgs==5.3.6',
             'ros-std-srvs==5.3.6',
+            'ros-visualization-msgs==5.3.6',
         ],
         # Bags of flights, without a ROS installation.
         'bag': bag,

@@ -31,6 +31,7 @@ COMMANDS = {
     'firmware': 'ca_ros.firmware.command',
     'monitor': 'ca_ros.nodes.monitor',
     'static_study': 'ca_ros.evaluation.static.study',
+    'viewer': 'ca_ros.nodes.viewer',
 }
 """The module of each command, which has the function main."""
 
@@ -39,7 +40,7 @@ STUDIES = ('jinja2', 'matplotlib', 'pandas', 'tqdm')
 
 ROS = (
     'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs', 'rcl_interfaces',
-    'rclpy', 'rosgraph_msgs', 'std_msgs', 'std_srvs',
+    'rclpy', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs',
 )  # fmt: skip
 """The modules that ROS 2 or the extra `ros` installs."""
 

@@ -14,7 +14,7 @@ from ca_ros.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments
-from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings
+from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
 from ca_ros.vehicle.files import ParameterFile
 
 
@@ -24,7 +24,8 @@ class Plan:
 
     The duration is in s.  `vehicle` is a shipped one or a file, or None if `ros`, the ROS
     arguments of all nodes, names a file.  `parameters` are those that options set.  A program of
-    `replacements` takes the place of a node.  With `detect` the monitor flies along.  `faults` are
+    `replacements` takes the place of a node.  With `detect` the monitor flies along, with `view`
+    the viewer.  `faults` are
     parameters of the fault proxy, ``NAME:=VALUE``, or None without it.  `out` and `bag` are
     folders; None: a new one, no bag.  Figures have formats and a width [mm].
     """
@@ -39,6 +40,7 @@ class Plan:
     faults: Sequence[str] | None = None
     respawn: bool = False
     detect: bool = False
+    view: bool = False
     ros: Sequence[str] = ()
     out: Path | None = None
     bag: Path | None = None
@@ -51,7 +53,7 @@ class Plan:
         file = None if self.vehicle is None else ParameterFile(self.vehicle)
         space = ['-r', f'__ns:={self.namespace}']
         lines = {}
-        for name in (*NODES, *['monitor'] * self.detect):
+        for name in (*NODES, *['monitor'] * self.detect, *['viewer'] * self.view):
             full = full_name(self.namespace, name)
             own = ['--ros-args', '--enclave', full, *space]
             if self.faults is not None:
@@ -60,7 +62,7 @@ class Plan:
             if name in self.replacements:
                 node = self.replacements[name]
                 own += ['-r', f'__node:={name}']
-            kind = DECLARED.get(name, MonitorSettings)
+            kind = {'monitor': MonitorSettings, 'viewer': ViewerSettings, **DECLARED}[name]
             vehicle = [] if file is None else vehicle_arguments(file, full, kind)
             lines[name] = [*node, *own, '--', *vehicle, *self.ros, '--ros-args', *chosen]
             if self.detect and issubclass(kind, HealthSettings):

@@ -131,6 +131,11 @@ class MonitorSettings(WorldSettings, NodeSettings, MovingVehicleSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ViewerSettings(WorldSettings, NodeSettings, VehicleSettings):
+    """The settings of the viewer node."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class BridgeSettings(Settings):
     """What bridges pass on, and how."""
 

@@ -15,6 +15,12 @@ from rcl_interfaces.msg import Log
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
+try:
+    from visualization_msgs.msg import MarkerArray
+except ImportError:
+    # Only the viewer needs it.
+    MarkerArray = None
+
 
 @dataclass(frozen=True)
 class Topic:
@@ -65,6 +71,7 @@ SATURATION = Topic('~/saturation', Int8MultiArray, 'allocator')
 UNALLOCATED = Topic('~/unallocated', WrenchStamped, 'controller')
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray)
 ROSOUT = Topic('/rosout', Log)
+MARKERS = MarkerArray and Topic('~/markers', MarkerArray, 'viewer', optional=True)
 
 TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))
 """A bag records all of them."""
