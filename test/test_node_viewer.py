@@ -44,7 +44,7 @@ def test_rotors_stand_where_they_are_in_the_world_and_show_their_bounds():
 def test_torques_path_waypoint_and_status():
     found = drawn(
         demand=np.array([0, 0, 9.81, 1.0, 0, 0]), served=np.array([0, 0, 9.81, 0.5, 0, 0]),
-        path=[np.zeros(3), np.ones(3)], waypoint=np.array([4.0, 5.0, 6.0]), text='hexarotor: EXACT')
+        path=[np.zeros(3), np.ones(3)], waypoint=np.array([4.0, 5.0, 6.0]), text='EXACT')
     lengths = {}
     for name in ('demand torque', 'served torque'):
         [arrow] = of(found, name)
@@ -55,7 +55,7 @@ def test_torques_path_waypoint_and_status():
     assert lengths['demand torque'] == pytest.approx(2.0 * lengths['served torque'])
     assert len(of(found, 'path')[0].points) == 2
     assert of(found, 'waypoint')[0].pose.position.x == 4.0
-    assert of(found, 'status')[0].text == 'hexarotor: EXACT'
+    assert of(found, 'status')[0].text == 'EXACT'
 
 
 @pytest.mark.parametrize('axis', [[0, 0, 1], [0, 0, -1], [0.6, 0, 0.8], [0, -0.6, -0.8]])

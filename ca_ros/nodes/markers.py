@@ -64,7 +64,9 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
     thrusts = vehicle.thrusts(view.speeds) / np.abs(vehicle.thrust_max).max(initial=1e-9)
     found: list[Marker] = []
 
-    def add(space: str, kind: int, color: str, scale: Sequence[float], alpha: float = 1.0) -> Marker:
+    def add(
+        space: str, kind: int, color: str, scale: Sequence[float], alpha: float = 1.0
+    ) -> Marker:
         marker = Marker(ns=space, id=len(found), type=kind, action=Marker.ADD)
         marker.header.frame_id, marker.header.stamp = frame, stamp
         x, y, z = (float(each) for each in scale)
@@ -99,7 +101,7 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
         goal.pose.position = points([view.waypoint])[0]
     text = add('status', Marker.TEXT_VIEW_FACING, 'body', (0.0, 0.0, 0.25 * size))
     text.text = view.text
-    text.pose.position = points([center + [0.0, 0.0, 1.6 * size]])[0]
+    text.pose.position = points([center + np.array([0.0, 0.0, 1.6 * size])])[0]
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL), *found])
 
 
