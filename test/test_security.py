@@ -89,6 +89,7 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         [command] = re.findall('^(sed .*) > policy.xml$', GUIDE.read_text(), re.MULTILINE)
         text = subprocess.run(
             shlex.split(command), cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    pytest.importorskip('visualization_msgs', reason='the viewer needs visualization_msgs')
     permissions = allowed(ElementTree.fromstring(text))
     assert {key[0] for key in permissions} == {namespace}
     # As programs of one's own, the nodes are asked more.
@@ -96,7 +97,7 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         word for option, name in REPLACEMENTS.items()
         for word in (f'--{option}', str(executable(name)))]
     bringup = graph.start(
-        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--detect', *foreign,
+        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--detect', '--view', *foreign,
         '--namespace', namespace, '--out', str(tmp_path), '--ros-args',
         '-p', 'simulator.publish_clock:=true',
         '-p', 'simulator.publish_odometry:=true')
