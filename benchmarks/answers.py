@@ -36,12 +36,8 @@ class Answers:
 
         For unattainable wrenches only the bounds are checked.  ``error`` [N, N m], ``violation``
         [N], ``norm_excess`` [N] over the answers that are right otherwise (NaN if there are none),
-        ``failures``: how many ``attainable`` wrenches have no answer.
-
-        Raises
-        ------
-        AnswerError
-            If an answer has another shape.
+        ``failures``: how many ``attainable`` wrenches have no answer.  Raises an AnswerError if an
+        answer has another shape.
         """
         nothing = np.full(self.problem.n, np.nan)
         thrusts = [nothing if answer is None else answer for answer in answers]

@@ -19,12 +19,8 @@ from ca_ros.problem.problem import AllocationProblem
 def header(problem: AllocationProblem, precision: str, storage: str = '') -> str:
     """Return a header with a vehicle's matrices and bounds, and OPTIONS of the kernel.
 
-    Parameters
-    ----------
-    problem : AllocationProblem
-    precision : 'double' or 'single'
-    storage : str
-        What the declarations begin with.  Without ``const`` the compiler cannot use the numbers.
+    The precision is double or single.  `storage` is what the declarations begin with; without
+    ``const`` the compiler cannot use the numbers.
     """
     axes, n, m = problem.axes, problem.n, len(problem.axes)
     groups = default_order(axes)
@@ -46,10 +42,11 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
     }
     kind = {'double': 'double', 'single': 'float'}[precision]
     lines = [
-        f'{storage} {kind} {name} = {braced(np.ravel(values), precision)};'
+        f'{storage} number {name} = {braced(np.ravel(values), precision)};'
         for name, values in arrays.items()
     ]
-    return '\n'.join([*lines, f'#define OPTIONS {{{", ".join(options)}}}', ''])
+    lines += [f'#define OPTIONS {{{", ".join(options)}}}', '']
+    return '\n'.join([f'typedef {kind} number;', *lines])
 
 
 def osqp_code(problem: AllocationProblem, folder: Path, **options: Any) -> list[str]:

@@ -1,9 +1,7 @@
 /* Contenders of the benchmark in C, and the clock around their calls.
  *
- * c_contenders.py compiles this file for one vehicle: CA_N rotors and CA_M axes, whose numbers are
- * in data.h, and the kernel of the exact allocator; with WITH_OSQP also the code that OSQP
- * generates for the vehicle.
- * A contender writes thrusts[CA_N] for u[CA_M] and returns 1, or 0 if it has no answer.
+ * in_c.py compiles this file for one vehicle: CA_N rotors and CA_M axes, whose numbers are in
+ * data.h, and the kernel of the exact allocator; with WITH_OSQP also the code that OSQP generates.
  */
 #define _POSIX_C_SOURCE 199309L
 #include <stddef.h>
@@ -11,8 +9,8 @@
 #include <string.h>
 #include <time.h>
 
-#include "data.h"
 #include "exact.h"
+#include "methods.h"
 
 typedef int contender(const double *u, double *thrusts);
 
@@ -28,18 +26,6 @@ int set_up(void)
 int nothing(const double *u, double *thrusts)
 {
     thrusts[0] = u[0];
-    return 1;
-}
-
-int clipped_pinv(const double *u, double *thrusts)
-{
-    for (int i = 0; i < CA_N; i++) {
-        double sum = 0.0;
-        for (int k = 0; k < CA_M; k++)
-            sum += inverse[i][k] * u[k];
-        sum = sum < lower[i] ? lower[i] : sum;
-        thrusts[i] = sum > upper[i] ? upper[i] : sum;
-    }
     return 1;
 }
 
@@ -102,24 +88,6 @@ int daqp_reused(const double *u, double *thrusts)
     daqp_solve(&result, daqp_workspace);
     return result.flag == DAQP_OPTIMAL;
 }
-
-#ifdef WITH_OSQP
-#include "osqp.h"
-#include "workspace.h"
-
-int osqp(const double *u, double *thrusts)
-{
-    double low[CA_M + CA_N], high[CA_M + CA_N];
-    memcpy(low, u, CA_M * sizeof *u);
-    memcpy(high, u, CA_M * sizeof *u);
-    memcpy(low + CA_M, lower, sizeof lower);
-    memcpy(high + CA_M, upper, sizeof upper);
-    osqp_update_data_vec(&solver, NULL, low, high);
-    osqp_solve(&solver);
-    memcpy(thrusts, solver.solution->x, CA_N * sizeof *thrusts);
-    return solver.info->status_val == OSQP_SOLVED;
-}
-#endif
 
 static int64_t now(void)
 {

@@ -55,9 +55,8 @@ class LatencyError(CaRosError):
 def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
     """Start both nodes for a vehicle's name or file, measure them, and end them.
 
-    Returns one row per block: rate, node, percentiles of the latency [s], and the numbers of
-    commands that were sent, answered, and late.  Raises a LatencyError if a node ends or does not
-    answer.
+    Returns one row per block: rate, node, percentiles of the latency [s], and how many commands
+    were sent, answered, and late.  Raises a LatencyError if a node ends or does not answer.
     """
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     root = str(Path(__file__).parents[1])
@@ -113,14 +112,11 @@ class Client:
         self, node: Node, space: str, commands: Sequence[bytes], watch: Callable[[], None]
     ) -> None:
         self._watch, self._commands = watch, [bytearray(command) for command in commands]
-        self._publisher = node.create_publisher(
-            WRENCH.kind, f'{space}/{WRENCH.name}', offered('realtime')
-        )
+        topic = f'{space}/{WRENCH.name}'
+        self._publisher = node.create_publisher(WRENCH.kind, topic, offered('realtime'))
         # Reliable: every answer counts, also if several arrive at once.
-        topic, qos = f'{space}/{SPEED_COMMAND.name}', requested('lockstep')
-        self._subscription = node.create_subscription(
-            SPEED_COMMAND.kind, topic, lambda _: None, qos, raw=True
-        )
+        taken = SPEED_COMMAND.kind, f'{space}/{SPEED_COMMAND.name}', print, requested('lockstep')
+        self._subscription = node.create_subscription(*taken, raw=True)
         self._space, self._sent = space, 0
 
     def wait_for_node(self) -> None:

@@ -14,6 +14,7 @@ from benchmarks.sizes import Sizes
 from ca_ros.evaluation.tables import number, table
 
 PARTS = {
+    'rotors': 'Number of rotors [us]',
     'batches': 'Batches: time of a wrench [us]; on one core, unless two are named',
     'set-up': 'Audit and set-up of `exact`, 16 rotors, another of which has failed each time [us]',
 }
@@ -25,24 +26,20 @@ def page(rows: pd.DataFrame, results: pd.DataFrame, sizes: Sizes, about: Mapping
     chapters = {'': 'The text of benchmarks/README.md says how it is measured.'}
     if about['paper']:
         chapters['Limits'] = limits(rows, results, sizes)
-    for part, title, unit, scale in (
-        ('calls', 'Times per call', 'us', 1e6),
-        ('C', 'In C', 'ns', 1e9),
-    ):
-        if part in parts:
-            chapters[title] = _calls(parts[part], unit, scale)
+    chapters['Times per call'] = _calls(parts['calls'], 'us', 1e6)
+    if 'C' in parts:
+        chapters['In C'] = _calls(parts['C'], 'ns', 1e9)
     sets = ''.join(f'- *{name}*: {words}\n' for name, words in SETS.items())
     words = 'In brackets: over the clipped pseudo-inverse. ✗: wrong answers, see the last column.'
     missed = f'Wrong is what misses wrench, bounds or least norm by more than {WRONG:g}.'
     chapters['Times per call'] += f'\n\n{words} {missed}\n\n{sets}'.rstrip()
-    if 'rotors' in parts:
-        cells = _wide(parts['rotors'], ['contender', 'wrenches'], 'rotors', _time)
-        lines = [[f'`{name}`, {kind}', *row] for (name, kind), *row in cells.itertuples()]
-        chapters['Number of rotors [us]'] = table(('', *map(str, cells)), lines)
     for part in [part for part in PARTS if part in parts]:
-        cells = _wide(parts[part], ['contender'], 'wrenches', _time)
-        lines = [[f'`{name}`', *row] for name, *row in cells.itertuples()]
-        chapters[PARTS[part]] = table(('', *cells), lines)
+        rotors = part == 'rotors'
+        index = ['contender', 'wrenches'] if rotors else ['contender']
+        cells = _wide(parts[part], index, 'rotors' if rotors else 'wrenches', _time)
+        names = [f'`{name[0]}`, {name[1]}' if rotors else f'`{name}`' for name in cells.index]
+        lines = [[name, *row[1:]] for name, row in zip(names, cells.itertuples(), strict=True)]
+        chapters[PARTS[part]] = table(('', *map(str, cells)), lines)
     chapters['The node beside an echo node'] = _node(rows) or 'Not measured.'
     facts = [f'- {title}: {words}' for title, words in about['facts'].items()]
     chapters['Made with'] = '\n'.join(facts)

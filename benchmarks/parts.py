@@ -76,19 +76,16 @@ def time_rotors(rival: str | None, sizes: Sizes, seed: int) -> pd.DataFrame:
     """Return rows of `measure` of the baseline, `exact` and a peer by number of rotors."""
     contenders = {BASELINE: CONTENDERS[BASELINE], 'exact': EXACT}
     contenders |= {rival: CONTENDERS[rival]} if rival else {}
-    calls: dict[Key, Call] = {}
+    calls: dict[str, dict[Key, Call]] = {kind: {} for kind in SETS}
     checks: dict[Key, Answers] = {}
     for n in sizes.rotors:
         parameters = ring(n)
         problem = VehicleProblem(Vehicle.from_parameters(parameters))
         for kind, wrenches in drawn(parameters, problem, sizes, seed).items():
             own = {Key('rotors', kind, name, n): each for name, each in contenders.items()}
-            calls |= {key: each.call(problem) for key, each in own.items()}
+            calls[kind] |= {key: each.call(problem) for key, each in own.items()}
             checks |= dict.fromkeys(own, Answers(problem, wrenches))
-    return pd.concat(
-        measure({key: calls[key] for key in calls if key.wrenches == kind}, checks, sizes, seed)
-        for kind in SETS
-    )
+    return pd.concat(measure(own, checks, sizes, seed) for own in calls.values())
 
 
 def time_batches(
@@ -108,17 +105,12 @@ def time_batches(
         for first in range(0, size * count, size):
             exact.allocate_batch(wrenches[first : first + size])
 
-    jobs: Jobs = {
-        Key('batches', str(size), 'exact', n): (
-            partial(_on, 1, partial(batches, size, count)),
-            size * count,
-        )
-        for size, count in sizes.batches.items()
-    }
-    if len(os.sched_getaffinity(0)) > 1:
-        job = partial(batches, largest, sizes.batches[largest])
-        key = Key('batches', f'{largest}, two cores', 'exact', n)
-        jobs[key] = partial(_on, 2, job), largest * sizes.batches[largest]
+    jobs: Jobs = {}
+    for size, count in sizes.batches.items():
+        two = size == largest and len(os.sched_getaffinity(0)) > 1
+        for cores, words in enumerate(('', ', two cores')[: 1 + two], 1):
+            job = partial(_on, cores, partial(batches, size, count))
+            jobs[Key('batches', f'{size}{words}', 'exact', n)] = job, size * count
     if rival is not None and call is not None:
         part = wrenches[: sizes.looped]
         thrusts = np.empty((len(part), n))

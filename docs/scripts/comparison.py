@@ -85,15 +85,11 @@ def wrenches_table(found: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the table of the metrics on wrenches."""
     rows = []
     for label, own in found.items():
-        inside, outside = own['inside'], own['outside']
-        cells = (
-            *(f'`{label}`', percent(own['missed'])),
-            f'{own["error"].mean():.1e} / {own["error"].max():.1e}',
-            f'{100.0 * abs(inside["energy_excess"]):.3f}',
-            *(percent(each) for each in outside['lost'].values()),
-            percent(outside['reversed']),
-        )
-        rows.append(cells)
+        outside, error = own['outside'], own['error']
+        excess = f'{100.0 * abs(own["inside"]["energy_excess"]):.3f}'
+        cells = percent(own['missed']), f'{error.mean():.1e} / {error.max():.1e}', excess
+        shares = map(percent, (*outside['lost'].values(), outside['reversed']))
+        rows.append((f'`{label}`', *cells, *shares))
     titles = (
         *('method', 'missed [%]', 'error, mean / max', 'energy above least [%]'),
         *('roll and pitch lost [%]', 'thrust lost [%]', 'yaw lost [%]'),
@@ -124,29 +120,21 @@ def flights_table(found: Mapping[str, Outcomes]) -> str:
     return table(titles, rows)
 
 
-def draw(
-    wrenches: Mapping[str, Mapping[str, Any]],
-    found: Mapping[str, Outcomes],
-) -> Figure:
+def draw(wrenches: Mapping[str, Mapping[str, Any]], found: Mapping[str, Outcomes]) -> Figure:
     """Draw four metrics as bars, one row per method; black is `exact`."""
-    count = len(found['exact'])
+    outside = [own['outside'] for own in wrenches.values()]
+    tilts = [100.0 * own['lost']['roll and pitch'] for own in outside]
+    lost = [float(sum(not each.recovered for each in own.values())) for own in found.values()]
     panels: dict[str, list[float]] = {
         'attainable\nwrenches\nmissed [%]': [100.0 * own['missed'] for own in wrenches.values()],
-        'roll and pitch\nlost, unat-\ntainable [%]': [
-            100.0 * own['outside']['lost']['roll and pitch'] for own in wrenches.values()
-        ],
-        'reversed axis,\nunattainable\n[%]': [
-            100.0 * own['outside']['reversed'] for own in wrenches.values()
-        ],
-        f'flights lost\nof {count}': [
-            float(sum(not each.recovered for each in own.values())) for own in found.values()
-        ],
+        'roll and pitch\nlost, unat-\ntainable [%]': tilts,
+        'reversed axis,\nunattainable\n[%]': [100.0 * own['reversed'] for own in outside],
+        f'flights lost\nof {len(found["exact"])}': lost,
     }
     with matplotlib.rc_context(style()):
         figure, body = sheet(3.4)
-        for axes, (words, values) in zip(
-            body.subplots(1, len(panels), sharey=True), panels.items(), strict=True
-        ):
+        parts = body.subplots(1, len(panels), sharey=True)
+        for axes, (words, values) in zip(parts, panels.items(), strict=True):
             colors = ['black' if name == 'exact' else '0.65' for name in found]
             bars = axes.barh([title(name) for name in found], values, color=colors)
             axes.bar_label(bars, [f'{value:.0f}' for value in values], padding=4)

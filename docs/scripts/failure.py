@@ -71,11 +71,8 @@ def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> O
 def rotors_table() -> str:
     """Return the lost axes of each vehicle without each rotor, and whether it flies."""
     rows: dict[tuple[str, ...], list[tuple[int, Outcome]]] = {}
-    for name in shipped():
+    for name in shipped(flying=True):
         sound = Case.load(name)
-        if sound.vehicle.buoyancy:
-            # A vehicle in water does not fall.
-            continue
         for rotor in range(1, sound.vehicle.n + 1):
             health = np.ones(sound.vehicle.n)
             health[rotor - 1] = 0.0

@@ -84,7 +84,8 @@ def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
     """Compile a method for a vehicle; return the program."""
     numbers = header(problem, 'single', 'static const __attribute__((unused))')
     (folder / 'data.h').write_text(numbers, encoding='utf-8')
-    parts = [f'-I{folder}', f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
+    sizes = f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}'
+    parts = [f'-I{folder}', f'-I{DOCS.parent / "benchmarks"}', *sizes]
     if method == 'kernel':
         parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{KERNEL}']
         objects = [folder / f'{name}.o' for name in ('exact', 'least_norm', 'priorities')]
@@ -94,7 +95,7 @@ def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
             subprocess.check_call(command)
         parts += map(str, objects)
     elif method == 'osqp':
-        parts += ['-DCOUNT_OSQP', *osqp_code(problem, folder / 'osqp', use_float=True)]
+        parts += ['-DWITH_OSQP', *osqp_code(problem, folder / 'osqp', use_float=True)]
     program = folder / f'{method}.elf'
     subprocess.check_call([COMPILER, *FLAGS, str(PROGRAM), *parts, '-lm', '-o', str(program)])
     return program
@@ -136,7 +137,7 @@ def count_detector(vehicle: Vehicle) -> Array:
         (folder / 'vehicle.h').write_text('', encoding='utf-8')
         write_detector(FailureDetector(vehicle), 'vehicle', 'single', folder)
         sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
-        parts = [f'-I{folder}', f'-I{KERNEL}', *sizes]
+        parts = [f'-I{folder}', f'-I{KERNEL}', f'-I{DOCS.parent / "benchmarks"}', *sizes]
         sources = [str(PROGRAM), str(folder / 'detector.c'), str(folder / 'vehicle_detector.c')]
         program = folder / 'detector.elf'
         command = [COMPILER, *FLAGS, '-O3', *parts, '-DCA_FLOAT', '-DCOUNT_DETECTOR', *sources]

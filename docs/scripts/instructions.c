@@ -6,7 +6,7 @@
  */
 #include <stdint.h>
 
-#include "data.h"
+#include "methods.h"
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 #define TIMER 0x40000000u /* CMSDK timer 0: control, value, reload; it counts down */
@@ -33,43 +33,19 @@ static void print(uint32_t number, char end)
     semihosting(4, first);
 }
 
-#if defined COUNT_KERNEL
+#ifdef COUNT_KERNEL
 #include "exact.h"
 static ca_problem problem;
 
-static void start(void)
+static uint32_t start(void)
 {
     static const ca_options options = OPTIONS;
-    print((uint32_t)ca_set_up(&problem, CA_N, CA_M, &matrix[0][0], lower, upper, &options), '\n');
+    return (uint32_t)ca_set_up(&problem, CA_N, CA_M, &matrix[0][0], lower, upper, &options);
 }
 
 static int call(const float *u, float *f)
 {
     return ca_allocate(&problem, u, f).status;
-}
-#elif defined COUNT_OSQP
-#include "osqp.h"
-#include "workspace.h"
-
-static void start(void)
-{
-    print(0, '\n');
-}
-
-static int call(const float *u, float *f)
-{
-    float low[CA_M + CA_N], high[CA_M + CA_N];
-    for (int k = 0; k < CA_M; k++)
-        low[k] = high[k] = u[k];
-    for (int i = 0; i < CA_N; i++) {
-        low[CA_M + i] = lower[i];
-        high[CA_M + i] = upper[i];
-    }
-    osqp_update_data_vec(&solver, 0, low, high);
-    osqp_solve(&solver);
-    for (int i = 0; i < CA_N; i++)
-        f[i] = solver.solution->x[i];
-    return solver.info->status_val;
 }
 #elif defined COUNT_DETECTOR
 /* A call is a state and a command of the golden flight. */
@@ -77,10 +53,10 @@ static int call(const float *u, float *f)
 static ca_detector detector;
 static int row;
 
-static void start(void)
+static uint32_t start(void)
 {
     ca_detector_start(&detector, &MODEL);
-    print(0, '\n');
+    return 0;
 }
 
 static int call(const float *u, float *f)
@@ -94,22 +70,15 @@ static int call(const float *u, float *f)
     return detector.health[0] < 1;
 }
 #else
-static void start(void)
+static uint32_t start(void)
 {
-    print(0, '\n');
-}
-
-static int call(const float *u, float *f)
-{
-    for (int i = 0; i < CA_N; i++) {
-        float sum = 0;
-        for (int k = 0; k < CA_M; k++)
-            sum += inverse[i][k] * u[k];
-        sum = sum < lower[i] ? lower[i] : sum;
-        f[i] = sum > upper[i] ? upper[i] : sum;
-    }
     return 0;
 }
+#ifdef WITH_OSQP
+#define call osqp
+#else
+#define call clipped_pinv
+#endif
 #endif
 
 static int nothing(const float *u, float *f)
@@ -135,7 +104,7 @@ static void run(void)
     __asm__ volatile("dsb\nisb");
     REGISTER(TIMER + 8) = REGISTER(TIMER + 4) = 0xFFFFFFFFu;
     REGISTER(TIMER) = 1;
-    start();
+    print(start(), '\n');
     const uint32_t size = WRENCHES[0];
     const float *u = (const float *)(WRENCHES + 1);
     const uint32_t empty = instructions(nothing, u, &status);

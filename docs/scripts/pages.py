@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ca_ros.evaluation.tables import table
-from ca_ros.vehicle.files import config_directory
+from ca_ros.vehicle.files import shipped_vehicles
+from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = Path(__file__).resolve().parents[1]
 
@@ -49,6 +50,7 @@ def telling(
     return table(titles, [row for row in rows if shown(row)], words=words)
 
 
-def shipped() -> list[str]:
-    """Return the names of the shipped vehicles."""
-    return sorted(file.stem for file in config_directory().glob('*.yaml'))
+def shipped(flying: bool = False) -> list[str]:
+    """Return the names of the shipped vehicles; one in water does not fly, and has other gains."""
+    names = shipped_vehicles()
+    return [name for name in names if not (flying and Vehicle.load(name).buoyancy)]

@@ -85,10 +85,7 @@ def limit(good: Callable[[int], bool]) -> int:
 def limits_table() -> str:
     """Return the greatest lag and delays [ms] of each vehicle for each of the gains."""
     rows = []
-    for vehicle in shipped():
-        if Case.load(vehicle).vehicle.buoyancy:
-            # A vehicle in water has other gains.
-            continue
+    for vehicle in shipped(flying=True):
         cells = []
         for effects in LIMITS.values():
             found = [limit(partial(tolerates, vehicle, gain, effects)) for gain in GAINS]

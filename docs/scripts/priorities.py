@@ -5,12 +5,13 @@ Flies manoeuvres that saturate the rotors with every shipped vehicle.  Takes abo
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from flights import MANOEUVRES, Outcome, both_masses, flown, wrong
 from pages import DOCS, fill, shipped, telling
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
-from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS
 
@@ -23,22 +24,14 @@ SHOWN = ('`hexarotor`, heavy', '`quadrotor`', '`hexarotor_tilted`, heavy')
 def flights_table() -> str:
     """Return the results of the flights with each value of the option."""
     rows = []
-    for name in shipped():
-        if Case.load(name).vehicle.buoyancy:
-            # A vehicle in water neither falls nor has a heavy variant.
-            continue
-        for value in THRUST_DEVIATIONS:
-            for title, case in both_masses(name, [f'allocation.exact.thrust_deviation:={value}']):
-                found = [flown(case, 'exact', *each) for each in MANOEUVRES.values()]
-                sums = np.sum(found, axis=0)
-                total = Outcome(*sums.tolist())
-                rows.append(
-                    (
-                        *(title, f'`{value}`', f'{total.recovered:.0f} of {len(found)}'),
-                        *(f'{total.drop:.2f}', f'{total.heading:.1f}'),
-                        f'{total.off:.0f} of {total.inexact:.0f}',
-                    )
-                )
+    for name, value in product(shipped(flying=True), THRUST_DEVIATIONS):
+        for title, case in both_masses(name, [f'allocation.exact.thrust_deviation:={value}']):
+            found = [flown(case, 'exact', *each) for each in MANOEUVRES.values()]
+            total = Outcome(*np.sum(found, axis=0).tolist())
+            recovered = f'{total.recovered:.0f} of {len(found)}'
+            cells = f'{total.drop:.2f}', f'{total.heading:.1f}'
+            off = f'{total.off:.0f} of {total.inexact:.0f}'
+            rows.append((title, f'`{value}`', recovered, *cells, off))
     titles = (
         *('vehicle', 'thrust deviation', 'recovered', 'height lost [m]'),
         *('heading error [rad s]', 'wrong yaw'),
@@ -50,41 +43,31 @@ def flights_table() -> str:
 def rows_table() -> str:
     """Return what is missed of the unattainable wrenches of PX4's test."""
     rows = np.loadtxt(ROWS, delimiter=',', skiprows=1)
-    vehicle = Vehicle.from_parameters(
-        {
-            'vehicle.mass': 2.0 / 9.81,
-            'vehicle.inertia': [1.0, 1.0, 1.0],
-            'rotors.positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0],
-            'rotors.spins': ['cw', 'ccw', 'cw', 'ccw'],
-            'rotors.thrust_coefficient': 1.0,
-            'rotors.torque_coefficient': 1.0,
-            'rotors.speed_min': 0.0,
-            'rotors.speed_max': 1.0,
-        }
-    )
+    rotors = {
+        'positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0],
+        'spins': ['cw', 'ccw', 'cw', 'ccw'],
+        **dict.fromkeys(('thrust_coefficient', 'torque_coefficient', 'speed_max'), 1.0),
+        'speed_min': 0.0,
+    }
+    parameters = {'vehicle.mass': 2.0 / 9.81, 'vehicle.inertia': [1.0, 1.0, 1.0]}
+    parameters |= {f'rotors.{name}': value for name, value in rotors.items()}
+    vehicle = Vehicle.from_parameters(parameters)
     gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
     demands = np.column_stack([4.0 * rows[:, 3], rows[:, :3]])
     served = {
         f'`exact`, `{reversal}`': admissible.prioritize(demands, thrust_deviation=reversal)
         for reversal in THRUST_DEVIATIONS
     }
-    served['`exact`, yaw before thrust'] = admissible.prioritize(
-        demands, ['roll pitch', 'yaw', 'thrust']
-    )
+    order = ['roll pitch', 'yaw', 'thrust']
+    served['`exact`, yaw before thrust'] = admissible.prioritize(demands, order)
     for i, name in enumerate(('no airmode', 'roll-pitch airmode', 'roll-pitch-yaw airmode')):
         served[f'PX4, {name}'] = rows[:, 4 + 4 * i : 8 + 4 * i] @ gamma.T
     lines = []
     for name, wrenches in served.items():
         missing = np.abs(demands - wrenches)
-        lines.append(
-            (
-                name,
-                f'{np.linalg.norm(missing[:, 1:3], axis=1).sum():.2f}',
-                f'{missing[:, 0].sum() / 4.0:.2f}',
-                f'{missing[:, 3].sum():.2f}',
-                str(np.count_nonzero(wrong(wrenches[:, 3], demands[:, 3]))),
-            )
-        )
+        missed = np.linalg.norm(missing[:, 1:3], axis=1), missing[:, 0] / 4.0, missing[:, 3]
+        yaw = str(np.count_nonzero(wrong(wrenches[:, 3], demands[:, 3])))
+        lines.append((name, *(f'{each.sum():.2f}' for each in missed), yaw))
     titles = ('', 'roll and pitch missed', 'thrust', 'yaw', 'wrong yaw')
     return table(titles, lines)
 
