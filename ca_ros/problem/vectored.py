@@ -1,0 +1,202 @@
+"""Allocation problems whose effectors are vectors in convex sets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array, constant
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
+from ca_ros.solver.interior_point import minimize
+from ca_ros.solver.sets_newton import SetsNewton
+
+LEVEL_GAP = 1e-10
+"""By how much a line may be too short, in quarters of the range of an axis."""
+
+STILL = 1e-12
+"""Length of a line, as a share of the range, that counts as none."""
+
+INSIDE_MIN = 1e-9
+"""Least share of the way from the middle of the set beyond the reference, if that is inside."""
+
+
+class Line(NamedTuple):
+    """How far a line goes inside the attainable set.
+
+    Attributes
+    ----------
+    point : (n,) array
+        Inside the sets; it gives the last point of the line.
+    length : float
+        t of that point.
+    most : float
+        No attainable point of the line has a greater t: computed from a normal and the support
+        function of the sets.
+    """
+
+    point: Array
+    length: float
+    most: float
+
+
+class VectoredProblem(AllocationProblem):
+    """Find x with u = B x, where each effector is a vector x_i in a convex set C_i.
+
+    A rotor that tilts about one axis is a vector in a sector, a rotor on a gimbal one in a cone,
+    an azimuth thruster one in a disc; a rotor that is fixed to the body is a number in an
+    interval.  The thrusts of an answer are all components of these vectors, in the order of
+    the columns of B.
+
+    Parameters
+    ----------
+    matrix : (m, n) array
+        B, with one column for each component.  The first component of a sector is along its axis.
+    sets : sequence of Interval or Sector
+        C_i, with n components together.
+    axes, reference, effector_kind
+        As in `AllocationProblem`.
+    effector_names : sequence of str, optional
+        One for each set; by default their numbers, from 1.
+
+    Attributes
+    ----------
+    sets : ConvexSets
+    lower, upper : (n,) arrays
+        The least box around the sets.
+
+    Raises
+    ------
+    ValueError
+        As in `AllocationProblem`, or if the sets have another number of components.
+    """
+
+    sets: ConvexSets
+
+    def __init__(
+        self,
+        matrix: ArrayLike,
+        sets: Sequence[ConvexSet],
+        axes: Sequence[str] | None = None,
+        effector_names: Sequence[str] | None = None,
+        reference: ArrayLike | None = None,
+        effector_kind: str = 'effectors',
+    ) -> None:
+        self.sets = ConvexSets(sets)
+        names = effector_names or [str(i + 1) for i in range(len(sets))]
+        if len(names) != len(sets):
+            raise ValueError(f'effector_names: expected {len(sets)}, got {len(names)}')
+        super().__init__(
+            matrix, self.sets.lower, self.sets.upper, axes, component_names(names, sets),
+            reference, effector_kind,
+        )
+
+    def _fill(self, gamma: Array, lower: Array, upper: Array, reference: Array) -> None:
+        super()._fill(gamma, lower, upper, reference)
+        most, least = self.sets.support(gamma), -self.sets.support(-gamma)
+        self.middle = constant(self.sets.inner)
+        self.center, self.extent = constant((most + least) / 2.0), constant((most - least) / 2.0)
+
+    def clip(self, thrusts: Array) -> Array:
+        """Return the nearest vectors (..., n) of the sets."""
+        return self.sets.project(thrusts)
+
+    def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
+        """Raise a TypeError: vectors are bounded by sets."""
+        self._no_box()
+
+    @cached_property
+    def least_norm(self) -> SetsNewton:  # type: ignore[override]
+        """The quadratic program of `exact` over the sets."""
+        return SetsNewton(self.gamma, self.sets)
+
+    def attains(self, u: Array) -> bool:
+        """Tell whether a wrench (m,) is attainable, up to `tolerance` and rounding errors."""
+        found = self.least_norm.solve(u[None], np.atleast_1d(self.tolerance(u)))
+        return bool(found.attained[0])
+
+    def attains_unbounded(self, u: Array) -> bool:
+        """Tell whether the pseudo-inverse of a wrench (m,) is in the sets."""
+        vectors = np.linalg.pinv(self.gamma) @ u
+        return bool(np.abs(vectors - self.clip(vectors)).max() < 1e-12)
+
+    def line(
+        self, rows: Sequence[int], point: Array, begin: Array, way: Array, end: float
+    ) -> Line:
+        """Go as far as possible along a line in some axes, while the others are free.
+
+        Parameters
+        ----------
+        rows : sequence of k int
+            The axes.
+        point : (n,) array
+            Inside the sets; where the search starts.
+        begin, way : (k,) arrays
+            The line is ``begin + t way``; `begin` is inside the set of attainable wrenches.
+        end : float
+            Greatest t.
+        """
+        extent, gamma = self.extent[rows], self.gamma[rows]
+        size = float(np.abs(way / extent).max(initial=0.0)) / 4.0
+        if size < STILL:
+            return Line(point, end, end)
+        top = min(end * size, 4.0)
+        sets = ConvexSets([*self.sets.sets, Interval(-1.0, top)])
+        matrix = np.column_stack([gamma, -way / size]) / extent[:, None]
+        cost = np.append(np.zeros(self.n), -1.0)
+        start = np.append(point, min(0.0, top - 0.5))
+        found = minimize(sets, matrix, begin / extent, cost, start, LEVEL_GAP)
+        # Each normal bounds the length of the line, whatever the method did.
+        normal = found.multipliers / extent
+        rise = float(normal @ way)
+        if rise < 0.0:
+            normal, rise = -normal, -rise
+        most = np.inf
+        if rise > 0.0:
+            most = (float(self.sets.support(normal @ gamma)) - float(normal @ begin)) / rise
+        return Line(found.point[:-1], float(found.point[-1]) / size, min(most, end))
+
+    def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
+        """Return the greatest t <= limit for which ``start + t direction`` is attainable."""
+        rows = list(range(len(self.axes)))
+        found = self.line(rows, self.middle, start, direction, limit)
+        return limit if found.most == limit else found.length
+
+    @cached_property
+    def reference_inside(self) -> bool:
+        """Whether the reference is inside the admissible set, not on its boundary."""
+        if not self.spans:
+            return False
+        begin = self.gamma @ self.middle
+        return self.reach(begin, self.reference - begin, 2.0) > 1.0 + INSIDE_MIN
+
+    @property
+    def simplex(self) -> NoReturn:  # type: ignore[override]
+        """There is none: raise a TypeError."""
+        self._no_box()
+
+    @property
+    def image(self) -> NoReturn:  # type: ignore[override]
+        """There is none: raise a TypeError."""
+        self._no_box()
+
+    def _no_box(self) -> NoReturn:
+        raise TypeError(
+            'the effectors of this problem are vectors in sets, not numbers within bounds: '
+            'expected exact, or a method in VECTOR_METHODS'
+        )
+
+
+
+
+def component_names(names: Sequence[str], sets: Sequence[ConvexSet]) -> list[str]:
+    """Return a name for each component: of a sector's, with its number, such as ``3.1``."""
+    return [
+        name if each.size == 1 else f'{name}.{k + 1}'
+        for name, each in zip(names, sets, strict=True)
+        for k in range(each.size)
+    ]

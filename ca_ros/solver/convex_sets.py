@@ -1,0 +1,366 @@
+"""Convex sets of effectors: projection, its derivative, support function and barrier."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import acos, cos, isfinite, pi, sin, tan
+
+import numpy as np
+
+from ca_ros.arrays import Array, BoolArray
+
+THIN = 1e-9
+"""Half angle below which a sector is an interval along its axis [rad]."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The numbers from `lower` to `upper`: an effector with a fixed direction."""
+
+    lower: float
+    upper: float
+    size = 1
+
+    def __post_init__(self) -> None:
+        if not -np.inf < self.lower <= self.upper < np.inf:
+            raise ValueError(f'expected lower <= upper, finite; got {self}')
+
+
+@dataclass(frozen=True)
+class Sector:
+    """Vectors of length up to `radius`, turned by up to `half_angle` from the first axis.
+
+    In the plane this is a sector: a rotor with one tilt angle.  In space it is a cone with a round
+    base: a rotor on a gimbal.  With a half angle of pi it is a disc or a ball.
+
+    Parameters
+    ----------
+    half_angle : float
+        Up to pi/2, or pi: a sector of between half a circle and a circle is not convex [rad].
+    radius : float
+        Positive.
+    size : 2 or 3
+        Number of components.
+    least : float
+        Least component along the axis, below `radius`; zero for none.  Vectors from a length
+        `least` on are not a convex set; these are a convex part of them.
+    """
+
+    half_angle: float
+    radius: float
+    size: int = 2
+    least: float = 0.0
+
+    def __post_init__(self) -> None:
+        angle = self.half_angle
+        if not (THIN < angle <= pi / 2 + 1e-12 or angle == pi):
+            raise ValueError(f'half_angle: expected up to pi/2, or pi; got {angle:g} rad')
+        if self.size not in (2, 3):
+            raise ValueError(f'size: expected 2 or 3 components, got {self.size!r}')
+        if not (0.0 < self.radius and isfinite(self.radius)):
+            raise ValueError(f'radius: expected a positive number, got {self.radius!r}')
+        if not 0.0 <= self.least < self.radius or (self.least and angle == pi):
+            raise ValueError(
+                f'least: expected 0 up to the radius {self.radius:g}, and 0 for a half angle of '
+                f'pi; got {self.least!r}'
+            )
+
+    @property
+    def corners(self) -> tuple[float, float, float, float]:
+        """Where the flank ends, (along, across) each: at the arc, and at the axis or `least`."""
+        end = min(self.half_angle, acos(self.least / self.radius)) if self.least else (
+            self.half_angle)
+        across = self.radius * sin(end)
+        inner = across if end < self.half_angle else self.least * tan(end)
+        return self.radius * cos(end), across, self.least, inner if self.least else 0.0
+
+
+ConvexSet = Interval | Sector
+
+
+class ConvexSets:
+    """The product of convex sets, one for each effector.
+
+    Sectors are symmetric about their axis, so everything reduces to the half plane of the
+    components along and across it.  All methods take leading dimensions.
+
+    Parameters
+    ----------
+    sets : sequence of Interval or Sector
+
+    Attributes
+    ----------
+    sets : tuple
+    n : int
+        Number of components.
+    first : list of int
+        The first component of each set.
+    lower, upper : (n,) arrays
+        The least box around the product.
+    inner : (n,) array
+        A point inside all sets.
+    complexity : float
+        Parameter of the barrier: along its path the gap is this over the weight of the cost.
+    """
+
+    def __init__(self, sets: Sequence[ConvexSet]) -> None:
+        self.sets = tuple(sets)
+        ends = np.cumsum([0, *(each.size for each in sets)])
+        self.n, self.first = int(ends[-1]), ends[:-1].tolist()
+        placed = list(zip(self.sets, self.first, strict=True))
+        intervals = [(each, k) for each, k in placed if isinstance(each, Interval)]
+        self._line = np.array([k for _, k in intervals], int)
+        self._low = np.array([each.lower for each, _ in intervals], float)
+        self._high = np.array([each.upper for each, _ in intervals], float)
+        self._groups = [
+            _Sectors([(each, k) for each, k in placed if isinstance(each, Sector)
+                      and each.size == size], size)
+            for size in (2, 3)
+            if any(isinstance(each, Sector) and each.size == size for each in sets)
+        ]
+        self.lower = -self.support_of_axes(-1.0)
+        self.upper = self.support_of_axes(1.0)
+        self.inner = np.zeros(self.n)
+        self.inner[self._line] = 0.5 * (self._low + self._high)
+        for group in self._groups:
+            self.inner[group.places[:, 0]] = group.middle
+        self.complexity = 2.0 * len(intervals) + sum(group.complexity for group in self._groups)
+
+    def support_of_axes(self, sign: float) -> Array:
+        """Return the greatest value (n,) of each component times a sign."""
+        # Beside other components of zero only this one's set counts, but all are summed.
+        zero = float(self.support(np.zeros(self.n)))
+        return np.asarray(self.support(sign * np.eye(self.n)) - zero, float)
+
+    def project(self, points: Array) -> Array:
+        """Return the nearest points (..., n) of the sets."""
+        nearest = np.empty_like(points)
+        line = points[..., self._line]
+        nearest[..., self._line] = np.minimum(np.maximum(line, self._low), self._high)
+        for group in self._groups:
+            nearest[..., group.places] = group.project(points[..., group.places])[0]
+        return nearest
+
+    def project_with_derivative(self, points: Array) -> tuple[Array, Array]:
+        """Return the projection (..., n) and one of its generalized derivatives (..., n, n)."""
+        nearest = np.empty_like(points)
+        rate = np.zeros((*points.shape, self.n))
+        line = points[..., self._line]
+        nearest[..., self._line] = np.minimum(np.maximum(line, self._low), self._high)
+        rate[..., self._line, self._line] = (line > self._low) & (line < self._high)
+        for group in self._groups:
+            place = group.places
+            nearest[..., place], blocks = group.derivative(points[..., place])
+            rate[..., place[:, :, None], place[:, None, :]] = blocks
+        return nearest, rate
+
+    def support(self, slopes: Array) -> Array:
+        """Return the greatest ``slopes @ x`` (...) of points x of the sets."""
+        line = slopes[..., self._line]
+        total = np.maximum(line * self._low, line * self._high).sum(axis=-1)
+        for group in self._groups:
+            total = total + group.farthest(slopes[..., group.places])[1].sum(axis=-1)
+        return np.asarray(total, float)
+
+    def farthest(self, slopes: Array) -> Array:
+        """Return points (..., n) with the greatest ``slopes @ x``."""
+        points = np.empty_like(slopes)
+        line = slopes[..., self._line]
+        points[..., self._line] = np.where(line > 0.0, self._high, self._low)
+        for group in self._groups:
+            points[..., group.places] = group.farthest(slopes[..., group.places])[0]
+        return points
+
+    def slacks(self, points: Array) -> Array:
+        """Return numbers that are all positive inside the sets, for one point (n,)."""
+        line = points[self._line]
+        parts = [line - self._low, self._high - line]
+        parts += [group.slacks(points[group.places]) for group in self._groups]
+        return np.concatenate(parts)
+
+    def barrier(self, points: Array) -> tuple[Array, Array]:
+        """Return gradient (n,) and a root (k, n) of the Hessian of the barrier ``-sum log``.
+
+        The Hessian is ``root.T @ root``; formed as a sum it would lose its digits near the boundary.
+        """
+        gradient = np.zeros(self.n)
+        line = points[self._line]
+        low, high = 1.0 / (line - self._low), 1.0 / (self._high - line)
+        gradient[self._line] = high - low
+        eye = np.eye(self.n)[self._line]
+        roots = [np.hypot(low, high)[:, None] * eye]
+        for group in self._groups:
+            place = group.places
+            gradient[place], rows = group.barrier(points[place])
+            count, each, _ = rows.shape
+            wide = np.zeros((count, each, self.n))
+            np.put_along_axis(wide, np.broadcast_to(place[:, None, :], rows.shape), rows, axis=2)
+            roots.append(wide.reshape(count * each, self.n))
+        return gradient, np.concatenate(roots)
+
+    def lengths(self, points: Array) -> Array:
+        """Return the length (..., k) of each effector's vector; of an interval its number."""
+        found = [
+            points[..., k] if each.size == 1
+            else np.linalg.norm(points[..., k : k + each.size], axis=-1)
+            for each, k in zip(self.sets, self.first, strict=True)
+        ]
+        return np.stack(found, axis=-1)
+
+
+class _Sectors:
+    """Sectors with the same number of components; arrays are (..., k, size)."""
+
+    def __init__(self, placed: Sequence[tuple[Sector, int]], size: int) -> None:
+        self.places = np.array([[k + i for i in range(size)] for _, k in placed])
+        sets = [each for each, _ in placed]
+        self._radius = np.array([each.radius for each in sets])
+        self._least = np.array([each.least for each in sets])
+        self._full = np.array([each.half_angle == pi for each in sets])
+        angles = np.array([min(each.half_angle, pi / 2) for each in sets])
+        corners = np.array([each.corners for each in sets]).T
+        self._end, self._across, self._inner = corners[0], corners[1], corners[3]
+        self._cos, self._sin = np.cos(angles), np.sin(angles)
+        self._cos[angles > pi / 2 - 1e-12], half = 0.0, self._cos < 1e-12
+        # The flank from `least` to the arc; it is empty if `least` cuts all of it off.
+        begin = self._least / np.where(half, np.where(self._least > 0.0, 1e-300, 1.0), self._cos)
+        self._begin = np.minimum(begin, self._radius)
+        self._flank = (begin < self._radius) & ~self._full
+        # Which barriers there are: of the flank as a cone, and of the plane at `least`.
+        self._cone = self._flank & ~half
+        self._plane = ~self._full & (half | (self._least > 0.0))
+        self._slope = np.where(self._cone, self._sin / np.where(half, 1.0, self._cos), 0.0)
+        low = np.where(self._full, 0.0, self._least)
+        self.middle = np.where(self._full, 0.0, low + 0.6 * (self._radius - low))
+        self.complexity = float(2 * len(sets) + 2 * self._cone.sum() + self._plane.sum())
+
+    def project(self, points: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Return nearest points, the number of the case, and the half plane's coordinates.
+
+        The cases: 0 inside, 1 on the arc, 2 on the flank, 3 on the plane at `least`, 4 a corner.
+        """
+        along, rest = points[..., 0], points[..., 1:]
+        across = np.abs(rest[..., 0]) if rest.shape[-1] == 1 else np.linalg.norm(rest, axis=-1)
+        length = np.hypot(along, across)
+        radius = self._radius
+        on_flank = along * self._cos + across * self._sin
+        ahead = self._full | (across * self._end <= along * self._across)
+        inside = (length <= radius) & (self._full | (
+            (across * self._cos <= along * self._sin) & (along >= self._least)))
+        # The nearest point of each part of the boundary; one of them is nearest.
+        scale = radius / np.where(length > 0.0, length, 1.0)
+        held = np.minimum(np.maximum(on_flank, self._begin), radius)
+        flank = (np.where(self._flank, held * self._cos, self._end),
+                 np.where(self._flank, held * self._sin, self._across))
+        plane = self._least + 0.0 * along, np.minimum(across, self._inner)
+        far = np.where(self._full, np.inf, 0.0)
+        off = np.hypot(along - flank[0], across - flank[1]) + far
+        under = np.hypot(along - plane[0], across - plane[1]) + far
+        arc = ahead & (length > radius)
+        by_flank = ~arc & (off <= under)
+        case = np.where(arc, 1, np.where(by_flank, 2, 3))
+        corner = np.where(by_flank, (held != on_flank) | ~self._flank, across >= self._inner)
+        case = np.where(inside, 0, np.where(~arc & corner, 4, case))
+        to = np.where(arc, along * scale, np.where(by_flank, flank[0], plane[0]))
+        up = np.where(arc, across * scale, np.where(by_flank, flank[1], plane[1]))
+        to, up = np.where(inside, along, to), np.where(inside, across, up)
+        ratio = up / np.where(across > 0.0, across, 1.0)
+        nearest = np.concatenate([to[..., None], rest * ratio[..., None]], axis=-1)
+        return nearest, case, along, across, length, ratio
+
+    def derivative(self, points: Array) -> tuple[Array, Array]:
+        """Return nearest points and derivatives (..., k, size, size)."""
+        nearest, case, along, across, length, ratio = self.project(points)
+        size = points.shape[-1]
+        shrink = self._radius / np.where(length > 0.0, length, 1.0)
+        c = along / np.where(length > 0.0, length, 1.0)
+        s = across / np.where(length > 0.0, length, 1.0)
+        one, zero = np.ones_like(along), np.zeros_like(along)
+        cos_, sin_ = self._cos + zero, self._sin + zero
+        choices = [
+            (one, zero, one),
+            (shrink * s * s, -shrink * c * s, shrink * c * c),
+            (cos_ * cos_, cos_ * sin_, sin_ * sin_),
+            (zero, zero, one),
+            (zero, zero, zero),
+        ]
+        aa, ac, cc = (np.choose(case, [choice[i] for choice in choices]) for i in range(3))
+        blocks = np.zeros((*points.shape, size))
+        away = points[..., 1:] / np.where(across > 0.0, across, 1.0)[..., None]
+        blocks[..., 0, 0] = aa
+        blocks[..., 0, 1:] = blocks[..., 1:, 0] = ac[..., None] * away
+        # Around the axis a vector turns with its projection.
+        turn = np.where(across > 0.0, ratio, cc)
+        outer = away[..., :, None] * away[..., None, :]
+        blocks[..., 1:, 1:] = turn[..., None, None] * np.eye(size - 1) + (
+            (cc - turn)[..., None, None] * outer)
+        return nearest, blocks
+
+    def farthest(self, slopes: Array) -> tuple[Array, Array]:
+        """Return points with the greatest product with slopes, and the products (..., k)."""
+        along, rest = slopes[..., 0], slopes[..., 1:]
+        across = np.linalg.norm(rest, axis=-1)
+        length = np.hypot(along, across)
+        ahead = (self._full | (across * self._end <= along * self._across)) & (length > 0.0)
+        scale = self._radius / np.where(length > 0.0, length, 1.0)
+        outer = along * self._end + across * self._across
+        inner = along * self._least + across * self._inner
+        out = outer >= inner
+        to = np.where(ahead, along * scale, np.where(out, self._end, self._least))
+        up = np.where(ahead, across * scale, np.where(out, self._across, self._inner))
+        up = np.where(across > 0.0, up, 0.0)
+        value = np.where(ahead, self._radius * length, np.maximum(outer, inner))
+        value, to = np.where(self._full & (length == 0.0), 0.0, value), np.where(
+            self._full & (length == 0.0), 0.0, to)
+        ratio = (up / np.where(across > 0.0, across, 1.0))[..., None]
+        return np.concatenate([to[..., None], rest * ratio], axis=-1), value
+
+    def _terms(self, points: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        along = points[:, 0]
+        across = np.linalg.norm(points[:, 1:], axis=-1)
+        length = np.hypot(along, across)
+        slope = self._slope * along
+        one = np.ones_like(along)
+        return (
+            length,
+            across,
+            self._radius - length,
+            np.where(self._cone, slope - across, one),
+            np.where(self._cone, slope + across, one),
+            np.where(self._plane, along - self._least, one),
+        )
+
+    def slacks(self, points: Array) -> Array:
+        """Return numbers that are positive inside."""
+        return np.concatenate(self._terms(points)[2:])
+
+    def barrier(self, points: Array) -> tuple[Array, Array]:
+        """Return gradients (k, size) and roots (k, 4 + 2 size, size) of the Hessians."""
+        length, across, ball, cone, mirror, plane = self._terms(points)
+        size = points.shape[-1]
+        out = points / np.where(length > 0.0, length, 1.0)[:, None]
+        away = points[:, 1:] / np.where(across > 0.0, across, 1.0)[:, None]
+        zero, axis = np.zeros_like(length)[:, None], np.eye(size)[0]
+        whole = self._radius + length
+        # -log(r - length) - log(r + length), and the same of the cone; both turn about the axis.
+        flank = self._cone / cone, self._cone / mirror
+        toward = [
+            np.concatenate([self._slope[:, None] + zero, sign * away], axis=1)
+            for sign in (-1.0, 1.0)
+        ]
+        inverse = self._plane / plane
+        gradient = out * (2.0 * length / (ball * whole))[:, None] - inverse[:, None] * axis
+        for rate, row in zip(flank, toward, strict=True):
+            gradient = gradient - rate[:, None] * row
+        rows = [out * (1.0 / ball)[:, None], out * (1.0 / whole)[:, None],
+                inverse[:, None] * axis]
+        rows += [rate[:, None] * row for rate, row in zip(flank, toward, strict=True)]
+        square = np.eye(size) - out[:, :, None] * out[:, None, :]
+        stack = [row[:, None, :] for row in rows]
+        stack.append(square * np.sqrt(2.0 / (ball * whole))[:, None, None])
+        if size > 2:
+            around = np.zeros((len(points), size, size))
+            around[:, 1:, 1:] = np.eye(size - 1) - away[:, :, None] * away[:, None, :]
+            stack.append(around * np.sqrt(2.0 * flank[0] * flank[1])[:, None, None])
+        return gradient, np.concatenate(stack, axis=1)
