@@ -160,6 +160,7 @@ setup(
         # are held back because each new series may report errors in code that passed before.
         'test': [
             'build',
+            'clarabel',
             'colcon-common-extensions',
             'hypothesis',
             'mcap-ros2-support>=0.5.5',

@@ -15,8 +15,9 @@ from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import Settings, described
+from ca_ros.settings import ParameterError, Settings, described
 from ca_ros.vehicle.vehicle import Vehicle
 
 P = ParamSpec('P')
@@ -88,6 +89,8 @@ class Allocator(ABC):
     """For the table in docs/parameters.md; if empty, it has the first line of the docstring."""
     guarantees: ClassVar[str] = 'the bounds'
     """What holds for every result, for the same table."""
+    takes_vectors: ClassVar[bool] = False
+    """Whether the effectors may be vectors in sets (`VectoredProblem`)."""
     engine: str = 'NumPy'
     """What works out the thrusts."""
 
@@ -106,6 +109,11 @@ class Allocator(ABC):
         self.problem = (
             accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
         )
+        if isinstance(self.problem, VectoredProblem) and not self.takes_vectors:
+            raise ParameterError(
+                f'{type(self).__name__} takes effectors that are numbers within bounds, not '
+                'vectors in sets such as rotors that tilt: exact takes both'
+            )
 
     @classmethod
     def settings_type(cls) -> type[Settings]:

@@ -12,10 +12,12 @@ from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
+from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
-from ca_ros.kernel import INVALID, chosen
+from ca_ros.kernel import INVALID, Kernel, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 EXACT = Status.EXACT
@@ -63,6 +65,7 @@ class Exact(Allocator):
 
     solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'
     guarantees = 'the bounds, and Gamma f = u for every admissible u'
+    takes_vectors = True
     settings: ExactSettings
 
     @takes_settings(ExactSettings)
@@ -72,12 +75,16 @@ class Exact(Allocator):
         self._n = problem.n
         self._preference = settings.preference(problem)
         kernel = None
-        if settings.solver == 'newton':
+        if settings.solver == 'newton' and not isinstance(problem, VectoredProblem):
             kernel = chosen(problem.n, len(problem.axes))
         self.engine = 'C' if kernel else 'NumPy'
-        self._engine = (
-            kernel_for(kernel, problem, settings) if kernel else NumpyEngine(problem, settings)
-        )
+        self._engine: Kernel | NumpyEngine | VectoredEngine
+        if isinstance(problem, VectoredProblem):
+            self._engine = VectoredEngine(problem, settings)
+        elif kernel:
+            self._engine = kernel_for(kernel, problem, settings)
+        else:
+            self._engine = NumpyEngine(problem, settings)
 
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:
         # The kernel cannot be copied; its set-up takes microseconds.

@@ -13,7 +13,7 @@ from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import PrioritiesSettings
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.settings import Numbers, ParameterError, check_ratio, repeated, setting
+from ca_ros.settings import Numbers, ParameterError, check_ratio, setting
 
 POLICIES = {
     'prioritize': Status.PRIORITIZED,
@@ -90,8 +90,8 @@ class ExactSettings(PrioritiesSettings):
         ParameterError
             If there is not one number for each effector, or a preferred thrust is too great.
         """
-        weights = repeated('weights', self.weights, problem.n)
-        preferred = repeated('preferred', self.preferred, problem.n)
+        weights = problem.spread('weights', self.weights)
+        preferred = problem.spread('preferred', self.preferred, along=True)
         limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())
         if np.abs(preferred).max() > limit:
             raise ParameterError(

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 
-import numpy as np
-
 from ca_ros.allocation.certificate import Certificate, certify
+from ca_ros.allocation.vectored_certificate import VectoredCertificate, certify_vectors
 from ca_ros.arrays import Array, IntArray
-from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import vehicle_of
 
 
@@ -51,7 +51,7 @@ class Answer:
         TypeError
             If the problem has no vehicle.
         """
-        return vehicle_of(self.problem).speeds(self.thrusts)
+        return vehicle_of(self.problem).speeds(self.problem.sizes(self.thrusts))
 
     @property
     def wrench(self) -> Array:
@@ -66,14 +66,13 @@ class Answer:
     @property
     def saturation(self) -> IntArray:
         """Per rotor, (n,): -1 at its lower and +1 at its upper bound, to rounding; 0 between."""
-        low, high = self.problem.lower, self.problem.upper
-        below, above = (EXACT_TOLERANCE * np.maximum(1.0, np.abs(end)) for end in (low, high))
-        at_upper = (self.thrusts >= high - above).astype(np.int8)
-        return np.where(self.thrusts <= low + below, np.int8(-1), at_upper)
+        return self.problem.saturation(self.thrusts)
 
     @cached_property
-    def certificate(self) -> Certificate:
+    def certificate(self) -> Certificate | VectoredCertificate:
         """The certificate, computed from the problem's data at the first access."""
+        if isinstance(self.problem, VectoredProblem):
+            return certify_vectors(self.problem, self.demand, self.thrusts, self.preference)
         return certify(self.problem, self.demand, self.thrusts, self.preference)
 
 

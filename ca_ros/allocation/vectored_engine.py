@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ca_ros.allocation.exact_engines import Setting
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
@@ -27,28 +27,30 @@ class VectoredEngine:
     serve, and the vectors of least cost if Newton's method does not.
     """
 
-    def __init__(self, problem: VectoredProblem, setting: Setting) -> None:
-        if not problem.spans:
+    def __init__(self, problem: VectoredProblem, settings: ExactSettings) -> None:
+        if not problem.has_volume:
             raise problem.no_volume()
-        preference = setting.preference(problem.n) or (None, None)
-        self._problem, self._setting = problem, setting
+        self._problem, self._settings = problem, settings
+        self._serving = settings.serving(problem)
+        preference = settings.preference(problem) or (None, None)
         self._solver = SetsNewton(problem.gamma, problem.sets, *preference)
 
     @cached_property
     def _line(self) -> VectoredPrioritization:
         """The last attainable point on a line to a demand."""
-        begin = self._setting.reference if self._setting.on_reference else None
+        _, _, reference, on_reference = self._serving
         rows = [list(range(len(self._problem.axes)))]
-        return VectoredPrioritization(self._problem, rows, self._setting.reference, begin=begin)
+        begin = reference if on_reference else None
+        return VectoredPrioritization(self._problem, rows, reference, begin=begin)
 
     @cached_property
     def _serve(self) -> VectoredPrioritization:
-        if self._setting.status is not Status.PRIORITIZED:
+        if self._settings.status is not Status.PRIORITIZED:
             return self._line
-        axes = self._problem.axes
-        rows = [[axes.index(axis) for axis in group] for group in self._setting.groups]
+        axes, serving = self._problem.axes, self._serving
+        rows = [[axes.index(axis) for axis in group] for group in serving.groups]
         return VectoredPrioritization(
-            self._problem, rows, self._setting.reference, self._setting.reversal
+            self._problem, rows, serving.reference, serving.thrust_deviation
         )
 
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
@@ -68,22 +70,22 @@ class VectoredEngine:
         thrusts[:], status[:], levels[:] = found.points, Status.EXACT, 1.0
         missed = lengths(wrenches - found.points @ problem.gamma.T)
         size = tolerance / EXACT_TOLERANCE
-        near = ~found.unattainable & (missed <= self._setting.slack * size)
+        near = ~found.unattainable & (missed <= self._settings.residual_slack * size)
         for i in np.flatnonzero(~(found.attained | near)):
-            thrusts[i], status[i], levels[i] = self._other(
-                wrenches[i], bool(found.unattainable[i]), float(self._setting.slack * size[i])
-            )
+            slack = float(self._settings.residual_slack * size[i])
+            answer = self._other(wrenches[i], bool(found.unattainable[i]), slack)
+            thrusts[i], status[i], levels[i] = answer
 
     def _other(self, u: Array, unattainable: bool, slack: float) -> tuple[Array, int, float]:
         """Return the vectors, status and level of a wrench that Newton's method cannot serve."""
-        problem, status = self._problem, self._setting.status
+        problem, status = self._problem, self._settings.status
         if not unattainable:
             served = self._line(u)
             missed = float(lengths(u - served.wrenches))
             if served.reached or missed <= slack:
                 return self._least(served.wrenches, served.thrusts), Status.EXACT, 1.0
         if status is Status.REJECTED:
-            return problem.rest, status, 0.0
+            return problem.resting_thrusts, status, 0.0
         served = self._serve(u)
         return (
             self._least(served.wrenches, served.thrusts), status, float(served.levels.min())

@@ -13,11 +13,12 @@ from ca_ros.arrays import Array, BoolArray, constant
 from ca_ros.problem.prioritization import (
     THRUST_DEVIATION,
     THRUST_DEVIATIONS,
-    Prioritization,
     default_order,
     groups_of,
 )
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.problem.vectored_priorities import AnyPrioritization, prioritization_of
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import ParameterError
 from ca_ros.solver.polytope import Polytope, ordered, section, vertices_of
@@ -45,7 +46,7 @@ class AdmissibleSet:
         self.problem = problem_of(problem)
         if not self.problem.has_volume:
             raise self.problem.no_volume()
-        self._prioritizations: dict[object, Prioritization] = {}
+        self._prioritizations: dict[object, AnyPrioritization] = {}
 
     @cached_property
     def reference(self) -> Array:
@@ -100,6 +101,10 @@ class AdmissibleSet:
             If an axis is unknown or repeated, or `at` is not a wrench.
         """
         rows = self._rows(axes)
+        if isinstance(self.problem, VectoredProblem):
+            start = self.reference if at is None else self.problem.check(at)
+            outline, _ = self.problem.attainable_set.section(rows, start)
+            return Polytope(tuple(axes), ordered(outline))
         fixed = np.setdiff1d(range(len(self.problem.axes)), rows)
         wrench = self.reference if at is None else self.problem.check(at)
         # Each axis relative to its range: a torque may be small beside a force.
@@ -126,6 +131,8 @@ class AdmissibleSet:
             If an axis is unknown or repeated.
         """
         rows, image = self._rows(axes), self.problem.gamma * self.problem.half_range
+        if isinstance(self.problem, VectoredProblem):
+            return Polytope(tuple(axes), ordered(self.problem.attainable_set.shadow(rows)))
         shadow = Zonotope(self.center[rows], image[rows])
         return Polytope(tuple(axes), ordered(vertices_of(shadow)))
 
@@ -174,6 +181,9 @@ class AdmissibleSet:
 
     def contains(self, u: ArrayLike, tolerance: float = 0.0) -> BoolArray:
         """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
+        if isinstance(self.problem, VectoredProblem):
+            wrenches = self.problem.check(u, batch=True)
+            return self.problem.attainable_set.contains(wrenches, tolerance)
         return self.margin(u) >= -tolerance
 
     def scale(self, u: ArrayLike, scale_reference: ArrayLike | None = None) -> Array:
@@ -207,7 +217,7 @@ class AdmissibleSet:
         if scale_reference is not None:
             start = self.check_reference(scale_reference)
         everything = [list(range(len(self.problem.axes)))]
-        serve = Prioritization(self.problem, everything, start, begin=start)
+        serve = prioritization_of(self.problem, everything, start, begin=start)
         served, levels = self._serve(serve, u)
         return served, levels.min(axis=-1)
 
@@ -264,7 +274,7 @@ class AdmissibleSet:
         serve = self.check_order(order, thrust_deviation)
         return self._serve(serve, self.problem.check(u, batch=True))
 
-    def _serve(self, serve: Prioritization, u: Array) -> tuple[Array, Array]:
+    def _serve(self, serve: AnyPrioritization, u: Array) -> tuple[Array, Array]:
         """Return the served wrenches and levels for wrenches (..., m)."""
         served, levels = u.copy(), np.ones(u.shape)
         if u.ndim == 1:
@@ -275,7 +285,7 @@ class AdmissibleSet:
                 return served, levels
             answer = serve(u)
             return answer.wrenches, answer.levels
-        outside = self.zonotope.margin(served) < 0.0
+        outside = ~self.contains(served)
         if outside.any():
             answers = serve(served[outside])
             served[outside], levels[outside] = answers.wrenches, answers.levels
@@ -291,7 +301,7 @@ class AdmissibleSet:
 
     def check_order(
         self, order: Sequence[Sequence[str]] | None, thrust_deviation: str = THRUST_DEVIATION
-    ) -> Prioritization:
+    ) -> AnyPrioritization:
         """Return the prioritization of an order; raise a ValueError if an argument is wrong."""
         key = (None if order is None else tuple(map(tuple, order))), thrust_deviation
         if key not in self._prioritizations:
@@ -303,7 +313,7 @@ class AdmissibleSet:
             axes = self.problem.axes
             groups = default_order(axes) if order is None else groups_of(order, axes)
             rows = [[axes.index(axis) for axis in group] for group in groups]
-            self._prioritizations[key] = Prioritization(
+            self._prioritizations[key] = prioritization_of(
                 self.problem, rows, thrust_deviation=thrust_deviation
             )
         return self._prioritizations[key]

@@ -9,8 +9,8 @@ from math import inf
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored_priorities import prioritization_of
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -110,7 +110,7 @@ def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
     place = axes.index('yaw')
     if with_yaw.has_volume:
         rows = [row for row in range(len(axes)) if row != place]
-        yaw = float(Prioritization(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
+        yaw = float(prioritization_of(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
     else:
         tolerance = float(controllable.tolerance(controllable.hover))
         thrusts = controllable.least_norm.solve(controllable.hover, tolerance).thrusts

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, BoolArray, constant, floats
+from ca_ros.arrays import Array, BoolArray, IntArray, constant, floats
 from ca_ros.problem.files import read_problem
-from ca_ros.settings import ParameterError
+from ca_ros.settings import Numbers, ParameterError, repeated
 from ca_ros.solver.dual_newton import DualNewton, sum_rounding
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
@@ -327,6 +327,27 @@ class AllocationProblem:
                 f'up to {ABSURD:g}'
             )
         return wrench
+
+    def spread(self, name: str, value: Numbers, along: bool = False) -> Array:
+        """Return the numbers (n,) of a setting that has one for all effectors, or one for each.
+
+        Raises
+        ------
+        ParameterError
+            If there is another number of them.
+        """
+        return repeated(name, value, self.n)
+
+    def saturation(self, thrusts: Array) -> IntArray:
+        """Return (..., n) -1 at the lower and +1 at the upper bound, to rounding; 0 between."""
+        low, high = self.lower, self.upper
+        below, above = (EXACT_TOLERANCE * np.maximum(1.0, np.abs(end)) for end in (low, high))
+        at_upper = (thrusts >= high - above).astype(np.int8)
+        return np.where(thrusts <= low + below, np.int8(-1), at_upper)
+
+    def sizes(self, thrusts: Array) -> Array:
+        """Return the thrust (..., k) of each effector for thrusts (..., n): the same."""
+        return thrusts
 
     def clip(self, thrusts: Array) -> Array:
         """Return thrusts (..., n) within their bounds, Eq. (13)."""

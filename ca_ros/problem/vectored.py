@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, constant
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.arrays import Array, IntArray, constant
+from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
+from ca_ros.settings import Numbers, repeated
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
 from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.sets_newton import SetsNewton
+
+if TYPE_CHECKING:
+    from ca_ros.problem.supported_set import SupportedSet
 
 LEVEL_GAP = 1e-10
 """By how much a line may be too short, in quarters of the range of an axis."""
@@ -35,13 +39,16 @@ class Line(NamedTuple):
     length : float
         t of that point.
     most : float
-        No attainable point of the line has a greater t: computed from a normal and the support
+        No attainable point of the line has a greater t: computed from the normal and the support
         function of the sets.
+    normal : (k,) array
+        Of a plane that touches the set at the end of the line.
     """
 
     point: Array
     length: float
     most: float
+    normal: Array
 
 
 class VectoredProblem(AllocationProblem):
@@ -105,6 +112,26 @@ class VectoredProblem(AllocationProblem):
         """Return the nearest vectors (..., n) of the sets."""
         return self.sets.project(thrusts)
 
+    def spread(self, name: str, value: Numbers, along: bool = False) -> Array:
+        """Return numbers (n,), the same for all components of a set, or `along` its axis only."""
+        each = repeated(name, value, len(self.sets.sets))
+        sizes = [part.size for part in self.sets.sets]
+        spread = np.repeat(each, sizes)
+        if along:
+            spread[np.setdiff1d(range(self.n), self.sets.first)] = 0.0
+        return spread
+
+    def sizes(self, thrusts: Array) -> Array:
+        """Return the length (..., k) of each effector's vector, of an interval its number."""
+        return self.sets.lengths(thrusts)
+
+    def saturation(self, thrusts: Array) -> IntArray:
+        """Return (..., k) -1 at the least and +1 at the greatest length of each effector."""
+        sizes, (low, high) = self.sizes(thrusts), self.sets.length_limits
+        rounding = EXACT_TOLERANCE * np.maximum(1.0, high)
+        at_upper = (sizes >= high - rounding).astype(np.int8)
+        return np.where(sizes <= low + rounding, np.int8(-1), at_upper)
+
     def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
         """Raise a TypeError: vectors are bounded by sets."""
         self._no_box()
@@ -143,7 +170,7 @@ class VectoredProblem(AllocationProblem):
         extent, gamma = self.extent[rows], self.gamma[rows]
         size = float(np.abs(way / extent).max(initial=0.0)) / 4.0
         if size < STILL:
-            return Line(point, end, end)
+            return Line(point, end, end, way)
         top = min(end * size, 4.0)
         sets = ConvexSets([*self.sets.sets, Interval(-1.0, top)])
         matrix = np.column_stack([gamma, -way / size]) / extent[:, None]
@@ -158,7 +185,7 @@ class VectoredProblem(AllocationProblem):
         most = np.inf
         if rise > 0.0:
             most = (float(self.sets.support(normal @ gamma)) - float(normal @ begin)) / rise
-        return Line(found.point[:-1], float(found.point[-1]) / size, min(most, end))
+        return Line(found.point[:-1], float(found.point[-1]) / size, min(most, end), normal)
 
     def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
         """Return the greatest t <= limit for which ``start + t direction`` is attainable."""
@@ -169,7 +196,7 @@ class VectoredProblem(AllocationProblem):
     @cached_property
     def reference_inside(self) -> bool:
         """Whether the reference is inside the admissible set, not on its boundary."""
-        if not self.spans:
+        if not self.has_volume:
             return False
         begin = self.gamma @ self.middle
         return self.reach(begin, self.reference - begin, 2.0) > 1.0 + INSIDE_MIN
@@ -179,10 +206,20 @@ class VectoredProblem(AllocationProblem):
         """There is none: raise a TypeError."""
         self._no_box()
 
-    @property
-    def image(self) -> NoReturn:  # type: ignore[override]
-        """There is none: raise a TypeError."""
-        self._no_box()
+    @cached_property
+    def attainable_set(self) -> SupportedSet:  # type: ignore[override]
+        """The attainable wrenches.
+
+        Raises
+        ------
+        ValueError
+            If the set has no volume.
+        """
+        from ca_ros.problem.supported_set import SupportedSet
+
+        if not self.has_volume:
+            raise self.no_volume()
+        return SupportedSet(self)
 
     def _no_box(self) -> NoReturn:
         raise TypeError(

@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.problem.prioritization import LAG, REVERSAL, Served, sensed
+from ca_ros.problem.prioritization import (
+    LAG,
+    THRUST_DEVIATION,
+    Prioritization,
+    Served,
+    sensed,
+)
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
 from ca_ros.solver.interior_point import minimize
@@ -42,7 +49,7 @@ class VectoredPrioritization:
     Parameters
     ----------
     problem : VectoredProblem
-    groups, reference, reversal, begin
+    groups, reference, thrust_deviation, begin
         As in `Prioritization`.
     """
 
@@ -51,14 +58,14 @@ class VectoredPrioritization:
         problem: VectoredProblem,
         groups: Sequence[Sequence[int]],
         reference: Array | None = None,
-        reversal: str = REVERSAL,
+        thrust_deviation: str = THRUST_DEVIATION,
         begin: Array | None = None,
     ) -> None:
         self._problem = problem
         self._first, *self._later = (list(group) for group in groups)
         self._reference = problem.reference if reference is None else reference
         named = [[problem.axes[row] for row in group] for group in groups]
-        keeps = [problem.axes.index(axis) for axis in sensed(named, reversal)]
+        keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
         rows = problem.gamma[self._first]
         middle = rows @ problem.middle
         self._start, self._begin = problem.middle, middle
@@ -83,8 +90,16 @@ class VectoredPrioritization:
         self._senses = [row for row in keeps if off[row] <= 10.0 * YIELD]
 
     def __call__(self, u: Array) -> Served:
-        """Return the served wrench for a demand (m,) [N, N m]."""
+        """Return the served wrenches for demands (..., m) [N, N m]."""
         problem = self._problem
+        if u.ndim > 1:
+            found = [self(row) for row in u.reshape(-1, u.shape[-1])]
+            wrenches, levels, reached, thrusts = map(np.array, zip(*found, strict=True))
+            shape = u.shape[:-1]
+            return Served(
+                wrenches.reshape(u.shape), levels.reshape(u.shape), reached.reshape(shape),
+                thrusts.reshape(*shape, problem.n),
+            )
         point, share = self._serve(u)
         thrusts = problem.clip(point)
         served = problem.gamma @ thrusts
@@ -101,7 +116,7 @@ class VectoredPrioritization:
         """Return a point (n,) that serves a demand, and the share of the first group."""
         problem = self._problem
         way = u[self._first] - self._begin
-        point, share, _ = problem.line(self._first, self._start, self._begin, way, BEYOND)
+        point, share, *_ = problem.line(self._first, self._start, self._begin, way, BEYOND)
         if share > 1.0:
             # Back on the straight line to the demand, which is inside.
             point = self._start + (point - self._start) / share
@@ -193,3 +208,18 @@ class VectoredPrioritization:
         found = minimize(sets, wide, goals, cost, begin, 0.1 * YIELD).point
         state.point = found[: problem.n]
         return float(found[problem.n]) if extra else 0.0
+
+
+AnyPrioritization = Prioritization | VectoredPrioritization
+
+
+def prioritization_of(
+    problem: AllocationProblem,
+    groups: Sequence[Sequence[int]],
+    reference: Array | None = None,
+    thrust_deviation: str = THRUST_DEVIATION,
+    begin: Array | None = None,
+) -> AnyPrioritization:
+    """Return the prioritization of a problem; see `Prioritization` for the arguments."""
+    kind = VectoredPrioritization if isinstance(problem, VectoredProblem) else Prioritization
+    return kind(problem, groups, reference, thrust_deviation, begin)  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ from math import acos, cos, isfinite, pi, sin, tan
 
 import numpy as np
 
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array
 
 THIN = 1e-9
 """Half angle below which a sector is an interval along its axis [rad]."""
@@ -58,7 +58,7 @@ class Sector:
             raise ValueError(f'half_angle: expected up to pi/2, or pi; got {angle:g} rad')
         if self.size not in (2, 3):
             raise ValueError(f'size: expected 2 or 3 components, got {self.size!r}')
-        if not (0.0 < self.radius and isfinite(self.radius)):
+        if not (self.radius > 0.0 and isfinite(self.radius)):
             raise ValueError(f'radius: expected a positive number, got {self.radius!r}')
         if not 0.0 <= self.least < self.radius or (self.least and angle == pi):
             raise ValueError(
@@ -182,7 +182,7 @@ class ConvexSets:
     def barrier(self, points: Array) -> tuple[Array, Array]:
         """Return gradient (n,) and a root (k, n) of the Hessian of the barrier ``-sum log``.
 
-        The Hessian is ``root.T @ root``; formed as a sum it would lose its digits near the boundary.
+        The Hessian is ``root.T @ root``; as a sum it would lose its digits near the boundary.
         """
         gradient = np.zeros(self.n)
         line = points[self._line]
@@ -198,6 +198,15 @@ class ConvexSets:
             np.put_along_axis(wide, np.broadcast_to(place[:, None, :], rows.shape), rows, axis=2)
             roots.append(wide.reshape(count * each, self.n))
         return gradient, np.concatenate(roots)
+
+    @property
+    def length_limits(self) -> tuple[Array, Array]:
+        """Least and greatest length (k,) of each set's vectors, of an interval its ends."""
+        ends = [
+            (each.lower, each.upper) if isinstance(each, Interval) else (each.least, each.radius)
+            for each in self.sets
+        ]
+        return np.array(ends).T[0], np.array(ends).T[1]
 
     def lengths(self, points: Array) -> Array:
         """Return the length (..., k) of each effector's vector; of an interval its number."""

@@ -1,0 +1,216 @@
+"""The attainable set of vectors in convex sets, known by its support function."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NoReturn
+
+import numpy as np
+
+from ca_ros.arrays import Array, BoolArray
+from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.solver.convex_sets import ConvexSets, Interval
+from ca_ros.solver.interior_point import minimize
+
+SETTLED = 1e-9
+"""Share by which a margin may still shrink when the search for it ends."""
+
+SEARCHES = 20
+"""Limit of the lines of one search for a margin."""
+
+DIRECTIONS = 72
+"""Corners of a section."""
+
+DRAWS = 4096
+"""Wrenches that are drawn at a time."""
+
+
+class SupportedSet:
+    """All wrenches B x of vectors x in convex sets.
+
+    The set has no list of facets.  Lines to its boundary (`VectoredProblem.line`) and the support
+    function of the sets, which bounds it from outside, take their place.
+
+    Parameters
+    ----------
+    problem : VectoredProblem
+    """
+
+    def __init__(self, problem: VectoredProblem) -> None:
+        self.problem = problem
+        self._all = list(range(len(problem.axes)))
+
+    def margin(self, u: Array) -> Array:
+        """Return the signed distance of wrenches (..., m), positive inside [N, N m].
+
+        Inside, it is the upper bound of `margin_bounds`.
+        """
+        rows = u.reshape(-1, u.shape[-1])
+        return np.array([self._nearest(row)[0] for row in rows]).reshape(u.shape[:-1])
+
+    def margin_bounds(self, u: Array) -> tuple[float, float]:
+        """Return a lower and an upper bound of the signed distance of a wrench (m,) [N, N m].
+
+        The upper bound is the distance to a plane that touches the set.  It is the distance to
+        the boundary if no other part of the boundary is nearer than those that the search found.
+        Inside, the lower bound is the radius of the ball in the hull of points on the boundary.
+        """
+        most, normal = self._nearest(u)
+        if most <= 0.0:
+            height = float(normal @ u - self.problem.sets.support(normal @ self.problem.gamma))
+            return most, -height
+        frame = np.linalg.qr(np.column_stack([normal, np.eye(len(u))]))[0].T
+        lengths = [min(self._shoot(u, way)[0], self._shoot(u, -way)[0]) for way in frame]
+        return float(1.0 / np.sqrt((1.0 / np.square(lengths)).sum())), most
+
+    def contains(self, u: Array, tolerance: float = 0.0) -> BoolArray:
+        """Tell which wrenches (..., m) are in the set or at most `tolerance` away from it."""
+        problem, rows = self.problem, u.reshape(-1, u.shape[-1])
+        found = problem.least_norm.solve(rows, problem.tolerance(rows))
+        inside = found.attained.copy()
+        for i in np.flatnonzero(~inside):
+            inside[i] = self._outside(rows[i])[0] >= -max(tolerance, problem.tolerance(rows[i]))
+        return inside.reshape(u.shape[:-1])
+
+    def sample(self, rng: np.random.Generator, size: int) -> Array:
+        """Draw wrenches (size, m) uniformly by volume [N, N m], from the box around the set."""
+        problem, found, count = self.problem, [np.zeros((0, len(self._all)))], 0
+        while count < size:
+            drawn = problem.center + problem.extent * rng.uniform(-1, 1, (DRAWS, len(self._all)))
+            kept = drawn[problem.least_norm.solve(drawn, problem.tolerance(drawn)).attained]
+            found.append(kept)
+            count += len(kept)
+        return np.concatenate(found)[:size]
+
+    def section(
+        self, rows: Sequence[int], at: Array, directions: int = DIRECTIONS
+    ) -> tuple[Array, float]:
+        """Return points (k, d) on the outline of a section in one or two axes, and an error.
+
+        The outline of the set is outside of the polygon of these points by at most the error, as
+        a share of the range of its axis.
+
+        Parameters
+        ----------
+        rows : sequence of int
+            The axes that stay.
+        at : (m,) array
+            The values of the other axes [N, N m].
+        """
+        if len(rows) > 2:
+            raise ValueError('axes: expected one or two for a set that is not a polytope')
+        problem = self.problem
+        others = [row for row in self._all if row not in rows]
+        start = problem.middle
+        if others:
+            # A point with these values, as far inside as possible.
+            way = at[others] - problem.gamma[others] @ start
+            line = problem.line(others, start, problem.gamma[others] @ start, way, 1.001)
+            if line.length < 1.0:
+                return np.zeros((0, len(rows))), 0.0
+            inner = start + (line.point - start) / line.length
+            start = minimize(
+                problem.sets, problem.gamma[others] / problem.extent[others, None],
+                at[others] / problem.extent[others], np.zeros(problem.n), inner,
+                problem.sets.complexity,
+            ).point
+        begin = problem.gamma @ start
+        angles = np.arange(directions) * 2.0 * np.pi / directions
+        circle = np.column_stack([np.cos(angles), np.sin(angles)])
+        ways = np.array([[-1.0], [1.0]]) if len(rows) == 1 else circle
+        scaled = [problem.line(
+            [*others, *rows], start, begin[[*others, *rows]],
+            np.concatenate([np.zeros(len(others)), way * problem.extent[rows]]), np.inf,
+        ) for way in ways]
+        lengths = np.array([line.length for line in scaled])
+        points = begin[rows] + lengths[:, None] * ways * problem.extent[rows]
+        if len(rows) == 1:
+            return points, max(line.most - line.length for line in scaled)
+        # Between neighbours the set is convex: it stays below the lines of the edges before.
+        corners = lengths[:, None] * ways
+        return points, _bulge(np.roll(corners, -1, axis=0) - corners)
+
+    def shadow(self, rows: Sequence[int], directions: int = DIRECTIONS) -> Array:
+        """Return points (k, d) on the outline of the projection to one or two axes."""
+        if len(rows) > 2:
+            raise ValueError('axes: expected one or two for a set that is not a polytope')
+        angles = np.arange(directions) * 2.0 * np.pi / directions
+        circle = np.column_stack([np.cos(angles), np.sin(angles)])
+        ways = np.array([[-1.0], [1.0]]) if len(rows) == 1 else circle
+        gamma = self.problem.gamma[rows]
+        farthest = self.problem.sets.farthest(ways / self.problem.extent[rows] @ gamma)
+        return np.asarray(farthest @ gamma.T, float)
+
+    def _shoot(self, u: Array, way: Array) -> tuple[float, Array]:
+        """Return the distance to the boundary from an inner wrench, and the normal there."""
+        line = self.problem.line(self._all, self.problem.middle, u, way, np.inf)
+        return line.length * float(np.linalg.norm(way)), line.normal
+
+    def _nearest(self, u: Array) -> tuple[float, Array]:
+        """Return the signed distance to the nearest boundary found, and its unit normal."""
+        outside = self._outside(u)
+        if outside[0] < 0.0:
+            return outside
+        # A plane that touches the set where a line along the normal of another one ends is nearer
+        # than that one.
+        starts = np.concatenate([np.diag(self.problem.extent), -np.diag(self.problem.extent)])
+        shots = [self._plane(u, self._shoot(u, way)[1]) for way in starts]
+        least, normal = min(shots, key=lambda shot: shot[0])
+        for _ in range(SEARCHES):
+            nearer, other = self._plane(u, self._shoot(u, normal)[1])
+            if nearer >= least * (1.0 - SETTLED):
+                break
+            least, normal = nearer, other
+        return least, normal
+
+    def _plane(self, u: Array, normal: Array) -> tuple[float, Array]:
+        unit = normal / np.linalg.norm(normal)
+        return float(self.problem.sets.support(unit @ self.problem.gamma) - unit @ u), unit
+
+    def _outside(self, u: Array) -> tuple[float, Array]:
+        """Return minus the distance of a wrench from the set, and its direction; 0 inside."""
+        problem, m = self.problem, len(u)
+        extent = problem.extent
+        reach = 2.0 * np.abs((u - problem.gamma @ problem.middle) / extent).max() + 1.0
+        sets = ConvexSets([*problem.sets.sets, *[Interval(-reach, reach)] * m])
+        matrix = np.column_stack([problem.gamma / extent[:, None], np.eye(m)])
+        curvature = np.concatenate([np.zeros(problem.n), extent**2 / extent.max() ** 2])
+        start = np.concatenate([problem.middle, (u - problem.gamma @ problem.middle) / extent])
+        found = minimize(
+            sets, matrix, u / extent, np.zeros(sets.n), start, 1e-18, curvature
+        ).point
+        missed = found[problem.n :] * extent
+        distance = float(np.linalg.norm(missed))
+        if distance < 1e-7 * float(extent.max()):
+            return 0.0, missed
+        return -distance, missed / distance
+
+    def _no_facets(self) -> NoReturn:
+        raise TypeError(
+            'this attainable set is not a polytope: expected margin, contains, sample, section '
+            'or projection'
+        )
+
+    @property
+    def facets(self) -> NoReturn:
+        """There is no list of them: raise a TypeError."""
+        self._no_facets()
+
+    volume = generators = facets
+
+
+def _bulge(edges: Array) -> float:
+    """Return how far a convex outline can be outside of the edges (k, 2) of a polygon in it."""
+    before, after = np.roll(edges, 1, axis=0), np.roll(edges, -1, axis=0)
+    worst = 0.0
+    for edge, first, last in zip(edges, before, after, strict=True):
+        # The lines of the neighbouring edges meet above the edge.
+        across = first[0] * last[1] - first[1] * last[0]
+        if abs(across) < 1e-15:
+            continue
+        share = (edge[0] * last[1] - edge[1] * last[0]) / across
+        apex = share * first
+        length = float(np.hypot(*edge)) or 1.0
+        height = abs(edge[0] * apex[1] - edge[1] * apex[0]) / length
+        worst = max(worst, float(height) if share > 0.0 else 0.0)
+    return worst

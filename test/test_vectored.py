@@ -1,0 +1,234 @@
+"""Vectors in convex sets: laws of the sets, and answers against Clarabel's cone programs."""
+
+from os import environ
+
+import clarabel
+import numpy as np
+import pytest
+from scipy import sparse
+
+from ca_ros import AdmissibleSet, ParameterError, make_allocator
+from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.solver.convex_sets import ConvexSets, Interval, Sector
+
+WRENCHES = int(environ.get('VECTORED_WRENCHES', '40'))
+"""Attainable wrenches for each problem; 10 000 take half an hour, most of it in Clarabel."""
+
+SETS = [
+    Interval(-1.0, 2.0), Sector(0.5, 3.0), Sector(np.pi / 2, 2.0, 3), Sector(1.2, 2.0, 3, 0.3),
+    Sector(np.pi, 1.5), Sector(np.pi, 1.0, 3), Sector(0.4, 4.0, 2, 0.2), Sector(1.55, 4.0, 2, 0.5),
+]
+
+
+def random_problem(seed):
+    sets = [
+        Interval(-2.0, 3.0), Sector(0.7, 3.0), Sector(1.2, 2.0, 3, 0.2), Sector(np.pi, 2.0),
+        Sector(np.pi / 2, 3.0, 3), Interval(0.0, 4.0), Sector(0.3, 5.0, 2, 0.3),
+    ]
+    sets = [sets[(seed * k) % 7] for k in range(1, 8)] if seed > 1 else sets
+    size = sum(each.size for each in sets)
+    matrix = np.random.default_rng(seed).normal(size=(6, size))
+    axes = ['force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw']
+    return VectoredProblem(matrix, sets, axes)
+
+
+PROBLEMS = {f'random {seed}': random_problem(seed) for seed in (1, 3)}
+
+
+def cones(sets, extra=0):
+    """Return A, b and the cones of Clarabel (``b - A x`` in the cones) for vectors in sets."""
+    rows, right, kinds = [], [], []
+    width = sets.n + extra
+    eye = np.eye(width)
+    for each, k in zip(sets.sets, sets.first, strict=True):
+        if isinstance(each, Interval):
+            rows += [eye[k], -eye[k]]
+            right += [each.upper, -each.lower]
+            kinds.append(clarabel.NonnegativeConeT(2))
+            continue
+        place = range(k, k + each.size)
+        rows += [np.zeros(width), *(-eye[place])]
+        right += [each.radius, *np.zeros(each.size)]
+        kinds.append(clarabel.SecondOrderConeT(1 + each.size))
+        if each.half_angle <= np.pi / 2:
+            slope = np.sin(each.half_angle), np.cos(each.half_angle)
+            rows += [-slope[0] * eye[k], *(-slope[1] * eye[range(k + 1, k + each.size)])]
+            right += [0.0] * each.size
+            kinds.append(clarabel.SecondOrderConeT(each.size))
+            rows.append(-eye[k])
+            right.append(-each.least)
+            kinds.append(clarabel.NonnegativeConeT(1))
+    return rows, right, kinds
+
+
+def clarabel_minimum(sets, matrix, goal, linear, curvature, bounds=()):
+    """Return the point of least cost, with more variables in bounds after those of the sets."""
+    rows, right, kinds = cones(sets, len(bounds))
+    eye = np.eye(sets.n + len(bounds))
+    for i, (low, high) in enumerate(bounds):
+        rows += [eye[sets.n + i], -eye[sets.n + i]]
+        right += [high, -low]
+        kinds.append(clarabel.NonnegativeConeT(2))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix(np.diag(curvature)), linear,
+        sparse.csc_matrix(np.vstack([matrix, rows])), np.concatenate([goal, right]),
+        [clarabel.ZeroConeT(len(goal)), *kinds], settings,
+    )
+    return np.array(solver.solve().x)
+
+
+@pytest.mark.parametrize('scale', [0.3, 3.0, 30.0])
+def test_projection_is_nearest_and_its_derivative_true(scale):
+    sets, rng = ConvexSets(SETS), np.random.default_rng(0)
+    points, ways = scale * rng.normal(size=(2, 500, sets.n))
+    nearest, rate = sets.project_with_derivative(points)
+    # The plane through the nearest point, normal to the way to it, touches the set.
+    out = points - nearest
+    assert np.abs(sets.support(out) - (out * nearest).sum(axis=1)).max() < 1e-12 * scale**2
+    np.testing.assert_allclose(sets.project(nearest), nearest, atol=2e-15)
+    np.testing.assert_array_equal(sets.project(points), nearest)
+    moved = (sets.project(points + 1e-7 * ways) - sets.project(points - 1e-7 * ways)) / 2e-7
+    expected = np.einsum('kij,kj->ki', rate, ways)
+    # A kink within the step is rare.
+    assert np.quantile(np.abs(moved - expected).max(axis=1), 0.99) < 1e-5 * scale
+    farthest = sets.farthest(points)
+    np.testing.assert_allclose((farthest * points).sum(axis=1), sets.support(points), rtol=1e-12)
+    np.testing.assert_allclose(sets.project(farthest), farthest, atol=2e-15)
+
+
+def test_hand_computed_projections():
+    sector = ConvexSets([Sector(np.pi / 4, 2.0, 2, 1.0)])
+    for point, nearest in {
+        (3.0, 0.0): (2.0, 0.0),
+        (3.0, 3.0): (np.sqrt(2.0), np.sqrt(2.0)),
+        (1.0, 1.4): (1.2, 1.2),
+        (0.0, 0.5): (1.0, 0.5),
+        (0.0, -1.5): (1.0, -1.0),
+        (1.2, 0.3): (1.2, 0.3),
+    }.items():
+        np.testing.assert_allclose(sector.project(np.array(point)), nearest, atol=1e-15)
+    disc = ConvexSets([Sector(np.pi, 2.0)])
+    np.testing.assert_allclose(disc.project(np.array([-3.0, 4.0])), [-1.2, 1.6], atol=1e-15)
+
+
+def test_barrier_has_true_derivatives():
+    sets, rng = ConvexSets(SETS), np.random.default_rng(1)
+    for _ in range(5):
+        point, way = sets.inner + 0.05 * rng.normal(size=sets.n), rng.normal(size=sets.n)
+        root = sets.barrier(point)[1]
+        ends = [sets.barrier(point + sign * 1e-6 * way)[0] for sign in (1.0, -1.0)]
+        np.testing.assert_allclose((ends[0] - ends[1]) / 2e-6, root.T @ root @ way, rtol=1e-5,
+                                   atol=1e-6)
+
+
+@pytest.mark.parametrize(('kind', 'values', 'fault'), [
+    (Interval, (2.0, 1.0), 'lower <= upper'),
+    (Sector, (2.0, 1.0), 'half_angle'),
+    (Sector, (0.5, -1.0), 'radius'),
+    (Sector, (0.5, 1.0, 4), 'size'),
+    (Sector, (np.pi, 1.0, 2, 0.1), 'least'),
+])
+def test_wrong_sets_are_named(kind, values, fault):
+    with pytest.raises(ValueError, match=fault):
+        kind(*values)
+
+
+@pytest.mark.parametrize('name', PROBLEMS)
+def test_attainable_wrenches_are_met_at_the_least_cost(name):
+    problem, rng = PROBLEMS[name], np.random.default_rng(2)
+    sets = problem.sets
+    vectors = sets.project(rng.uniform(1.3 * sets.lower, 1.3 * sets.upper, (WRENCHES, sets.n)))
+    wrenches = vectors @ problem.gamma.T
+    answers = make_allocator('exact', problem).allocate_batch(wrenches)
+    size = np.maximum(1.0, np.linalg.norm(wrenches, axis=1))
+    assert (answers.status == 0).all()
+    assert (np.linalg.norm(answers.residual, axis=1) <= 1e-12 * size).all()
+    certificate = answers.certificate
+    assert np.max(certificate.bound_violation) < 1e-14
+    assert np.max(certificate.kkt_residual) < 1e-9
+    costs = (answers.thrusts**2).sum(axis=1)
+    assert (np.abs(certificate.gap) <= 1e-10 * np.maximum(1.0, costs)).all()
+    n = sets.n
+    for u, cost in zip(wrenches, costs, strict=True):
+        other = clarabel_minimum(sets, problem.gamma, u, np.zeros(n), 2.0 * np.ones(n))
+        assert cost == pytest.approx((other**2).sum(), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize('name', PROBLEMS)
+def test_scale_reaches_the_level_of_a_cone_program(name):
+    problem, rng = PROBLEMS[name], np.random.default_rng(3)
+    allocator = make_allocator('exact', problem, policy='scale')
+    start = AdmissibleSet(problem).reference
+    rows = list(range(len(problem.axes)))
+    inner = problem.line(rows, problem.middle, problem.center, start - problem.center, 1.0).point
+    for _ in range(max(3, WRENCHES // 40)):
+        u = start + 2.0 * problem.extent * rng.normal(size=len(rows))
+        answer = allocator.allocate(u)
+        matrix = np.column_stack([problem.gamma, start - u])
+        linear = np.append(np.zeros(problem.n), -1.0)
+        best = clarabel_minimum(
+            problem.sets, matrix, start, linear, np.zeros(problem.n + 1), bounds=[(0.0, 1.0)]
+        )[-1]
+        assert answer.level == pytest.approx(best, abs=1e-7)
+        line = problem.line(rows, inner, start, u - start, 1.0)
+        assert abs(line.most - answer.level) < 1e-9
+        on_line = start + answer.level * (u - start)
+        np.testing.assert_allclose(answer.wrench, on_line, atol=1e-9 * np.linalg.norm(u))
+        assert np.abs(answer.certificate.gap) < 1e-8 * max(1.0, (answer.thrusts**2).sum())
+        assert np.max(answer.certificate.bound_violation) < 1e-14
+
+
+@pytest.mark.parametrize('name', PROBLEMS)
+def test_prioritize_serves_one_axis_after_the_other(name):
+    """Stage by stage Clarabel serves no more than the stated error allows."""
+    problem, rng = PROBLEMS[name], np.random.default_rng(4)
+    order = [['roll'], ['thrust'], ['yaw'], ['pitch'], ['force_x'], ['force_y']]
+    allocator = make_allocator('exact', problem, order=order, thrust_deviation='allow')
+    for _ in range(3):
+        u = problem.center + 1.5 * problem.extent * rng.normal(size=6)
+        answer = allocator.allocate(u)
+        held = []
+        for (axis,) in order:
+            row = problem.axes.index(axis)
+            sign = np.sign(u[row] - answer.wrench[row])
+            if abs(answer.wrench[row] - u[row]) > 1e-6 * problem.extent[row]:
+                bounds = [(-w, w) for w in 2e-7 * problem.extent[held]]
+                matrix = np.hstack([problem.gamma[held], -np.eye(len(held))])
+                linear = np.append(-sign * problem.gamma[row], np.zeros(len(held)))
+                best = clarabel_minimum(
+                    problem.sets, matrix, answer.wrench[held], linear, np.zeros(len(linear)),
+                    bounds=bounds,
+                )[: problem.n]
+                further = sign * (problem.gamma[row] @ best - answer.wrench[row])
+                assert -1e-9 < further / problem.extent[row] < 2e-3
+            held.append(row)
+
+
+def test_margin_and_sections_are_bounded_from_both_sides():
+    """Of a ball, and of a sphere's shadow, everything is known by hand."""
+    problem = VectoredProblem(np.eye(3), [Sector(np.pi, 2.0, 3)])
+    admissible = AdmissibleSet(problem)
+    low, high = problem.attainable_set.margin_bounds(np.array([0.5, 0.0, 0.0]))
+    assert low <= 1.5 + 1e-8
+    assert high == pytest.approx(1.5, abs=1e-6)
+    assert admissible.margin([3.0, 4.0, 0.0]) == pytest.approx(-3.0, abs=1e-7)
+    np.testing.assert_array_equal(admissible.contains([[1.9, 0, 0], [2.1, 0, 0]]), [True, False])
+    points, error = problem.attainable_set.section([0, 1], np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(np.hypot(*points.T), np.sqrt(3.0), rtol=1e-7)
+    # The sagitta of the arcs is 1 - cos(pi / 72) of the radius; the bound is at most thrice it.
+    sagitta = np.sqrt(3.0) / 2.0 * (1.0 - np.cos(np.pi / 72))
+    assert sagitta < error < 6.0 * sagitta
+    assert admissible.section(['axis_1', 'axis_2'], [0.0, 0.0, 2.1]).empty
+    drawn = admissible.sample(np.random.default_rng(0), 500)
+    assert np.linalg.norm(drawn, axis=1).max() <= 2.0 + 1e-9
+
+
+def test_other_methods_name_what_they_cannot_take():
+    problem = PROBLEMS['random 1']
+    with pytest.raises(ParameterError, match='exact takes both'):
+        make_allocator('direct', problem)
+    with pytest.raises(TypeError, match='not a polytope'):
+        AdmissibleSet(problem).volume  # noqa: B018
