@@ -116,6 +116,7 @@ setup(
         (f'share/{package}', ['package.xml']),
         (f'share/{package}/config', sorted(glob('config/*.yaml'))),
         (f'share/{package}/config/problems', sorted(glob('config/problems/*.yaml'))),
+        (f'share/{package}/config/tilting', sorted(glob('config/tilting/*.yaml'))),
         (f'share/{package}/security', ['security/policy.xml']),
         (f'share/{package}/layouts', sorted(glob('layouts/*'))),
     ],

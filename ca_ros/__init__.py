@@ -23,7 +23,9 @@ from ca_ros.allocation.slew import SlewLimited
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import ParameterError, Settings, setting
+from ca_ros.solver.convex_sets import Interval, Sector
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -40,13 +42,16 @@ __all__ = [
     'Conventional',
     'Direct',
     'Exact',
+    'Interval',
     'ParameterError',
     'PseudoInverse',
     'RedistributedPseudoInverse',
+    'Sector',
     'SequentialDesaturation',
     'Settings',
     'SlewLimited',
     'Status',
+    'VectoredProblem',
     'Vehicle',
     'WeightedLeastSquares',
     'WeightedPseudoInverse',

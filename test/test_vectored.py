@@ -7,9 +7,20 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from ca_ros import AdmissibleSet, ParameterError, make_allocator
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.solver.convex_sets import ConvexSets, Interval, Sector
+from ca_ros import (
+    AdmissibleSet,
+    Interval,
+    ParameterError,
+    Sector,
+    VectoredProblem,
+    Vehicle,
+    make_allocator,
+)
+from ca_ros.problem.supported_set import SupportedSet
+from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.solver.convex_sets import ConvexSets
+from ca_ros.vehicle.files import read
+from ca_ros.vehicle.settings import AXES
 
 WRENCHES = int(environ.get('VECTORED_WRENCHES', '40'))
 """Attainable wrenches for each problem; 10 000 take half an hour, most of it in Clarabel."""
@@ -32,7 +43,10 @@ def random_problem(seed):
     return VectoredProblem(matrix, sets, axes)
 
 
-PROBLEMS = {f'random {seed}': random_problem(seed) for seed in (1, 3)}
+PROBLEMS = {f'random {seed}': random_problem(seed) for seed in (1, 3)} | {
+    name: VehicleProblem(Vehicle.load(name))
+    for name in ('hexarotor_tilting', 'omnidirectional_gimbals', 'tricopter', 'azimuth_boat')
+}
 
 
 def cones(sets, extra=0):
@@ -186,9 +200,10 @@ def test_prioritize_serves_one_axis_after_the_other(name):
     """Stage by stage Clarabel serves no more than the stated error allows."""
     problem, rng = PROBLEMS[name], np.random.default_rng(4)
     order = [['roll'], ['thrust'], ['yaw'], ['pitch'], ['force_x'], ['force_y']]
+    order = [group for group in order if group[0] in problem.axes]
     allocator = make_allocator('exact', problem, order=order, thrust_deviation='allow')
     for _ in range(3):
-        u = problem.center + 1.5 * problem.extent * rng.normal(size=6)
+        u = problem.center + 1.5 * problem.extent * rng.normal(size=len(problem.axes))
         answer = allocator.allocate(u)
         held = []
         for (axis,) in order:
@@ -211,12 +226,12 @@ def test_margin_and_sections_are_bounded_from_both_sides():
     """Of a ball, and of a sphere's shadow, everything is known by hand."""
     problem = VectoredProblem(np.eye(3), [Sector(np.pi, 2.0, 3)])
     admissible = AdmissibleSet(problem)
-    low, high = problem.attainable_set.margin_bounds(np.array([0.5, 0.0, 0.0]))
+    low, high = SupportedSet(problem).margin_bounds(np.array([0.5, 0.0, 0.0]))
     assert low <= 1.5 + 1e-8
     assert high == pytest.approx(1.5, abs=1e-6)
     assert admissible.margin([3.0, 4.0, 0.0]) == pytest.approx(-3.0, abs=1e-7)
     np.testing.assert_array_equal(admissible.contains([[1.9, 0, 0], [2.1, 0, 0]]), [True, False])
-    points, error = problem.attainable_set.section([0, 1], np.array([0.0, 0.0, 1.0]))
+    points, error = SupportedSet(problem).section([0, 1], np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(np.hypot(*points.T), np.sqrt(3.0), rtol=1e-7)
     # The sagitta of the arcs is 1 - cos(pi / 72) of the radius; the bound is at most thrice it.
     sagitta = np.sqrt(3.0) / 2.0 * (1.0 - np.cos(np.pi / 72))
@@ -232,3 +247,37 @@ def test_other_methods_name_what_they_cannot_take():
         make_allocator('direct', problem)
     with pytest.raises(TypeError, match='not a polytope'):
         AdmissibleSet(problem).volume  # noqa: B018
+
+
+@pytest.mark.parametrize('name', list(PROBLEMS)[2:])
+def test_speeds_and_angles_give_the_wrench(name):
+    """The forces of the rotors in the body frame, from speeds and servo angles alone."""
+    vehicle = Vehicle.load(name)
+    problem, allocator = VehicleProblem(vehicle), make_allocator('exact', vehicle)
+    rng = np.random.default_rng(5)
+    low, high = vehicle.tilts.limits
+    for u in AdmissibleSet(problem).sample(rng, 20):
+        answer = allocator.allocate(u)
+        angles = answer.angles
+        assert (low <= angles).all() and (angles <= high).all()
+        assert (vehicle.speed_limits[0] <= answer.speeds).all()
+        assert (answer.speeds <= vehicle.speed_limits[1]).all()
+        forces = vehicle.thrusts(answer.speeds)[:, None] * vehicle.tilts.directions(angles)
+        ratios = vehicle.spins * vehicle.torque_coefficient / vehicle.thrust_coefficient
+        torques = np.cross(vehicle.arms, forces) + ratios[:, None] * forces
+        full = dict(zip(AXES, [*forces.sum(axis=0), *torques.sum(axis=0)], strict=True))
+        np.testing.assert_allclose([full[axis] for axis in vehicle.axes], u, atol=1e-11)
+
+
+@pytest.mark.parametrize(('name', 'value', 'fault'), [
+    ('tilt_max', 4.0, 'half a circle'),
+    ('tilt_min', 2.0, 'above tilt_max'),
+    ('tilt_axes', [0.0, 0.0, 1.0], 'normal to rotors.axes'),
+    ('tilt_axes', [1.0, 0.0], 'expected 3 or 18'),
+    ('gimbal', 0.3, 'one of them'),
+    ('speed_min', -100.0, 'expected at least 0'),
+])
+def test_tilts_that_make_no_convex_sets_are_refused(name, value, fault):
+    given = read('hexarotor_tilting') | {f'rotors.{name}': value}
+    with pytest.raises(ParameterError, match=fault):
+        Vehicle.from_parameters(given)

@@ -11,7 +11,7 @@ from ca_ros.allocation.vectored_certificate import VectoredCertificate, certify_
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.problem.vehicle_problem import vehicle_of
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
 
 
 class Status(IntEnum):
@@ -52,6 +52,26 @@ class Answer:
             If the problem has no vehicle.
         """
         return vehicle_of(self.problem).speeds(self.problem.sizes(self.thrusts))
+
+    @property
+    def angles(self) -> Array:
+        """Servo angles (k,) of a vehicle whose rotors tilt, within their limits [rad].
+
+        Raises
+        ------
+        TypeError
+            If the problem has no such vehicle.
+        """
+        if isinstance(self.problem, TiltingVehicleProblem):
+            return self.problem.angles(self.thrusts)
+        raise TypeError('the rotors of this problem do not tilt')
+
+    @property
+    def command(self) -> Array:
+        """What a simulated vehicle takes: the speeds, and the angles behind them."""
+        if isinstance(self.problem, TiltingVehicleProblem):
+            return np.concatenate([self.speeds, self.angles])
+        return self.speeds
 
     @property
     def wrench(self) -> Array:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.problem.supported_set import attainable_set_of
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.solver.sets_newton import SetsNewton
 
@@ -50,7 +51,7 @@ class VectoredCertificate:
 
         An upper bound; `SupportedSet.margin_bounds` has the lower one.
         """
-        return self.problem.attainable_set.margin(self.demand)
+        return attainable_set_of(self.problem).margin(self.demand)
 
     def __str__(self) -> str:
         """Summarise the certificate, without the margin, which takes longer."""

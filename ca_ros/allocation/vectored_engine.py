@@ -97,7 +97,7 @@ class VectoredEngine:
         found = solver.solve(u[None], np.atleast_1d(problem.tolerance(u)))
         if found.attained[0] or not (problem.sets.slacks(point) > 0.0).all():
             return np.asarray(found.points[0] if found.attained[0] else point, float)
-        scale = float(max(1.0, solver.cost(point)))
+        scale = max(1.0, float(solver.cost(point)))
         curvature = solver.weights**2 / scale
         least = minimize(
             problem.sets, problem.gamma, problem.gamma @ point, -curvature * solver.preferred,

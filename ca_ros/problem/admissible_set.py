@@ -17,6 +17,7 @@ from ca_ros.problem.prioritization import (
     groups_of,
 )
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.supported_set import SupportedSet, attainable_set_of
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_priorities import AnyPrioritization, prioritization_of
 from ca_ros.problem.vehicle_problem import problem_of
@@ -58,6 +59,10 @@ class AdmissibleSet:
     def zonotope(self) -> Zonotope:
         """The set as a zonotope; its facets are computed at the first access."""
         return self.problem.attainable_set
+
+    @property
+    def _set(self) -> Zonotope | SupportedSet:
+        return attainable_set_of(self.problem)
 
     @property
     def facets(self) -> tuple[Array, Array]:
@@ -103,7 +108,7 @@ class AdmissibleSet:
         rows = self._rows(axes)
         if isinstance(self.problem, VectoredProblem):
             start = self.reference if at is None else self.problem.check(at)
-            outline, _ = self.problem.attainable_set.section(rows, start)
+            outline, _ = SupportedSet(self.problem).section(rows, start)
             return Polytope(tuple(axes), ordered(outline))
         fixed = np.setdiff1d(range(len(self.problem.axes)), rows)
         wrench = self.reference if at is None else self.problem.check(at)
@@ -132,7 +137,7 @@ class AdmissibleSet:
         """
         rows, image = self._rows(axes), self.problem.gamma * self.problem.half_range
         if isinstance(self.problem, VectoredProblem):
-            return Polytope(tuple(axes), ordered(self.problem.attainable_set.shadow(rows)))
+            return Polytope(tuple(axes), ordered(SupportedSet(self.problem).shadow(rows)))
         shadow = Zonotope(self.center[rows], image[rows])
         return Polytope(tuple(axes), ordered(vertices_of(shadow)))
 
@@ -177,13 +182,13 @@ class AdmissibleSet:
             Least slack over the facets with unit normals [N, N m].  Inside the set it is the
             Euclidean distance to the boundary.
         """
-        return self.zonotope.margin(self.problem.check(u, batch=True))
+        return self._set.margin(self.problem.check(u, batch=True))
 
     def contains(self, u: ArrayLike, tolerance: float = 0.0) -> BoolArray:
         """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
         if isinstance(self.problem, VectoredProblem):
             wrenches = self.problem.check(u, batch=True)
-            return self.problem.attainable_set.contains(wrenches, tolerance)
+            return SupportedSet(self.problem).contains(wrenches, tolerance)
         return self.margin(u) >= -tolerance
 
     def scale(self, u: ArrayLike, scale_reference: ArrayLike | None = None) -> Array:
@@ -320,4 +325,4 @@ class AdmissibleSet:
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Draw wrenches (size, m) [N, N m] uniformly by volume."""
-        return self.zonotope.sample(rng, size)
+        return self._set.sample(rng, size)

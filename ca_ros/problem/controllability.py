@@ -10,6 +10,8 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.supported_set import attainable_set_of
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_priorities import prioritization_of
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
@@ -29,6 +31,10 @@ DEPENDENT = 1e-6
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:
     """Return the least and the greatest mass that the rotors lift, torques ignored [kg]."""
+    if vehicle.tilts is not None:
+        lifting = VehicleProblem(replace(vehicle, axes=('thrust',)))
+        masses = lifting.center + np.array([-1.0, 1.0]) * lifting.extent + vehicle.buoyancy
+        return float(masses[0] / vehicle.gravity), float(masses[1] / vehicle.gravity)
     up = vehicle.rotor_axes[:, 2]
     ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0)
     least, most = (ends.sum(axis=1) + vehicle.buoyancy) / vehicle.gravity
@@ -66,7 +72,9 @@ def independence(rows: Array) -> Array:
 
 def hover_margin(problem: VehicleProblem) -> float:
     """Return the signed distance from hover to the boundary; -inf for a set without volume."""
-    return float(problem.attainable_set.margin(problem.hover)) if problem.has_volume else -np.inf
+    if not problem.has_volume:
+        return -np.inf
+    return float(attainable_set_of(problem).margin(problem.hover))
 
 
 def independent_part(problem: VehicleProblem) -> VehicleProblem:
@@ -120,6 +128,17 @@ def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
 
 def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
+    if isinstance(problem, VectoredProblem):
+        ways = np.diag(problem.extent)
+        ends = [
+            [problem.reach(problem.hover, sign * way) for sign in (-1.0, 1.0)] for way in ways
+        ]
+        return {
+            axis: (-low * size, high * size)
+            for axis, (low, high), size in zip(
+                problem.axes, ends, problem.extent.tolist(), strict=True
+            )
+        }
     at_hover = problem.simplex.copy()
     rows = range(problem.n, problem.n + len(problem.axes))
     for v, goal in zip(rows, problem.scaled(problem.hover).tolist(), strict=True):

@@ -8,9 +8,11 @@ from typing import NoReturn
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.solver.interior_point import minimize
+from ca_ros.solver.zonotope import Zonotope
 
 SETTLED = 1e-9
 """Share by which a margin may still shrink when the search for it ends."""
@@ -69,7 +71,8 @@ class SupportedSet:
         found = problem.least_norm.solve(rows, problem.tolerance(rows))
         inside = found.attained.copy()
         for i in np.flatnonzero(~inside):
-            inside[i] = self._outside(rows[i])[0] >= -max(tolerance, problem.tolerance(rows[i]))
+            most = max(tolerance, float(problem.tolerance(rows[i])))
+            inside[i] = self._outside(rows[i])[0] >= -most
         return inside.reshape(u.shape[:-1])
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
@@ -214,3 +217,12 @@ def _bulge(edges: Array) -> float:
         height = abs(edge[0] * apex[1] - edge[1] * apex[0]) / length
         worst = max(worst, float(height) if share > 0.0 else 0.0)
     return worst
+
+
+def attainable_set_of(problem: AllocationProblem) -> Zonotope | SupportedSet:
+    """Return the attainable set of a problem; raise a ValueError if it has no volume."""
+    if not isinstance(problem, VectoredProblem):
+        return problem.attainable_set
+    if not problem.has_volume:
+        raise problem.no_volume()
+    return SupportedSet(problem)

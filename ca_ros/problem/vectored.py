@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +15,6 @@ from ca_ros.settings import Numbers, repeated
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
 from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.sets_newton import SetsNewton
-
-if TYPE_CHECKING:
-    from ca_ros.problem.supported_set import SupportedSet
 
 LEVEL_GAP = 1e-10
 """By how much a line may be too short, in quarters of the range of an axis."""
@@ -206,20 +203,10 @@ class VectoredProblem(AllocationProblem):
         """There is none: raise a TypeError."""
         self._no_box()
 
-    @cached_property
-    def attainable_set(self) -> SupportedSet:  # type: ignore[override]
-        """The attainable wrenches.
-
-        Raises
-        ------
-        ValueError
-            If the set has no volume.
-        """
-        from ca_ros.problem.supported_set import SupportedSet
-
-        if not self.has_volume:
-            raise self.no_volume()
-        return SupportedSet(self)
+    @property
+    def attainable_set(self) -> NoReturn:  # type: ignore[override]
+        """`attainable_set_of` returns it: raise a TypeError."""
+        self._no_box()
 
     def _no_box(self) -> NoReturn:
         raise TypeError(

@@ -167,7 +167,7 @@ class VectoredPrioritization:
         begin = float(np.abs(missed).max()) + 0.1
         # Each |row - goal| <= lag is two equations with a slack each.
         k, ends = len(group), Interval(0.0, 3.0 * begin)
-        extra = [Interval(-0.1, begin + 0.1), *[ends] * (2 * k)]
+        extra: list[ConvexSet] = [Interval(-0.1, begin + 0.1), *[ends] * (2 * k)]
         matrix = np.zeros((2 * k, problem.n + 1 + 2 * k))
         matrix[:k, : problem.n], matrix[k:, : problem.n] = rows, rows
         matrix[:k, problem.n], matrix[k:, problem.n] = -1.0, 1.0

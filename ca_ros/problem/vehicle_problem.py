@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import pi
+
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.vehicle.effectiveness import control_allocation_matrix
+from ca_ros.problem.vectored import VectoredProblem, component_names
+from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
+from ca_ros.vehicle.effectiveness import control_allocation_matrix, thrust_wrenches
+from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.tilts import FIXED
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -30,6 +37,12 @@ class VehicleProblem(AllocationProblem):
     unit = ' N'
     advice = ' (see ca_ros.audit)'
 
+    def __new__(cls, vehicle: Vehicle | None = None) -> VehicleProblem:
+        """Make a `TiltingVehicleProblem` of a vehicle with rotors that tilt."""
+        tilts = vehicle is not None and vehicle.tilts is not None
+        made: VehicleProblem = object.__new__(TiltingVehicleProblem if tilts else cls)
+        return made
+
     def __init__(self, vehicle: Vehicle) -> None:
         # A vehicle has sound numbers, in SI units.
         self.vehicle, self.axes = vehicle, vehicle.axes
@@ -50,6 +63,101 @@ class VehicleProblem(AllocationProblem):
     def hovers(self) -> bool:
         """Whether hover is inside the admissible set, not on its boundary."""
         return self.reference_inside
+
+
+class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
+    """Find the thrust vectors of rotors that tilt, and with them thrusts and servo angles.
+
+    The components of a vector are its thrust along the middle of its tilt range and across.  From
+    a least thrust above zero on, the vectors of a rotor are not a convex set.  Instead, the
+    component along the middle is at least the least thrust: at the angle a from the middle, the
+    least thrust is 1 / cos a as great.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With `tilts`.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+    """
+
+    effector_kind, unit = VehicleProblem.effector_kind, VehicleProblem.unit
+    advice = VehicleProblem.advice
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        windows: Sequence[tuple[ConvexSet, Array]] | None = None,
+    ) -> None:
+        self.vehicle, self.axes = vehicle, vehicle.axes
+        self.windows = list(thrust_sets(vehicle) if windows is None else windows)
+        self.sets = ConvexSets([each for each, _ in self.windows])
+        names = [str(i + 1) for i in range(vehicle.n)]
+        self.effector_names = tuple(component_names(names, self.sets.sets))
+        owners = [i for i, (each, _) in enumerate(self.windows) for _ in range(each.size)]
+        self.directions = np.concatenate([rows for _, rows in self.windows])
+        columns = thrust_wrenches(vehicle, owners, self.directions)
+        self._fill(
+            columns[[AXES.index(axis) for axis in vehicle.axes]],
+            self.sets.lower,
+            self.sets.upper,
+            np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]),
+        )
+
+    @property
+    def facet_choices(self) -> int:
+        """There are no facets; a number above all limits, since their work would be great."""
+        return 10**9
+
+    def sizes(self, thrusts: Array) -> Array:
+        """Return the thrust (..., n) of each rotor, within its bounds."""
+        sizes = super().sizes(thrusts)
+        return np.minimum(np.maximum(sizes, self.vehicle.thrust_min), self.vehicle.thrust_max)
+
+    def forces(self, thrusts: Array) -> Array:
+        """Return the force (n, 3) of each rotor in the body frame for components (n,) [N]."""
+        vectors = thrusts[:, None] * self.directions
+        ends = np.cumsum([each.size for each in self.sets.sets])[:-1]
+        return np.array([part.sum(axis=0) for part in np.split(vectors, ends)])
+
+    def angles(self, thrusts: Array, wanted: Array | None = None) -> Array:
+        """Return the servo angles (k,) for components (n,) within their limits [rad].
+
+        A rotor without thrust points to where it is `wanted` (n, 3): by default up to the middle
+        of its range.
+        """
+        tilts = self.vehicle.tilts
+        assert tilts is not None
+        forces = self.forces(thrusts)
+        idle = np.linalg.norm(forces, axis=1) <= IDLE * np.maximum(1.0, self.vehicle.thrust_max)
+        middles = np.array([rows[0] for _, rows in self.windows])
+        forces[idle] = (middles if wanted is None else wanted)[idle]
+        return tilts.angles(forces)
+
+
+IDLE = 1e-12
+"""Thrust, as a share of the greatest, below which it has no direction."""
+
+
+def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:
+    """Return the set of each rotor's thrust vectors, and the directions of its components."""
+    tilts, found = vehicle.tilts, list[tuple[ConvexSet, Array]]()
+    assert tilts is not None
+    middles, quarters = tilts.turned((tilts.lower + tilts.upper) / 2.0)
+    limits = zip(vehicle.thrust_min.tolist(), vehicle.thrust_max.tolist(), strict=True)
+    for i, (least, most) in enumerate(limits):
+        span, cone = float(tilts.upper[i] - tilts.lower[i]), float(tilts.gimbal[i])
+        rows = np.array([middles[i], quarters[i], tilts.axes[i]])
+        if most <= 0.0 or (span <= FIXED and not cone):
+            found.append((Interval(least, most), rows[:1]))
+        elif cone:
+            found.append((Sector(min(cone, pi / 2), most, 3, least), rows))
+        else:
+            half = pi if span > pi + FIXED else min(span / 2.0, pi / 2)
+            found.append((Sector(half, most, 2, least), rows[:2]))
+    return found
 
 
 def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:

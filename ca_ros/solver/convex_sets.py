@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import acos, cos, isfinite, pi, sin, tan
+from typing import Any
 
 import numpy as np
 
@@ -244,7 +245,7 @@ class _Sectors:
         self.middle = np.where(self._full, 0.0, low + 0.6 * (self._radius - low))
         self.complexity = float(2 * len(sets) + 2 * self._cone.sum() + self._plane.sum())
 
-    def project(self, points: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    def project(self, points: Array) -> tuple[Array, Any, Array, Array, Array, Array]:
         """Return nearest points, the number of the case, and the half plane's coordinates.
 
         The cases: 0 inside, 1 on the arc, 2 on the flank, 3 on the plane at `least`, 4 a corner.

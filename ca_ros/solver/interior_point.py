@@ -74,6 +74,18 @@ def minimize(
     weight : float
         Of the cost, at first.
     """
+    bound = sets.upper > sets.lower
+    if not bound.all():
+        # What cannot move is no part of the program.
+        moving = [each for each, k in zip(sets.sets, sets.first, strict=True) if bound[k]]
+        fixed = sets.lower * ~bound
+        some = minimize(
+            ConvexSets(moving), matrix[:, bound], goal - matrix @ fixed, cost[bound],
+            start[bound], gap, None if curvature is None else curvature[bound], weight,
+        )
+        point = sets.lower.copy()
+        point[bound] = some.point
+        return some._replace(point=point)
     x, last, steps = start.copy(), sets.complexity / gap, 0
     bend = np.zeros(len(x)) if curvature is None else curvature
     multipliers = np.zeros(len(goal))
@@ -85,7 +97,7 @@ def minimize(
         # rows come first, for the digits of the small ones.
         terms = np.concatenate([terms, np.diag(np.sqrt(weight * bend))])
         order = np.argsort(-np.abs(terms).max(axis=1))
-        root = np.linalg.qr(terms[order], mode='r').T
+        root = np.asarray(np.linalg.qr(terms[order], mode='r')).T
         rows = np.linalg.solve(root, matrix.T)
         scaled = np.linalg.solve(root, gradient)
         left = goal - matrix @ x

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,13 +22,19 @@ def rotor_wrenches(vehicle: Vehicle) -> Array:
     (6, n) array
         Rows: force x, y, z [N/N] and torque x, y, z [N m/N] in the body frame.
     """
+    return thrust_wrenches(vehicle, range(vehicle.n), vehicle.rotor_axes)
+
+
+def thrust_wrenches(vehicle: Vehicle, rotors: Sequence[int], directions: Array) -> Array:
+    """Return as `rotor_wrenches` (6, k) for thrusts of rotors (k,) with directions (k, 3)."""
     k = vehicle.torque_coefficient / vehicle.thrust_coefficient
-    (x, y, z), (a, b, c) = vehicle.arms.T, vehicle.rotor_axes.T
-    torques = (vehicle.spins * k)[:, None] * vehicle.rotor_axes
+    places = list(rotors)
+    (x, y, z), (a, b, c) = vehicle.arms[places].T, directions.T
+    torques = (vehicle.spins * k)[places, None] * directions
     # np.cross takes longer than all of the rest.
     for i, moment in enumerate((y * c - z * b, z * a - x * c, x * b - y * a)):
         torques[:, i] += moment
-    return np.concatenate([vehicle.rotor_axes.T, torques.T])
+    return np.concatenate([directions.T, torques.T])
 
 
 def control_allocation_matrix(vehicle: Vehicle) -> Array:

@@ -56,6 +56,11 @@ def shipped_vehicles() -> dict[str, Path]:
     return {file.stem: file for file in sorted(config_directory().glob('*.yaml'))}
 
 
+def shipped_tilting() -> dict[str, Path]:
+    """Return the shipped parameter files of vehicles with rotors that tilt by name."""
+    return {file.stem: file for file in sorted((config_directory() / 'tilting').glob('*.yaml'))}
+
+
 def shipped_problems() -> dict[str, Path]:
     """Return the shipped files of problems without a vehicle by name."""
     return {file.stem: file for file in sorted((config_directory() / 'problems').glob('*.yaml'))}
@@ -66,11 +71,12 @@ def find(name: str | Path) -> Path:
     path = Path(name).expanduser()
     if path.is_file():
         return path
-    shipped = shipped_vehicles() | shipped_problems()
+    shipped = shipped_vehicles() | shipped_tilting() | shipped_problems()
     if str(name) in shipped:
         return shipped[str(name)]
     raise ParameterError(
-        f'{name}: neither a file nor a shipped vehicle ({", ".join(shipped_vehicles())}) '
+        f'{name}: neither a file nor a shipped vehicle '
+        f'({", ".join(shipped_vehicles() | shipped_tilting())}) '
         f'nor a shipped problem ({", ".join(shipped_problems())})'
     )
 

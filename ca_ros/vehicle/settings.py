@@ -108,6 +108,18 @@ class RotorSettings(Settings):
     ring: RingSettings = RingSettings()
     axes: Numbers = setting(
         [0.0, 0.0, 1.0], 'direction of thrust, x, y, z: of all rotors, or of each')
+    tilt_axes: Numbers = setting(
+        [0.0, 0.0, 0.0],
+        'axis about which the thrust tilts, normal to rotors.axes: of all rotors, or of each; '
+        'zero for a rotor that does not tilt')
+    tilt_min: Numbers = setting(
+        0.0, 'least tilt angle: of all rotors, or of each', unit='rad')
+    tilt_max: Numbers = setting(
+        0.0, 'greatest tilt angle; half a circle more than tilt_min at most, or a circle: an '
+        'azimuth thruster', unit='rad')
+    gimbal: Numbers = setting(
+        0.0, 'half angle of the cone of a rotor on a gimbal, which tilts about two axes; 0: none',
+        unit='rad', minimum=0.0)
     spins: Words = setting(
         description='sense of rotation of each rotor, seen from above', choices=['cw', 'ccw'])
     thrust_coefficient: Numbers = setting(

@@ -28,6 +28,7 @@ from ca_ros.vehicle.settings import (
 )
 from ca_ros.vehicle.thrust_curve import ThrustCurve, rotor_speeds
 from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds
+from ca_ros.vehicle.tilts import Tilts, tilts_of
 
 EFFECTORS_MAX = 1000
 """Greatest number of rotors; more would need hours to list what they can do."""
@@ -44,7 +45,7 @@ BOUND_ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Vehicle:
-    """A multirotor with n rotors that are fixed to its body.
+    """A multirotor with n rotors, fixed to its body or tilting.
 
     The body frame is forward-left-up (REP 103).  Use `load` or `from_parameters`, which validate.
 
@@ -87,6 +88,8 @@ class Vehicle:
         Speed of full throttle per volt of the battery [rad/s/V]; 0: the voltage does not matter.
     voltage : float or None
         Of the battery, if `at_voltage` was told [V].
+    tilts : Tilts or None
+        The servos of rotors that tilt; None if all are fixed to the body.
     """
 
     mass: float
@@ -107,6 +110,7 @@ class Vehicle:
     curve: ThrustCurve = SQUARE
     speed_max_per_volt: Array | float = 0.0
     voltage: float | None = None
+    tilts: Tilts | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -190,13 +194,14 @@ class Vehicle:
             curve = ThrustCurve.from_settings(rotors.thrust_curve, forwards, speed_min, speed_max)
         except ParameterError as error:
             raise ParameterError(f'rotors.thrust_curve.{error}') from None
+        directions = rotor_axes(rotors, n)
         return cls(
             mass=body.mass,
             gravity=body.gravity,
             buoyancy=body.buoyancy,
             inertia=inertia_matrix(body.inertia) if isinstance(body, MovingBodySettings) else None,
             arms=arms,
-            rotor_axes=rotor_axes(rotors, n),
+            rotor_axes=directions,
             spins=np.array([1.0 if word == 'cw' else -1.0 for word in spins]),
             thrust_coefficient=forwards,
             thrust_coefficient_reverse=np.where(backwards > 0.0, backwards, forwards),
@@ -208,6 +213,7 @@ class Vehicle:
             lost_axes=axes.lost_axes,
             curve=curve,
             speed_max_per_volt=each('speed_max_per_volt'),
+            tilts=tilts_of(rotors, directions, speed_min),
         )
 
     def with_health(self, health: ArrayLike) -> Vehicle:

@@ -1,0 +1,152 @@
+"""Rotors that tilt: their axes, their limits, and the directions of their thrusts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.settings import ParameterError, repeated
+from ca_ros.vehicle.settings import RotorSettings
+
+FIXED = 1e-9
+"""Range of a tilt angle below which a rotor is fixed [rad]."""
+
+ROUNDING = 1e-6
+"""How far the limits in a file may be beyond half a circle, or short of a circle [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tilts:
+    """The servos of a vehicle's rotors.
+
+    A rotor's thrust has the direction ``R(t, alpha) R(s, beta) d``: d is its direction in
+    `rotors.axes`, t its tilt axis, normal to d, and s = d x t.  Most rotors have alpha alone.  A
+    rotor on a gimbal has both angles, which keep its thrust in a cone about d.
+
+    Attributes
+    ----------
+    axes : (n, 3) array
+        t, unit vectors; zero for a rotor without a servo.
+    lower, upper : (n,) arrays
+        Limits of alpha [rad]; a range of a circle is an azimuth thruster.
+    gimbal : (n,) array
+        Half angle of the cone of a rotor on a gimbal, or zero [rad].
+    nominal : (n, 3) array
+        d.
+    """
+
+    axes: Array
+    lower: Array
+    upper: Array
+    gimbal: Array
+    nominal: Array
+
+    @property
+    def rotors(self) -> list[int]:
+        """The rotor of each servo; a gimbal has two, alpha before beta."""
+        tilts = (self.gimbal > 0.0) | (self.upper - self.lower > FIXED)
+        return [i for i in np.flatnonzero(tilts).tolist() for _ in range(1 + (self.gimbal[i] > 0))]
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Least and greatest angle of each servo [rad]."""
+        rotors = self.rotors
+        cone = self.gimbal[rotors] > 0.0
+        return (
+            np.where(cone, -self.gimbal[rotors], self.lower[rotors]),
+            np.where(cone, self.gimbal[rotors], self.upper[rotors]),
+        )
+
+    def turned(self, angles: Array) -> tuple[Array, Array]:
+        """Return directions (n, 3) for alphas (n,), and those a quarter turn further (n, 3)."""
+        side = np.cross(self.axes, self.nominal)
+        cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
+        return cosine * self.nominal + sine * side, cosine * side - sine * self.nominal
+
+    def directions(self, angles: Array) -> Array:
+        """Return the directions (n, 3) of the thrusts for servo angles (k,) [rad]."""
+        alphas, betas = self.lower.copy(), np.zeros(len(self.lower))
+        for rotor, angle, second in zip(self.rotors, angles, self._second, strict=True):
+            (betas if second else alphas)[rotor] = angle
+        cosine, sine = np.cos(betas)[:, None], np.sin(betas)[:, None]
+        return cosine * self.turned(alphas)[0] + sine * self.axes
+
+    def angles(self, forces: Array) -> Array:
+        """Return servo angles (k,) within their limits that point rotors along forces (n, 3).
+
+        A direction out of reach is replaced by the nearest limit.
+        """
+        along = np.einsum('ij,ij->i', forces, self.nominal)
+        side = np.einsum('ij,ij->i', forces, np.cross(self.axes, self.nominal))
+        across = np.einsum('ij,ij->i', forces, self.axes)
+        rotors, second = self.rotors, np.array(self._second)
+        alphas = np.arctan2(side, along)[rotors]
+        betas = np.arctan2(across, np.hypot(along, side))[rotors]
+        low, high = self.limits
+        # The equivalent angle that is nearest to the middle of the range.
+        middle = (low + high) / 2.0
+        alphas = middle + (alphas - middle + np.pi) % (2.0 * np.pi) - np.pi
+        return np.minimum(np.maximum(np.where(second, betas, alphas), low), high)
+
+    @property
+    def _second(self) -> list[bool]:
+        rotors = self.rotors
+        return [k > 0 and rotors[k - 1] == rotor for k, rotor in enumerate(rotors)]
+
+
+def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts | None:
+    """Return the servos of a vehicle's settings; None if no rotor tilts.
+
+    Raises
+    ------
+    ParameterError
+        If a setting has a wrong size, contradicts another one, or makes no convex set.
+    """
+    n = len(nominal)
+    lower = repeated('rotors.tilt_min', rotors.tilt_min, n)
+    upper = repeated('rotors.tilt_max', rotors.tilt_max, n)
+    gimbal = repeated('rotors.gimbal', rotors.gimbal, n)
+    if not (lower.any() or upper.any() or gimbal.any()):
+        return None
+    given = np.asarray(rotors.tilt_axes, float)
+    if given.size not in (3, 3 * n):
+        raise ParameterError(
+            f'rotors.tilt_axes: expected 3 or {3 * n} numbers for {n} rotors, got {given.size}'
+        )
+    axes = np.broadcast_to(given.reshape(-1, 3), (n, 3))
+    lengths = np.linalg.norm(axes, axis=1)
+    axes = axes / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    for i in range(n):
+        span, place = upper[i] - lower[i], f'of rotor {i + 1}'
+        if span < 0.0:
+            raise ParameterError(
+                f'rotors.tilt_min: {lower[i]:g} rad {place} is above tilt_max, {upper[i]:g} rad'
+            )
+        if span <= FIXED and not gimbal[i]:
+            if lower[i] and not lengths[i]:
+                raise ParameterError(f'rotors.tilt_axes: the axis {place} is zero, but it tilts')
+            continue
+        if not lengths[i] or abs(axes[i] @ nominal[i]) > ROUNDING:
+            raise ParameterError(
+                f'rotors.tilt_axes: expected an axis normal to rotors.axes {place}, got '
+                f'{axes[i].tolist()}'
+            )
+        if gimbal[i] and span > FIXED:
+            raise ParameterError(
+                f'rotors.gimbal: {gimbal[i]:g} rad {place} beside tilt_min and tilt_max; expected '
+                'one of them'
+            )
+        if pi + ROUNDING < span < 2.0 * pi - ROUNDING or gimbal[i] > pi / 2 + ROUNDING:
+            raise ParameterError(
+                f'rotors.tilt_max: {span or 2.0 * gimbal[i]:g} rad from limit to limit {place}; '
+                'expected up to half a circle, or a whole one: others are not convex'
+            )
+        if speed_min[i] < 0.0 or (speed_min[i] > 0.0 and span > pi + ROUNDING):
+            raise ParameterError(
+                f'rotors.speed_min: {speed_min[i]:g} rad/s {place}, which tilts; expected at '
+                'least 0, and 0 for a whole circle: other thrusts are not a convex set'
+            )
+    return Tilts(axes, lower, upper, gimbal, np.array(nominal))
