@@ -259,7 +259,8 @@ def test_speeds_and_angles_give_the_wrench(name):
     for u in AdmissibleSet(problem).sample(rng, 20):
         answer = allocator.allocate(u)
         angles = answer.angles
-        assert (low <= angles).all() and (angles <= high).all()
+        assert (low <= angles).all()
+        assert (angles <= high).all()
         assert (vehicle.speed_limits[0] <= answer.speeds).all()
         assert (answer.speeds <= vehicle.speed_limits[1]).all()
         forces = vehicle.thrusts(answer.speeds)[:, None] * vehicle.tilts.directions(angles)

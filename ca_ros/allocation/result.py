@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 
+import numpy as np
+
 from ca_ros.allocation.certificate import Certificate, certify
 from ca_ros.allocation.vectored_certificate import VectoredCertificate, certify_vectors
 from ca_ros.arrays import Array, IntArray
