@@ -16,6 +16,7 @@ from ca_ros import (
     Vehicle,
     make_allocator,
 )
+from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.solver.convex_sets import ConvexSets
@@ -245,7 +246,7 @@ def test_other_methods_name_what_they_cannot_take():
     problem = PROBLEMS['random 1']
     with pytest.raises(ParameterError, match='exact takes both'):
         make_allocator('direct', problem)
-    with pytest.raises(TypeError, match='not a polytope'):
+    with pytest.raises(TypeError, match='vectors in sets'):
         AdmissibleSet(problem).volume  # noqa: B018
 
 
@@ -282,3 +283,50 @@ def test_tilts_that_make_no_convex_sets_are_refused(name, value, fault):
     given = read('hexarotor_tilting') | {f'rotors.{name}': value}
     with pytest.raises(ParameterError, match=fault):
         Vehicle.from_parameters(given)
+
+
+def test_servos_within_their_rates_cross_zero_thrust_without_error():
+    """Two thrusters of the boat pass through zero thrust; their exact angles jump there."""
+    vehicle, period = Vehicle.load('azimuth_boat'), 0.05
+    exact, limited = make_allocator('exact', vehicle), TiltLimited(vehicle, 400.0, 3.0)
+    inverse = np.linalg.pinv(exact.problem.gamma)
+    side = -4.0 * (inverse @ [0.0, 0.0, 8.0])[1] + 0.02
+
+    def demand(time):
+        return np.array([16.0 * np.cos(time), side, 8.0])
+
+    last = exact.allocate(demand(0.0))
+    speeds, angles, jumps = last.speeds, last.angles, []
+    for time in np.arange(0.0, 3.2, period):
+        answer = limited.allocate(demand(time), speeds, angles, period)
+        assert np.abs(answer.angles - angles).max() <= 3.0 * period + 1e-12
+        assert np.abs(answer.speeds - speeds).max() <= 400.0 * period + 1e-9
+        assert answer.status.name == 'EXACT'
+        assert np.linalg.norm(answer.residual) < 1e-11
+        speeds, angles = answer.speeds, answer.angles
+        jumps.append(exact.allocate(demand(time)).angles)
+    assert np.abs(np.diff(jumps, axis=0)).max() > 1.5
+
+
+@pytest.mark.parametrize('name', list(PROBLEMS)[2:])
+def test_any_command_is_reached_within_the_rates(name):
+    """The wrench of a command within the rates is attainable in the next step, or nearly so."""
+    vehicle, rng = Vehicle.load(name), np.random.default_rng(6)
+    limited = TiltLimited(vehicle, 500.0, 2.0)
+    low, high = vehicle.tilts.limits
+    for _ in range(10):
+        speeds = rng.uniform(*vehicle.speed_limits)
+        angles = rng.uniform(low, high)
+        if vehicle.tilts.gimbal.any():
+            angles *= 0.5
+        u = VehicleProblem(vehicle).center + rng.normal(size=len(vehicle.axes))
+        answer = limited.allocate(u, speeds, angles, 0.02)
+        assert np.abs(answer.speeds - speeds).max() <= 500.0 * 0.02 + 1e-9
+        assert np.abs(answer.angles - angles).max() <= 2.0 * 0.02 + 1e-9
+        # To hold the command is in the sets.
+        forces = vehicle.thrusts(speeds)[:, None] * vehicle.tilts.directions(angles)
+        problem = answer.problem
+        held = np.concatenate([
+            rows @ force for (_, rows), force in zip(problem.windows, forces, strict=True)
+        ])
+        assert np.abs(held - problem.clip(held)).max() < 1e-9

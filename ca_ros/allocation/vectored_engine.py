@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.exact_settings import ExactSettings, Serving
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
@@ -31,9 +31,13 @@ class VectoredEngine:
         if not problem.has_volume:
             raise problem.no_volume()
         self._problem, self._settings = problem, settings
-        self._serving = settings.serving(problem)
+        settings.groups(problem.axes)
         preference = settings.preference(problem) or (None, None)
         self._solver = SetsNewton(problem.gamma, problem.sets, *preference)
+
+    @cached_property
+    def _serving(self) -> Serving:
+        return self._settings.serving(self._problem)
 
     @cached_property
     def _line(self) -> VectoredPrioritization:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NoReturn
 
 import numpy as np
 
@@ -187,19 +186,6 @@ class SupportedSet:
         if distance < 1e-7 * float(extent.max()):
             return 0.0, missed
         return -distance, missed / distance
-
-    def _no_facets(self) -> NoReturn:
-        raise TypeError(
-            'this attainable set is not a polytope: expected margin, contains, sample, section '
-            'or projection'
-        )
-
-    @property
-    def facets(self) -> NoReturn:
-        """There is no list of them: raise a TypeError."""
-        self._no_facets()
-
-    volume = generators = facets
 
 
 def _bulge(edges: Array) -> float:

@@ -210,8 +210,8 @@ class VectoredProblem(AllocationProblem):
 
     def _no_box(self) -> NoReturn:
         raise TypeError(
-            'the effectors of this problem are vectors in sets, not numbers within bounds: '
-            'expected exact, or a method in VECTOR_METHODS'
+            'the effectors of this problem are vectors in sets, not numbers within bounds: there '
+            'are margin, contains, sample, section, projection, scale and prioritize'
         )
 
 

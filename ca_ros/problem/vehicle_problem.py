@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi
+from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class VehicleProblem(AllocationProblem):
     unit = ' N'
     advice = ' (see ca_ros.audit)'
 
-    def __new__(cls, vehicle: Vehicle | None = None) -> VehicleProblem:
+    def __new__(cls, vehicle: Vehicle | None = None, *_: object) -> VehicleProblem:
         """Make a `TiltingVehicleProblem` of a vehicle with rotors that tilt."""
         tilts = vehicle is not None and vehicle.tilts is not None
         made: VehicleProblem = object.__new__(TiltingVehicleProblem if tilts else cls)
@@ -81,8 +81,14 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
     Attributes
     ----------
     vehicle : Vehicle
+    wanted : (n, 3) array or None
+        Directions of rotors without thrust; None: the middles of their sets.
+    near : (k,) array or None
+        Of equivalent servo angles, those nearest to these count [rad].
     """
 
+    wanted: Array | None = None
+    near: Array | None = None
     effector_kind, unit = VehicleProblem.effector_kind, VehicleProblem.unit
     advice = VehicleProblem.advice
 
@@ -122,19 +128,30 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         ends = np.cumsum([each.size for each in self.sets.sets])[:-1]
         return np.array([part.sum(axis=0) for part in np.split(vectors, ends)])
 
-    def angles(self, thrusts: Array, wanted: Array | None = None) -> Array:
+    def angles(self, thrusts: Array) -> Array:
         """Return the servo angles (k,) for components (n,) within their limits [rad].
 
-        A rotor without thrust points to where it is `wanted` (n, 3): by default up to the middle
-        of its range.
+        A rotor without thrust points to the direction in its set that is nearest to `wanted`.
         """
         tilts = self.vehicle.tilts
         assert tilts is not None
         forces = self.forces(thrusts)
         idle = np.linalg.norm(forces, axis=1) <= IDLE * np.maximum(1.0, self.vehicle.thrust_max)
-        middles = np.array([rows[0] for _, rows in self.windows])
-        forces[idle] = (middles if wanted is None else wanted)[idle]
-        return tilts.angles(forces)
+        for i in np.flatnonzero(idle):
+            forces[i] = self._nearest(i)
+        return tilts.angles(forces, self.near)
+
+    def _nearest(self, rotor: int) -> Array:
+        """Return the direction in a rotor's set that is nearest to the wanted one."""
+        each, rows = self.windows[rotor]
+        if self.wanted is None or each.size == 1 or not self.wanted[rotor].any():
+            return rows[0]
+        assert isinstance(each, Sector)
+        along, *rest = (rows @ self.wanted[rotor]).tolist()
+        across = hypot(*rest)
+        angle = min(atan2(across, along), each.half_angle)
+        side = np.array(rest) / across if across > 0.0 else np.zeros(len(rest))
+        return np.asarray(cos(angle) * rows[0] + sin(angle) * (side @ rows[1:]), float)
 
 
 IDLE = 1e-12

@@ -74,10 +74,11 @@ class Tilts:
         cosine, sine = np.cos(betas)[:, None], np.sin(betas)[:, None]
         return cosine * self.turned(alphas)[0] + sine * self.axes
 
-    def angles(self, forces: Array) -> Array:
+    def angles(self, forces: Array, near: Array | None = None) -> Array:
         """Return servo angles (k,) within their limits that point rotors along forces (n, 3).
 
-        A direction out of reach is replaced by the nearest limit.
+        A direction out of reach is replaced by the nearest limit.  Of equivalent angles, that
+        which is nearest to `near` (k,) counts, by default to the middle of the range.
         """
         along = np.einsum('ij,ij->i', forces, self.nominal)
         side = np.einsum('ij,ij->i', forces, np.cross(self.axes, self.nominal))
@@ -86,8 +87,7 @@ class Tilts:
         alphas = np.arctan2(side, along)[rotors]
         betas = np.arctan2(across, np.hypot(along, side))[rotors]
         low, high = self.limits
-        # The equivalent angle that is nearest to the middle of the range.
-        middle = (low + high) / 2.0
+        middle = (low + high) / 2.0 if near is None else near
         alphas = middle + (alphas - middle + np.pi) % (2.0 * np.pi) - np.pi
         return np.minimum(np.maximum(np.where(second, betas, alphas), low), high)
 

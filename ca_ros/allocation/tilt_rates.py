@@ -1,0 +1,163 @@
+"""Rates of servos and rotors: allocation within what they reach in one step."""
+
+from __future__ import annotations
+
+from math import acos, asin, cos, pi, sin
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.allocation.exact import Exact
+from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.result import Allocation
+from ca_ros.arrays import Array
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
+from ca_ros.settings import ParameterError
+from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
+from ca_ros.vehicle.tilts import FIXED, Tilts
+from ca_ros.vehicle.validation import numbers
+from ca_ros.vehicle.vehicle import Vehicle
+
+REACHED_MIN = 1e-9
+"""Range of a thrust, as a share of the greatest, below which it is held."""
+
+
+class TiltLimited:
+    """`exact` for rotors that tilt, whose servos and rotors turn no faster than given rates.
+
+    The set of each rotor is what servo and rotor reach from here in one step: a narrow sector
+    about the present direction, from the least thrust to the greatest.  So the angles are
+    continuous, also where the thrust passes through zero and its direction would jump.  A rotor
+    without thrust turns towards the direction in which thrust would cost least.
+
+    The thrusts that a rotor reaches are not convex below: its least one is taken along the middle
+    of the sector.  The present command always is in the set.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With rotors that tilt.
+    speed_rate : float or (n,) array
+        Greatest rate of the rotor speeds, positive [rad/s^2].
+    tilt_rate : float or (k,) array
+        Greatest rate of each servo, positive [rad/s].
+    settings : ExactSettings, optional
+
+    Raises
+    ------
+    ParameterError
+        If no rotor of the vehicle tilts, or a rate is not positive.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        speed_rate: ArrayLike,
+        tilt_rate: ArrayLike,
+        settings: ExactSettings | None = None,
+    ) -> None:
+        if vehicle.tilts is None:
+            raise ParameterError('vehicle: no rotor tilts; SlewLimited takes this vehicle')
+        self.vehicle, self._tilts = vehicle, vehicle.tilts
+        self.settings = ExactSettings() if settings is None else settings
+        self.speed_rate = numbers('speed_rate', speed_rate, vehicle.n)
+        self.tilt_rate = numbers('tilt_rate', tilt_rate, len(self._tilts.rotors))
+        if not ((self.speed_rate > 0.0).all() and (self.tilt_rate > 0.0).all()):
+            raise ParameterError('speed_rate, tilt_rate: expected positive numbers')
+
+    def allocate(
+        self, u: ArrayLike, speeds: ArrayLike, angles: ArrayLike, period: float
+    ) -> Allocation:
+        """Allocate one wrench.
+
+        Parameters
+        ----------
+        u : (m,) array
+            As in `Allocator.allocate`.
+        speeds, angles : (n,) and (k,) arrays
+            The last command [rad/s, rad], within the limits.
+        period : float
+            Time since then, positive [s].
+
+        Returns
+        -------
+        Allocation
+            Its problem has the sets of this step.
+        """
+        last = numbers('speeds', speeds, self.vehicle.n)
+        turned = numbers('angles', angles, len(self._tilts.rotors))
+        problem = TiltingVehicleProblem(self.vehicle, self._windows(last, turned, period))
+        problem.near = turned
+        answer = Exact(problem, self.settings).allocate(u)
+        if (problem.sizes(answer.thrusts) <= 1e-9 * self.vehicle.thrust_max).any():
+            slopes = problem.least_norm.solve(
+                answer.wrench[None], np.atleast_1d(problem.tolerance(answer.wrench))
+            ).multipliers[0]
+            problem.wanted = problem.forces(slopes @ problem.gamma)
+        return answer
+
+    def _windows(
+        self, speeds: Array, angles: Array, period: float
+    ) -> list[tuple[ConvexSet, Array]]:
+        """Return the set of each rotor for the next step, and its directions."""
+        vehicle, tilts, change = self.vehicle, self._tilts, self.speed_rate * period
+        low, high = vehicle.speed_limits
+        last = np.minimum(np.maximum(speeds, low), high)
+        least = vehicle.thrusts(np.maximum(last - change, low))
+        most = vehicle.thrusts(np.minimum(last + change, high))
+        present, directions = vehicle.thrusts(last), tilts.directions(angles)
+        found: list[tuple[ConvexSet, Array]] = []
+        for i in range(vehicle.n):
+            mine = [k for k, rotor in enumerate(tilts.rotors) if rotor == i]
+            here, thrusts = directions[i], (float(least[i]), float(most[i]))
+            held = thrusts[1] - thrusts[0] <= REACHED_MIN * max(1.0, float(vehicle.thrust_max[i]))
+            if held or not mine:
+                found.append((Interval(*thrusts), here[None]))
+                continue
+            # The present thrust times the cosine of its angle to the middle is at least the
+            # least thrust, if the middle is no further away than this.
+            away = acos(min(1.0, thrusts[0] / present[i])) if present[i] > 0.0 else pi
+            steps = self.tilt_rate[mine] * period
+            if len(mine) == 1:
+                middle, half = self._arc(i, float(angles[mine[0]]), float(steps[0]), away)
+                first, across = tilts.turned(np.full(vehicle.n, middle))
+                rows = np.array([first[i], across[i]])
+            else:
+                rows, half = _cap(tilts, i, here, float(angles[mine[1]]), steps, away)
+            if half <= FIXED:
+                found.append((Interval(*thrusts), here[None]))
+            else:
+                half = min(half, pi / 2)
+                found.append((Sector(half, thrusts[1], len(rows), thrusts[0]), rows))
+        return found
+
+    def _arc(self, rotor: int, angle: float, step: float, away: float) -> tuple[float, float]:
+        """Return the middle and the half range of the angles that a servo reaches."""
+        tilts = self._tilts
+        low, high = float(tilts.lower[rotor]), float(tilts.upper[rotor])
+        low, high = max(low, angle - step), min(high, angle + step)
+        return _centered(low, high, angle, away)
+
+
+def _centered(low: float, high: float, angle: float, away: float) -> tuple[float, float]:
+    """Return middle and half of a range, narrowed until the middle is at most `away`."""
+    least, most = 2.0 * (angle - away) - high, 2.0 * (angle + away) - low
+    low, high = max(low, least), min(high, most)
+    return (low + high) / 2.0, (high - low) / 2.0
+
+
+def _cap(
+    tilts: Tilts, rotor: int, here: Array, beta: float, steps: Array, away: float
+) -> tuple[Array, float]:
+    """Return the frame and half angle of a cone that a gimbal reaches, inside of its limits."""
+    nominal, limit = tilts.nominal[rotor], float(tilts.gimbal[rotor])
+    # Within a cap of this size both angles change by at most their steps.
+    size = min(float(steps[1]), asin(sin(min(float(steps[0]), pi / 2)) * cos(beta)))
+    off = acos(max(-1.0, min(1.0, float(here @ nominal))))
+    side = here - (here @ nominal) * nominal
+    length = float(np.linalg.norm(side))
+    side = side / length if length > 1e-9 else np.cross(tilts.axes[rotor], nominal)
+    middle, half = _centered(max(off - size, -limit), min(off + size, limit), off, away)
+    first = cos(middle) * nominal + sin(middle) * side
+    across = cos(middle) * side - sin(middle) * nominal
+    return np.array([first, across, np.cross(first, across)]), half
