@@ -88,7 +88,7 @@ class TiltLimited:
         turned = numbers('angles', angles, len(self._tilts.rotors))
         problem = TiltingVehicleProblem(self.vehicle, self._windows(last, turned, period))
         problem.near = turned
-        answer = Exact(problem, self.settings).allocate(u)
+        answer = Exact.made(problem, self.settings).allocate(u)
         if (problem.sizes(answer.thrusts) <= 1e-9 * self.vehicle.thrust_max).any():
             slopes = problem.least_norm.solve(
                 answer.wrench[None], np.atleast_1d(problem.tolerance(answer.wrench))

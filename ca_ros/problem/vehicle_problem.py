@@ -137,7 +137,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         assert tilts is not None
         forces = self.forces(thrusts)
         idle = np.linalg.norm(forces, axis=1) <= IDLE * np.maximum(1.0, self.vehicle.thrust_max)
-        for i in np.flatnonzero(idle):
+        for i in np.flatnonzero(idle).tolist():
             forces[i] = self._nearest(i)
         return tilts.angles(forces, self.near)
 
