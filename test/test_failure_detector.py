@@ -13,6 +13,7 @@ from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.failure_test import FailureTest
 from ca_ros.flight.kernel_detector import KernelDetector, load, packed
 from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.effectiveness import rotor_wrenches
@@ -80,9 +81,11 @@ def test_a_lost_rotor_is_not_taken_for_a_weak_one():
     np.testing.assert_array_equal(detection.detector.health, without(6, rotor_5=0.0))
 
 
-@pytest.mark.parametrize('later', [0.03, 0.5])
-def test_a_second_failure_is_found(later):
-    case = Case.load('octorotor', REALISTIC)
+@pytest.mark.parametrize(('vehicle', 'later'), [
+    ('octorotor', 0.03), ('octorotor', 0.5), ('x8', 0.05), ('x8', 0.5)])
+def test_a_second_failure_is_found(vehicle, later):
+    # Also while the first is being identified.
+    case = Case.load(vehicle, REALISTIC)
     last = without(8, rotor_1=0.0, rotor_4=0.0)
     _, detection = flown(case, {2.0: without(8, rotor_1=0.0), 2.0 + later: last}, 3.0 + later)
     np.testing.assert_array_equal(detection.detector.health, last)
@@ -126,7 +129,7 @@ def test_a_vehicle_that_stands_shows_nothing():
 
 # Measured rotor speeds
 
-def measured(detector, speeds, times=range(3)):
+def measured(detector, speeds, times=range(49, 52)):
     return [detector.measure(i * 10_000_000, np.array(speeds(i), float)) for i in times]
 
 
@@ -143,6 +146,32 @@ def test_a_rotor_that_does_not_follow_its_command_is_seen_at_once():
     assert measured(detector, lambda i: [250, 0, 250, 250, 250, 250]) == [False, False, True]
     np.testing.assert_array_equal(detector.health, without(6, rotor_2=0.0))
     assert detector.evidence[1] == 'rotor speed'
+
+
+def test_a_simulated_rotor_stops_and_its_measured_speed_shows_it():
+    # Without drag and noise the motion shows the loss later.
+    parameters = [*REALISTIC[:4], 'simulator.lost_rotors:=stop']
+    case = Case.load('octorotor', parameters)
+    plant, detector = case.plant(), case.detector()
+    hover = np.full(8, (case.vehicle.weight / case.vehicle.thrust_coefficient.sum()) ** 0.5)
+    for i in range(60):
+        if i == 50:
+            plant.body = case.body(without(8, rotor_3=0.0))
+        state, time = plant.measured, i * 10_000_000
+        detector.observe(time, state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY])
+        detector.command(time, hover)
+        if detector.measure(time, plant.speeds):
+            break
+        plant.step(hover)
+    assert i == 53
+    assert detector.evidence[2] == 'rotor speed'
+    np.testing.assert_array_equal(detector.health, without(8, rotor_3=0.0))
+
+
+def test_motors_that_idle_without_commands_have_not_failed():
+    detector = commanded()
+    times = range(60, 80)
+    assert not any(measured(detector, lambda i: [250, 40, 250, 250, 250, 40], times))
 
 
 def test_a_rotor_that_speeds_up_slowly_has_not_failed():

@@ -2,14 +2,16 @@
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import WrenchStamped
-from std_msgs.msg import Float64MultiArray
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from std_msgs.msg import Float64MultiArray, Header
+from std_srvs.srv import Trigger
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.nodes.messages import speeds_message, stamp
 from ca_ros.nodes.qos import STANDING
 from ca_ros.testing import Diagnostics, wrench
 
@@ -59,6 +61,41 @@ class Allocator:
             return self.speeds and condition(np.array(self.speeds[-1].data))
 
         self.graph.spin_until(met, what)
+
+
+def test_a_reset_gives_back_what_was_found_but_not_what_is_announced(graph):
+    monitor = graph.start('monitor', '--vehicle', 'hexarotor')
+    parameters = graph.connect('monitor')
+    reports = graph.listen(Float64MultiArray, 'rotor_health', STANDING)
+    pose = graph.publisher(PoseStamped, 'local_position/pose')
+    velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
+    command = graph.publisher(Float64MultiArray, 'command/motor_speed')
+    measured = graph.publisher(Float64MultiArray, 'motor_speed/measured')
+    sent = 0
+
+    def flies(condition):
+        def met():
+            nonlocal sent
+            sent += 1
+            time = sent * 10_000_000
+            header = Header(stamp=stamp(time))
+            pose.publish(PoseStamped(header=header))
+            velocity.publish(TwistStamped(header=header))
+            command.publish(speeds_message(np.full(6, 250.0), time))
+            measured.publish(speeds_message(250.0 * np.array([1, 0, 1, 1, 1, 1]), time))
+            return bool(reports) and condition(list(reports[-1].data))
+        return met
+
+    graph.spin_until(flies(lambda health: health == [1, 0, 1, 1, 1, 1]), 'rotor 2 is lost')
+    parameters.set({'rotors.health': [1.0, 1.0, 1.0, 1.0, 0.5, 1.0]})
+    graph.spin_until(lambda: list(reports[-1].data) == [1, 0, 1, 1, 0.5, 1], 'both are known')
+    client = graph.node.create_client(Trigger, 'monitor/reset')
+    assert client.wait_for_service(10.0)
+    answer = client.call_async(Trigger.Request())
+    graph.spin_until(answer.done, 'reset')
+    assert answer.result().success
+    graph.spin_until(lambda: list(reports[-1].data) == [1, 1, 1, 1, 0.5, 1], 'as announced')
+    assert monitor.poll() is None
 
 
 def lost(*rotors):

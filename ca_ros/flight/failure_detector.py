@@ -37,6 +37,10 @@ TOTAL = 0.9
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
+STALE = 60_000_000
+"""Age of the last command from which measured speeds show nothing: motors without commands idle
+[ns]."""
+
 SUSPICION = 12.0
 """Score from which the noise is not learnt, for at most `PATIENCE` s."""
 
@@ -103,6 +107,7 @@ class FailureDetector:
         self._floor = FLOOR**2 * self._noise
         self._moving = MOVING * np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._time: int | None = None
+        self._commanded: int | None = None
         self._turned, self._motion = np.eye(3), np.zeros(6)
         self.reset()
 
@@ -182,17 +187,21 @@ class FailureDetector:
 
     def command(self, time: int, speeds: Array) -> None:
         """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
+        self._commanded = time
         self._rotors.command(time, speeds)
 
     def measure(self, time: int, speeds: Array) -> bool:
         """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed.
 
-        They are compared with the speeds that the commands give at the last state.
+        They are compared with the speeds that the commands give at the last state; without a new
+        command they show nothing.
         """
         expected, measured = np.abs(self._rotors.speeds), np.abs(speeds)
         allowed = (1.0 - self.settings.least_loss) ** 0.5 * expected
         approaching = measured > self._measured + 0.01 * expected
-        self._slow = np.where((measured < allowed) & ~approaching, self._slow + 1, 0)
+        fresh = self._commanded is not None and time - self._commanded < STALE
+        slow = fresh & (measured < allowed) & ~approaching
+        self._slow = np.where(slow, self._slow + 1, 0)
         self._measured = measured
         failed = np.flatnonzero((self._slow == CONFIRMATIONS) & (self.health > 0.0)).tolist()
         for rotor in failed:

@@ -138,6 +138,8 @@ class Plant:
         state, step = self.state, self._sub_step
         for _ in range(self._sub_steps):
             self.speeds = self._lag(self.speeds, self._commands(command), step)
+            if self._settings.lost_rotors == 'stop':
+                self.speeds = np.where(self.body.vehicle.lost, 0.0, self.speeds)
             state = self.body.step(state, self.speeds, step, self._wind(step), self._integrate)
             if self._grounded:
                 state = stopped_by_ground(state)

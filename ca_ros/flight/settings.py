@@ -131,6 +131,9 @@ class PlantSettings(Settings):
     motor_time_constant: float = setting(
         0.0, 'time constant of the first-order lag from commanded to actual rotor speed', unit='s',
         minimum=0.0)
+    lost_rotors: Literal['turn', 'stop'] = setting(
+        'turn', 'turn: a lost rotor turns without thrust, as without its propeller; stop: it '
+        'stops, which measured rotor speeds show')
     command_delay: float = setting(
         0.0, 'time from a command to its effect on the motors, a multiple of the integration step',
         unit='s', minimum=0.0, maximum=10.0)

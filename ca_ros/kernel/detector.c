@@ -16,6 +16,7 @@
 #define EXPLAINED CA_REAL(0.7)
 #define NEAR CA_REAL(4.0)
 #define RESTART INT64_C(2000000000)
+#define STALE INT64_C(60000000)
 #define KEEP CA_REAL(1.0)
 #define MOTION CA_REAL(0.05)
 #define AVERAGING CA_REAL(0.2)
@@ -61,6 +62,8 @@ void ca_detector_command(ca_detector *detector, int64_t time, const ca_real *spe
     const int n = ROTORS(detector->model);
     const int64_t due = time + (int64_t)(detector->model->delay * CA_REAL(1e9) + CA_REAL(0.5));
     int at = detector->waiting;
+    detector->commanded = time;
+    detector->has_command = 1;
     if (at == CA_COMMANDS) {
         at--;
         memmove(detector->due, detector->due + 1, (size_t)at * sizeof *detector->due);
@@ -635,11 +638,13 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
 {
     const ca_detector_model *model = detector->model;
     const ca_real allowed = ca_sqrt(1 - model->least_loss);
+    /* Motors without commands idle. */
+    const int fresh = detector->has_command && time - detector->commanded < STALE;
     int changed = 0;
     for (int i = 0; i < ROTORS(model); i++) {
         const ca_real expected = ca_abs(detector->speeds[i]), measured = ca_abs(speeds[i]);
         const int approaching = measured > detector->measured[i] + CA_REAL(0.01) * expected;
-        const int slow = measured < allowed * expected && !approaching;
+        const int slow = fresh && measured < allowed * expected && !approaching;
         detector->measured[i] = measured;
         detector->slow[i] = slow ? detector->slow[i] + 1 : 0;
         if (detector->slow[i] != CONFIRMATIONS || !(detector->health[i] > 0))

@@ -69,7 +69,8 @@ typedef struct {
     const ca_detector_model *model;
     ca_real announced[CA_N];
     /* commanded rotors */
-    int waiting;
+    int waiting, has_command;
+    int64_t commanded;
     int64_t due[CA_COMMANDS];
     ca_real commands[CA_COMMANDS][CA_N];
     ca_real command[CA_N], speeds[CA_N];

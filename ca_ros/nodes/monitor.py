@@ -90,14 +90,15 @@ class MonitorNode(VehicleNode):
     def state(self) -> tuple[bytes, str]:
         """Return which rotors have failed, or may be failing."""
         detector = self.detector
-        lost = [
-            f'rotor {i + 1} {"lost" if detector.health[i] == 0.0 else "weak"} '
-            f'since {since / 1e9:.2f} s ({detector.evidence[i]})'
+        lost = detector.vehicle.with_health(detector.health).lost
+        failed = [
+            f'rotor {i + 1} {"lost" if lost[i] else "weak"} since {since / 1e9:.2f} s '
+            f'({detector.evidence[i]})'
             for i, since in enumerate(detector.since)
             if since is not None
         ]
-        if lost:
-            return ERROR, ', '.join(lost)
+        if failed:
+            return ERROR, ', '.join(failed)
         if not self._watchdog.awake:
             return STALE, 'no state yet'
         if detector.suspect is not None:
