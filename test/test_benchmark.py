@@ -15,8 +15,7 @@ from benchmarks.in_c import NAMES, compiled
 from benchmarks.parts import SETS
 from benchmarks.sizes import QUICK
 from benchmarks.timing import Key
-from benchmarks.wrenches import ring
-from ca_ros import AdmissibleSet, Vehicle, make_allocator
+from ca_ros import AdmissibleSet, make_allocator
 from ca_ros.evaluation.wrench_sets import near_boundary, samples
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR
@@ -128,17 +127,6 @@ def test_a_ratio_is_that_of_neighbours_in_time():
         for i, time in enumerate(times))
     assert timing.ratio(rows, one, other) == 2.0
     assert timing.ratio(rows, one, other._replace(contender='absent')) is None
-
-
-def test_the_ring_of_six_is_the_hexarotor_and_all_rings_give_the_same_thrust():
-    for vehicle, tilt in (('hexarotor', 0.0), ('hexarotor_tilted', np.radians(25.0))):
-        gamma = AdmissibleSet(Vehicle.from_parameters(ring(6, tilt))).problem.gamma
-        shipped = AdmissibleSet(Vehicle.load(vehicle)).problem.gamma
-        np.testing.assert_allclose(gamma, shipped, atol=1e-9)
-    for n in QUICK.rotors:
-        vehicle = Vehicle.from_parameters(ring(n))
-        assert vehicle.n == n
-        assert vehicle.thrust_max.sum() == pytest.approx(24.0)
 
 
 # The nodes

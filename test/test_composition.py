@@ -12,7 +12,6 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from ca_ros import ParameterError
-from ca_ros.bringup.fault_proxy import FaultProxyNode
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.allocator import AllocatorNode
@@ -99,53 +98,6 @@ class Composition:
             recorder.send(Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0)))
         self.spin_until(lambda recorder: recorder.elapsed >= DURATION, 'two flights')
         return [recorder.flight(DURATION) for recorder in self.recorders]
-
-
-HOOKS = ('build', 'adopt', 'audited', 'adopt_audit', 'levels', 'values', 'watch', 'start', 'close')
-"""Methods that a subclass may override."""
-
-
-def watched(node_class):
-    """Return a subclass that overrides each hook, and sets what they need after super()."""
-    class Watched(node_class):
-        def __init__(self, **kwargs):
-            super().__init__(**kwargs)
-            self.called = []
-
-    def override(name):
-        def hook(self, *given):
-            self.called.append(name)
-            return getattr(super(Watched, self), name)(*given)
-        setattr(Watched, name, hook)
-
-    for name in HOOKS:
-        if hasattr(node_class, name):
-            override(name)
-    return Watched
-
-
-@pytest.mark.parametrize(
-    'node_class', [AllocatorNode, ControllerNode, SimulatorNode, FaultProxyNode])
-def test_a_subclass_may_set_its_attributes_after_the_constructor_of_its_base(graph, node_class):
-    context, given = graph.node.context, {}
-    if node_class is not FaultProxyNode:
-        given = file_values('hexarotor', kind=node_class.declared)
-    overrides = [Parameter(name, value=value) for name, value in given.items()]
-    node = watched(node_class)(
-        context=context, parameter_overrides=overrides, use_global_arguments=False)
-    executor = Executor(context=context)
-    executor.add_node(node)
-    try:
-        assert node.called[:2] == ['start', 'build']
-        assert node.called.count('adopt') == 1
-        if node_class is not FaultProxyNode:
-            limit = Deadline(DEADLINE)
-            while not {'watch', 'levels', 'values'} <= set(node.called):
-                assert not limit.passed()
-                executor.spin_once(timeout_sec=0.1)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from ca_ros.flight.rigid_body import (
 )
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS, PrioritiesSettings
-from strategies import FLEET, HEXAROTOR, settings_of
+from strategies import FLEET, HEXAROTOR, length, settings_of
 
 SETTINGS = settings_of({})
 CONTROLLER = Controller.from_settings(HEXAROTOR, SETTINGS)
@@ -115,7 +115,7 @@ def test_the_acceleration_is_the_wanted_one():
     np.testing.assert_allclose(turn, -np.array(gains.attitude_damping) * omega, atol=1e-12)
 
 
-@pytest.mark.parametrize('spin', [5.0, -20.0])
+@pytest.mark.parametrize('spin', length([-20.0], [5.0, -20.0]))
 def test_a_tilt_is_taken_back_in_the_same_way_while_the_body_spins(spin):
     def tilts(spin):
         state, body = NULL_STATE.copy(), RigidBody(HEXAROTOR)

@@ -3,7 +3,6 @@
 import itertools
 import signal
 import struct
-import sys
 from contextlib import ExitStack, contextmanager
 
 import numpy as np
@@ -17,7 +16,6 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros import Vehicle, make_allocator
 from ca_ros.testing import BEST_EFFORT, RELIABLE, Diagnostics, Graph, counts, wrench
-from strategies import length
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
@@ -326,36 +324,3 @@ def test_the_controller_says_what_it_waits_for(graph):
     message.header.stamp.sec = 0
     timer.reset()
     node.wait(OK, 'under way')
-
-
-CURIOUS = """
-import sys
-from ca_ros.nodes import allocator
-
-class Curious(allocator.AllocatorNode):
-    def start_diagnostics(self, subject):
-        super().start_diagnostics(subject)
-        self.create_timer(0.0002, self._look_around, clock=self.steady)
-
-sys.exit(allocator.run('curious', Curious, ''))
-"""
-"""An allocator that looks at the other ends of its topics all the time."""
-
-
-@pytest.mark.long
-def test_others_that_come_and_go_are_no_mismatch(graph):
-    process = graph.start(
-        sys.executable, '-c', CURIOUS, '--vehicle', 'hexarotor', '--ros-args',
-        '-r', '__node:=allocator')
-    graph.connect('allocator')
-    for _ in range(length(30, 100)):
-        publisher = graph.node.create_publisher(WrenchStamped, 'command/wrench', RELIABLE)
-        subscription = graph.node.create_subscription(
-            Float64MultiArray, 'command/motor_speed', [].append, BEST_EFFORT)
-        graph.spin_until(publisher.get_subscription_count, 'matched')
-        graph.spin_until(subscription.get_publisher_count, 'matched')
-        graph.node.destroy_publisher(publisher)
-        graph.node.destroy_subscription(subscription)
-    _, err = graph.end(process, signal.SIGTERM)
-    assert process.returncode == 0, err
-    assert 'another' not in err

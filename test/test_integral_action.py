@@ -41,6 +41,7 @@ def test_constant_errors_vanish(error):
     assert flown(case(0.5, *changes)).position_error(WAYPOINT) < 0.001
 
 
+@pytest.mark.slow
 def test_a_wrong_torque_coefficient_does_not_turn_the_vehicle():
     # One rotor with 80 % of its reaction torque: 0.2 * 0.02 m * m g / 6 over J k = 0.12 N m.
     wrong = 'simulator.torque_factor:=[0.8, 1.0, 1.0, 1.0, 1.0, 1.0]'
@@ -49,6 +50,7 @@ def test_a_wrong_torque_coefficient_does_not_turn_the_vehicle():
     assert flown(case(1.0, wrong), duration=16.0).heading_error(WAYPOINT) < 1e-5
 
 
+@pytest.mark.slow
 def test_a_sound_model_flies_as_without_integral_action():
     # Euler's steps are those that the observer expects, so it sees no disturbance.
     far = Waypoint.of(8.0, -6.0, 4.0, np.radians(170.0))
@@ -71,6 +73,7 @@ def test_a_step_that_saturates_does_not_wind_up(mass):
     assert flight.position[:, 2].max() < 20.02
 
 
+@pytest.mark.slow
 def test_the_controller_continues_after_an_announcement():
     # A tenth of the thrust of a rotor is lost and announced: the estimate of the wind stays.
     windy = case(1.0, *ERRORS['wind of 0.9 N'][0])

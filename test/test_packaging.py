@@ -125,6 +125,7 @@ def test_the_package_built_from_the_source_distribution_works(wheel, sdist, tmp_
         '-m', 'pytest', '-q', 'test/test_parameters.py', 'test/test_vehicle.py', cwd=sdist)
 
 
+@pytest.mark.slow
 def test_it_is_imported_in_the_folder_that_holds_the_clone(tmp_path):
     # There the clone's folder has the name of the package, and is none.
     (tmp_path / 'ca_ros').mkdir()
@@ -134,6 +135,7 @@ def test_it_is_imported_in_the_folder_that_holds_the_clone(tmp_path):
 
 # What there is
 
+@pytest.mark.slow
 def test_python_m_ca_ros_names_all_there_is():
     said = run('-m', 'ca_ros', cwd=ROOT, **PLACES)
     version, programs = installed()
@@ -148,12 +150,14 @@ def test_python_m_ca_ros_names_all_there_is():
     assert 'python -m ca_ros audit VEHICLE' in said
 
 
+@pytest.mark.slow
 def test_a_reader_of_python_m_ca_ros_may_end_first():
     command = f'{sys.executable} -u -m ca_ros | true'
     process = subprocess.run(command, cwd=ROOT, shell=True, capture_output=True, text=True)
     assert (process.returncode, process.stderr) == (0, '')
 
 
+@pytest.mark.slow
 def test_python_m_ca_ros_says_that_there_is_no_rclpy(tmp_path):
     script = (
         'import sys, runpy; sys.modules["rclpy"] = None; sys.argv[1:] = []; '

@@ -266,14 +266,13 @@ def test_parameters_left_out_have_their_defaults(tmp_path):
     assert flat(settings).keys() == PARAMETERS.keys()
 
 
-@pytest.mark.parametrize('name', PARAMETERS)
-def test_every_parameter_is_described_with_its_default(name):
-    parameter = PARAMETERS[name]
-    assert parameter.description
-    if parameter.default is not REQUIRED:
-        checked = check(name, parameter.default, parameter)
-        assert (tuple(checked) if isinstance(checked, list) else checked) == parameter.default
-        assert type(checked) in (*parameter.kinds, list)
+def test_every_parameter_is_described_with_its_default():
+    for name, parameter in PARAMETERS.items():
+        assert parameter.description, name
+        if parameter.default is not REQUIRED:
+            checked = check(name, parameter.default, parameter)
+            assert (tuple(checked) if isinstance(checked, list) else checked) == parameter.default
+            assert type(checked) in (*parameter.kinds, list), name
 
 
 @pytest.mark.parametrize(

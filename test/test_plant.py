@@ -288,7 +288,7 @@ def flight(seed):
     given = {**case.parameters, **EVERY_EFFECT, 'simulator.seed': seed}
     settings = read(PlantSettings, given, 'simulator.')
     flown = Plant(body_of(case.vehicle, settings), settings)
-    return fly(case.controller(), case.allocator('exact'), flown, Waypoint.of(1, 1, 1, 0.5), 0.5)
+    return fly(case.controller(), case.allocator('exact'), flown, Waypoint.of(1, 1, 1, 0.5), 0.2)
 
 
 def test_the_seed_decides_every_bit():

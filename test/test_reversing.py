@@ -25,12 +25,6 @@ def test_thrust_and_speed_by_hand():
     assert ROV.speeds(ROV.thrust_min).tolist() == [-377.0] * 8
 
 
-def test_a_rotor_without_another_coefficient_is_as_strong_backwards():
-    same = Vehicle.from_parameters(
-        Case.load('rov').parameters | {'rotors.thrust_coefficient_reverse': 0.0})
-    np.testing.assert_array_equal(same.thrust_min, -same.thrust_max)
-
-
 def test_a_weak_or_lost_rotor_is_so_in_both_senses():
     weak = ROV.with_health([0.5, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     np.testing.assert_allclose(weak.thrust_min[:2], [0.5 * ROV.thrust_min[0], 0.0])

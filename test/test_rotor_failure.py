@@ -122,7 +122,7 @@ def test_the_other_methods_fly_on_too(method):
 
 # No rotor is left
 
-@pytest.mark.parametrize('health', [0.0, 1e-300, 5e-324, [0.0, 1e-300, 0.0, 1e-10, 0.0, 1e-12]])
+@pytest.mark.parametrize('health', [0.0, [0.0, 1e-300, 5e-324, 1e-10, 0.0, 1e-12]])
 @pytest.mark.parametrize('method', ALLOCATORS)
 def test_without_any_rotor_every_method_leaves_them_at_rest(method, health):
     vehicle = audit(Vehicle.load('hexarotor').with_health(health)).vehicle
@@ -186,6 +186,7 @@ def test_failures_and_announcements_have_their_times():
     assert never.believed(sound, 4_000_000_000).tolist() == [1.0, 1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_a_rotor_that_is_not_there_cannot_fail(tmp_path, capsys):
     for command in (bringup, dynamic_study):
         assert command(['--fail', '7@1', '--out', str(tmp_path)]) == 1

@@ -22,7 +22,7 @@ ROLL = [9.81, 0.8, 0.0, 0.0]
 def test_the_speeds_stay_within_reach_of_the_last_ones(method):
     slow = SlewLimited(make_allocator(method, HEXAROTOR), rates=3000.0)
     rng, last = np.random.default_rng(1), HOVER
-    for _ in range(50):
+    for _ in range(25):
         answer = slow.allocate(ROLL + rng.normal(0.0, [3.0, 0.5, 0.5, 0.05]), last, period=0.01)
         assert np.all(np.abs(answer.speeds - last) <= 30.0 * (1.0 + 1e-12))
         assert np.all((HEXAROTOR.speed_min <= answer.speeds)
@@ -86,7 +86,7 @@ def test_rotors_reverse_through_zero():
 def test_speeds_give_the_thrusts_on_both_sides_of_zero(method):
     rov = Vehicle.load('rov')
     slow, last = SlewLimited(make_allocator(method, rov), rates=2000.0), np.full(8, -300.0)
-    for step in range(120):
+    for step in range(60):
         swing = np.sin(0.1 * step) * np.array([80.0, 60.0, 120.0, 8.0, 8.0, 15.0])
         answer = slow.allocate(swing, last, 0.01)
         assert np.all(np.abs(answer.speeds - np.clip(last, -377.0, 377.0)) <= 20.0 * (1.0 + 1e-12))

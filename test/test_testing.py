@@ -157,17 +157,6 @@ def test_the_processes_of_a_killed_test_end(graph):
     graph.spin_until(lambda: not os.path.exists(f'/proc/{out.strip()}'), 'the end of the process')
 
 
-def test_a_fault_in_a_graph_shows_the_output_of_its_processes(capsys):
-    def failing():
-        with Graph() as graph:
-            ready(graph, graph.start(PYTHON, '-uc', EXIT_3, exit_codes=[3]))
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        failing()
-    assert ', exit code 3\nready\n' in capsys.readouterr().err
-
-
 # Nodes
 
 def test_a_node_on_another_context_is_refused(graph):

@@ -10,7 +10,6 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic import study
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.trajectory import Trajectory
-from ca_ros.flight.waypoint import Waypoint
 
 SQUARE = """t,x,y,z,heading
 0,1,0,1,0
@@ -105,9 +104,3 @@ def test_a_trajectory_excludes_a_waypoint(arguments, fault, square, tmp_path, ca
     words = ['--trajectory', str(square), *arguments, '--out', str(tmp_path / 'out')]
     assert study.main(words) == 1
     assert fault in capsys.readouterr().err
-
-
-def test_a_trajectory_of_one_waypoint():
-    alone = Trajectory.to(Waypoint.of(1.0, 2.0, 3.0, 0.0))
-    assert alone.first is alone.last is alone.at(10**15)
-    assert alone.changes() == []
