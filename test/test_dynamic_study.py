@@ -9,10 +9,12 @@ import pytest
 
 from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
+from ca_ros.evaluation.dynamic.manoeuvres import median_of, share_of
 from ca_ros.evaluation.dynamic.metrics import metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import observe
 from ca_ros.evaluation.dynamic.ros_flight import RosFlightError, fly_over_ros
 from ca_ros.evaluation.dynamic.study import main
+from ca_ros.evaluation.tables import latex
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
@@ -308,3 +310,43 @@ def test_the_reason_for_no_flight_over_ros_is_told(graph):
     case = Case.load('hexarotor')
     with pytest.raises(RosFlightError, match=r'exact: no flight over ROS: .*nonsense'):
         fly_over_ros(case, 'exact', 1.0, ['--nonsense'])
+
+
+def test_manoeuvres_are_the_same_for_each_method_and_have_intervals(tmp_path):
+    words = ['--manoeuvres', 'upsets', '--seeds', '2', '--out', str(tmp_path)]
+    assert main([*words, '--methods', 'exact,pseudo_inverse', '--tables', 'latex']) == 0
+    with (tmp_path / 'manoeuvres.csv').open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row['seed'], row['method']) for row in rows] == [
+        (seed, method) for seed in '01' for method in ('exact', 'pseudo_inverse')]
+    assert [row['recovered'] for row in rows if row['method'] == 'exact'] == ['1', '1']
+    # Less height lost in each of the two, and another one with each seed.
+    heights = np.array([float(row['height_lost']) for row in rows]).reshape(2, 2)
+    assert (heights[:, 0] < heights[:, 1]).all()
+    assert heights[0, 0] != heights[1, 0]
+    assert '2 of 2 (34% to 100%)' in (tmp_path / 'manoeuvres.md').read_text()
+    tex = (tmp_path / 'manoeuvres.tex').read_text()
+    assert tex.count('&') == 3 * 5
+    assert '2 of 2 (34\\% to 100\\%)' in tex
+
+
+def test_intervals_of_shares_and_medians():
+    # Wilson's interval for 5 of 10, as in textbooks, and its ends.
+    np.testing.assert_allclose(share_of(5, 10), (0.2366, 0.7634), atol=1e-4)
+    np.testing.assert_allclose(share_of(0, 10), (0.0, 0.2775), atol=1e-4)
+    # Of 100 values the 41st and the 60th.
+    assert median_of(np.arange(1.0, 101.0)) == (50.5, 41.0, 60.0)
+
+
+def test_tables_in_latex():
+    assert latex('# x\n\n| a | b_1 [%] |\n| --- | ---: |\n| `p_q` | 1.2e-05 |\n\nend\n') == (
+        '\\begin{tabular}{lr}\n\\toprule\na & b\\_1 [\\%] \\\\\n\\midrule\n'
+        '\\texttt{p\\_q} & 1.2\\,$\\cdot$\\,10$^{-5}$ \\\\\n\\bottomrule\n\\end{tabular}\n')
+
+
+@pytest.mark.parametrize('words', [
+    ['--manoeuvres', 'flips'], ['--manoeuvres', 'upsets', '--detect'], ['--seeds', '0']])
+def test_wrong_manoeuvres_are_refused(words, capsys):
+    with pytest.raises(SystemExit):
+        main(words)
+    assert '--' in capsys.readouterr().err.splitlines()[-1]

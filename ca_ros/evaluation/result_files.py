@@ -17,23 +17,31 @@ from typing import Any
 import pandas as pd
 
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.tables import latex
 
 PACKAGES = ('ca_ros', 'numpy', 'scipy', 'osqp', 'pandas', 'matplotlib')
 
 NOT_REPEATED = (
     'out', 'figures', 'figure_width', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint',
-    'heading', 'trajectory', 'workers', 'scheduler',
+    'heading', 'trajectory', 'workers', 'scheduler', 'tables',
 )  # fmt: skip
 """Options that the command leaves out: places of files and of computation, and what the dynamic
 study adds itself."""
 
 
-def write(stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str) -> None:
-    """Write the rows as CSV, the metrics as JSON (null if not finite), a document as Markdown."""
+def write(
+    stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str, tables: str
+) -> None:
+    """Write the rows as CSV, the metrics as JSON (null if not finite), a document as Markdown.
+
+    With `tables` latex, its tables as LaTeX, too.
+    """
     rows.to_csv(stem.with_suffix('.csv'), index=False, lineterminator='\n')
     text = json.dumps(_plain(found), indent=2, allow_nan=False) + '\n'
     stem.with_suffix('.json').write_text(text, encoding='utf-8')
     stem.with_suffix('.md').write_text(document, encoding='utf-8')
+    if tables == 'latex':
+        stem.with_suffix('.tex').write_text(latex(document), encoding='utf-8')
 
 
 def _plain(found: Any) -> Any:

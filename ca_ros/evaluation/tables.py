@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jinja2
+
+LATEX = {
+    '±': r'$\pm$', '²': '$^2$', '¹·⁵': '$^{1.5}$', '°': r'$^\circ$', 'ω': r'$\omega$',
+    'τ': r'$\tau$', '≤': r'$\le$', 'µ': r'\textmu{}',
+}  # fmt: skip
+"""What the signs of the tables are in LaTeX."""
 
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
@@ -21,6 +28,32 @@ def number(value: float) -> str:
     if abs(value) < 1e-2:
         return f'{value:.0e}'
     return f'{value:.3g}'
+
+
+def latex(document: str) -> str:
+    """Return the tables of a Markdown document as LaTeX, with the rules of booktabs."""
+    made = []
+    for found in re.finditer(r'(?:^\|.*\|\n?)+', document, re.MULTILINE):
+        titles, rule, *rows = (
+            [cell.strip() for cell in line.strip().strip('|').split(' | ')]
+            for line in found[0].splitlines()
+        )
+        columns = ''.join('r' if cell.endswith(':') else 'l' for cell in rule)
+        head, *body = (' & '.join(map(escaped, row)) + r' \\' for row in (titles, *rows))
+        lines = (rf'\begin{{tabular}}{{{columns}}}', r'\toprule', head, r'\midrule', *body)
+        made.append('\n'.join((*lines, r'\bottomrule', r'\end{tabular}', '')))
+    return '\n'.join(made)
+
+
+def escaped(text: str) -> str:
+    """Return a cell of a Markdown table for LaTeX."""
+    for sign in '%&#_$':
+        text = text.replace(sign, '\\' + sign)
+    text = re.sub(r'`(.*?)`', r'\\texttt{\1}', text)
+    text = re.sub(r'(\d)e([+-])0?(\d+)', r'\1\\,$\\cdot$\\,10$^{\2\3}$', text)
+    for sign, command in LATEX.items():
+        text = text.replace(sign, command)
+    return text.replace('^{+', '^{')
 
 
 def listed(values: Mapping[str, Any], between: str = ' ') -> str:

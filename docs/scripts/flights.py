@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import cos, inf, pi, radians, sin
+from math import inf, pi
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ca_ros.allocation import Allocation
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic.manoeuvres import goal, unlimited, upset
 from ca_ros.evaluation.dynamic.metrics import RECOVERED, changes_of, height_lost
 from ca_ros.evaluation.wrench_metrics import energy
 from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY
+from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 
@@ -29,25 +27,6 @@ FAIL, ANNOUNCE, DURATION, SLALOM_DURATION = 0.5, 0.1, 8.0, 12.0
 """Time of the loss, delay of its announcement, and durations of the flights [s]."""
 
 ROUNDING = 1e-9
-
-
-Three = Sequence[float]
-
-
-def upset(
-    tilt: float = 0, towards: float = 0, turn: Three = (0, 0, 0), velocity: Three = (0, 0, 0)
-) -> Array:
-    """Return a state: tilted [degrees] towards an azimuth [degrees], rotating and moving."""
-    state = NULL_STATE.copy()
-    axis = np.array([-sin(radians(towards)), cos(radians(towards)), 0.0])
-    state[ATTITUDE] = Rotation.from_rotvec(radians(tilt) * axis).as_quat()
-    state[ANGULAR_VELOCITY], state[VELOCITY] = turn, velocity
-    return state
-
-
-def goal(x: float, y: float, z: float, heading: float) -> Waypoint:
-    """Return a waypoint at a position [m] with a heading [degrees]."""
-    return Waypoint.of(x, y, z, radians(heading))
 
 
 MANOEUVRES = {
@@ -74,21 +53,6 @@ SLALOM = [
     (4.8, goal(7.5, 0, 0, 0)),
 ]
 """Times [s] and waypoints of a slalom; each waypoint is left before it is reached."""
-
-
-class Unlimited(Controller):
-    """The controller without the limit of its wrench."""
-
-    def wrench(self, *state: Any) -> Array:
-        """Return the demand; the time of the state does not matter without integral action."""
-        return self.demand(*state[:5])
-
-
-def unlimited(controller: Controller) -> Controller:
-    """Return a controller without its limit."""
-    free = copy.copy(controller)
-    free.__class__ = Unlimited
-    return free
 
 
 class Recorder:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 
+import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
@@ -22,7 +23,8 @@ from ca_ros.bringup.flight_options import (
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
 from ca_ros.evaluation.dynamic.flights import Flights
-from ca_ros.evaluation.dynamic.metrics import metrics, sample_errors
+from ca_ros.evaluation.dynamic.manoeuvres import MANOEUVRES, flown, summary
+from ca_ros.evaluation.dynamic.metrics import RECOVERED, metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import findings, observe
 from ca_ros.evaluation.dynamic.plots import draw
 from ca_ros.evaluation.dynamic.ros_flight import check, fly_over_ros
@@ -30,6 +32,7 @@ from ca_ros.evaluation.dynamic.tables import document
 from ca_ros.evaluation.paper import flown_as_in_the_paper
 from ca_ros.evaluation.result_files import facts, write
 from ca_ros.evaluation.study_cli import case_of, concluded, parser
+from ca_ros.evaluation.tables import render
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import NULL_STATE
@@ -48,6 +51,10 @@ def _study(options: argparse.Namespace) -> None:
     """Fly, write all files and print dynamic.md."""
     case, allocators = case_of(options, flying=True)
     options.out.mkdir(parents=True, exist_ok=True)
+    if options.manoeuvres is not None:
+        print(_fly_manoeuvres(case, allocators, options))
+        print(f'written: manoeuvres.csv, .json and .md in {options.out}')
+        return
     failures = failures_of(options)
     failures.check(case.vehicle.n)
     options.goals = goals = trajectory_of(options)
@@ -78,6 +85,9 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     over_ros = 'fly over the ROS nodes, in lockstep: the same flights, to the last bit'
     add('--ros', action='store_true', help=over_ros)
     add('--animate', action='store_true', help='also write animation.gif, which shows the flights')
+    names = f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}'
+    add('--manoeuvres', metavar='A,B', help=names)
+    add('--seeds', type=positive(int), default=50, metavar='N', help='of each manoeuvre')
     add_options(made)
     own, ros = split(argv)
     options = made.parse_args(own)
@@ -85,7 +95,41 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         # The nodes would fly with other parameters than those that the study reports.
         made.error(f'{given[0]} after --ros-args: give parameters by --vehicle and -p before it')
     options.ros_arguments = ros
+    strange = {*(options.manoeuvres or 'upsets').split(',')} - {*MANOEUVRES}
+    if strange:
+        made.error(f'--manoeuvres {", ".join(sorted(strange))}: expected {", ".join(MANOEUVRES)}')
+    if options.manoeuvres is not None and (options.ros or options.fail or options.detect):
+        made.error('--manoeuvres: not with --ros, --fail or --detect')
     return options
+
+
+def _fly_manoeuvres(
+    case: Case, allocators: Mapping[str, Allocator], options: argparse.Namespace
+) -> str:
+    """Fly each manoeuvre of each seed with each method; write the files, return manoeuvres.md."""
+    names = options.manoeuvres.split(',')
+    flights = [
+        (name, seed, method)
+        for name in names
+        for seed in range(options.seeds)
+        for method in allocators
+    ]
+    rows = []
+    for name, seed, method in tqdm(flights, unit=' flights', disable=None):
+        # Each method flies the same manoeuvres.
+        rng = np.random.default_rng([seed, list(MANOEUVRES).index(name)])
+        drawn = MANOEUVRES[name](rng, case.vehicle.n)
+        row = {'manoeuvre': name, 'seed': seed, 'method': method}
+        rows.append({**row, **flown(case, method, drawn)})
+    found = pd.DataFrame(rows)
+    text = render(
+        'manoeuvres.md',
+        table=summary(found),
+        recovered=RECOVERED,
+        **(about := facts(case, 'dynamic_study', options)),
+    )
+    write(options.out / 'manoeuvres', found, about, text, options.tables)
+    return text
 
 
 def _fly(
@@ -152,7 +196,7 @@ def _write(
         pd.DataFrame({'method': name, **flight.columns()}) for name, flight in flights.items()
     )
     text = document(found)
-    write(out / 'dynamic', rows, found, text)
+    write(out / 'dynamic', rows, found, text, options.tables)
     study = Flights(flights, samples, case.vehicle, options.goals, failures, detected)
     if options.animate:
         animate(out / 'animation.gif', study)

@@ -113,7 +113,7 @@ def _write(
         'left_out': case.left_out,
     }
     text = document(found)
-    write(options.out / 'static', rows.drop(columns='violation'), found, text)
+    write(options.out / 'static', rows.drop(columns='violation'), found, text, options.tables)
     times = {name: own['time'] for name, own in methods.items()}
     style = options.figures, options.figure_width
     admissible = AdmissibleSet(case.problem)

@@ -1,0 +1,199 @@
+"""Manoeuvres that saturate the rotors, drawn from seeds, behind a controller without a limit."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import cos, inf, radians, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from ca_ros.allocation import Allocation, Allocator
+from ca_ros.arrays import Array
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic.metrics import RECOVERED, changes_of, height_lost
+from ca_ros.evaluation.tables import table
+from ca_ros.evaluation.wrench_metrics import energy
+from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.waypoint import Waypoint
+
+DURATION, SLALOM_DURATION = 8.0, 12.0
+"""Of the flights [s]."""
+
+ANNOUNCE = 0.1
+"""Delay from the loss of a rotor to its announcement [s]."""
+
+LIKELY = 1.959964
+"""Half width of the interval that holds 95 % of a normal distribution."""
+
+
+class Unlimited(Controller):
+    """The controller without the limit of its wrench."""
+
+    def wrench(self, *state: Any) -> Array:
+        """Return the demand; the time of the state does not matter without integral action."""
+        return self.demand(*state[:5])
+
+
+def unlimited(controller: Controller) -> Controller:
+    """Return a controller without its limit."""
+    free = copy.copy(controller)
+    free.__class__ = Unlimited
+    return free
+
+
+def upset(
+    tilt: float = 0.0,
+    towards: float = 0.0,
+    turn: Sequence[float] = (0.0, 0.0, 0.0),
+    velocity: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Array:
+    """Return a state: tilted [degrees] towards an azimuth [degrees], rotating and moving."""
+    state = NULL_STATE.copy()
+    axis = np.array([-sin(radians(towards)), cos(radians(towards)), 0.0])
+    state[ATTITUDE] = Rotation.from_rotvec(radians(tilt) * axis).as_quat()
+    state[ANGULAR_VELOCITY], state[VELOCITY] = turn, velocity
+    return state
+
+
+def goal(x: float, y: float, z: float, heading: float) -> Waypoint:
+    """Return a waypoint at a position [m] with a heading [degrees]."""
+    return Waypoint.of(x, y, z, radians(heading))
+
+
+class Manoeuvre(NamedTuple):
+    """A flight from a state to waypoints, or with a rotor that fails; the duration is in s."""
+
+    state: Array
+    goals: tuple[tuple[float, Waypoint], ...]
+    failed: RotorFailure | None = None
+    duration: float = DURATION
+
+    def changes(self, case: Case, method: str) -> list[Change]:
+        """Return what changes on the way."""
+        found = [Change(round(t * 1e9), waypoint=point) for t, point in self.goals[1:]]
+        if self.failed is None:
+            return found
+        failing = case.failing(method, RotorFailures((self.failed,), ANNOUNCE))
+        return [
+            *found,
+            *(
+                replace(each, controller=each.controller and unlimited(each.controller))
+                for each in failing
+            ),
+        ]
+
+
+def upset_of(rng: np.random.Generator, n: int) -> Manoeuvre:
+    """Draw an upset: tilted by 120 to 170 degrees, with a turn to make."""
+    state = upset(rng.uniform(120.0, 170.0), rng.uniform(-180.0, 180.0))
+    return Manoeuvre(state, ((0.0, goal(0, 0, 0, rng.uniform(-120.0, 120.0))),))
+
+
+def spin_of(rng: np.random.Generator, n: int) -> Manoeuvre:
+    """Draw a spin of 8 to 16 rad/s about any axis, tilted by up to 60 degrees."""
+    axis = rng.normal(size=3)
+    turn = rng.uniform(8.0, 16.0) * axis / np.linalg.norm(axis)
+    state = upset(rng.uniform(0.0, 60.0), rng.uniform(-180.0, 180.0), turn)
+    return Manoeuvre(state, ((0.0, goal(0, 0, 0, 0)),))
+
+
+def slalom_of(rng: np.random.Generator, n: int) -> Manoeuvre:
+    """Draw a slalom: each of five waypoints is left before it is reached."""
+    turns = [
+        (1.2 * i, goal(1.5 * (i + 1), side * rng.uniform(1.0, 2.0), rng.uniform(0, 1), side * 90))
+        for i, side in enumerate((1, -1, 1, -1))
+    ]
+    return Manoeuvre(NULL_STATE, (*turns, (4.8, goal(7.5, 0, 0, 0))), None, SLALOM_DURATION)
+
+
+def rotor_lost_of(rng: np.random.Generator, n: int) -> Manoeuvre:
+    """Draw the loss of a rotor after 0.3 to 1.5 s of a flight to a waypoint."""
+    failed = RotorFailure(int(rng.integers(1, n + 1)), rng.uniform(0.3, 1.5))
+    return Manoeuvre(NULL_STATE, ((0.0, goal(*rng.uniform(-2.0, 2.0, 3), 0)),), failed)
+
+
+MANOEUVRES: dict[str, Callable[[np.random.Generator, int], Manoeuvre]] = {
+    'upsets': upset_of,
+    'spins': spin_of,
+    'slalom': slalom_of,
+    'rotor_lost': rotor_lost_of,
+}
+"""By the names of ``dynamic_study --manoeuvres``."""
+
+
+class Counter:
+    """An allocator that counts inexact answers."""
+
+    def __init__(self, allocator: Allocator) -> None:
+        self._allocator, self.inexact = allocator, 0
+
+    def allocate(self, u: Array) -> Allocation:
+        """Allocate one wrench."""
+        answer = self._allocator.allocate(u)
+        self.inexact += bool(answer.status)
+        return answer
+
+
+def flown(case: Case, method: str, manoeuvre: Manoeuvre) -> dict[str, float]:
+    """Fly a manoeuvre; return its row without names.
+
+    Energy [N^1.5 s] and change of thrust [N/s] are those of the commands.  A flight whose numbers
+    overflow has not recovered, and its other values are infinite.
+    """
+    counter, goals = Counter(case.allocator(method)), [point for _, point in manoeuvre.goals]
+    loop: Any = unlimited(case.controller()), counter, case.body()
+    way = {'state': manoeuvre.state, 'changes': manoeuvre.changes(case, method)}
+    try:
+        flight = fly(*loop, goals[0], manoeuvre.duration, **way)
+    except FloatingPointError:
+        lost = dict.fromkeys(('height_lost', 'energy', 'change'), inf)
+        return {'recovered': 0, **lost, 'inexact': counter.inexact}
+    thrusts, step = case.vehicle.thrusts(flight.speeds), flight.time[1]
+    return {
+        'recovered': int(flight.position_error(goals[-1]) <= RECOVERED),
+        'height_lost': height_lost(flight, min(float(each.position[2]) for each in goals)),
+        'energy': float(energy(thrusts)[:-1].sum() * step),
+        'change': float(changes_of(thrusts).sum() / flight.time[-1]),
+        'inexact': counter.inexact,
+    }
+
+
+def share_of(hits: int, count: int) -> tuple[float, float]:
+    """Return the 95 % confidence interval of a share, that of Wilson."""
+    z2 = LIKELY**2
+    middle = (hits + z2 / 2.0) / (count + z2)
+    half = LIKELY / (count + z2) * np.sqrt(hits * (count - hits) / count + z2 / 4.0)
+    return float(max(0.0, middle - half)), float(min(1.0, middle + half))
+
+
+def median_of(values: Array) -> tuple[float, float, float]:
+    """Return the median and its 95 % confidence interval, from the order of the values."""
+    found, count = np.sort(values), len(values)
+    below = max(0, int(np.floor(count / 2.0 - LIKELY * np.sqrt(count) / 2.0)))
+    return float(np.median(found)), float(found[below]), float(found[count - 1 - below])
+
+
+def summary(rows: pd.DataFrame) -> str:
+    """Return the table of recoveries, height lost, energy and smoothness of manoeuvres.csv."""
+    made = []
+    for (manoeuvre, method), own in rows.groupby(['manoeuvre', 'method'], sort=False):
+        hits, count = int(own['recovered'].sum()), len(own)
+        low, high = share_of(hits, count)
+        cells = [manoeuvre, f'`{method}`', f'{hits} of {count} ({low:.0%} to {high:.0%})']
+        for name in ('height_lost', 'energy', 'change'):
+            middle, *ends = median_of(own[name].to_numpy(dtype=float))
+            cells.append(f'{middle:.3g} ({ends[0]:.3g} to {ends[1]:.3g})')
+        made.append(cells)
+    titles = (
+        'manoeuvre', 'method', 'recovered', 'height lost [m]', 'energy [N¹·⁵ s]',
+        'change of thrust [N/s]',
+    )  # fmt: skip
+    return table(titles, made, 2)
