@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from math import cos, inf, radians, sin
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ca_ros.allocation import Allocation, Allocator
@@ -52,8 +53,8 @@ def unlimited(controller: Controller) -> Controller:
 def upset(
     tilt: float = 0.0,
     towards: float = 0.0,
-    turn: Sequence[float] = (0.0, 0.0, 0.0),
-    velocity: Sequence[float] = (0.0, 0.0, 0.0),
+    turn: ArrayLike = (0.0, 0.0, 0.0),
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Array:
     """Return a state: tilted [degrees] towards an azimuth [degrees], rotating and moving."""
     state = NULL_STATE.copy()
@@ -116,8 +117,9 @@ def slalom_of(rng: np.random.Generator, n: int) -> Manoeuvre:
 
 def rotor_lost_of(rng: np.random.Generator, n: int) -> Manoeuvre:
     """Draw the loss of a rotor after 0.3 to 1.5 s of a flight to a waypoint."""
+    x, y, z = rng.uniform(-2.0, 2.0, 3).tolist()
     failed = RotorFailure(int(rng.integers(1, n + 1)), rng.uniform(0.3, 1.5))
-    return Manoeuvre(NULL_STATE, ((0.0, goal(*rng.uniform(-2.0, 2.0, 3), 0)),), failed)
+    return Manoeuvre(NULL_STATE, ((0.0, goal(x, y, z, 0)),), failed)
 
 
 MANOEUVRES: dict[str, Callable[[np.random.Generator, int], Manoeuvre]] = {
@@ -149,10 +151,12 @@ def flown(case: Case, method: str, manoeuvre: Manoeuvre) -> dict[str, float]:
     overflow has not recovered, and its other values are infinite.
     """
     counter, goals = Counter(case.allocator(method)), [point for _, point in manoeuvre.goals]
-    loop: Any = unlimited(case.controller()), counter, case.body()
-    way = {'state': manoeuvre.state, 'changes': manoeuvre.changes(case, method)}
+    loop: tuple[Any, Any, Any, Waypoint] = unlimited(case.controller()), counter, case.body(), goals[0]
+    changes = manoeuvre.changes(case, method)
     try:
-        flight = fly(*loop, goals[0], manoeuvre.duration, **way)
+        flight = fly(
+            *loop, manoeuvre.duration, state=manoeuvre.state, changes=changes
+        )
     except FloatingPointError:
         lost = dict.fromkeys(('height_lost', 'energy', 'change'), inf)
         return {'recovered': 0, **lost, 'inexact': counter.inexact}
