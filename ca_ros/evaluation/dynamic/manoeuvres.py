@@ -151,7 +151,8 @@ def flown(case: Case, method: str, manoeuvre: Manoeuvre) -> dict[str, float]:
     overflow has not recovered, and its other values are infinite.
     """
     counter, goals = Counter(case.allocator(method)), [point for _, point in manoeuvre.goals]
-    loop: tuple[Any, Any, Any, Waypoint] = unlimited(case.controller()), counter, case.body(), goals[0]
+    allocator: Any = counter
+    loop = unlimited(case.controller()), allocator, case.body(), goals[0]
     changes = manoeuvre.changes(case, method)
     try:
         flight = fly(
