@@ -116,14 +116,17 @@ def shell(place, graph, script):
 
 
 def write(place, block):
-    """Write a block into its file: imports after the first, entries at the end of a dict."""
+    """Write a block into its file: imports in their order, entries at the end of a dict."""
     path = place / block.mark.rpartition(' ')[2]
     text = block.text
     if block.mark.startswith('insert '):
         old = path.read_text(encoding='utf-8')
-        first = 'from __future__ import annotations\n'
-        text = (old.replace(first, f'{first}{text}', 1) if text.startswith('from ')
-                else old.replace('\n}\n', f'\n{text}}}\n', 1))
+        if text.startswith('from '):
+            after = next(line for line in old.splitlines(keepends=True)
+                         if line.startswith('from ca_ros') and line > text)
+            text = old.replace(after, text + after, 1)
+        else:
+            text = old.replace('\n}\n', f'\n{text}}}\n', 1)
     path.write_text(text, encoding='utf-8')
 
 
