@@ -117,7 +117,7 @@ def _build(
         raise Missing('no C compiler')
     (folder / 'data.h').write_text(header(problem, 'double'), encoding='utf-8')
     library = folder / 'contenders.so'
-    sources = [str(KERNEL / f'{name}.c') for name in ('exact', 'least_norm', 'priorities')]
+    sources = [str(path) for path in KERNEL.glob('*.c') if not path.stem.endswith('module')]
     sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}', '-DCA_FIXED']
     parts = [*sizes, f'-I{folder}', f'-I{KERNEL}', str(SOURCE), *sources, *generated]
     done = subprocess.run(
