@@ -18,6 +18,18 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return super()._get_help_string(action)
 
 
+def shown(read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return an argparse type that reads a text, and shows the message of a ValueError."""
+
+    def reader(text: str) -> Any:
+        try:
+            return read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return reader
+
+
 def finite(text: str) -> float:
     """Return a finite number; an argparse type."""
     number = float(text)

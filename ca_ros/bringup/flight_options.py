@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ca_ros.arguments import finite
+from ca_ros.arguments import finite, shown
 from ca_ros.flight.rotor_failures import ANNOUNCE, LATEST, RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import COLUMNS, Trajectory
 from ca_ros.flight.waypoint import Waypoint
@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add('--trajectory', type=Path, metavar='FILE', help=about)
     health = 'to this health (0: lost); may be repeated'
     about = f'break a rotor (1 is the first) at a time of the flight [s], {health}'
-    fail: Any = {'type': _failure, 'action': 'append', 'default': []}
+    fail: Any = {'type': shown(RotorFailure.parse), 'action': 'append', 'default': []}
     add('--fail', **fail, metavar='ROTOR@TIME[=HEALTH]', help=about)
     about = 'time from a failure to its announcement to allocator and controller, or never'
     add('--announce', type=_delay, default=ANNOUNCE, metavar='SECONDS', help=about)
@@ -86,22 +86,13 @@ def failure_words(failures: RotorFailures) -> list[str]:
     )
 
 
-def _failure(text: str) -> RotorFailure:
-    try:
-        return RotorFailure.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def _delay(text: str) -> float | None:
     if text == 'never':
         return None
     try:
-        seconds = float(text)
+        if 0.0 <= (seconds := float(text)) <= LATEST:
+            return seconds
     except ValueError:
-        seconds = -1.0
-    if not 0.0 <= seconds <= LATEST:
-        raise argparse.ArgumentTypeError(
-            f'{text!r} is neither a time from 0 to {LATEST:g} s nor never'
-        )
-    return seconds
+        pass
+    expected = f'neither a time from 0 to {LATEST:g} s nor never'
+    raise argparse.ArgumentTypeError(f'{text!r} is {expected}')

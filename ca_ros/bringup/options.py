@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS, method_class
-from ca_ros.arguments import HelpFormatter, positive, renamed
+from ca_ros.arguments import HelpFormatter, positive, renamed, shown
 from ca_ros.bringup.flight_options import add_options, failures_of, trajectory_of
 from ca_ros.bringup.link_faults import FaultSettings
 from ca_ros.bringup.plan import Plan
@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     methods = f'{", ".join(ALLOCATORS)}, or module:Class for your own'
     about = f"allocation method: {methods} (default: the parameter file's)"
-    add('--method', type=_method, metavar='METHOD', help=about)
+    add('--method', type=shown(_method), metavar='METHOD', help=about)
     about = "follow the clock, or step as fast as possible (default: the parameter file's)"
     add('--mode', choices=table(NodeSettings)['mode'].choices, help=about)
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
@@ -84,11 +84,11 @@ def _parser() -> argparse.ArgumentParser:
     about = 'restart nodes that end; a new simulator restarts the flight'
     add('--respawn', action='store_true', help=about)
     about = "put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'"
-    add('--faults', type=_faults, metavar='PARAMETERS', help=about)
+    add('--faults', type=shown(_faults), metavar='PARAMETERS', help=about)
     same = 'it gets the same ROS arguments (docs/plant.md)'
     for option, node in REPLACEMENTS.items():
         about = f'a program of your own in place of the {node}; {same}'
-        add(f'--{option}', type=_program, metavar='COMMAND', help=about)
+        add(f'--{option}', type=shown(_program), metavar='COMMAND', help=about)
     add = parser.add_mutually_exclusive_group().add_argument
     unless = f'(default: {DEFAULT_VEHICLE}, unless the ROS arguments have a --params-file)'
     add('--vehicle', help=f'a shipped vehicle or a parameter file {unless}')
@@ -103,33 +103,23 @@ def _absolute(namespace: str) -> str:
 
 
 def _method(text: str) -> str:
-    try:
-        method_class(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    method_class(text)
     return text
 
 
-def _words(text: str) -> list[str]:
-    try:
-        return shlex.split(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f'{text}: {error}') from None
-
-
 def _program(text: str) -> list[str]:
-    words = _words(text)
+    words = shlex.split(text)
     if not words or shutil.which(words[0]) is None:
-        raise argparse.ArgumentTypeError(f'{text!r}: no such program')
+        raise ValueError(f'{text!r}: no such program')
     return words
 
 
 def _faults(text: str) -> list[str]:
-    words = _words(text)
+    words = shlex.split(text)
     for word in words:
         name, assigned, _ = word.partition(':=')
         if not assigned or name not in table(FaultSettings):
-            raise argparse.ArgumentTypeError(f'{word} is not a parameter of fault_proxy')
+            raise ValueError(f'{word} is not a parameter of fault_proxy')
         if name == 'topics':
-            raise argparse.ArgumentTypeError('topics: bringup always uses all four')
+            raise ValueError('topics: bringup always uses all four')
     return words

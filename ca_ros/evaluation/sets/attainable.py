@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ca_ros.arguments import HelpFormatter, split
+from ca_ros.arguments import HelpFormatter, shown, split
 from ca_ros.arrays import Array
 from ca_ros.evaluation.sets.sections import fixed, labels, units
 from ca_ros.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
@@ -117,7 +117,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add('--at', type=_values, default={}, metavar='AXIS=VALUE,...', help=others)
     add('--projection', action='store_true', help='let the other axes have any attainable value')
     failed = 'also draw the set after failures: 3 without rotor 3, 3=0.6 with 60 %% of it'
-    add('--fail', type=_failures, default={}, metavar='ROTOR[=HEALTH],...', help=failed)
+    add('--fail', type=shown(read_failures), default={}, metavar='ROTOR[=HEALTH],...', help=failed)
     add('--out', type=Path, default=Path('attainable'), metavar='PATH', help='without the suffix')
     add_options(made)
     return made.parse_args(split(argv)[0])
@@ -136,13 +136,6 @@ def _values(text: str) -> dict[str, float]:
         return {name.strip(): float(value) for name, _, value in pairs}
     except ValueError:
         raise argparse.ArgumentTypeError(f'{text!r}: expected AXIS=NUMBER') from None
-
-
-def _failures(text: str) -> dict[str, float]:
-    try:
-        return read_failures(text)
-    except ParameterError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _sets(options: argparse.Namespace) -> dict[str, AdmissibleSet]:

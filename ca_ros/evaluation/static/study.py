@@ -71,14 +71,11 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     count = f'number of wrenches; of more than {SINGLE_MAX}, batches are timed, not calls'
     made.add_argument('--samples', type=positive(int), default=1000, metavar='N', help=count)
     made.add_argument('--seed', type=natural, default=0, help='same seed, same wrenches')
-    made.add_argument(
-        '--sampling',
-        choices=SAMPLINGS,
-        default='volume',
-        help='volume: uniform in the admissible set; thrusts: uniform in the bounds of the '
-        'thrusts; boundary: projected onto the boundary of the set; outside: beyond it, by up to '
-        'as much again',
+    kinds = (
+        'volume: uniform in the admissible set; thrusts: uniform in the bounds of the thrusts; '
+        'boundary: projected onto the boundary of the set; outside: beyond it, up to as much again'
     )
+    made.add_argument('--sampling', choices=SAMPLINGS, default='volume', help=kinds)
     rows = f'samples whose rows are in static.csv, the first ones (default: {KEPT}, the least)'
     made.add_argument('--rows', type=positive(int), metavar='N', help=rows)
     add_options(made)
