@@ -138,6 +138,7 @@ setup(
             'ros-geometry-msgs==5.3.6',
             'ros-diagnostic-msgs==5.3.6',
             'ros-nav-msgs==5.3.6',
+            'ros-sensor-msgs==5.3.6',
             'ros-std-srvs==5.3.6',
             'ros-visualization-msgs==5.3.6',
         ],

@@ -40,7 +40,7 @@ STUDIES = ('jinja2', 'matplotlib', 'pandas', 'tqdm')
 
 ROS = (
     'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs', 'rcl_interfaces',
-    'rclpy', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs',
+    'rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs',
 )  # fmt: skip
 """The modules that ROS 2 or the extra `ros` installs."""
 

@@ -100,7 +100,8 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         'bringup', '--duration', '1e6', '--fail', '1@1e5', '--detect', '--view', *foreign,
         '--namespace', namespace, '--out', str(tmp_path), '--ros-args',
         '-p', 'simulator.publish_clock:=true',
-        '-p', 'simulator.publish_odometry:=true')
+        '-p', 'simulator.publish_odometry:=true', '-p', 'publish_throttle:=true',
+        '-p', 'publish_pwm:=true', '-p', 'rotors.speed_max_per_volt:=30.0')
     graph.start(
         'ros2_control_bridge', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}',
         '--enclave', f'{namespace.rstrip("/")}/ros2_control_bridge')

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from importlib.util import find_spec
 from math import inf
 from time import monotonic, perf_counter_ns, sleep
 from traceback import format_exc
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.duration import Duration
-from std_msgs.msg import Int8MultiArray
+from rclpy.publisher import Publisher
+from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
 from ca_ros.allocation.settings import allocator_of
@@ -28,9 +30,8 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
-from ca_ros.nodes.settings import AllocatorSettings
+from ca_ros.nodes.settings import AllocatorSettings, CommandSettings
 from ca_ros.nodes.watchdog import TICK, fallback
-from ca_ros.problem.audit import Audit
 from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
@@ -56,9 +57,10 @@ class AllocatorNode(HealthNode):
     When commands cease, the node publishes the timeout action until commands return.
     """
 
-    declared = AllocatorSettings
-    settings: AllocatorSettings
+    declared: type[CommandSettings] = AllocatorSettings
+    settings: Any
     method: Allocator
+    topic: ClassVar[topics.Topic] = topics.SPEED_COMMAND
 
     def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -67,12 +69,14 @@ class AllocatorNode(HealthNode):
         self._held: WrenchCommand | None = None
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
+        self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
 
     def start(self) -> None:
         """Create the method, and begin to answer."""
         super().start()
-        self._speeds = self.publish_stream(topics.SPEED_COMMAND)
+        self._speeds = self.publish_stream(self.topic)
+        self.publish_others()
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
         self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
         self.subscribe_stream(topics.WRENCH, self._serve, read_wrench)
@@ -81,19 +85,32 @@ class AllocatorNode(HealthNode):
             known = 'allocation.exact.solver can only be newton, which gives the same answers'
             self.get_logger().info(f'osqp is not installed: {known}')
 
-    def build(self, settings: AllocatorSettings) -> tuple[Audit, Allocator]:
+    def publish_others(self) -> None:
+        """Create the publishers of throttles and pulse widths that the settings ask for."""
+        for wanted, topic, label, convert in (
+            (self.settings.publish_throttle, topics.THROTTLE, 'throttle', 'throttles'),
+            (self.settings.publish_pwm, topics.PWM, 'pulse width [us]', 'pulses'),
+        ):
+            if wanted:
+                message = speeds_message(self._last, None, label)
+                self._others.append((self.publish_stream(topic), message, convert))
+
+    def build(self, settings: AllocatorSettings) -> tuple[Any, Allocator]:
         """Create the method for the axes that the rotors can control; in flight no code loads."""
-        method = settings.allocation.method
-        if self.audit is None:
+        self.check_loaded(settings.allocation.method)
+        report = self.audited(settings)
+        return report, allocator_of(settings.allocation, report.independent)
+
+    def check_loaded(self, method: str) -> None:
+        """Raise a ParameterError if a method in flight would load code."""
+        if not hasattr(self, '_loaded'):
             self._loaded = dict.fromkeys((*ALLOCATORS, method))
         if method not in self._loaded:
             text = 'was not loaded at the start; in flight it can be'
             known = ', '.join(self._loaded)
             raise ParameterError(f'allocation.method: {method} {text} {known}')
-        report = self.audited(settings)
-        return report, allocator_of(settings.allocation, report.independent)
 
-    def adopt(self, built: tuple[Audit, Allocator]) -> None:
+    def adopt(self, built: tuple[Any, Allocator]) -> None:
         """Use this method from the next command on."""
         report, self.method = built
         self.adopt_audit(report)
@@ -106,6 +123,10 @@ class AllocatorNode(HealthNode):
             self._last = fallback('idle', vehicle, self._last)
         self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
         self._message = speeds_message(self._last, None)
+        self.use_settings()
+
+    def use_settings(self) -> None:
+        """Use the settings that concern commands."""
         self._watchdog.timeout = self.settings.command_timeout
         self._frame = self.settings.command_frame
         self._age_max = self.settings.command_age_max * 1e9
@@ -172,7 +193,7 @@ class AllocatorNode(HealthNode):
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
             # Speeds out of bounds never reach the motors, even if a method returns them.
-            speeds = answer.speeds
+            speeds = self.commands(answer)
         except Exception:
             # A method may be anybody's, and one command must not end a flight.
             self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
@@ -182,10 +203,9 @@ class AllocatorNode(HealthNode):
         if status is Status.REJECTED:
             self._refuse('only rejected commands')
         else:
-            self._speeds.publish(fill_speeds(self._message, speeds, time))
+            self._command(speeds, time)
             self._watchdog.feed()
             self._newest = time
-            self._last = speeds
             self.counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         self.counts[status.name.lower()] += 1
@@ -215,10 +235,26 @@ class AllocatorNode(HealthNode):
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
 
+    def commands(self, answer: Allocation) -> Array:
+        """Return what is published of an answer (n,): rotor speeds [rad/s]."""
+        return answer.speeds
+
+    def at_rest(self, action: str) -> Array:
+        """Return the rotor speeds (n,) of a timeout action [rad/s]."""
+        return fallback(action, vehicle_of(self.method.problem), self._last)
+
     def fall_back(self, action: str) -> None:
-        """Publish the rotor speeds of a timeout action."""
-        self._last = fallback(action, vehicle_of(self.method.problem), self._last)
-        self._speeds.publish(fill_speeds(self._message, self._last, None))
+        """Publish the timeout action."""
+        self._command(self.at_rest(action), None)
+
+    def _command(self, speeds: Array, time: int | None) -> None:
+        """Publish speeds that answer a wrench with a stamp [ns], or none."""
+        self._last = speeds
+        self._speeds.publish(fill_speeds(self._message, speeds, time))
+        if self._others:
+            vehicle = vehicle_of(self.method.problem)
+            for publisher, message, convert in self._others:
+                publisher.publish(fill_speeds(message, getattr(vehicle, convert)(speeds), time))
 
     def _report(self, command: WrenchCommand, answer: Allocation) -> None:
         """Publish the allocated wrench, residual and saturation that have subscribers."""
@@ -236,8 +272,13 @@ class AllocatorNode(HealthNode):
 
 
 def main() -> int:
-    """Run the node."""
-    return run('allocator', AllocatorNode, 'Allocate command/wrench to command/motor_speed.')
+    """Run the node, of a vehicle or of a problem without one."""
+    from ca_ros.nodes.problem_allocator import ProblemAllocatorNode, names_problem, parse_problem
+
+    about = 'Allocate command/wrench to command/motor_speed.'
+    if names_problem(sys.argv[1:]):
+        return run('allocator', ProblemAllocatorNode, about, parse=parse_problem)
+    return run('allocator', AllocatorNode, about)
 
 
 if __name__ == '__main__':

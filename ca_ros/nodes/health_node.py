@@ -1,53 +1,89 @@
-"""The base class of the nodes that heed the monitor: allocator and controller."""
+"""The base class of the nodes that heed monitor and battery: allocator and controller."""
 
 from __future__ import annotations
 
-from typing import Any
+from time import monotonic
+from typing import Any, ClassVar
 
 import numpy as np
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
+from ca_ros.nodes.diagnostics import WARN
 from ca_ros.nodes.messages import speeds_stamp
-from ca_ros.nodes.qos import STANDING
+from ca_ros.nodes.qos import STANDING, requested
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.settings import repeated
+from ca_ros.settings import ParameterError, repeated
+
+VOLTAGE_STEP = 0.005
+"""Relative change of the voltage from which the bounds follow it."""
 
 
 class HealthNode(VehicleNode):
-    """A node that subscribes to `rotor_health`.
+    """A node that subscribes to `rotor_health`, and to `battery` if the voltage matters.
 
     The health in use is the lesser of the parameter `rotors.health` and of the last sound
-    message, for each rotor.  The last message holds if its publisher ends.
+    message, for each rotor.  The last message holds if its publisher ends.  So does the last sound
+    voltage, with a warning; before the first one, the bounds are those of the settings.
     """
+
+    heeds_monitor: ClassVar[bool] = True
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
         self._reported: Array | None = None
         self._reported_time = -1
+        self._voltage: float | None = None
+        self._voltage_time: float | None = None
 
     def start(self) -> None:
-        """Build, and begin to listen to the monitor."""
+        """Build, and begin to listen to monitor and battery."""
         super().start()
+        if not self.heeds_monitor:
+            return
         topic = topics.ROTOR_HEALTH
         self.create_subscription(topic.kind, topic.name, self._receive_health, STANDING)
+        if np.any(self.settings.rotors.speed_max_per_volt):
+            # Only such vehicles need the package of the message.
+            from sensor_msgs.msg import BatteryState
+
+            self._voltage_time = monotonic()
+            self.create_subscription(
+                BatteryState, topics.BATTERY, self._receive_battery, requested('realtime')
+            )
 
     def audited(self, settings: Any) -> Audit:
         """Audit which axes the rotors can control with the health in use."""
         report = super().audited(settings)
-        if self._reported is None:
+        if self._reported is None and self._voltage is None:
             return report
         vehicle = report.full.vehicle
-        return accept(vehicle.with_health(np.minimum(vehicle.health, self._reported)), 'drop')
+        if self._reported is not None:
+            vehicle = vehicle.with_health(np.minimum(vehicle.health, self._reported))
+        if self._voltage is not None:
+            vehicle = vehicle.at_voltage(self._voltage)
+        return accept(vehicle, 'drop')
 
     def values(self) -> dict[str, object]:
         """Return the values of the diagnostics by name."""
-        if self.audit is None or self._reported is None:
-            return super().values()
-        health = ', '.join(f'{share:.3g}' for share in self.audit.vehicle.health)
-        return {'health in use': health, **super().values()}
+        found = super().values()
+        if self.audit is not None and self._reported is not None:
+            shares = ', '.join(f'{share:.3g}' for share in self.audit.vehicle.health)
+            found = {'health in use': shares, **found}
+        if self._voltage is not None:
+            found = {'voltage in use [V]': f'{self._voltage:.4g}', **found}
+        return found
+
+    def levels(self) -> list[tuple[bytes, str]]:
+        """Return the levels of the diagnostics; a warning if voltages have ceased."""
+        if self._voltage_time is None:
+            return super().levels()
+        age, limit = monotonic() - self._voltage_time, self.settings.battery_timeout
+        held = 'speed_max' if self._voltage is None else f'{self._voltage:.4g} V'
+        late = [(WARN, f'no sound voltage for {limit:g} s: {held} holds')] if age > limit else []
+        return [*late, *super().levels()]
 
     def waits_for_health(self, time: int) -> bool:
         """Return whether the health for a state [ns] has still to come, in lockstep."""
@@ -73,14 +109,32 @@ class HealthNode(VehicleNode):
         self._reported_time = -1 if time is None else time
         self.health_came()
 
-    def _use(self) -> None:
-        """Build for the health in use."""
+    def _receive_battery(self, message: Any) -> None:
+        voltage = float(message.voltage)
+        try:
+            self._declared.at_voltage(voltage)
+        except ParameterError as error:
+            self.counts['refused voltages'] += 1
+            self.warn_throttled('voltage', f'refused {error}')
+            return
+        self._voltage_time = monotonic()
+        before = self._voltage
+        if before is None or abs(voltage - before) > VOLTAGE_STEP * before:
+            self._voltage = voltage
+            self._rebuild()
+
+    def _rebuild(self) -> None:
+        """Build for the health and the voltage in use; meanwhile the old build serves."""
         lockstep, settings = self.mode == 'lockstep', self.settings
         built = self.build(settings) if lockstep else self._build_beside(settings).result()
         self._built = built
         self.adopt(built)
+
+    def _use(self) -> None:
+        """Build for the health in use, and say so."""
+        self._rebuild()
         assert self._reported is not None
-        parameter = repeated('rotors.health', settings.rotors.health, len(self._reported))
+        parameter = repeated('rotors.health', self.settings.rotors.health, len(self._reported))
         reduced = ', '.join(map(str, np.flatnonzero(self._reported < parameter) + 1))
         found = f'rotors {reduced} have failed' if reduced else 'all rotors are as announced'
         self.get_logger().warning(f'the monitor reports: {found}')

@@ -53,7 +53,9 @@ def nanoseconds(time: Time) -> int:
     return time.sec * 1_000_000_000 + time.nanosec
 
 
-def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
+def speeds_message(
+    speeds: Array, time: int | None, label: str = 'rotor speed [rad/s]'
+) -> Float64MultiArray:
     """Return rotor speeds (n,) [rad/s] as n rows of one column, labelled with the time [ns].
 
     The type has no header, so a label carries the stamp: of the command that the speeds answer, or
@@ -61,7 +63,7 @@ def speeds_message(speeds: Array, time: int | None) -> Float64MultiArray:
     """
     n, message = len(speeds), Float64MultiArray()
     message.layout.dim = [
-        MultiArrayDimension(label='rotor speed [rad/s]', size=n, stride=n),
+        MultiArrayDimension(label=label, size=n, stride=n),
         MultiArrayDimension(size=1, stride=1),
     ]
     return fill_speeds(message, speeds, time)

@@ -8,6 +8,7 @@ from typing import Literal, TypeVar
 
 from ca_ros.allocation.settings import (
     AllocatedVehicleSettings,
+    MethodSettings,
     VehicleAllocation,
     VehicleMethodSettings,
     own_methods,
@@ -94,11 +95,16 @@ class HealthSettings(Settings):
 
     await_health: bool = setting(
         False, 'in mode lockstep, answer a state only with the rotor_health of its stamp')
+    battery_timeout: float = setting(
+        5.0,
+        'time without a sound voltage on battery after which a warning begins; the last one '
+        'holds. Only with rotors.speed_max_per_volt', unit='s', positive=True, mutable=True,
+        rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
-class AllocatorSettings(HealthSettings, TimeoutSettings, NodeSettings, AllocatedVehicleSettings):
-    """The settings of the allocator node."""
+class CommandSettings(TimeoutSettings, NodeSettings):
+    """Which wrenches an allocator serves."""
 
     command_age_max: float = setting(
         0.0,
@@ -107,6 +113,24 @@ class AllocatorSettings(HealthSettings, TimeoutSettings, NodeSettings, Allocated
     command_order: Literal['any', 'newer'] = setting(
         'any', 'wrenches whose stamps are out of order. any: serve them; newer: drop them',
         mutable=True, rebuild=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllocatorSettings(CommandSettings, HealthSettings, AllocatedVehicleSettings):
+    """The settings of the allocator node."""
+
+    publish_throttle: bool = setting(
+        False, 'publish the throttles on command/throttle, see rotors.thrust_curve')
+    publish_pwm: bool = setting(
+        False, 'publish the pulse widths on command/pwm, see rotors.thrust_curve')
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemSettings(CommandSettings):
+    """The settings of the allocator node of a problem without a vehicle."""
+
+    problem: str = setting(description='file of the problem, or the name of a shipped one')
+    allocation: MethodSettings = group(with_methods(MethodSettings))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,6 +54,9 @@ WRENCH = Topic('command/wrench', WrenchStamped, 'controller', ('allocator',), st
 SPEED_COMMAND = Topic(
     'command/motor_speed', Float64MultiArray, 'allocator', ('simulator',), stream=True
 )
+THROTTLE = Topic('command/throttle', Float64MultiArray, 'allocator', optional=True)
+PWM = Topic('command/pwm', Float64MultiArray, 'allocator', optional=True)
+EFFECTORS = Topic('command/effectors', Float64MultiArray, 'allocator', optional=True)
 ROTOR_HEALTH = Topic(
     'rotor_health', Float64MultiArray, 'monitor', ('allocator', 'controller'), optional=True
 )
@@ -72,6 +75,9 @@ UNALLOCATED = Topic('~/unallocated', WrenchStamped, 'controller')
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray)
 ROSOUT = Topic('/rosout', Log)
 MARKERS = MarkerArray and Topic('~/markers', MarkerArray, 'viewer', optional=True)
+
+BATTERY = 'battery'
+"""sensor_msgs/BatteryState, which only vehicles with `rotors.speed_max_per_volt` need."""
 
 TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))
 """A bag records all of them."""

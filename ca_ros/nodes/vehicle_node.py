@@ -25,7 +25,7 @@ from ca_ros.nodes.stream import Stalls, subscribe
 from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.settings import repeated
+from ca_ros.settings import Settings, repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -39,7 +39,7 @@ class VehicleNode(ParameterNode):
     `subscribe_stream` for its topics, and `start_diagnostics` at its end.
     """
 
-    known = FileSettings
+    known: type[Settings] = FileSettings
     awaited: ClassVar[str] = 'command'
     """What the node cannot work without; its absence is a timeout."""
 
@@ -80,9 +80,10 @@ class VehicleNode(ParameterNode):
         """
         if self.audit is None:
             given = settings.vehicle, settings.rotors, settings.allocation
-            return accept(Vehicle.from_settings(*given))
-        # In a running node only the health can change, and lost axes are dropped, not refused.
-        vehicle = self.audit.full.vehicle
+            self._declared = Vehicle.from_settings(*given)
+            return accept(self._declared)
+        # In a running node only health and voltage change; lost axes are dropped, not refused.
+        vehicle = self._declared
         health = repeated('rotors.health', settings.rotors.health, vehicle.n)
         return accept(vehicle.with_health(health), 'drop')
 
@@ -141,8 +142,13 @@ class VehicleNode(ParameterNode):
     def start_diagnostics(self, subject: str) -> None:
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
         self._looked, self._subject = monotonic(), subject
-        self._diagnostics = DiagnosticsPublisher(self, self.settings.vehicle.name)
+        self._diagnostics = DiagnosticsPublisher(self, self.hardware_id)
         self.create_timer(TICK, self._tick, clock=self.steady)
+
+    @property
+    def hardware_id(self) -> str:
+        """What the diagnostics are about."""
+        return str(self.settings.vehicle.name)
 
     def levels(self) -> list[tuple[bytes, str]]:
         """Return the levels of the diagnostics with their messages."""

@@ -6,11 +6,12 @@
       axes: [roll, pitch]
       effector_names: [left elevon, right elevon]
       effector_kind: surfaces  # in messages
+      effector_unit: rad
       matrix: [[-4.2, 4.2],      # one row for each axis
                [-1.3, -1.3]]
       lower: -0.5                # of all effectors, or of each
       upper: 0.5
-      reference: [0.0, 0.0]      # optional, as are axes, names and kind
+      reference: [0.0, 0.0]      # optional, as are axes, names, kind and unit
     allocation:                  # optional: options of the methods, as in the file of a vehicle
       exact:
         policy: scale
@@ -25,7 +26,10 @@ from typing import Any, TypeVar
 from ca_ros.settings import ParameterError, renamed
 from ca_ros.vehicle.files import ParameterFile, flatten
 
-ARGUMENTS = ('matrix', 'lower', 'upper', 'axes', 'effector_names', 'reference', 'effector_kind')
+ARGUMENTS = (
+    'matrix', 'lower', 'upper', 'axes', 'effector_names', 'reference', 'effector_kind',
+    'effector_unit',
+)  # fmt: skip
 """The entries of a file, which are the arguments of `AllocationProblem`."""
 
 REQUIRED_KEYS = ('matrix', 'lower', 'upper')

@@ -60,6 +60,8 @@ class AllocationProblem:
         the scaling of an unattainable u, begin there.
     effector_kind : str
         What the effectors are called in messages.
+    effector_unit : str
+        Their unit in messages.
 
     Attributes
     ----------
@@ -112,6 +114,7 @@ class AllocationProblem:
         effector_names: Sequence[str] | None = None,
         reference: ArrayLike | None = None,
         effector_kind: str = 'effectors',
+        effector_unit: str = '',
     ) -> None:
         gamma = numbers('matrix', matrix)
         if gamma.ndim != 2 or 0 in gamma.shape:
@@ -129,6 +132,7 @@ class AllocationProblem:
         if not isinstance(effector_kind, str):
             raise ValueError(f'effector_kind: expected a word, got {effector_kind!r}')
         self.effector_kind = effector_kind
+        self.unit = f' {effector_unit}' if effector_unit else ''
         low, high = numbers('lower', lower, n), numbers('upper', upper, n)
         quoted = [repr(name) for name in self.effector_names]
         ordered_bounds('lower', 'upper bound', low, high, quoted)
@@ -183,7 +187,7 @@ class AllocationProblem:
         """Return a problem with the same names and other numbers."""
         other = AllocationProblem.__new__(AllocationProblem)
         other.axes, other.effector_names = self.axes, self.effector_names
-        other.effector_kind = self.effector_kind
+        other.effector_kind, other.unit = self.effector_kind, self.unit
         other._fill(gamma, lower, upper, reference)
         return other
 

@@ -1,0 +1,135 @@
+"""The allocator node of a problem without a vehicle: a boat, control surfaces, thrusters."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ca_ros.allocation import Allocation, Allocator
+from ca_ros.allocation.settings import allocator_of
+from ca_ros.arrays import Array
+from ca_ros.nodes import topics
+from ca_ros.nodes.allocator import AllocatorNode
+from ca_ros.nodes.executable import split
+from ca_ros.nodes.messages import speeds_message
+from ca_ros.nodes.settings import ProblemSettings
+from ca_ros.problem.files import read_problem
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.settings import ParameterError, Settings, check_given, table
+from ca_ros.vehicle.files import find
+
+COMPONENTS = (
+    ('force_x', 'surge'),
+    ('force_y', 'sway'),
+    ('force_z', 'heave', 'thrust'),
+    ('torque_x', 'roll'),
+    ('torque_y', 'pitch'),
+    ('torque_z', 'yaw'),
+)
+"""The names of axes for each component of a wrench; their units are those of the problem."""
+
+
+class ProblemAllocatorNode(AllocatorNode):
+    """Answers each command/wrench with command/effectors.
+
+    The axes of the problem are components of the wrench, by name.  The timeout action idle puts
+    the effectors to the values within their bounds that are nearest to zero; so does stop.
+    """
+
+    declared = ProblemSettings
+    known: type[Settings] = ProblemSettings
+    settings: ProblemSettings
+    topic = topics.EFFECTORS
+    heeds_monitor = False
+
+    def build(self, settings: Any) -> tuple[Any, Allocator]:
+        """Create the method for the problem in the file."""
+        self.check_loaded(settings.allocation.method)
+        found = read_problem(settings.problem, AllocationProblem)
+        if found is None:
+            raise ParameterError(f'problem: {settings.problem} has no entry problem')
+        return rows_of(found[0].axes), allocator_of(settings.allocation, found[0])
+
+    def adopt(self, built: tuple[Any, Allocator]) -> None:
+        """Use this method from the next command on."""
+        self._rows, self.method = built
+        problem = self.method.problem
+        self._wrenches = np.zeros((6, problem.n))
+        self._wrenches[self._rows] = problem.gamma
+        self._lost = np.zeros(problem.n, dtype=bool)
+        if not self.counts['served']:
+            self._last = problem.resting_thrusts
+        unit = f' [{problem.unit.strip()}]' if problem.unit else ''
+        label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
+        self._message = speeds_message(self._last, None, label)
+        self.use_settings()
+
+    def publish_others(self) -> None:
+        """Effectors have no throttles."""
+
+    @property
+    def hardware_id(self) -> str:
+        """The name of the problem's file."""
+        return Path(self.settings.problem).stem
+
+    def commands(self, answer: Allocation) -> Array:
+        """Return the effectors (n,) of an answer."""
+        return self.method.problem.clip(answer.effectors)
+
+    def at_rest(self, action: str) -> Array:
+        """Return the effectors (n,) of a timeout action."""
+        return self._last if action == 'hold' else self.method.problem.resting_thrusts
+
+
+def rows_of(axes: Sequence[str]) -> list[int]:
+    """Return the component of the wrench, 0 to 5, that each axis is.
+
+    Raises a ParameterError if an axis has another name, or two are the same component.
+    """
+    rows = {name: row for row, names in enumerate(COMPONENTS) for name in names}
+    known = ', '.join('/'.join(names) for names in COMPONENTS)
+    found = [rows.get(axis, -1) for axis in axes]
+    if -1 in found or len({*found}) < len(found):
+        given = ', '.join(axes)
+        raise ParameterError(f'problem.axes: {given}: expected different ones of {known}')
+    return found
+
+
+def problem_in(argv: Sequence[str]) -> tuple[str, dict[str, Any]] | None:
+    """Return the file of a problem that a command line names, and the options in it."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument('--vehicle')
+    own, _ = split(argv)
+    vehicle = parser.parse_known_args(own)[0].vehicle
+    found = None if vehicle is None else read_problem(vehicle, AllocationProblem)
+    return None if found is None else (str(find(vehicle).resolve()), found[1])
+
+
+def names_problem(argv: Sequence[str]) -> bool:
+    """Tell whether a command line names the file of a problem; errors are reported later."""
+    try:
+        return '--help' not in argv and problem_in(argv) is not None
+    except ValueError:
+        return False
+
+
+def parse_problem(
+    prog: str, description: str, argv: Sequence[str], declared: type[Settings]
+) -> list[str]:
+    """Return the ROS arguments of a command line that names the file of a problem."""
+    parser = argparse.ArgumentParser(prog=prog, description=description)
+    parser.add_argument('--vehicle', metavar='NAME|FILE', help='the file of a problem')
+    own, ros = split(argv)
+    parser.parse_args(own)
+    found = problem_in(argv)
+    assert found is not None
+    file, options = found
+    check_given(options, table(declared))
+    values = {'problem': file, **options}
+    words = [f'{name}:={json.dumps(value)}' for name, value in values.items()]
+    return ['--ros-args', *(part for word in words for part in ('-p', word)), '--', *ros]
