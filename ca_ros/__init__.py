@@ -20,6 +20,7 @@ from ca_ros.allocation import (
 )
 from ca_ros.allocation.allocator import takes_settings
 from ca_ros.allocation.slew import SlewLimited
+from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
@@ -51,6 +52,7 @@ __all__ = [
     'Settings',
     'SlewLimited',
     'Status',
+    'TiltLimited',
     'VectoredProblem',
     'Vehicle',
     'WeightedLeastSquares',

@@ -167,9 +167,15 @@ def test_attainable_wrenches_are_met_at_the_least_cost(name):
     costs = (answers.thrusts**2).sum(axis=1)
     assert (np.abs(certificate.gap) <= 1e-10 * np.maximum(1.0, costs)).all()
     n = sets.n
-    for u, cost in zip(wrenches, costs, strict=True):
-        other = clarabel_minimum(sets, problem.gamma, u, np.zeros(n), 2.0 * np.ones(n))
-        assert cost == pytest.approx((other**2).sum(), rel=1e-9, abs=1e-9)
+    others = np.array([
+        (clarabel_minimum(sets, problem.gamma, u, np.zeros(n), 2.0 * np.ones(n))**2).sum()
+        for u in wrenches
+    ])
+    cheaper = (costs - others) / np.maximum(1.0, others)
+    assert cheaper.max() < 1e-9
+    # Clarabel itself stops short of 1e-9 for few wrenches; its answers then cost more.
+    assert np.mean(cheaper > -1e-9) > 0.9
+    print(f'{name}: {np.mean(cheaper > -1e-9):.4f} within 1e-9, worst {cheaper.min():.1e}')
 
 
 @pytest.mark.parametrize('name', PROBLEMS)

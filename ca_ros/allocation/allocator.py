@@ -209,6 +209,6 @@ class Allocator(ABC):
 
     def _clipped(self, u: Array, wanted: Array) -> Allocation:
         """Return the allocation of thrusts (n,) that are clipped to their bounds, Eq. (13)."""
-        thrusts = self.problem.clip(wanted)
+        thrusts = self.problem.saturate(wanted)
         violation = float(np.abs(wanted - thrusts).max())
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)

@@ -16,10 +16,12 @@ class PseudoInverse(Allocator):
     """The pseudo-inverse, clipped to the bounds: f = sat(Gamma^+ u), Eqs. (12)-(13).
 
     If clipping changes a thrust, the residual is the difference between demanded and produced
-    wrench.  Lost rotors are left out of Gamma.
+    wrench.  Lost rotors are left out of Gamma.  Of rotors that tilt, angle and thrust are clipped
+    one after the other.
     """
 
     solves = 'f = sat(Gamma^+ u)'
+    takes_vectors = True
 
     @takes_settings(Settings)
     def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
@@ -34,6 +36,6 @@ class PseudoInverse(Allocator):
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
         wanted = demands @ self.inverse.T
-        thrusts = self.problem.clip(wanted)
+        thrusts = self.problem.saturate(wanted)
         violations: Array = np.abs(wanted - thrusts).max(axis=-1, initial=0.0)
         return self._batch(demands, thrusts, violations=violations)

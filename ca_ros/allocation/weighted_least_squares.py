@@ -12,6 +12,7 @@ from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import (
     Numbers,
     ParameterError,
@@ -21,6 +22,8 @@ from ca_ros.settings import (
     repeated,
     setting,
 )
+from ca_ros.solver.convex_sets import ConvexSets, Interval
+from ca_ros.solver.sets_newton import SetsNewton
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -29,6 +32,9 @@ WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
 
 RATIO_MAX = 1e10
 """Greatest ratio of the weights of the wrench to those of the thrusts."""
+
+FREE = 1e-3
+"""Least weight of an axis of rotors that tilt, for the digits of what it may miss."""
 
 ROUNDING = 1e-10
 """Size of multipliers that count as zero, relative to their terms."""
@@ -85,13 +91,15 @@ class WeightedLeastSquares(Allocator):
         'active set (as in Paparazzi)'
     )
 
+    takes_vectors = True
+
     @takes_settings(WeightedLeastSquaresSettings)
     def __init__(
         self, problem: Vehicle | AllocationProblem, settings: WeightedLeastSquaresSettings
     ) -> None:
         super().__init__(problem)
         problem = self.problem
-        self.wu = repeated('wu', settings.wu, problem.n)
+        self.wu = problem.spread('wu', settings.wu)
         self.wv = _weights(settings.wv, problem.axes)
         self.preferred = _preferred(settings.preferred, problem)
         self.iterations = settings.iterations
@@ -103,9 +111,23 @@ class WeightedLeastSquares(Allocator):
             )
         self._matrix = np.vstack([self._scale[:, None] * problem.gamma, np.diag(self.wu)])
         self._lengths = np.sqrt((self._matrix**2).sum(axis=0))
+        if isinstance(problem, VectoredProblem):
+            # What the wrench misses is one more effector for each axis, as good as unbounded.
+            slack = np.diag(1.0 / np.maximum(self._scale, FREE))
+            ends = [Interval(-1e9, 1e9)] * len(problem.axes)
+            self._newton = SetsNewton(
+                np.hstack([problem.gamma, slack]),
+                ConvexSets([*problem.sets.sets, *ends]),
+                np.concatenate([self.wu, np.ones(len(ends))]),
+                np.concatenate([self.preferred, np.zeros(len(ends))]),
+            )
 
     def _allocate(self, u: Array) -> Allocation:
-        thrusts = self._solve(u)
+        if isinstance(self.problem, VectoredProblem):
+            found = self._newton.solve(u[None], np.atleast_1d(self.problem.tolerance(u)))
+            thrusts = found.points[0, : self.problem.n]
+        else:
+            thrusts = self._solve(u)
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _solve(self, u: Array) -> Array:
@@ -180,5 +202,5 @@ def _preferred(preferred: str | Numbers, problem: AllocationProblem) -> Array:
     """Return the preferred thrusts (n,) [N]."""
     if isinstance(preferred, str):
         named = {'zero': np.zeros(problem.n), 'minimum': problem.lower, 'middle': problem.middle}
-        return constant(named[preferred])
-    return repeated('preferred', preferred, problem.n)
+        return constant(problem.clip(named[preferred]))
+    return problem.spread('preferred', preferred, along=True)

@@ -353,6 +353,10 @@ class AllocationProblem:
         """Return the thrust (..., k) of each effector for thrusts (..., n): the same."""
         return thrusts
 
+    def saturate(self, thrusts: Array) -> Array:
+        """Return thrusts (..., n) as rotors saturate: the same as `clip`."""
+        return self.clip(thrusts)
+
     def clip(self, thrusts: Array) -> Array:
         """Return thrusts (..., n) within their bounds, Eq. (13)."""
         return np.minimum(np.maximum(thrusts, self.lower), self.upper)

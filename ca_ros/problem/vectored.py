@@ -129,6 +129,10 @@ class VectoredProblem(AllocationProblem):
         at_upper = (sizes >= high - rounding).astype(np.int8)
         return np.where(sizes <= low + rounding, np.int8(-1), at_upper)
 
+    def saturate(self, thrusts: Array) -> Array:
+        """Return components (..., n) with the angle and the length of each vector clipped."""
+        return self.sets.saturate(thrusts)
+
     def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
         """Raise a TypeError: vectors are bounded by sets."""
         self._no_box()

@@ -156,6 +156,26 @@ class ConvexSets:
             rate[..., place[:, :, None], place[:, None, :]] = blocks
         return nearest, rate
 
+    def saturate(self, points: Array) -> Array:
+        """Return points (..., n) with angle and length clipped one after the other.
+
+        This is what is usual in place of the projection.  It is as far from the given point as the
+        projection or further, and may have a length between `least` and ``least / cos``.
+        """
+        clipped = self.project(points)
+        for each, k in zip(self.sets, self.first, strict=True):
+            if isinstance(each, Sector):
+                place = slice(k, k + each.size)
+                vector = points[..., place]
+                across = np.linalg.norm(vector[..., 1:], axis=-1)
+                length = np.hypot(vector[..., 0], across)
+                angle = np.minimum(np.arctan2(across, vector[..., 0]), each.half_angle)
+                length = np.minimum(np.maximum(length, each.least), each.radius)
+                side = vector[..., 1:] / np.where(across > 0.0, across, 1.0)[..., None]
+                clipped[..., k] = length * np.cos(angle)
+                clipped[..., k + 1 : k + each.size] = (length * np.sin(angle))[..., None] * side
+        return clipped
+
     def support(self, slopes: Array) -> Array:
         """Return the greatest ``slopes @ x`` (...) of points x of the sets."""
         line = slopes[..., self._line]

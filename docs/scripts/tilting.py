@@ -1,0 +1,137 @@
+"""Draw docs/tilting.png, and fill the tables of docs/tilting.md.  Takes about three minutes."""
+
+from __future__ import annotations
+
+import argparse
+from time import perf_counter
+
+import numpy as np
+from pages import DOCS, fill
+from scipy.optimize import minimize
+
+from ca_ros import AdmissibleSet, Sector, Vehicle, make_allocator
+from ca_ros.allocation.tilt_rates import TiltLimited
+from ca_ros.evaluation.tables import table
+from ca_ros.figures import COLORS, style
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
+from ca_ros.vehicle.files import shipped_tilting
+
+WRENCHES = 200
+PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
+
+
+def sequential(problem: TiltingVehicleProblem, u: np.ndarray) -> np.ndarray:
+    """Return the vectors that SciPy's SLSQP finds, from the clipped pseudo-inverse."""
+    limits = []
+    for each, k in zip(problem.sets.sets, problem.sets.first, strict=True):
+        if not isinstance(each, Sector):
+            continue
+        place = slice(k, k + each.size)
+        limits.append({
+            'type': 'ineq', 'fun': lambda x, p=place, r=each.radius: r**2 - x[p] @ x[p],
+        })
+        if each.half_angle < 3.0:
+            slope = np.tan(min(each.half_angle, 1.5707))
+            limits.append({
+                'type': 'ineq',
+                'fun': lambda x, p=place, s=slope: s * x[p][0] - np.linalg.norm(x[p][1:]),
+            })
+    limits.append({'type': 'eq', 'fun': lambda x: problem.gamma @ x - u})
+    start = problem.saturate(np.linalg.pinv(problem.gamma) @ u)
+    found = minimize(
+        lambda x: x @ x, start, jac=lambda x: 2.0 * x, method='SLSQP', constraints=limits,
+        bounds=list(zip(problem.lower, problem.upper, strict=True)),
+        options={'ftol': 1e-9, 'maxiter': 200},
+    )
+    return problem.clip(found.x)
+
+
+def methods_table(wrenches: int) -> str:
+    """Return how often and by how much the methods miss attainable wrenches."""
+    rows = []
+    for name in shipped_tilting():
+        problem = VehicleProblem(Vehicle.load(name))
+        drawn = AdmissibleSet(problem).sample(np.random.default_rng(0), wrenches)
+        for method in ('exact', 'pseudo_inverse', 'weighted_least_squares', 'SLSQP'):
+            taken, errors = [], []
+            if method != 'SLSQP':
+                options = {'wv': 1.0} if method == 'weighted_least_squares' else {}
+                allocator = make_allocator(method, problem, **options)
+            for u in drawn:
+                begin = perf_counter()
+                if method == 'SLSQP':
+                    vectors = sequential(problem, u)
+                else:
+                    vectors = allocator.allocate(u).thrusts
+                taken.append(perf_counter() - begin)
+                errors.append(np.linalg.norm(u - problem.gamma @ vectors))
+            missed = np.mean(np.array(errors) > 1e-6)
+            rows.append((
+                f'`{name}`', f'`{method}`', f'{100 * missed:.0f} %',
+                f'{max(errors):.1e}', f'{1e3 * np.median(taken):.2g}',
+            ))
+    titles = 'vehicle', 'method', 'misses more than 1e-6', 'worst error [N, N m]', 'median [ms]'
+    return table(titles, rows)
+
+
+def figure() -> None:
+    """Draw the angles of a thruster whose thrust passes through zero."""
+    import matplotlib
+
+    matplotlib.use('agg')
+    from matplotlib import pyplot
+
+    vehicle = Vehicle.load('azimuth_boat')
+    exact, limited = make_allocator('exact', vehicle), TiltLimited(vehicle, SPEED_RATE, TILT_RATE)
+    plain = make_allocator('pseudo_inverse', vehicle)
+    inverse = np.linalg.pinv(exact.problem.gamma)
+    side = -4.0 * (inverse @ [0.0, 0.0, 8.0])[1] + 0.02
+    times = np.arange(0.0, 2.0 * np.pi, PERIOD)
+    demands = np.array([[16.0 * np.cos(t), side, 8.0] for t in times])
+    first = exact.allocate(demands[0])
+    speeds, angles, found, slow = first.speeds, first.angles, [], None
+    for u in demands:
+        answer = limited.allocate(u, speeds, angles, PERIOD)
+        speeds, angles = answer.speeds, answer.angles
+        jump = plain.allocate(u)
+        slow = jump.angles if slow is None else slow
+        step = (jump.angles - slow + np.pi) % (2.0 * np.pi) - np.pi
+        slow = slow + np.clip(step, -TILT_RATE * PERIOD, TILT_RATE * PERIOD)
+        turned = vehicle.tilts.directions(slow)
+        forces = vehicle.thrusts(jump.speeds)[:, None] * turned
+        torque = np.cross(vehicle.arms, forces).sum(axis=0)[2]
+        wrench = np.array([*forces.sum(axis=0)[:2], torque])
+        found.append((
+            angles[0], jump.angles[0], np.linalg.norm(answer.residual),
+            np.linalg.norm(u - wrench), vehicle.thrusts(speeds)[0],
+            vehicle.thrusts(jump.speeds)[0],
+        ))
+    mine, other, error, missed, thrust, before = np.array(found).T
+    print(f'steps up to {np.abs(np.diff(mine)).max():.3f} rad, errors up to {error.max():.1e}; '
+          f'pseudo-inverse {np.abs(np.diff(other)).max():.2f} rad, {missed.max():.2f} N')
+    with pyplot.rc_context(style()):
+        drawing, axes = pyplot.subplots(3, 1, figsize=(7.1, 5.6), sharex=True)
+        for values, label, color in ((other, 'pseudo-inverse', COLORS[1]),
+                                     (mine, 'exact, servos at most 3 rad/s', COLORS[0])):
+            axes[0].plot(times, np.unwrap(values) if color == COLORS[0] else values, color=color,
+                         label=label)
+        axes[0].set_ylabel('angle [rad]')
+        axes[0].legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2)
+        axes[1].plot(times, before, color=COLORS[1])
+        axes[1].plot(times, thrust, color=COLORS[0])
+        axes[1].set_ylabel('thrust [N]')
+        axes[2].plot(times, missed, color=COLORS[1])
+        axes[2].plot(times, error, color=COLORS[0])
+        axes[2].set_ylabel('|u - wrench| [N, N m]')
+        axes[2].set_xlabel('time [s]')
+        drawing.align_ylabels()
+        drawing.tight_layout()
+        drawing.savefig(DOCS / 'tilting.png', dpi=150, metadata={'Software': None})
+
+
+if __name__ == '__main__':
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--wrenches', type=int, default=WRENCHES)
+    options = parser.parse_args()
+    figure()
+    fill('tilting.md', methods=methods_table(options.wrenches))
