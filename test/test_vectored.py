@@ -336,3 +336,23 @@ def test_any_command_is_reached_within_the_rates(name):
             rows @ force for (_, rows), force in zip(problem.windows, forces, strict=True)
         ])
         assert np.abs(held - problem.clip(held)).max() < 1e-9
+
+
+@pytest.mark.parametrize('name', PROBLEMS)
+def test_baselines_keep_angles_and_thrusts(name):
+    problem, rng = PROBLEMS[name], np.random.default_rng(7)
+    wrenches = problem.center + problem.extent * rng.normal(size=(10, len(problem.axes)))
+    low, high = problem.sets.length_limits
+    clipped = make_allocator('pseudo_inverse', problem).allocate_batch(wrenches)
+    least = np.array([isinstance(each, Interval) for each in problem.sets.sets])
+    sizes = np.where(least, 0.0, problem.sizes(clipped.thrusts))
+    assert (sizes <= np.where(least, 0.0, high) + 1e-12).all()
+    assert (sizes >= np.where(least, 0.0, low) - 1e-12).all()
+    # Weighted least squares costs less than the answer of any other method.
+    weighted = make_allocator('weighted_least_squares', problem, gamma=100.0, wv=1.0)
+    exact = make_allocator('exact', problem)
+    for u in wrenches:
+        answers = [method.allocate(u) for method in (weighted, exact)]
+        costs = [(a.thrusts**2).sum() + 100.0 * (a.residual**2).sum() for a in answers]
+        assert costs[0] <= costs[1] * (1.0 + 1e-9)
+        assert problem.violation(answers[0].thrusts) < 1e-12
