@@ -16,6 +16,8 @@ from ca_ros import (
     Vehicle,
     make_allocator,
 )
+from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -356,3 +358,9 @@ def test_baselines_keep_angles_and_thrusts(name):
         costs = [(a.thrusts**2).sum() + 100.0 * (a.residual**2).sum() for a in answers]
         assert costs[0] <= costs[1] * (1.0 + 1e-9)
         assert problem.violation(answers[0].thrusts) < 1e-12
+
+
+def test_the_kernel_refuses_tilts():
+    problem = PROBLEMS['tricopter']
+    with pytest.raises(ParameterError, match='not rotors that tilt'):
+        kernel_for(object, problem, ExactSettings())

@@ -14,6 +14,8 @@ from ca_ros.arrays import Array, IntArray
 from ca_ros.kernel import Kernel
 from ca_ros.problem.prioritization import Prioritization, sensed
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
+from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.settings import ParameterError
 from ca_ros.solver.dual_newton import AIM, DualNewton, Solution
 
 
@@ -39,6 +41,8 @@ def kernel_for(
     ValueError
         If the problem's admissible set has no volume, or a setting does not suit the problem.
     """
+    if isinstance(problem, VectoredProblem):
+        raise ParameterError('the C kernel takes numbers within bounds, not rotors that tilt')
     axes, serving = problem.axes, settings.serving(problem)
     keeps = sensed(serving.groups, serving.thrust_deviation)
     preference = settings.preference(problem)

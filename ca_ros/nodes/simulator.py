@@ -28,6 +28,7 @@ from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
+from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 STATE_REPEAT = 0.2
@@ -88,6 +89,7 @@ class SimulatorNode(VehicleNode):
     def build(self, settings: SimulatorSettings) -> Plant:
         """Create the plant in its initial state."""
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
+        refuse_tilts(vehicle.tilts, 'nodes')
         return Plant(body_of(vehicle, settings.simulator), settings.simulator)
 
     def adopt(self, built: Plant) -> None:

@@ -26,6 +26,7 @@ from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.settings import Settings, repeated
+from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -81,6 +82,7 @@ class VehicleNode(ParameterNode):
         if self.audit is None:
             given = settings.vehicle, settings.rotors, settings.allocation
             self._declared = Vehicle.from_settings(*given)
+            refuse_tilts(self._declared.tilts, 'nodes')
             return accept(self._declared)
         # In a running node only health and voltage change; lost axes are dropped, not refused.
         vehicle = self._declared

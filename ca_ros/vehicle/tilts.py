@@ -97,6 +97,14 @@ class Tilts:
         return [k > 0 and rotors[k - 1] == rotor for k, rotor in enumerate(rotors)]
 
 
+def refuse_tilts(tilts: Tilts | None, taker: str) -> None:
+    """Raise a `ParameterError` if rotors of a vehicle tilt, which the `taker` cannot command."""
+    if tilts is not None:
+        raise ParameterError(
+            f'rotors.tilt_max, rotors.gimbal: {taker} take fixed rotors only; expected no tilts'
+        )
+
+
 def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts | None:
     """Return the servos of a vehicle's settings; None if no rotor tilts.
 

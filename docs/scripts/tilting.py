@@ -16,7 +16,7 @@ from ca_ros.figures import COLORS, style
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.vehicle.files import shipped_tilting
 
-WRENCHES = 200
+WRENCHES = 50
 PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
 
 
