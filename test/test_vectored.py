@@ -169,12 +169,16 @@ def test_attainable_wrenches_are_met_at_the_least_cost(name):
     costs = (answers.thrusts**2).sum(axis=1)
     assert (np.abs(certificate.gap) <= 1e-10 * np.maximum(1.0, costs)).all()
     n = sets.n
-    others = np.array([
-        (clarabel_minimum(sets, problem.gamma, u, np.zeros(n), 2.0 * np.ones(n))**2).sum()
-        for u in wrenches
+    points = np.array([
+        clarabel_minimum(sets, problem.gamma, u, np.zeros(n), 2.0 * np.ones(n)) for u in wrenches
     ])
+    others = (points**2).sum(axis=1)
     cheaper = (costs - others) / np.maximum(1.0, others)
-    assert cheaper.max() < 1e-9
+    # An answer that misses the wrench or leaves the sets may cost less by so much.
+    missed = np.linalg.norm(wrenches - points @ problem.gamma.T, axis=1)
+    missed += np.linalg.norm(problem.gamma, 2) * np.linalg.norm(
+        points - sets.project(points), axis=1)
+    assert (cheaper < 1e-9 + 2.0 * np.linalg.norm(certificate.multipliers, axis=1) * missed).all()
     # Clarabel itself stops short of 1e-9 for few wrenches; its answers then cost more.
     assert np.mean(cheaper > -1e-9) > 0.9
     print(f'{name}: {np.mean(cheaper > -1e-9):.4f} within 1e-9, worst {cheaper.min():.1e}')
