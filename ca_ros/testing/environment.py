@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
 
 CHECK = 'ROS_PYTHON_CHECK_FIELDS'
 
@@ -23,20 +21,12 @@ SETTINGS = {
 @contextmanager
 def applied(settings: Mapping[str, str]) -> Iterator[None]:
     """Apply environment variables, also in the message modules, which read `CHECK` at import."""
-    modules = [getattr(module, '__dict__', {}) for module in [*sys.modules.values()]]
-    readers = [module for module in modules if CHECK.lower() in module]
-    changes: list[tuple[Any, str, str]] = [
-        *((os.environ, name, value) for name, value in settings.items()),
-        *((module, CHECK.lower(), settings[CHECK]) for module in readers),
-    ]
-    before = [place.get(name) for place, name, _ in changes]
-    for place, name, value in changes:
-        place[name] = value
-    try:
+    import pytest
+
+    with pytest.MonkeyPatch.context() as changes:
+        for name, value in settings.items():
+            changes.setenv(name, value)
+        for module in [*sys.modules.values()]:
+            if CHECK.lower() in getattr(module, '__dict__', {}):
+                changes.setattr(module, CHECK.lower(), settings[CHECK])
         yield
-    finally:
-        for (place, name, _), old in zip(changes, before, strict=True):
-            if old is None:
-                place.pop(name, None)
-            else:
-                place[name] = old
