@@ -109,8 +109,8 @@ def flights_table(found: Mapping[str, Outcomes]) -> str:
         recoveries = []
         for start in GROUPS.values():
             group = [each for (_, name), each in own.items() if name.startswith(start)]
-            recoveries.append(f'{sum(each.recovered for each in group)} of {len(group)}')
-        drops = [each.drop for (_, name), each in own.items() if name.startswith('upset')]
+            recoveries.append(f'{sum(each.recovered for each in group):.0f} of {len(group)}')
+        drops = [each.height_lost for (_, name), each in own.items() if name.startswith('upset')]
         change = 100.0 * slalom(own) / slalom(found['exact'])
         rows.append((f'`{label}`', *recoveries, f'{np.median(drops):.2f}', f'{change:.1f}'))
     titles = (

@@ -3,73 +3,77 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from math import inf, pi
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ca_ros.allocation import Allocation
+from ca_ros.allocation import Allocation, Allocator
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic.manoeuvres import goal, unlimited, upset
-from ca_ros.evaluation.dynamic.metrics import RECOVERED, changes_of, height_lost
-from ca_ros.evaluation.wrench_metrics import energy
-from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.evaluation.dynamic.manoeuvres import (
+    SLALOM_DURATION,
+    Counter,
+    Manoeuvre,
+    flown,
+    goal,
+    upset,
+)
 from ca_ros.flight.rigid_body import NULL_STATE
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.flight.rotor_failures import RotorFailure
 
 HEAVY = 1.35
 """Ratio of greatest thrust to weight of the heavy vehicles."""
 
-FAIL, ANNOUNCE, DURATION, SLALOM_DURATION = 0.5, 0.1, 8.0, 12.0
-"""Time of the loss, delay of its announcement, and durations of the flights [s]."""
+FAIL = 0.5
+"""Time of the loss of a rotor [s]."""
 
 ROUNDING = 1e-9
 
 
+def to(x: float, y: float, z: float, heading: float, state: Array = NULL_STATE) -> Manoeuvre:
+    """Return the flight from a state to a waypoint [m, degrees]."""
+    return Manoeuvre(state, ((0.0, goal(x, y, z, heading)),))
+
+
 MANOEUVRES = {
-    'upset, 150° forward': (upset(150, 0), goal(0, 0, 0, 60)),
-    'upset, 150° to 45°': (upset(150, 45), goal(0, 0, 0, 60)),
-    'upset, 150° to the left': (upset(150, 90), goal(0, 0, 0, 60)),
-    'upset, 120°, and a turn': (upset(120, -45), goal(0, 0, 0, -120)),
-    'spin about x': (upset(turn=(12, 0, 0)), goal(0, 0, 0, 0)),
-    'spin about y and z': (upset(turn=(0, 10, -8)), goal(0, 0, 0, 0)),
-    'spin about all axes': (upset(60, 45, (-9, 7, 10)), goal(0, 0, 0, 0)),
-    'gust from the side': (upset(30, 0, (4, 4, 0), (12, -6, 0)), goal(0, 0, 0, 0)),
-    'gust from above': (upset(40, 90, (6, -3, 4), (4, 4, -10)), goal(0, 0, 0, 0)),
-    'dive with a turn': (NULL_STATE, goal(20, 0, -6, 143)),
-    'climb with a turn': (NULL_STATE, goal(8, -6, 4, 170)),
-    'turning back in a climb': (upset(turn=(0, 0, 8), velocity=(0, 0, 6)), goal(5, 5, -3, -170)),
-    'fast attitude commands': (upset(turn=(8, -8, 0)), goal(3, 0, 3, 90)),
+    'upset, 150° forward': to(0, 0, 0, 60, upset(150, 0)),
+    'upset, 150° to 45°': to(0, 0, 0, 60, upset(150, 45)),
+    'upset, 150° to the left': to(0, 0, 0, 60, upset(150, 90)),
+    'upset, 120°, and a turn': to(0, 0, 0, -120, upset(120, -45)),
+    'spin about x': to(0, 0, 0, 0, upset(turn=(12, 0, 0))),
+    'spin about y and z': to(0, 0, 0, 0, upset(turn=(0, 10, -8))),
+    'spin about all axes': to(0, 0, 0, 0, upset(60, 45, (-9, 7, 10))),
+    'gust from the side': to(0, 0, 0, 0, upset(30, 0, (4, 4, 0), (12, -6, 0))),
+    'gust from above': to(0, 0, 0, 0, upset(40, 90, (6, -3, 4), (4, 4, -10))),
+    'dive with a turn': to(20, 0, -6, 143, NULL_STATE),
+    'climb with a turn': to(8, -6, 4, 170, NULL_STATE),
+    'turning back in a climb': to(5, 5, -3, -170, upset(turn=(0, 0, 8), velocity=(0, 0, 6))),
+    'fast attitude commands': to(3, 0, 3, 90, upset(turn=(8, -8, 0))),
 }
 
-SLALOM = [
+TURNS = (
     (0.0, goal(1.5, 1.5, 0, 90)),
     (1.2, goal(3.0, -1.5, 1, -90)),
     (2.4, goal(4.5, 1.5, 0, 90)),
     (3.6, goal(6.0, -1.5, 1, -90)),
     (4.8, goal(7.5, 0, 0, 0)),
-]
+)
 """Times [s] and waypoints of a slalom; each waypoint is left before it is reached."""
 
 
-class Recorder:
+class Recorder(Counter):
     """An allocator that counts inexact answers, and those with a wrong yaw."""
 
-    def __init__(self, allocator: Any) -> None:
-        self._allocator, axes = allocator, allocator.problem.axes
-        self._yaw = axes.index('yaw') if 'yaw' in axes else None
-        self.inexact = self.off = 0
+    def __init__(self, allocator: Allocator) -> None:
+        super().__init__(allocator)
+        self.counts['off'] = 0
 
     def allocate(self, u: Array) -> Allocation:
         """Allocate one wrench."""
-        answer: Allocation = self._allocator.allocate(u)
-        if answer.status:
-            self.inexact += 1
-            yaw = self._yaw
-            self.off += yaw is not None and bool(wrong(answer.wrench[yaw], u[yaw]))
+        answer, axes = super().allocate(u), self._allocator.problem.axes
+        if answer.status and 'yaw' in axes:
+            yaw = axes.index('yaw')
+            self.counts['off'] += bool(wrong(answer.wrench[yaw], u[yaw]))
         return answer
 
 
@@ -80,43 +84,20 @@ def wrong(served: Array | float, demand: Array | float) -> Array:
 
 
 class Outcome(NamedTuple):
-    """A flight: height lost [m], energy [N^1.5 s], change of thrust [N/s], integrals [rad s].
+    """A flight, see `ca_ros.evaluation.dynamic.manoeuvres.flown`."""
 
-    Energy and change of thrust are those of the commands, and so are wrong after a loss.
-    """
-
-    recovered: bool = False
-    drop: float = inf
-    energy: float = inf
-    change: float = inf
-    heading: float = inf
-    inexact: int = 0
-    off: int = 0
+    recovered: float
+    height_lost: float
+    energy: float
+    change: float
+    heading_error: float
+    inexact: float
+    off: float
 
 
-def flown(
-    case: Case, method: str, state: Array, to: Waypoint, changes: Sequence[Change] = (),
-    duration: float = DURATION,
-) -> Outcome:
-    """Fly one manoeuvre."""
-    recorder = Recorder(case.allocator(method))
-    loop: Any = unlimited(case.controller()), recorder, case.body()
-    try:
-        flight = fly(*loop, to, duration, state=state, changes=changes)
-    except FloatingPointError:
-        return Outcome()
-    thrusts, step = case.vehicle.thrusts(flight.speeds), flight.time[1]
-    goals = [to, *(each.waypoint for each in changes if each.waypoint)]
-    off = (flight.heading - to.heading + pi) % (2.0 * pi) - pi
-    return Outcome(
-        flight.position_error(to) <= RECOVERED,
-        height_lost(flight, min(float(each.position[2]) for each in goals)),
-        float(energy(thrusts)[:-1].sum() * step),
-        float(changes_of(thrusts).sum() / flight.time[-1]),
-        float(np.abs(off).sum() * step),
-        recorder.inexact,
-        recorder.off,
-    )
+def outcome(case: Case, method: str, manoeuvre: Manoeuvre) -> Outcome:
+    """Fly a manoeuvre."""
+    return Outcome(**flown(case, method, manoeuvre, Recorder))
 
 
 def both_masses(
@@ -131,15 +112,10 @@ def both_masses(
 
 def compared(case: Case, method: str) -> Iterator[tuple[str, Outcome]]:
     """Fly upsets, spins, a slalom and the losses of two rotors."""
-    for name, (state, to) in MANOEUVRES.items():
+    for name, manoeuvre in MANOEUVRES.items():
         if name.startswith(('upset', 'spin')):
-            yield name, flown(case, method, state, to)
-    turns = [Change(round(t * 1e9), waypoint=point) for t, point in SLALOM]
-    yield 'slalom', flown(case, method, NULL_STATE, SLALOM[-1][1], turns, SLALOM_DURATION)
+            yield name, outcome(case, method, manoeuvre)
+    yield 'slalom', outcome(case, method, Manoeuvre(NULL_STATE, TURNS, None, SLALOM_DURATION))
     for rotor in (1, 2) if case.vehicle.n > 4 else ():
-        failures = RotorFailures((RotorFailure(rotor, FAIL),), ANNOUNCE)
-        changes = [
-            replace(each, controller=each.controller and unlimited(each.controller))
-            for each in case.failing(method, failures)
-        ]
-        yield f'loss of rotor {rotor}', flown(case, method, NULL_STATE, goal(1, 1, 1, 0), changes)
+        lost = to(1, 1, 1, 0)._replace(failed=RotorFailure(rotor, FAIL))
+        yield f'loss of rotor {rotor}', outcome(case, method, lost)

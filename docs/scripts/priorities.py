@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from flights import MANOEUVRES, Outcome, both_masses, flown, wrong
+from flights import MANOEUVRES, Outcome, both_masses, outcome, wrong
 from pages import DOCS, fill, shipped, telling
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
@@ -26,10 +26,10 @@ def flights_table() -> str:
     rows = []
     for name, value in product(shipped(flying=True), THRUST_DEVIATIONS):
         for title, case in both_masses(name, [f'allocation.exact.thrust_deviation:={value}']):
-            found = [flown(case, 'exact', *each) for each in MANOEUVRES.values()]
+            found = [outcome(case, 'exact', each) for each in MANOEUVRES.values()]
             total = Outcome(*np.sum(found, axis=0).tolist())
             recovered = f'{total.recovered:.0f} of {len(found)}'
-            cells = f'{total.drop:.2f}', f'{total.heading:.1f}'
+            cells = f'{total.height_lost:.2f}', f'{total.heading_error:.1f}'
             off = f'{total.off:.0f} of {total.inexact:.0f}'
             rows.append((title, f'`{value}`', recovered, *cells, off))
     titles = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import replace
-from math import cos, inf, radians, sin
+from math import cos, inf, pi, radians, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,22 +135,25 @@ class Counter:
     """An allocator that counts inexact answers."""
 
     def __init__(self, allocator: Allocator) -> None:
-        self._allocator, self.inexact = allocator, 0
+        self._allocator, self.counts = allocator, {'inexact': 0}
 
     def allocate(self, u: Array) -> Allocation:
         """Allocate one wrench."""
         answer = self._allocator.allocate(u)
-        self.inexact += bool(answer.status)
+        self.counts['inexact'] += bool(answer.status)
         return answer
 
 
-def flown(case: Case, method: str, manoeuvre: Manoeuvre) -> dict[str, float]:
-    """Fly a manoeuvre; return its row without names.
+def flown(
+    case: Case, method: str, manoeuvre: Manoeuvre, kind: type[Counter] = Counter
+) -> dict[str, float]:
+    """Fly a manoeuvre; return its row without names, with the counts of a kind of counter.
 
-    Energy [N^1.5 s] and change of thrust [N/s] are those of the commands.  A flight whose numbers
-    overflow has not recovered, and its other values are infinite.
+    Energy [N^1.5 s] and change of thrust [N/s] are those of the commands, and the heading error is
+    an integral [rad s].  A flight whose numbers overflow has not recovered, and its other values
+    are infinite.
     """
-    counter, goals = Counter(case.allocator(method)), [point for _, point in manoeuvre.goals]
+    counter, goals = kind(case.allocator(method)), [point for _, point in manoeuvre.goals]
     allocator: Any = counter
     loop = unlimited(case.controller()), allocator, case.body(), goals[0]
     changes = manoeuvre.changes(case, method)
@@ -159,15 +162,17 @@ def flown(case: Case, method: str, manoeuvre: Manoeuvre) -> dict[str, float]:
             *loop, manoeuvre.duration, state=manoeuvre.state, changes=changes
         )
     except FloatingPointError:
-        lost = dict.fromkeys(('height_lost', 'energy', 'change'), inf)
-        return {'recovered': 0, **lost, 'inexact': counter.inexact}
+        lost = dict.fromkeys(('height_lost', 'energy', 'change', 'heading_error'), inf)
+        return {'recovered': 0, **lost, **counter.counts}
     thrusts, step = case.vehicle.thrusts(flight.speeds), flight.time[1]
+    off = (flight.heading - goals[-1].heading + pi) % (2.0 * pi) - pi
     return {
         'recovered': int(flight.position_error(goals[-1]) <= RECOVERED),
         'height_lost': height_lost(flight, min(float(each.position[2]) for each in goals)),
         'energy': float(energy(thrusts)[:-1].sum() * step),
         'change': float(changes_of(thrusts).sum() / flight.time[-1]),
-        'inexact': counter.inexact,
+        'heading_error': float(np.abs(off).sum() * step),
+        **counter.counts,
     }
 
 
