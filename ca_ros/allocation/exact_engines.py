@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.osqp_start import OsqpStart
+from ca_ros.allocation.osqp_program import OsqpStart
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
 from ca_ros.kernel import Kernel
