@@ -1,5 +1,6 @@
 """Priorities against an independent sequence of linear programs."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
-from ca_ros.problem.prioritization import THRUST_DEVIATIONS
+from ca_ros.problem.prioritization import THRUST_DEVIATIONS, airmode_limits
 from strategies import (
     FLEET,
     HEXAROTOR,
@@ -75,28 +76,80 @@ class Judge:
 
     def along(self, rows, start, way):
         """Return the greatest t <= 2 for which some rows can be ``start + t way``."""
+        matrix = np.zeros((len(rows) + len(self.gamma), len(self.low) + 1 + len(self.gamma)))
+        matrix[:len(rows), :-len(self.gamma)] = np.column_stack([self.gamma[rows], -way])
+        matrix[len(rows):, :len(self.low)] = self.gamma
+        matrix[len(rows):, len(self.low) + 1:] = -np.eye(len(self.gamma))
+        cost = np.zeros(matrix.shape[1])
+        cost[len(self.low)] = -1.0
+        ends = self.limits.copy()
+        ends[rows] = [-np.inf, np.inf]
         answer = extreme(
-            np.append(np.zeros(len(self.low)), -1.0),
-            np.column_stack([self.gamma[rows], -way]), start,
-            np.append(self.low, 0.0), np.append(self.high, 2.0))
-        return answer[-1]
+            cost, matrix, np.append(start, np.zeros(len(self.gamma))),
+            np.concatenate([self.low, [0.0], ends[:, 0]]),
+            np.concatenate([self.high, [2.0], ends[:, 1]]))
+        return answer[len(self.low)]
 
-    def serve(self, u, groups, reversal, lost=()):
+    def confine(self, low, high):
+        """Limit thrust to a range, or to what is between the range and where it can be."""
+        row = self.axes.index('thrust')
+        low, high = np.clip([low, high], -1e3 * self.half[row], 1e3 * self.half[row])
+        before, self.limits[row] = self.limits.copy(), [-np.inf, np.inf]
+        self.approach([row], np.array([low]), np.array([high]), np.ones(1))
+        missed = high - low - np.ptp(self.limits[row]) < -3.0 * SLACK * self.half[row]
+        if missed:
+            # On which side of the range it has to stay.
+            reach, self.limits = self.limits[row], before.copy()
+            self.limits[row] = [-np.inf, np.inf]
+            self.approach([row], reach[[0]], np.array([low]), np.ones(1))
+            above = np.ptp(self.limits[row]) > low - reach[0] + 3.0 * SLACK * self.half[row]
+            reach = [low, reach[1]] if above else [reach[0], high]
+        else:
+            reach = [low, high]
+        self.limits = before
+        rounding = SLACK * self.half[row]
+        self.limits[row] = [reach[0] - rounding, reach[1] + rounding]
+
+    def line(self, first, u):
+        """Return where the line of the first group begins, and its way."""
+        before, self.limits = self.limits, np.full_like(self.limits, np.inf) * [-1.0, 1.0]
+        center = self.gamma[first] @ (self.low + self.high) / 2.0
+        begin = center + min(1.0, 0.99 * self.along(
+            first, center, self.hover[first] - center)) * (self.hover[first] - center)
+        self.limits = before
+        return begin, u[first] - begin
+
+    def serve(self, u, groups, reversal, lost=(), airmode=(1.0, 1.0, 1.0, 1.0)):
         """Return the limits (m, 2) of what is served, without a sense of the lost rows.
 
         They are on both sides of each demand, as near to it as possible.
         """
         first, *later = groups
+        thrust = self.axes.index('thrust')
+        rises, falls = (
+            np.where(np.array(part) < 1.0, 2.0 * self.half[thrust] * np.array(part), np.inf)
+            for part in (airmode[:2], airmode[2:]))
+        limited = min(airmode) < 1.0 and thrust not in first
+        center = self.gamma[thrust] @ (self.low + self.high) / 2.0
+        demand = center + np.clip(u[thrust] - center, -self.half[thrust], self.half[thrust])
+        if limited:
+            if len(first) > 1:
+                begin, _ = self.line(first, u)
+                rounding = SLACK * self.half[first]
+                self.limits[first] = np.column_stack([begin - rounding, begin + rounding])
+            self.confine(demand - falls[0], demand + rises[0])
+            self.limits[first] = [-np.inf, np.inf]
         if len(first) == 1:
             self.approach(first, u[first], u[first], np.ones(1))
         else:
-            center = self.gamma[first] @ (self.low + self.high) / 2.0
-            begin = center + min(1.0, 0.99 * self.along(
-                first, center, self.hover[first] - center)) * (self.hover[first] - center)
-            way = u[first] - begin
+            begin, way = self.line(first, u)
             end = begin + min(1.0, self.along(first, begin, way)) * way
             rounding = SLACK * self.half[first]
             self.limits[first] = np.column_stack([end - rounding, end + rounding])
+        if limited:
+            self.confine(demand, demand)
+            low, high = self.limits[thrust]
+            self.limits[thrust] = [min(low, demand - falls[1]), max(high, demand + rises[1])]
         rows = [row for group in later for row in group if row not in lost]
         senses = {'prevent': [row for row in rows if self.axes[row] != 'thrust'],
                   'avoid': rows, 'allow': []}[reversal]
@@ -123,7 +176,7 @@ def infeasible(vehicle, admissible, rng, size):
     return wrenches[~admissible.contains(wrenches)][:size]
 
 
-def compare(vehicle, order, rng, size):
+def compare(vehicle, order, rng, size, limits_on_airmode=(1.0,)):
     admissible = AdmissibleSet(vehicle)
     groups = groups_of(vehicle, order)
     scale = 1.0 + np.linalg.norm(admissible.center)
@@ -134,8 +187,14 @@ def compare(vehicle, order, rng, size):
     for i, u in enumerate(infeasible(vehicle, admissible, rng, size)):
         reversal = THRUST_DEVIATIONS[i % 3]
         judge = Judge(vehicle)
-        limits = judge.serve(u, groups, reversal, lost)
-        served = admissible.prioritize(u, order, reversal)
+        airmode = limits_on_airmode[i // 3 % len(limits_on_airmode)]
+        limits = judge.serve(u, groups, reversal, lost, airmode_limits(airmode))
+        served = admissible.prioritize(u, order, reversal, airmode)
+        # The kernel serves the same.
+        exact = make_allocator(
+            'exact', vehicle, order=order, thrust_deviation=reversal, airmode_limit=airmode)
+        np.testing.assert_allclose(
+            exact.allocate(u).wrench, served, rtol=0.0, atol=1e-9 * judge.half.max())
         assert admissible.contains(served, tolerance=1e-12 * scale)
         beyond = np.abs(served - np.clip(served, *limits.T))
         assert np.all(beyond <= 1e-4 * judge.half), (u, served, limits)
@@ -153,6 +212,44 @@ def test_random_vehicles_serve_as_the_linear_programs_do(seed, order):
     vehicle = random_vehicle(rng, 4 + seed % 5)
     lateral = [[axis for axis in vehicle.axes if axis.startswith('force')]]
     compare(vehicle, ORDERS[order] + lateral * bool(lateral[0]), rng, 12)
+
+
+AIRMODES = [0.0, 0.1, 0.5, 1.0, [1.0, 0.0], [0.5, 0.1, 0.2, 0.0]]
+
+
+@pytest.mark.parametrize('order', ['default', 'one by one'])
+@pytest.mark.parametrize('name', length(
+    ['hexarotor', 'tilted_hexarotor'], [*FLEET, *(f'random {i}' for i in range(11))]))
+def test_a_limit_on_airmode_serves_as_the_linear_programs_do(name, order):
+    rng = np.random.default_rng(4)
+    vehicle = FLEET.get(name) or random_vehicle(np.random.default_rng(int(name[7:])), 6)
+    lateral = [[axis for axis in vehicle.axes if axis.startswith('force')]]
+    size = int(os.environ.get('CA_ROS_AIRMODE', 18))
+    compare(vehicle, ORDERS[order] + lateral * bool(lateral[0]), rng, size, AIRMODES)
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'asymmetric', 'x8'])
+def test_the_share_of_roll_and_pitch_never_falls_as_the_limit_on_airmode_rises(name):
+    admissible, rng = AdmissibleSet(FLEET[name]), np.random.default_rng(5)
+    center, extent = admissible.problem.center, admissible.problem.extent
+    for u in rng.uniform(center - 1.2 * extent, center + 1.2 * extent, (20, 4)):
+        shares = [admissible.prioritize_levels(u, airmode_limit=limit)[1][1]
+                  for limit in np.linspace(0.0, 1.0, 11)]
+        assert np.all(np.diff(shares) >= -1e-9)
+
+
+def test_a_limit_on_airmode_by_hand():
+    # Full roll of 1 at a thrust of 2 s, from 0 to 1 N each: without airmode, two rotors at
+    # s + r / 4 and two at s - r / 4 give |r| = 4 s up to 2.
+    unit = AdmissibleSet(UNIT_QUADROTOR)
+    for limit, served in ((0.0, [0.4, 0.4, 0.0, 0.0]), (0.1, [0.8, 0.8, 0.0, 0.0]),
+                          (0.5, [1.5, 1.5, 0.0, 0.0]), (1.0, [1.5, 1.5, 0.0, 0.0])):
+        np.testing.assert_allclose(
+            unit.prioritize([0.4, 1.5, 0.0, 0.0], airmode_limit=limit), served, atol=1e-12)
+    # Thrust does not fall for yaw either where both falls are 0.
+    np.testing.assert_allclose(
+        unit.prioritize([4.0, 0.0, 0.0, 1.0], airmode_limit=[1.0, 1.0, 0.0, 0.0]),
+        [4.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
 def test_priorities_worked_out_by_hand():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from inspect import Parameter, Signature, cleandoc, signature
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
@@ -148,6 +149,31 @@ class Allocator(ABC):
             If `u` is not m finite numbers.
         """
         return self._allocate(self.problem.check(u))
+
+    def allocate_within(self, u: ArrayLike, lower: Array, upper: Array) -> Allocation:
+        """Allocate one wrench within narrower bounds, such as what the rotors reach in time.
+
+        Parameters
+        ----------
+        u : (m,) array
+            As in `allocate`.
+        lower, upper : (n,) arrays
+            Bounds of the effectors for this wrench [N]; those of the problem hold as well.
+
+        Returns
+        -------
+        Allocation
+            With its `bounds`.  If effectors that cannot move do not give u, it is INEXACT.
+        """
+        problem = self.problem
+        lower, upper = problem.clip(lower), problem.clip(upper)
+        moved = problem.bounded(lower, upper)
+        if moved.has_volume:
+            answer = type(self).made(moved, self.settings).allocate(u)
+        else:
+            demand, thrusts = moved.check(u), moved.clip(moved.middle)
+            answer = Allocation(moved, demand, thrusts, self._status(demand, thrusts))
+        return replace(answer, problem=problem, bounds=(lower, upper))
 
     def allocate_batch(self, wrenches: ArrayLike) -> AllocationBatch:
         """Allocate N wrenches (N, m) [N, N m]; the fields of the result have a leading N."""

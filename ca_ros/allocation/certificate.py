@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.solver.dual_newton import DualNewton
 
@@ -32,6 +33,9 @@ class Certificate:
     limit : (n,) int8 array
         The nearest facet, by the state of the rotors on it: at the upper bound (+1), at the lower
         bound (-1), or free (0).
+    rate_limited : (n,) bool array
+        Which of these rotors are at bounds that are narrower than those of the problem: what they
+        reach at their rates.
     problem : AllocationProblem
     """
 
@@ -41,6 +45,7 @@ class Certificate:
     kkt_residual: float | Array
     margin: float | Array
     limit: Array
+    rate_limited: BoolArray
     problem: AllocationProblem
 
     def __str__(self) -> str:
@@ -58,6 +63,9 @@ class Certificate:
             for name, value in (('maximum', 1), ('minimum', -1))
         }
         ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
+        if self.rate_limited.any():
+            slow = ', '.join(names[i] for i in np.flatnonzero(self.rate_limited))
+            ends = f'{ends} ({slow} by their rates)'
         return (
             f'residual {_size(self.primal_residual)}, '
             f'KKT residual {_size(self.kkt_residual)}{unit}; '
@@ -74,11 +82,15 @@ def certify(
     demand: Array,
     thrusts: Array,
     preference: tuple[Array, Array] | None = None,
+    bounds: tuple[Array, Array] | None = None,
 ) -> Certificate:
     """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m].
 
-    `preference` has the weights and the preferred thrusts, (n,) each [1, N].
+    `preference` has the weights and the preferred thrusts, (n,) each [1, N]; `bounds` are narrower
+    bounds (..., n) of the thrusts [N].
     """
+    if bounds is not None:
+        return _certify_within(problem, demand, thrusts, preference, bounds)
     wrench = thrusts @ problem.gamma.T
     rows = wrench.reshape(-1, wrench.shape[-1])
     solver = problem.least_norm
@@ -99,5 +111,32 @@ def certify(
         kkt_residual=np.abs(thrusts - least).max(axis=-1),
         margin=slacks.min(axis=-1),
         limit=np.sign(side * image.sides[nearest]).astype(np.int8),
+        rate_limited=np.zeros(thrusts.shape, dtype=bool),
         problem=problem,
     )
+
+
+def _certify_within(
+    problem: AllocationProblem,
+    demand: Array,
+    thrusts: Array,
+    preference: tuple[Array, Array] | None,
+    bounds: tuple[Array, Array],
+) -> Certificate:
+    if thrusts.ndim > 1:
+        rows = [
+            _certify_within(problem, *row[:2], preference, row[2:])
+            for row in zip(demand, thrusts, *bounds, strict=True)
+        ]
+        names = [field.name for field in fields(Certificate)][:-1]
+        stacked: dict[str, Any] = {
+            name: np.array([getattr(row, name) for row in rows]) for name in names
+        }
+        return replace(rows[0], **stacked)
+    moved = problem.bounded(*bounds)
+    if not moved.has_volume:
+        raise moved.no_volume()
+    found = certify(moved, demand, thrusts, preference)
+    slow = (found.limit > 0) & (moved.upper < problem.upper)
+    slow |= (found.limit < 0) & (moved.lower > problem.lower)
+    return replace(found, rate_limited=slow)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,15 +15,16 @@ from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
-from ca_ros.kernel import INVALID, Kernel, chosen
+from ca_ros.kernel import INVALID, chosen
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.limits import Limits
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
 EXACT = Status.EXACT
 
-STATUSES = tuple(Status)
+STATUSES = {int(status): status for status in Status}
 """By number; to look one up in the enumeration takes ten times as long."""
 
 THREAD_MIN = 8192
@@ -78,7 +80,8 @@ class Exact(Allocator):
         if settings.solver == 'newton' and not isinstance(problem, VectoredProblem):
             kernel = chosen(problem.n, len(problem.axes))
         self.engine = 'C' if kernel else 'NumPy'
-        self._engine: Kernel | NumpyEngine | VectoredEngine
+        self._vectored = isinstance(problem, VectoredProblem)
+        self._engine: Any
         if isinstance(problem, VectoredProblem):
             self._engine = VectoredEngine(problem, settings)
         elif kernel:
@@ -97,23 +100,49 @@ class Exact(Allocator):
 
     def allocate(self, u: ArrayLike) -> Allocation:
         """Allocate one wrench; see `Allocator.allocate`."""
+        return self._answer(u)
+
+    def allocate_within(self, u: ArrayLike, lower: Array, upper: Array) -> Allocation:
+        """Allocate one wrench within narrower bounds; see `Allocator.allocate_within`."""
+        return self._answer(u, lower, upper)
+
+    def _answer(self, u: ArrayLike, *bounds: Array) -> Allocation:
         try:
             demand = floats(u)
             thrusts = np.empty(self._n)
-            answer = self._engine.allocate(demand, thrusts)
+            answer = self._engine.allocate(demand, thrusts, *bounds)
         except (TypeError, ValueError):
             # The check names what is wrong.
             self.problem.check(u)
             raise
         if answer is None:
-            if self._preference is None:
+            if self._preference is None and not bounds:
                 return Allocation(self.problem, demand, thrusts, EXACT)
             status, level = EXACT, 1.0
         else:
             if answer[0] == INVALID:
                 self.problem.check(u)
             status, level = STATUSES[answer[0]], answer[1]
-        return Allocation(self.problem, demand, thrusts, status, level, 0.0, self._preference)
+        return Allocation(
+            self.problem,
+            demand,
+            thrusts,
+            status,
+            level,
+            0.0,
+            self._preference,
+            (bounds[0], bounds[1]) if bounds else None,
+            None if answer is None or self._vectored else self._explain,
+        )
+
+    def _explain(self, answer: Allocation) -> tuple[float, Limits]:
+        m, n = self.problem.gamma.shape
+        served, gain, airmode = np.empty(m), np.empty(m * n), np.empty(m)
+        limit = np.empty(n, dtype=np.int32)
+        margin = self._engine.explain(
+            answer.demand, answer.thrusts, served, gain, airmode, limit, *(answer.bounds or ())
+        )
+        return margin, Limits(served, gain.reshape(m, n), airmode, limit)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)

@@ -6,12 +6,15 @@ Both have the methods `allocate` and `allocate_batch` of `ca_ros.kernel.Kernel`.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.explanation import SERVED
 from ca_ros.allocation.osqp_program import OsqpStart
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
 from ca_ros.kernel import Kernel
+from ca_ros.problem.limits import limits_of, shares
 from ca_ros.problem.prioritization import Prioritization, sensed
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
 from ca_ros.problem.vectored import VectoredProblem
@@ -63,6 +66,9 @@ def kernel_for(
         slack=settings.residual_slack,
         weight=preference and np.ascontiguousarray(preference[0], dtype),
         preferred=preference and np.ascontiguousarray(preference[1], dtype),
+        thrust=axes.index('thrust') if 'thrust' in axes else -1,
+        airmode=serving.airmode_limit,
+        impaired=problem.impaired.tolist(),
     )
 
 
@@ -73,34 +79,66 @@ class NumpyEngine:
     """
 
     def __init__(self, problem: AllocationProblem, settings: ExactSettings) -> None:
-        groups, thrust_deviation, reference, on_reference = settings.serving(problem)
+        groups, thrust_deviation, reference, on_reference, airmode = settings.serving(problem)
         rows = [[problem.axes.index(axis) for axis in group] for group in groups]
         begin = reference if on_reference else None
         preference = settings.preference(problem)
         self._problem, self._status = problem, settings.status
         self._slack = settings.residual_slack
-        self._serve = Prioritization(problem, rows, reference, thrust_deviation, begin)
+        self._serve = Prioritization(problem, rows, reference, thrust_deviation, begin, airmode)
         self._osqp = OsqpStart(problem, preference) if settings.solver == 'osqp' else None
         self._solver = problem.least_norm
+        self._preference = preference or ()
         if preference is not None:
             self._solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
         self._idle = ~problem.gamma.any(axis=0)
 
-    def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
+    def _within(self, *bounds: Array) -> AllocationProblem | None:
+        """Return the problem with narrower bounds; None if none is narrower."""
+        if not bounds:
+            return None
+        lower, upper = (self._problem.clip(bound) for bound in bounds)
+        same = (lower == self._problem.lower).all() and (upper == self._problem.upper).all()
+        return None if same else self._problem.bounded(lower, upper)
+
+    def explain(
+        self,
+        u: Array,
+        thrusts: Array,
+        served: Array,
+        gain: Array,
+        airmode: Array,
+        limit: NDArray[np.int32],
+        *bounds: Array,
+    ) -> float:
+        """Write why thrusts are the answer to u; see `Kernel.explain`."""
+        within = self._within(*bounds)
+        moved = within or self._problem
+        served[:] = shares(self._problem, u, self._problem.gamma @ thrusts, SERVED)
+        found = limits_of(self._problem, moved, served, self._serve.prices(u, within))
+        gain[:], airmode[:], limit[:] = found.gain.ravel(), found.airmode, found.limit
+        return float(moved.attainable_set.margin(u)) if moved.has_volume else -np.inf
+
+    def allocate(
+        self, u: Array, thrusts: Array, *bounds: Array
+    ) -> tuple[int, float, int, int] | None:
         """Write the thrusts for u; see `Kernel.allocate`.  Steps are not counted."""
-        problem, solver = self._problem, self._solver
+        within, problem, solver = self._within(*bounds), self._problem, self._solver
         u = problem.check(u)
+        if within is not None:
+            problem = within
+            solver = DualNewton(problem.gamma, problem.lower, problem.upper, *self._preference)
         thrusts[:] = solver.unbounded(u)
         if (thrusts == problem.clip(thrusts)).all() and problem.is_exact(u, thrusts, AIM):
             return None
-        solution = self._least(u)
+        solution = self._least(solver, u)
         thrusts[:] = solution.thrusts
         # Whether u counts as attainable depends on u alone and not on the policy.
         missed = lengths(u - problem.gamma @ thrusts)
         size = problem.tolerance(u) / EXACT_TOLERANCE
         if solution.attained or (not solution.unattainable and missed <= self._slack * size):
             return None
-        served = self._serve(u)
+        served = self._serve(u, within)
         other = np.where(self._idle, solution.thrusts, served.thrusts)
         if not solution.unattainable and problem.is_exact(u, other):
             thrusts[:] = other
@@ -108,9 +146,13 @@ class NumpyEngine:
         if self._status == Status.REJECTED:
             thrusts[:] = problem.resting_thrusts
             return self._status, 0.0, 0, 0
-        solution = self._least(served.wrenches)
+        solution = self._least(solver, served.wrenches)
         thrusts[:] = solution.thrusts
         status = self._status
+        low = (problem.lower > self._problem.lower) & (served.thrusts <= problem.middle)
+        high = (problem.upper < self._problem.upper) & (served.thrusts >= problem.middle)
+        if (served.held & (low | high)).any():
+            status = Status.RATE_LIMITED
         if not solution.attained:
             thrusts[:] = np.where(self._idle, solution.thrusts, served.thrusts)
             if not problem.is_exact(served.wrenches, thrusts):
@@ -125,8 +167,8 @@ class NumpyEngine:
             answer = self.allocate(u, thrusts[i])
             status[i], levels[i] = (0, 1.0) if answer is None else answer[:2]
 
-    def _least(self, u: Array) -> Solution:
+    def _least(self, solver: DualNewton, u: Array) -> Solution:
         start = None if self._osqp is None else self._osqp.multipliers(u)
         tolerance = float(self._problem.tolerance(u))
         slack = tolerance / EXACT_TOLERANCE * self._slack
-        return self._solver.solve(u, tolerance, start, slack)
+        return solver.solve(u, tolerance, start, slack)

@@ -11,7 +11,7 @@ import numpy as np
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.prioritization import PrioritiesSettings
+from ca_ros.problem.prioritization import AIRMODE, PrioritiesSettings, airmode_limits
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Numbers, ParameterError, check_ratio, setting
 
@@ -38,12 +38,15 @@ class Serving(NamedTuple):
         The wrench from which demands are counted [N, N m].
     on_reference : bool
         Whether the lines of the priorities begin at the reference, which then is attainable.
+    airmode_limit : sequence of 4 floats
+        See `airmode_limits`.
     """
 
     groups: Sequence[Sequence[str]]
     thrust_deviation: str
     reference: Array
     on_reference: bool
+    airmode_limit: Sequence[float] = AIRMODE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +117,7 @@ class ExactSettings(PrioritiesSettings):
         admissible, given = AdmissibleSet(problem), self.scale_reference
         reference = None if given is None else admissible.check_reference(given)
         if self.policy == 'prioritize':
-            return Serving(groups, self.thrust_deviation, problem.reference, False)
+            limits = airmode_limits(self.airmode_limit)
+            return Serving(groups, self.thrust_deviation, problem.reference, False, limits)
         start = admissible.reference if reference is None else reference
         return Serving((problem.axes,), 'allow', start, True)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
 
 from ca_ros.allocation.certificate import Certificate, certify
+from ca_ros.allocation.explanation import Explanation, explain
 from ca_ros.allocation.vectored_certificate import VectoredCertificate, certify_vectors
 from ca_ros.arrays import Array, IntArray
+from ca_ros.problem.limits import Limits
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
@@ -29,6 +32,8 @@ class Status(IntEnum):
     """The thrusts produce an approximation of the wrench."""
     REJECTED = 4
     """The wrench is not attainable; nothing is allocated: the thrusts are nearest to zero."""
+    RATE_LIMITED = 6
+    """PRIORITIZED or SCALED, within bounds of this answer: rates of the rotors limit it."""
 
 
 class Answer:
@@ -38,6 +43,7 @@ class Answer:
     demand: Array
     thrusts: Array
     preference: tuple[Array, Array] | None
+    bounds: tuple[Array, Array] | None
 
     @property
     def effectors(self) -> Array:
@@ -88,14 +94,14 @@ class Answer:
     @property
     def saturation(self) -> IntArray:
         """Per rotor, (n,): -1 at its lower and +1 at its upper bound, to rounding; 0 between."""
-        return self.problem.saturation(self.thrusts)
+        return self.problem.saturation(self.thrusts, self.bounds)
 
     @cached_property
     def certificate(self) -> Certificate | VectoredCertificate:
         """The certificate, computed from the problem's data at the first access."""
         if isinstance(self.problem, VectoredProblem):
             return certify_vectors(self.problem, self.demand, self.thrusts, self.preference)
-        return certify(self.problem, self.demand, self.thrusts, self.preference)
+        return certify(self.problem, self.demand, self.thrusts, self.preference, self.bounds)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -117,9 +123,9 @@ class Allocation(Answer):
         Greatest violation of the bounds by the method before its thrusts were clipped [N].
     preference : tuple of two (n,) arrays, or None
         Weights and preferred thrusts [1, N], if the method was given any.
-    last : (n,) array or None
-        With slew limits (`ca_ros.allocation.slew`), the last command, on which the thrusts depend
-        too.  None if they depend on the demand alone.
+    bounds : tuple of two (n,) arrays, or None
+        The bounds of this answer [N], if they are narrower than those of the problem: see
+        `Allocator.allocate_within`.
     """
 
     problem: AllocationProblem
@@ -129,7 +135,10 @@ class Allocation(Answer):
     level: float = 1.0
     violation: float = 0.0
     preference: tuple[Array, Array] | None = None
-    last: Array | None = None
+    bounds: tuple[Array, Array] | None = None
+    _explain: Callable[[Allocation], tuple[float, Limits]] | None = field(
+        default=None, repr=False
+    )
 
     def __init__(
         self,
@@ -140,7 +149,8 @@ class Allocation(Answer):
         level: float = 1.0,
         violation: float = 0.0,
         preference: tuple[Array, Array] | None = None,
-        last: Array | None = None,
+        bounds: tuple[Array, Array] | None = None,
+        _explain: Callable[[Allocation], tuple[float, Limits]] | None = None,
     ) -> None:
         # The __init__ of a frozen dataclass takes three times as long.
         fields = self.__dict__
@@ -152,8 +162,21 @@ class Allocation(Answer):
         fields['violation'] = violation
         if preference is not None:
             fields['preference'] = preference
-        if last is not None:
-            fields['last'] = last
+        if bounds is not None:
+            fields['bounds'] = bounds
+        if _explain is not None:
+            fields['_explain'] = _explain
+
+    @cached_property
+    def explanation(self) -> Explanation:
+        """What was served of each axis, and what limits the rest; computed at the first access."""
+        if self._explain is not None:
+            margin, limits = self._explain(self)
+        else:
+            problem = self.problem
+            within = problem if self.bounds is None else problem.bounded(*self.bounds)
+            margin, limits = explain(problem, within, self.demand, self.thrusts)
+        return Explanation(self.problem, margin, *limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +192,7 @@ class AllocationBatch(Answer):
         Values of `Status`.
     level, violation : (N,) arrays
     preference : tuple of two (n,) arrays, or None
+    bounds : tuple of two (N, n) arrays, or None
     """
 
     problem: AllocationProblem
@@ -178,6 +202,7 @@ class AllocationBatch(Answer):
     level: Array
     violation: Array
     preference: tuple[Array, Array] | None = None
+    bounds: tuple[Array, Array] | None = None
 
     def __len__(self) -> int:
         """Return the number of wrenches."""

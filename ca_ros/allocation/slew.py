@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.result import Allocation, AllocationBatch
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.validation import numbers
 
@@ -19,21 +20,25 @@ class SlewLimited(Allocator):
     """An allocator whose effectors change no faster than given rates.
 
     The bounds of each call are the bounds of the problem, narrowed to what the effectors can reach
-    from the last command.  Within them the method is as exact as it is without rates.  The result
-    depends on the last command, which is its attribute `last`.
+    from the last command (`Allocator.allocate_within`).  Within them the method is as exact as it
+    is without rates.  The result depends on the last command too.
 
     Parameters
     ----------
     allocator : Allocator
         The method, with its problem and settings.
-    rates : float or (n,) array
-        Greatest rate of change, positive: of the rotor speeds of a vehicle [rad/s^2], or of the
-        effectors of a problem, in their units per second.
+    rates : float or (n,) array, optional
+        Greatest rates at which effectors grow in size, positive: of the rotor speeds of a vehicle
+        [rad/s^2], or of the effectors of a problem, in their units per second.  By default
+        ``rotors.acceleration_max`` of the vehicle.
+    braking : float or (n,) array, optional
+        Greatest rates at which they shrink; by default as `rates`, or if those are not given
+        ``rotors.deceleration_max`` of the vehicle.
 
     Raises
     ------
     ValueError
-        If the rates are not positive.
+        If the rates are not positive, or there are none.
 
     Examples
     --------
@@ -43,12 +48,29 @@ class SlewLimited(Allocator):
     array([275.7, 275.7, 275.7, 275.7, 253.9, 253.9])
     """
 
-    def __init__(self, allocator: Allocator, rates: ArrayLike) -> None:
+    def __init__(
+        self,
+        allocator: Allocator,
+        rates: ArrayLike | None = None,
+        braking: ArrayLike | None = None,
+    ) -> None:
         self.allocator, self.problem = allocator, allocator.problem
         self.settings, self.engine = allocator.settings, allocator.engine
-        self.rates = constant(numbers('rates', rates, self.problem.n))
-        if not np.all(self.rates > 0.0):
-            raise ValueError(f'rates: expected positive numbers, got {rates!r}')
+        if isinstance(self.problem, VectoredProblem):
+            raise ValueError('rates: rotors that tilt have none')
+        if rates is None:
+            if (found := rates_of(self.problem)) is None:
+                raise ValueError('rates: the vehicle has no rotors.acceleration_max; give rates')
+            rates, braking = found
+        self.rates, self.braking = (
+            constant(numbers(name, given, self.problem.n))
+            for name, given in (
+                ('rates', rates), ('braking', rates if braking is None else braking)
+            )
+        )
+        for name, each in (('rates', self.rates), ('braking', self.braking)):
+            if not np.all(each > 0.0):
+                raise ValueError(f'{name}: expected positive numbers, got {each.tolist()!r}')
 
     def allocate(
         self, u: ArrayLike, last: ArrayLike | None = None, period: float = 0.0
@@ -69,7 +91,7 @@ class SlewLimited(Allocator):
         Returns
         -------
         Allocation
-            Its `problem` has the bounds of this call.
+            With the `bounds` of this call.
 
         Raises
         ------
@@ -78,38 +100,83 @@ class SlewLimited(Allocator):
         """
         if last is None:
             return self.allocator.allocate(u)
-        command = constant(numbers('last', last, self.problem.n))
+        command = numbers('last', last, self.problem.n)
         seconds = float(numbers('period', period))
         if seconds < 0.0:
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
-        moved = self._reachable(command, self.rates * seconds)
-        if moved.has_volume:
-            result = type(self.allocator).made(moved, self.settings).allocate(u)
-        else:
-            result = _held(moved, u)
-        return replace(result, last=command)
+        return self.allocator.allocate_within(u, *self.reachable(command, seconds))
+
+    def allocate_sequence(
+        self, wrenches: ArrayLike, last: ArrayLike, periods: Iterable[float]
+    ) -> AllocationBatch:
+        """Allocate N wrenches (N, m), each from the answer before it.
+
+        Parameters
+        ----------
+        wrenches : (N, m) array
+        last : (n,) array
+            The command before the first, as in `allocate`.
+        periods : iterable of N floats
+            The time before each wrench [s].
+        """
+        demands, answers = self.problem.check(wrenches, batch=True), []
+        command = numbers('last', last, self.problem.n)
+        is_vehicle = isinstance(self.problem, VehicleProblem)
+        for u, period in zip(demands, periods, strict=True):
+            answers.append(self.allocate(u, command, period))
+            command = answers[-1].speeds if is_vehicle else answers[-1].thrusts
+        bounds = np.array([answer.bounds for answer in answers], dtype=float)
+        bounds = bounds.reshape(len(demands), 2, self.problem.n)
+        return AllocationBatch(
+            self.problem,
+            demands,
+            np.array([answer.thrusts for answer in answers]).reshape(-1, self.problem.n),
+            np.array([answer.status for answer in answers], dtype=np.int8),
+            np.array([answer.level for answer in answers]),
+            np.array([answer.violation for answer in answers]),
+            answers[0].preference if answers else None,
+            (bounds[:, 0], bounds[:, 1]),
+        )
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)
 
-    def _reachable(self, last: Array, change: Array) -> AllocationProblem:
-        """Return the problem with the bounds that are at most `change` from the last command."""
+    def reachable(self, last: Array, period: float) -> tuple[Array, Array]:
+        """Return the bounds (n,) of the effectors [N] that are reached from the last command."""
         problem = self.problem
         if isinstance(problem, VehicleProblem):
             vehicle = problem.vehicle
-            lower, upper = _narrowed(vehicle.speed_min, vehicle.speed_max, last, change)
-            return VehicleProblem(replace(vehicle, speed_min=lower, speed_max=upper))
-        lower, upper = _narrowed(problem.lower, problem.upper, last, change)
-        return problem.bounded(lower, upper)
+            ends = reached(last, period, self.rates, self.braking, *vehicle.speed_limits)
+            return vehicle.thrusts(ends[0]), vehicle.thrusts(ends[1])
+        return reached(last, period, self.rates, self.braking, problem.lower, problem.upper)
 
 
-def _held(problem: AllocationProblem, u: ArrayLike) -> Allocation:
-    """Return the allocation of effectors that cannot move."""
-    demand, thrusts = problem.check(u), problem.clip(problem.middle)
-    exact = problem.is_exact(demand, thrusts)
-    return Allocation(problem, demand, thrusts, Status.EXACT if exact else Status.INEXACT)
+def rates_of(problem: AllocationProblem) -> tuple[Array, Array] | None:
+    """Return the greatest accelerations and decelerations (n,) of a vehicle; None without."""
+    if not isinstance(problem, VehicleProblem):
+        return None
+    up, down = problem.vehicle.acceleration_max, problem.vehicle.deceleration_max
+    return None if up is None else (up, up if down is None else down)
 
 
-def _narrowed(lower: Array, upper: Array, last: Array, change: Array) -> tuple[Array, Array]:
-    start = np.minimum(np.maximum(last, lower), upper)
-    return np.maximum(start - change, lower), np.minimum(start + change, upper)
+def reached(
+    last: Array, period: float, up: Array, down: Array, low: Array, high: Array
+) -> tuple[Array, Array]:
+    """Return the least and greatest values (n,) that are reached in a period [s], within bounds.
+
+    `up` is the greatest rate at which a value grows in size, and `down` at which it shrinks, (n,).
+    The kernel computes the same bits (`ca_reach`), in the precision of the arrays.
+    """
+    start = np.minimum(np.maximum(last, low), high)
+    return (
+        np.maximum(_slowed(start, period, up, down), low),
+        np.minimum(-_slowed(-start, period, up, down), high),
+    )
+
+
+def _slowed(start: Array, period: float, up: Array, down: Array) -> Array:
+    """Return the least values (n,); past zero they grow again, in the other direction."""
+    change = down * period
+    beyond = -up * (period - start / down)
+    braked = np.where(change <= start, start - change, beyond)
+    return np.where(start <= 0.0, start - up * period, braked)

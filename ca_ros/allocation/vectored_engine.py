@@ -9,9 +9,10 @@ import numpy as np
 from ca_ros.allocation.exact_settings import ExactSettings, Serving
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
+from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
 from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.problem.vectored_priorities import VectoredPrioritization
+from ca_ros.problem.vectored_priorities import VectoredPrioritization, refuse_limits
 from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.sets_newton import SetsNewton
 
@@ -32,6 +33,7 @@ class VectoredEngine:
             raise problem.no_volume()
         self._problem, self._settings = problem, settings
         settings.groups(problem.axes)
+        refuse_limits(airmode_limits(settings.airmode_limit))
         preference = settings.preference(problem) or (None, None)
         self._solver = SetsNewton(problem.gamma, problem.sets, *preference)
 
@@ -42,10 +44,10 @@ class VectoredEngine:
     @cached_property
     def _line(self) -> VectoredPrioritization:
         """The last attainable point on a line to a demand."""
-        _, _, reference, on_reference = self._serving
+        serving = self._serving
         rows = [list(range(len(self._problem.axes)))]
-        begin = reference if on_reference else None
-        return VectoredPrioritization(self._problem, rows, reference, begin=begin)
+        begin = serving.reference if serving.on_reference else None
+        return VectoredPrioritization(self._problem, rows, serving.reference, begin=begin)
 
     @cached_property
     def _serve(self) -> VectoredPrioritization:

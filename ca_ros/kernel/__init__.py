@@ -48,10 +48,15 @@ class Kernel(Protocol):
         slack: float,
         weight: Array | None = None,
         preferred: Array | None = None,
+        thrust: int = -1,
+        airmode: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        impaired: Sequence[int] | None = None,
     ) -> None: ...
 
-    def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
-        """Write the thrusts (n,) for u (m,).
+    def allocate(
+        self, u: Array, thrusts: Array, *bounds: Array
+    ) -> tuple[int, float, int, int] | None:
+        """Write the thrusts (n,) for u (m,); `bounds` are narrower bounds of this call, (n,) each.
 
         Returns
         -------
@@ -71,6 +76,21 @@ class Kernel(Protocol):
         """Write thrusts (N, n), status (N,) and levels (N,) for wrenches (N, m).
 
         `work` (N, 2), int32, gets the numbers of steps and pivots.  Other threads run meanwhile.
+        """
+
+    def explain(
+        self,
+        u: Array,
+        thrusts: Array,
+        served: Array,
+        gain: Array,
+        airmode: Array,
+        limit: NDArray[np.int32],
+        *bounds: Array,
+    ) -> float:
+        """Write why thrusts (n,) are the answer to u (m,); return the margin of u.
+
+        See `ca_ros.problem.limits.Limits`; `gain` (m n,) is flat.
         """
 
     def margin(self, u: Array) -> float:

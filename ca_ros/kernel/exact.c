@@ -65,6 +65,56 @@ static int order_is_sound(const ca_options *options, int m)
            options->policy != CA_INEXACT;
 }
 
+static void bound(ca_problem *p, int i, ca_real lower, ca_real upper)
+{
+    p->lower[i] = lower;
+    p->upper[i] = upper;
+    p->deviation_lower[i] = p->weight[i] * (lower - p->preferred[i]);
+    p->deviation_upper[i] = p->weight[i] * (upper - p->preferred[i]);
+}
+
+int ca_set_bounds(ca_problem *p, const ca_real *lower, const ca_real *upper)
+{
+    const int n = CA_ROTORS(p);
+    for (int i = 0; i < n; i++)
+        if (!(lower[i] <= upper[i]))
+            return CA_BAD_NUMBER;
+    p->moved = 0;
+    for (int i = 0; i < n; i++) {
+        const ca_real least = p->least[i], most = p->most[i];
+        p->moved = p->moved || lower[i] > least || upper[i] < most;
+        bound(p, i, ca_clip(lower[i], least, most), ca_clip(upper[i], least, most));
+    }
+    return CA_SOUND;
+}
+
+/* Set the limits on airmode, scaled: the range of an axis is 2. Returns 0 if one is wrong. */
+static int limit_airmode(ca_problem *p, const ca_options *options)
+{
+    ca_real *const limits[4] = {&p->rise, &p->later_rise, &p->fall, &p->later_fall};
+    int first = 0, limited = 0;
+    p->thrust = -1;
+    for (int i = 0; i < 4; i++)
+        *limits[i] = CA_INFINITY;
+    if (!options->airmode_limited || options->thrust < 0)
+        return 1;
+    /* In the first group thrust does not give way to others. */
+    for (int i = 0; i < p->m; i++)
+        first = first || (options->order[i] == options->thrust &&
+                          options->group[i] == options->group[0]);
+    for (int i = 0; i < 4; i++) {
+        if (!(options->airmode[i] >= 0))
+            return 0;
+        if (options->airmode[i] < 1 && !first) {
+            *limits[i] = 2 * options->airmode[i];
+            limited = 1;
+        }
+    }
+    if (limited)
+        p->thrust = options->thrust;
+    return options->thrust < p->m && p->later_rise <= p->rise && p->later_fall <= p->fall;
+}
+
 static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *lower,
                    const ca_real *upper, const ca_options *options)
 {
@@ -81,7 +131,7 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
     p->policy = options->policy;
     p->slack = options->slack;
     p->greatest = 1;
-    if (!(p->slack >= 0 && p->slack <= 1))
+    if (!(p->slack >= 0 && p->slack <= 1) || !limit_airmode(p, options))
         return CA_BAD_NUMBER;
     for (int i = 0; i < n; i++) {
         if (!is_finite(lower[i]) || !is_finite(upper[i]) || lower[i] > upper[i])
@@ -93,10 +143,10 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
         p->weighted = p->weighted || weight < 1 || weight > 1 || preferred < 0 || preferred > 0;
         p->weight[i] = weight;
         p->preferred[i] = preferred;
-        p->lower[i] = lower[i];
-        p->upper[i] = upper[i];
-        p->deviation_lower[i] = weight * (lower[i] - preferred);
-        p->deviation_upper[i] = weight * (upper[i] - preferred);
+        p->least[i] = lower[i];
+        p->most[i] = upper[i];
+        p->impaired[i] = options->reports_health && options->impaired[i];
+        bound(p, i, lower[i], upper[i]);
         const ca_real size = ca_max(ca_abs(p->deviation_lower[i]), ca_abs(p->deviation_upper[i]));
         if (!is_finite(size))
             return CA_BAD_NUMBER;
@@ -200,6 +250,18 @@ static int insist(const ca_problem *p, ca_search *search, const ca_served *serve
     return produce(p, search, thrusts);
 }
 
+/* Whether a thrust that is held by its bound is at one that `ca_set_bounds` has narrowed. */
+static int moved_bound_limits(const ca_problem *p, const ca_face *face)
+{
+    for (int i = 0; p->moved && i < CA_ROTORS(p); i++) {
+        const ca_real f = face->thrusts[i], lower = p->lower[i], upper = p->upper[i];
+        if (face->held[i] && ((upper < p->most[i] && upper - f <= f - lower) ||
+                              (lower > p->least[i] && upper - f >= f - lower)))
+            return 1;
+    }
+    return 0;
+}
+
 /* Returns the answer for u; if it is rejected, the thrusts are not set. */
 static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 {
@@ -226,7 +288,8 @@ static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
             return answer;
         }
     }
-    answer.status = p->policy;
+    answer.status = p->policy != CA_REJECTED && moved_bound_limits(p, &served.face)
+                        ? CA_RATE_LIMITED : p->policy;
     answer.level = served.level;
     if (p->policy == CA_REJECTED) {
         answer.level = 0;
@@ -268,6 +331,36 @@ void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
                               : f < 0 ? -ca_sqrt(-f / reverse_coefficient[i])
                                       : 0;
         speeds[i] = ca_clip(speed, speed_min[i], speed_max[i]);
+    }
+}
+
+/* The least speed that a rotor reaches from a speed. */
+static ca_real slowed(ca_real speed, ca_real time, ca_real up, ca_real down)
+{
+    if (speed <= 0)
+        return speed - up * time;
+    const ca_real change = down * time;
+    return change <= speed ? speed - change : -up * (time - speed / down);
+}
+
+void ca_reach(int n, const ca_real *speeds, ca_real time, const ca_real *up, const ca_real *down,
+              const ca_real *speed_min, const ca_real *speed_max, ca_real *least,
+              ca_real *greatest)
+{
+    for (int i = 0; i < n; i++) {
+        const ca_real speed = ca_clip(speeds[i], speed_min[i], speed_max[i]);
+        least[i] = ca_max(slowed(speed, time, up[i], down[i]), speed_min[i]);
+        greatest[i] = ca_min(-slowed(-speed, time, up[i], down[i]), speed_max[i]);
+    }
+}
+
+void ca_thrusts(int n, const ca_real *speeds, const ca_real *thrust_coefficient,
+                const ca_real *reverse_coefficient, ca_real *thrusts)
+{
+    for (int i = 0; i < n; i++) {
+        const ca_real square = speeds[i] * speeds[i];
+        thrusts[i] =
+            speeds[i] < 0 ? -(reverse_coefficient[i] * square) : thrust_coefficient[i] * square;
     }
 }
 

@@ -17,6 +17,10 @@
 
 #define ca_set_up CA_SYMBOL(ca_set_up)
 #define ca_allocate CA_SYMBOL(ca_allocate)
+#define ca_set_bounds CA_SYMBOL(ca_set_bounds)
+#define ca_reach CA_SYMBOL(ca_reach)
+#define ca_thrusts CA_SYMBOL(ca_thrusts)
+#define ca_explain CA_SYMBOL(ca_explain)
 #define ca_margin CA_SYMBOL(ca_margin)
 #define ca_speeds CA_SYMBOL(ca_speeds)
 
@@ -44,6 +48,35 @@ int ca_set_up(ca_problem *problem, int n, int m, const ca_real *gamma, const ca_
 /* Find thrusts[n] for u[m]; they are within their bounds to the last bit. */
 ca_answer ca_allocate(const ca_problem *problem, const ca_real *u, ca_real *thrusts);
 
+/* Narrow the bounds of the thrusts [N] to the given ones for the calls after this one, without a new
+ * set-up: to what the rotors reach from the last thrusts, see `ca_reach`. The bounds of the set-up
+ * hold as well. Returns CA_BAD_NUMBER, and changes nothing, if a bound is not a number or a lower
+ * one is above its upper one. */
+int ca_set_bounds(ca_problem *problem, const ca_real *lower, const ca_real *upper);
+
+/* What limits a rotor, in `ca_explanation.limit`; negative at its lower bound. */
+enum ca_limit {
+    CA_NO_LIMIT = 0,
+    CA_BY_BOUND = 1,  /* a bound of the set-up */
+    CA_BY_RATE = 2,   /* a bound of `ca_set_bounds` */
+    CA_BY_HEALTH = 3  /* the rotor is lost, or its health lowers its upper bound */
+};
+
+/* Why thrusts produce another wrench than u. */
+typedef struct {
+    ca_real margin;           /* that of u, see `ca_margin` */
+    ca_real served[CA_M];     /* share of its demand that each axis gets, from the reference */
+    ca_real gain[CA_M][CA_N]; /* multipliers: by how much an axis would come nearer to its demand per
+                                 N by which the bound of a rotor moved out; 0: no limit to the axis */
+    ca_real airmode[CA_M];    /* the same per N of the limit on airmode; positive if thrust may not
+                                 rise any more, negative if it may not fall */
+    int limit[CA_N];          /* enum ca_limit of each rotor */
+} ca_explanation;
+
+/* Explain thrusts[n], the result of `ca_allocate` for u[m]. */
+void ca_explain(const ca_problem *problem, const ca_real *u, const ca_real *thrusts,
+                ca_explanation *explanation);
+
 /* Signed distance of u from the boundary of the admissible set, positive inside [N, N m]. The
  * function tests all choices of m - 1 rotors, which is slow for many rotors. */
 ca_real ca_margin(const ca_problem *problem, const ca_real *u);
@@ -53,5 +86,16 @@ ca_real ca_margin(const ca_problem *problem, const ca_real *u);
 void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
                const ca_real *reverse_coefficient, const ca_real *speed_min,
                const ca_real *speed_max, ca_real *speeds);
+
+/* Least and greatest speeds that rotors reach from their speeds [rad/s] in `time` [s], within
+ * speed_min and speed_max. `up` is the greatest rate at which a speed grows in size, and `down` at
+ * which it shrinks, positive [rad/s^2]. */
+void ca_reach(int n, const ca_real *speeds, ca_real time, const ca_real *up, const ca_real *down,
+              const ca_real *speed_min, const ca_real *speed_max, ca_real *least,
+              ca_real *greatest);
+
+/* Thrusts [N] of rotor speeds [rad/s]: the inverse of `ca_speeds`. */
+void ca_thrusts(int n, const ca_real *speeds, const ca_real *thrust_coefficient,
+                const ca_real *reverse_coefficient, ca_real *thrusts);
 
 #endif

@@ -62,32 +62,98 @@ static PyObject *answer_of(const ca_answer *answer)
                          answer->pivots);
 }
 
+/* Copy the problem with the bounds lower and upper. */
+static int narrow(const kernel *self, PyObject *const *arguments, ca_problem *moved)
+{
+    Py_buffer lower, upper;
+    if (!get(arguments[0], &lower, FORMAT, self->problem.n, NULL, 0))
+        return 0;
+    if (!get(arguments[1], &upper, FORMAT, self->problem.n, NULL, 0)) {
+        PyBuffer_Release(&lower);
+        return 0;
+    }
+    *moved = self->problem;
+    const int fault = ca_set_bounds(moved, lower.buf, upper.buf);
+    PyBuffer_Release(&upper);
+    PyBuffer_Release(&lower);
+    if (fault)
+        PyErr_SetString(PyExc_ValueError,
+                        "bounds: a number is missing, or a lower bound is above its upper bound");
+    return !fault;
+}
+
 PyDoc_STRVAR(allocate_doc,
-             "allocate(u, thrusts)\n--\n\n"
-             "Write the thrusts for u; return None if it is exact, else (status, level, steps, "
-             "pivots).");
+             "allocate(u, thrusts, lower=None, upper=None)\n--\n\n"
+             "Write the thrusts for u, within narrower bounds if they are given; return None if it "
+             "is exact, else (status, level, steps, pivots).");
 
 static PyObject *allocate(kernel *self, PyObject *const *arguments, Py_ssize_t count)
 {
     Py_buffer u, thrusts;
+    ca_problem moved;
     if (!ready(self))
         return NULL;
-    if (count != 2) {
-        PyErr_SetString(PyExc_TypeError, "expected u and thrusts");
+    if (count != 2 && count != 4) {
+        PyErr_SetString(PyExc_TypeError, "expected u and thrusts, and perhaps lower and upper");
         return NULL;
     }
+    if (count == 4 && !narrow(self, arguments + 2, &moved))
+        return NULL;
     if (!get(arguments[0], &u, FORMAT, self->problem.m, NULL, 0))
         return NULL;
     if (!get(arguments[1], &thrusts, FORMAT, self->problem.n, NULL, 1)) {
         PyBuffer_Release(&u);
         return NULL;
     }
-    const ca_answer answer = ca_allocate(&self->problem, u.buf, thrusts.buf);
+    const ca_answer answer =
+        ca_allocate(count == 4 ? &moved : &self->problem, u.buf, thrusts.buf);
     PyBuffer_Release(&thrusts);
     PyBuffer_Release(&u);
     if (answer.status == CA_EXACT)
         Py_RETURN_NONE;
     return answer_of(&answer);
+}
+
+PyDoc_STRVAR(explain_doc,
+             "explain(u, thrusts, served, gain, airmode, limit, lower=None, upper=None)\n--\n\n"
+             "Write why thrusts are the answer to u (ca_explanation); return the margin.");
+
+static PyObject *explain(kernel *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    const int n = self->problem.n, m = self->problem.m;
+    const char formats[6] = {FORMAT, FORMAT, FORMAT, FORMAT, FORMAT, 'i'};
+    const Py_ssize_t widths[6] = {m, n, m, (Py_ssize_t)m * n, m, n};
+    Py_buffer views[6];
+    ca_problem moved;
+    ca_explanation found;
+    int taken = 0;
+    if (!ready(self))
+        return NULL;
+    if (count != 6 && count != 8) {
+        PyErr_SetString(PyExc_TypeError, "expected u, thrusts, served, gain, airmode and limit, "
+                                         "and perhaps lower and upper");
+        return NULL;
+    }
+    if (count == 8 && !narrow(self, arguments + 6, &moved))
+        return NULL;
+    while (taken < 6 &&
+           get(arguments[taken], &views[taken], formats[taken], widths[taken], NULL, taken > 1))
+        taken++;
+    if (taken == 6) {
+        ca_explain(count == 8 ? &moved : &self->problem, views[0].buf, views[1].buf, &found);
+        for (int k = 0; k < m; k++) {
+            ((ca_real *)views[2].buf)[k] = found.served[k];
+            ((ca_real *)views[4].buf)[k] = found.airmode[k];
+            for (int i = 0; i < n; i++)
+                ((ca_real *)views[3].buf)[k * n + i] = found.gain[k][i];
+        }
+        for (int i = 0; i < n; i++)
+            ((int *)views[5].buf)[i] = found.limit[i];
+    }
+    const int done = taken == 6;
+    while (taken)
+        PyBuffer_Release(&views[--taken]);
+    return done ? PyFloat_FromDouble((double)found.margin) : NULL;
 }
 
 PyDoc_STRVAR(allocate_batch_doc,
@@ -221,27 +287,35 @@ static const char *const FAULTS[] = {
     "the order does not name each axis once, group by group"};
 
 /* Kernel(gamma, lower, upper, reference, order, group, keep_sense, policy, on_reference, slack,
- *        weight=None, preferred=None) */
+ *        weight=None, preferred=None, thrust=-1, airmode=None, impaired=None)
+ *
+ * `airmode` has four numbers. */
 static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
 {
     static char *names[] = {"gamma", "lower", "upper", "reference", "order", "group",
                             "keep_sense", "policy", "on_reference", "slack", "weight",
-                            "preferred", NULL};
-    PyObject *inputs[6] = {NULL}, *order, *group, *senses;
+                            "preferred", "thrust", "airmode", "impaired", NULL};
+    PyObject *inputs[6] = {NULL}, *order, *group, *senses, *impaired = NULL;
     Py_buffer views[6];
     ca_options options;
-    double slack;
+    double slack, airmode[4] = {1, 1, 1, 1};
     int taken = 0, fault = CA_BAD_SIZE;
+    options.thrust = -1;
     if (self->problem.n) {
         /* Another thread may be using it. */
         PyErr_SetString(PyExc_ValueError, "this Kernel has a problem: make another Kernel");
         return -1;
     }
-    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd|OO", names, &inputs[0],
-                                     &inputs[1], &inputs[2], &inputs[3], &order, &group, &senses,
-                                     &options.policy, &options.on_reference, &slack, &inputs[4],
-                                     &inputs[5]))
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd|OOi(dddd)O", names,
+                                     &inputs[0], &inputs[1], &inputs[2], &inputs[3], &order,
+                                     &group, &senses, &options.policy, &options.on_reference,
+                                     &slack, &inputs[4], &inputs[5], &options.thrust, &airmode[0],
+                                     &airmode[1], &airmode[2], &airmode[3], &impaired))
         return -1;
+    options.airmode_limited = 1;
+    for (int i = 0; i < 4; i++)
+        options.airmode[i] = (ca_real)airmode[i];
+    options.reports_health = impaired && impaired != Py_None;
     const Py_ssize_t m = PySequence_Length(order);
     options.slack = (ca_real)slack;
     options.weighted = inputs[4] && inputs[4] != Py_None;
@@ -256,7 +330,8 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
         while (taken < given && get(inputs[taken], &views[taken], FORMAT, widths[taken],
                                     taken != 3 ? &n : NULL, 0))
             taken++;
-        if (taken == given && n <= CA_N) {
+        if (taken == given && n <= CA_N &&
+            (!options.reports_health || copy_ints(impaired, (int)n, options.impaired))) {
             for (Py_ssize_t i = 0; given == 6 && i < n; i++) {
                 options.weight[i] = ((const ca_real *)views[4].buf)[i];
                 options.preferred[i] = ((const ca_real *)views[5].buf)[i];
@@ -278,6 +353,7 @@ static PyMethodDef methods[] = {
     {"allocate", (PyCFunction)(void (*)(void))allocate, METH_FASTCALL, allocate_doc},
     {"allocate_batch", (PyCFunction)(void (*)(void))allocate_batch, METH_FASTCALL,
      allocate_batch_doc},
+    {"explain", (PyCFunction)(void (*)(void))explain, METH_FASTCALL, explain_doc},
     {"margin", (PyCFunction)(void (*)(void))margin, METH_O, margin_doc},
     {"fields", (PyCFunction)(void (*)(void))fields, METH_NOARGS, fields_doc},
     {NULL, NULL, 0, NULL}};

@@ -33,10 +33,11 @@
 /* Rate below which two facets are almost parallel. */
 #define PARALLEL CA_REAL(1e-3)
 
-/* Each later group of several axes adds one variable, and two more for each of its axes. */
+/* The first group adds two variables at most. Each later group of several axes adds one, and two more
+ * for each of its axes. */
 #define ROWS (3 * CA_M)
-#define COLUMNS (CA_N + CA_M)
-#define VARIABLES (CA_N + CA_M + 1 + 3 * CA_M)
+#define COLUMNS (CA_N + CA_M + 1)
+#define VARIABLES (CA_N + CA_M + 2 + 3 * CA_M)
 
 /* Variables are numbered: first the thrusts, then the axes, then those that are added. The basic
  * variable of row r is at place r, the nonbasic one of column k at place ROWS + k. Columns from
@@ -53,6 +54,15 @@ typedef struct {
     int held[CA_N];
     ca_real least_rate;
     int thrusts;
+    /* The axes that are pushed; none if they may still move away. */
+    const int *pushed;
+    int pushed_count;
+    /* For an explanation: the multipliers of the axes that prove how far each axis can go, and last of
+     * the limit on airmode. All columns are kept then. `confined` is the axis of thrust while this
+     * limit holds, or -1. */
+    ca_real (*prices)[CA_M + 1];
+    int axes, confined;
+    int axis[VARIABLES];
 } simplex;
 
 static ca_real value_of(const simplex *s, int v)
@@ -103,6 +113,8 @@ static void exchange(simplex *s, int r, int k)
 /* Stop to keep the rates of nonbasic variable k, which cannot move any more. */
 static void drop(simplex *s, int k)
 {
+    if (s->prices)
+        return;
     const int last = --s->columns;
     if (k == last)
         return;
@@ -184,18 +196,47 @@ static int can_move(const simplex *s, int place, int up)
     return up ? s->value[place] < s->upper[place] : s->value[place] > s->lower[place];
 }
 
+/* The axis of a variable, or -1. */
+static int axis_of(const simplex *s, int v)
+{
+    const int k = v - s->thrusts;
+    return k < s->axes ? k : s->axis[v];
+}
+
+/* Note the multipliers of the axes that prove how far the pushed ones can go. */
+static void note_prices(simplex *s, int r, ca_real left)
+{
+    ca_real prices[CA_M + 1] = {0};
+    const int own = axis_of(s, s->variable[r]);
+    for (int j = 0; j < s->columns; j++) {
+        const int axis = axis_of(s, s->variable[ROWS + j]);
+        if (axis >= 0)
+            prices[axis] -= s->rates[r][j];
+    }
+    if (own >= 0)
+        prices[own] += 1;
+    if (s->confined >= 0)
+        prices[CA_M] = -prices[s->confined];
+    for (int i = 0; i < s->pushed_count; i++)
+        for (int k = 0; k <= CA_M; k++)
+            s->prices[s->pushed[i]][k] = left > 0 ? prices[k] : -prices[k];
+}
+
 /* The variable of row r cannot move any further: note what proves it. */
 static void prove(simplex *s, int r, ca_real left)
 {
+    if (s->prices)
+        note_prices(s, r, left);
+    const int final = s->pushed_count > 0;
     for (int j = 0; j < s->columns; j++) {
         const ca_real rate = s->rates[r][j], size = ca_abs(rate);
         const int x = s->variable[ROWS + j];
         const ca_real value = s->value[ROWS + j], lower = s->lower[ROWS + j],
                       upper = s->upper[ROWS + j];
-        if (size > NOISE && x < s->thrusts && lower < upper)
+        if (final && size > NOISE && x < s->thrusts && lower < upper)
             s->least_rate = ca_min(s->least_rate, size);
         if (size > ZERO) {
-            if (x < s->thrusts)
+            if (final && x < s->thrusts)
                 s->held[x] = 1;
         } else if (rate != 0) {
             s->doubt += size * ca_min(rate * left > 0 ? upper - value : value - lower, 2);
@@ -210,7 +251,7 @@ static int approach(simplex *s, int v, ca_real goal)
     int blocked, place = s->place[v];
     if (s->value[place] == goal)
         return 1;
-    if (place >= ROWS + s->columns)
+    if (place >= ROWS + s->columns || (place >= ROWS && !(s->lower[place] < s->upper[place])))
         return 0;
     if (place >= ROWS) {
         if (move(s, place - ROWS, goal - s->value[place], -1, &blocked)) {
@@ -278,7 +319,11 @@ static void release(simplex *s, int v)
         return;
     for (int j = 0; j < s->columns; j++) {
         const int x = ROWS + j;
-        const ca_real size = s->lower[x] < s->upper[x] ? ca_abs(s->rates[r][j]) : 0;
+        /* A thrust whose bounds have met is the last choice. */
+        const ca_real weight = s->lower[x] < s->upper[x]       ? CA_REAL(1)
+                               : s->variable[x] < s->thrusts ? CA_REAL(1e-6)
+                                                             : 0;
+        const ca_real size = weight * ca_abs(s->rates[r][j]);
         if (size > greatest) {
             greatest = size;
             pivot = j;
@@ -287,20 +332,25 @@ static void release(simplex *s, int v)
     exchange(s, r, pivot);
 }
 
-/* Add a variable, the distance that nonbasic variables move together along a line. From now on they
- * move along the line only. */
+/* Add a variable, the distance that nonbasic variables move together along a line. */
 static int add_ray(simplex *s, int count, const int *variables, const ca_real *direction)
 {
     const int k = add_column(s, 0, CA_INFINITY), ray = s->variable[ROWS + k];
+    s->axis[ray] = -1;
     for (int r = 0; r < s->rows; r++) {
         ca_real rate = 0;
         for (int i = 0; i < count; i++)
             rate += direction[i] * s->rates[r][s->place[variables[i]] - ROWS];
         s->rates[r][k] = rate;
     }
+    return ray;
+}
+
+/* From now on nonbasic variables move along rays only. */
+static void drop_all(simplex *s, int count, const int *variables)
+{
     for (int i = 0; i < count; i++)
         drop(s, s->place[variables[i]] - ROWS);
-    return ray;
 }
 
 /* Add a variable, the greatest weighted distance of some variables to their goals. */
@@ -310,7 +360,8 @@ static int add_lag(simplex *s, int count, const int *variables, const ca_real *g
     ca_real most = 0;
     for (int i = 0; i < count; i++)
         most = ca_max(most, ca_abs(goals[i] - value_of(s, variables[i])) / weights[i]);
-    const int column = add_column(s, most, most);
+    const int column = add_column(s, most, most), lag = s->variable[ROWS + column];
+    s->axis[lag] = -1;
     for (int r = 0; r < s->rows; r++)
         s->rates[r][column] = 0;
     for (int i = 0; i < count; i++) {
@@ -321,35 +372,64 @@ static int add_lag(simplex *s, int count, const int *variables, const ca_real *g
             for (int k = 0; k < column; k++)
                 s->rates[row][k] = place < ROWS ? s->rates[place][k] : (ca_real)(place == ROWS + k);
             s->rates[row][column] = weight;
+            s->axis[s->count] = variables[i] - s->thrusts;
             /* The variable plus its share of the lag is at the goal or beyond, on either side. */
             put(s, row, s->count++, s->value[place] + weight * most,
                 side ? -CA_INFINITY : goals[i], side ? goals[i] : CA_INFINITY);
         }
     }
-    return s->variable[ROWS + column];
+    return lag;
+}
+
+static void clear(const ca_problem *p, simplex *s)
+{
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
+    s->rows = s->axes = m;
+    s->columns = s->all_columns = s->thrusts = n;
+    s->count = n + m;
+    s->pivots = 0;
+    s->least_rate = 1;
+    s->confined = -1;
+    s->pushed_count = 0;
+    for (int i = 0; i < n; i++)
+        s->held[i] = 0;
+}
+
+/* Begin at the middle of the bounds, with all thrusts nonbasic. */
+static void begin_in_middle(const ca_problem *p, simplex *s)
+{
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
+    clear(p, s);
+    s->doubt = SLACK;
+    for (int i = 0; i < n; i++) {
+        const ca_real middle = p->middle[i], half = p->half_range[i];
+        const int narrowed = p->moved && half > 0;
+        const ca_real low = narrowed ? (p->lower[i] - middle) / half : -1;
+        const ca_real high = narrowed ? (p->upper[i] - middle) / half : 1;
+        put(s, ROWS + i, i, p->moved ? (low + high) / 2 : 0, low, high);
+    }
+    for (int k = 0; k < m; k++) {
+        for (int i = 0; i < n; i++)
+            s->rates[k][i] = p->gamma[k][i] * p->half_range[i] / p->extent[k];
+        put(s, k, n + k, p->moved ? ca_dot(n, s->rates[k], s->value + ROWS) : 0, -CA_INFINITY,
+            CA_INFINITY);
+    }
 }
 
 /* Restore the dictionary at the beginning of the line. */
 static void begin(const ca_problem *p, simplex *s)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
-    s->rows = m;
-    s->columns = s->all_columns = n;
-    s->count = n + m;
+    clear(p, s);
     s->doubt = p->doubt;
-    s->pivots = 0;
-    s->thrusts = n;
-    s->least_rate = 1;
     for (int k = 0; k < m; k++) {
         put(s, k, p->basic[k], p->row_value[k], p->row_lower[k], p->row_upper[k]);
         for (int i = 0; i < n; i++)
             s->rates[k][i] = p->rates[k][i];
     }
-    for (int i = 0; i < n; i++) {
+    for (int i = 0; i < n; i++)
         put(s, ROWS + i, p->nonbasic[i], p->column_value[i], p->column_lower[i],
             p->column_upper[i]);
-        s->held[i] = 0;
-    }
 }
 
 static void keep(const simplex *s, ca_problem *p)
@@ -381,48 +461,115 @@ static int group_size(const ca_problem *p, int first)
     return size;
 }
 
+/* Confine a variable between two values, or between the nearest that is possible and them. */
+static void confine(simplex *s, int v, ca_real low, ca_real high)
+{
+    const ca_real value = value_of(s, v), nearest = ca_clip(value, low, high);
+    approach(s, v, nearest);
+    const int place = s->place[v];
+    s->lower[place] = ca_min(s->value[place], low);
+    s->upper[place] = ca_max(s->value[place], high);
+}
+
+/* Move some axes along a line; returns the share of it that is possible, 1 without a line. */
+static ca_real push_along(simplex *s, int ray, ca_real size, const ca_real *direction)
+{
+    push(s, ray, size);
+    for (int i = 0; s->prices && i < s->pushed_count; i++)
+        for (int k = 0; k <= CA_M; k++)
+            s->prices[s->pushed[i]][k] *= ca_abs(direction[i]);
+    return ca_clip(value_of(s, ray) / size, 0, 1);
+}
+
+static ca_real direction_of(int count, const ca_real *ways, ca_real *direction)
+{
+    ca_real size = 0;
+    for (int i = 0; i < count; i++)
+        size = ca_max(size, ca_abs(ways[i]));
+    if (!(size > 0))
+        size = 1;
+    for (int i = 0; i < count; i++)
+        direction[i] = ways[i] / size;
+    return size;
+}
+
 /* Serve a demand, given as scaled goals, by the scaled wrench `axes`. Returns the share of the line
- * that the first group moved along. */
+ * that the first group moved along, or -1 if the bounds keep it away from the line. */
 static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *reference,
                      int senses, simplex *s, ca_real *axes)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
-    int variables[CA_M] = {0}, length = -1;
-    ca_real ways[CA_M] = {0}, size = 0, share = 1;
-    begin(p, s);
+    const int thrust = senses ? p->thrust : -1;
+    const ca_real demand = thrust < 0 ? 0 : ca_clip(goals[thrust], -1, 1);
+    int variables[CA_M] = {0};
+    ca_real ways[CA_M] = {0}, rest[CA_M] = {0}, share = 1, left = 0;
+    if (p->moved)
+        begin_in_middle(p, s);
+    else
+        begin(p, s);
     for (int i = 0; i < m; i++)
         variables[i] = n + p->order[i];
+    for (int i = 0; p->moved && first > 1 && i < first; i++)
+        release(s, variables[i]);
+    if (thrust >= 0) {
+        confine(s, n + thrust, demand - p->fall, demand + p->rise);
+        s->confined = thrust;
+    }
+    s->pushed = p->order;
+    s->pushed_count = first;
     if (first == 1) {
         push(s, variables[0], goals[p->order[0]]);
     } else {
-        ca_real direction[CA_M];
+        ca_real direction[CA_M], back[CA_M];
+        int homeward = -1;
         for (int i = 0; i < first; i++) {
-            ways[i] = goals[p->order[i]] - p->begin[i];
-            size = ca_max(size, ca_abs(ways[i]));
+            const int axis = p->order[i];
+            ways[i] = goals[axis] - p->begin[i];
+            rest[i] = p->moved ? p->begin[i] - value_of(s, variables[i]) : 0;
         }
-        if (!(size > 0))
-            size = 1;
-        for (int i = 0; i < first; i++)
-            direction[i] = ways[i] / size;
-        length = add_ray(s, first, variables, direction);
-        push(s, length, size);
+        const ca_real size = direction_of(first, ways, direction);
+        const ca_real distance = direction_of(first, rest, back);
+        if (p->moved)
+            homeward = add_ray(s, first, variables, back);
+        const int length = add_ray(s, first, variables, direction);
+        drop_all(s, first, variables);
+        if (p->moved) {
+            /* The bounds may keep the first group away from the line: go there first. */
+            s->upper[s->place[length]] = size;
+            left = 1 - push_along(s, homeward, distance, back);
+        }
+        share = push_along(s, length, size, direction);
+    }
+    if (thrust >= 0 && ca_min(p->later_rise, p->later_fall) < CA_INFINITY) {
+        /* Thrust deviates for the others from its demand, or from what the first group needs. */
+        s->pushed_count = 0;
+        approach(s, n + thrust, demand);
+        confine(s, n + thrust, demand - p->later_fall, demand + p->later_rise);
+    } else if (thrust >= 0) {
+        s->lower[s->place[n + thrust]] = -CA_INFINITY;
+        s->upper[s->place[n + thrust]] = CA_INFINITY;
     }
     for (int i = first; senses && i < m; i++) {
         const int axis = p->order[i], v = variables[i];
         if (!p->keep_sense[axis])
             continue;
+        s->pushed = p->order + i;
+        s->pushed_count = 1;
         const ca_real value = value_of(s, v), low = ca_min(goals[axis], reference[axis]),
                       high = ca_max(goals[axis], reference[axis]),
                       nearest = ca_clip(value, low, high);
         if (approach(s, v, nearest)) {
-            s->lower[s->place[v]] = low;
-            s->upper[s->place[v]] = high;
+            const int place = s->place[v];
+            s->lower[place] = ca_max(s->lower[place], low);
+            s->upper[place] = ca_min(s->upper[place], high);
         } else {
             hold(s, v, nearest);
         }
     }
     for (int i = first; i < m;) {
         const int count = group_size(p, i);
+        s->pushed = p->order + i;
+        s->pushed_count = count;
         if (count > 1) {
             ca_real ends[CA_M], weights[CA_M], longest = LAG;
             for (int k = 0; k < count; k++) {
@@ -435,20 +582,24 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
                 weights[k] = ca_max(ca_max(weights[k], LAG) / longest, LAG_RATIO);
             push(s, add_lag(s, count, variables + i, ends, weights), 0);
         }
-        for (int k = 0; k < count; k++)
-            push(s, variables[i + k], goals[p->order[i + k]]);
+        s->pushed_count = 1;
+        for (int k = 0; k < count; k++) {
+            const int axis = p->order[i + k];
+            s->pushed = p->order + i + k;
+            s->confined = axis == thrust ? -1 : s->confined;
+            push(s, variables[i + k], goals[axis]);
+        }
         i += count;
     }
     for (int k = 0; k < m; k++)
         axes[k] = value_of(s, n + k);
-    if (length >= 0) {
-        share = ca_clip(value_of(s, length) / size, 0, 1);
-        for (int i = 0; i < first; i++) {
-            const int axis = p->order[i];
-            axes[axis] = share == 1 ? goals[axis] : p->begin[i] + share * ways[i];
-        }
+    for (int i = 0; first > 1 && i < first; i++) {
+        const int axis = p->order[i];
+        axes[axis] = share == 1 ? goals[axis] : p->begin[i] + share * ways[i];
+        if (left > 0)
+            axes[axis] -= left * rest[i];
     }
-    return share;
+    return left > 0 ? -1 : share;
 }
 
 static void scale(const ca_problem *p, const ca_real *u, ca_real *goals)
@@ -463,53 +614,36 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
     simplex s;
     ca_real reference[CA_M] = {0}, axes[CA_M];
 
+    s.prices = 0;
     p->on_reference = 0;
-    p->doubt = SLACK;
     scale(p, p->reference, reference);
-    for (int k = 0; k < m; k++) {
-        p->basic[k] = n + k;
-        p->row_value[k] = 0;
-        p->row_lower[k] = -CA_INFINITY;
-        p->row_upper[k] = CA_INFINITY;
-        p->begin[k] = 0;
-        for (int i = 0; i < n; i++)
-            p->rates[k][i] = p->gamma[k][i] * p->half_range[i] / p->extent[k];
-    }
-    for (int i = 0; i < n; i++) {
-        p->nonbasic[i] = i;
-        p->column_value[i] = 0;
-        p->column_lower[i] = -1;
-        p->column_upper[i] = 1;
-    }
+    begin_in_middle(p, &s);
     if (first > 1) {
         /* The line begins at the reference, or before it if the reference is not well inside. */
-        ca_real direction[CA_M], size = 0, part = 1;
+        ca_real ways[CA_M] = {0}, direction[CA_M], part = 1;
         int variables[CA_M] = {0};
-        for (int i = 0; i < first; i++)
-            size = ca_max(size, ca_abs(reference[p->order[i]]));
-        if (!(size > 0))
-            size = 1;
         if (!on_reference) {
-            begin(p, &s);
             for (int i = 0; i < first; i++) {
                 variables[i] = n + p->order[i];
-                direction[i] = reference[p->order[i]] / size;
+                ways[i] = reference[p->order[i]];
                 release(&s, variables[i]);
             }
+            const ca_real size = direction_of(first, ways, direction);
             const int length = add_ray(&s, first, variables, direction);
+            drop_all(&s, first, variables);
             push(&s, length, size / INSIDE);
             part = ca_min(1, INSIDE * value_of(&s, length) / size);
         }
         p->on_reference = 1;
-        begin(p, &s);
+        begin_in_middle(p, &s);
         for (int i = 0; i < first; i++) {
             p->begin[i] = part * reference[p->order[i]];
             p->on_reference = p->on_reference && p->begin[i] == reference[p->order[i]];
             approach(&s, n + p->order[i], p->begin[i]);
             release(&s, n + p->order[i]);
         }
-        keep(&s, p);
     }
+    keep(&s, p);
     serve(p, reference, reference, 0, &s, axes);
     for (int k = 0; k < m; k++)
         if (ca_abs(axes[k] - reference[k]) > REST)
@@ -525,7 +659,7 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
     int k = -1;
     for (int j = 0; j < s->columns; j++) {
         const int x = s->variable[ROWS + j];
-        if (x >= n || s->held[x] || !(p->half_range[x] > 0))
+        if (x >= n || s->held[x] || !(p->lower[x] < p->upper[x]))
             continue;
         if (k >= 0)
             return 2;
@@ -572,6 +706,7 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
 
     scale(p, u, goals);
     scale(p, p->reference, reference);
+    s.prices = 0;
     const ca_real share = serve(p, goals, reference, 1, &s, axes);
     *pivots += s.pivots;
     for (int i = 0; i < n; i++)
@@ -605,10 +740,69 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
         if (ca_abs(served->face.wrench[axis] - u[axis]) <= ca_max(doubt, rounding))
             continue;
         served->reached = 0;
-        if (i < first && first > 1 && p->on_reference)
+        if (i < first && first > 1 && p->on_reference && share >= 0)
             level = share;
         else if (way != 0)
             level = ca_clip((served->face.wrench[axis] - p->reference[axis]) / way, 0, 1);
         served->level = ca_min(served->level, level);
+    }
+}
+
+/* The rotors and the limit on airmode that keep axis k from its demand, from the multipliers of the
+ * proof, with axes scaled. */
+static void name_limits(const ca_problem *p, int k, const ca_real *prices, ca_explanation *e)
+{
+    ca_real longest = 0;
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        longest = ca_max(longest, p->half_range[i]);
+    for (int i = 0; i < CA_ROTORS(p); i++) {
+        const ca_real range = p->half_range[i];
+        ca_real gain = 0;
+        for (int j = 0; j < CA_AXES(p); j++)
+            gain += prices[j] / p->extent[j] * p->gamma[j][i];
+        if (!(ca_abs(gain) * (range > 0 ? range : longest) > ZERO) || (gain < 0 && !(range > 0)))
+            continue;
+        e->gain[k][i] = ca_abs(gain) * p->extent[k];
+        if (gain < 0)
+            e->limit[i] = p->lower[i] > p->least[i] ? -CA_BY_RATE : -CA_BY_BOUND;
+        else if (p->upper[i] < p->most[i])
+            e->limit[i] = CA_BY_RATE;
+        else
+            e->limit[i] = p->impaired[i] || !(range > 0) ? CA_BY_HEALTH : CA_BY_BOUND;
+    }
+}
+
+void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
+                ca_explanation *explanation)
+{
+    const int m = CA_AXES(p);
+    ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M], missed[CA_M];
+    ca_real prices[CA_M][CA_M + 1] = {{0}};
+    simplex s;
+    *explanation = (ca_explanation){0};
+    explanation->margin = -CA_INFINITY;
+    if (!(ca_length(m, u) <= CA_ABSURD))
+        return;
+    explanation->margin = ca_margin(p, u);
+    ca_leave(p, u, thrusts, missed);
+    const ca_real size = ca_max(1, ca_length(m, u)), rounding = ca_rounding(p, thrusts);
+    for (int k = 0; k < m; k++)
+        explanation->served[k] = 1;
+    if (ca_within(p, ca_length(m, missed), ca_max(CA_TOLERANCE, p->slack) * size, 1, thrusts))
+        return;
+    scale(p, u, goals);
+    scale(p, p->reference, reference);
+    s.prices = prices;
+    serve(p, goals, reference, 1, &s, axes);
+    for (int k = 0; k < m; k++) {
+        const ca_real way = u[k] - p->reference[k];
+        if (ca_abs(missed[k]) <= ca_max(DOUBT * s.doubt * p->extent[k], rounding))
+            continue;
+        explanation->served[k] = 0;
+        if (ca_abs(way) > 0)
+            explanation->served[k] = ca_clip(1 - missed[k] / way, 0, 1);
+        name_limits(p, k, prices[k], explanation);
+        if (p->thrust >= 0 && ca_abs(prices[k][CA_M]) > ZERO)
+            explanation->airmode[k] = prices[k][CA_M] * p->extent[k] / p->extent[p->thrust];
     }
 }

@@ -2,6 +2,7 @@
 #ifndef CA_ROS_KERNEL_PRIORITIES_H
 #define CA_ROS_KERNEL_PRIORITIES_H
 
+#include "exact.h"
 #include "least_norm.h"
 
 #define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)

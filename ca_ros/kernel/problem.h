@@ -35,7 +35,8 @@ enum ca_status {
     CA_SCALED = 2,      /* unattainable: scaled towards the reference */
     CA_INEXACT = 3,     /* an iteration reached its bound: the wrench is approximate */
     CA_REJECTED = 4,    /* unattainable, policy reject: thrusts nearest to zero */
-    CA_INVALID = 5      /* not finite or too large: thrusts nearest to zero */
+    CA_INVALID = 5,     /* not finite or too large: thrusts nearest to zero */
+    CA_RATE_LIMITED = 6 /* unattainable, prioritized or scaled: bounds that have moved limit it */
 };
 
 /* What to do with an unattainable wrench. */
@@ -52,6 +53,14 @@ typedef struct {
     int weighted;            /* nonzero if the next two are given; zero for ones and zeros */
     ca_real weight[CA_N];    /* of the thrusts in the cost |weight (f - preferred)|^2, positive */
     ca_real preferred[CA_N]; /* preferred thrusts [N] */
+    int airmode_limited;     /* nonzero if the next two are given; zero for no limits */
+    int thrust;              /* the axis thrust, or -1 */
+    ca_real airmode[4];      /* how far thrust may rise above its demand for the first group, and for
+                                the others, and how far it may fall below it for the first, and for
+                                the others, as shares of its range; 1 is no limit. For the
+                                others it is at most as far */
+    int reports_health;      /* nonzero if the next is given */
+    int impaired[CA_N];      /* nonzero if the health of a rotor lowers its upper bound */
 } ca_options;
 
 /* The prepared problem. It is constant data, and may be in flash. The least norm is that of the
@@ -63,6 +72,10 @@ typedef struct {
     X(ca_real, gamma, [CA_M][CA_N])         /* control allocation matrix */ \
     X(ca_real, lower, [CA_N])               /* bounds of the thrusts f [N] */ \
     X(ca_real, upper, [CA_N]) \
+    X(int, moved, )                         /* whether `ca_set_bounds` has narrowed them */ \
+    X(ca_real, least, [CA_N])               /* the bounds at the set-up */ \
+    X(ca_real, most, [CA_N]) \
+    X(int, impaired, [CA_N])                /* whether the health of a rotor lowers `most` */ \
     X(int, weighted, )                      /* whether a weight is not 1 or a preference not 0 */ \
     X(ca_real, weight, [CA_N]) \
     X(ca_real, preferred, [CA_N])           /* [N] */ \
@@ -84,6 +97,11 @@ typedef struct {
     X(int, order, [CA_M]) \
     X(int, group, [CA_M]) \
     X(int, keep_sense, [CA_M]) \
+    X(int, thrust, )                        /* the axis with a limit on airmode, or -1 */ \
+    X(ca_real, rise, )                      /* the limits for the first group, scaled */ \
+    X(ca_real, later_rise, )                /* and for the others */ \
+    X(ca_real, fall, ) \
+    X(ca_real, later_fall, ) \
     X(ca_real, reference, [CA_M]) \
     X(ca_real, begin, [CA_M])               /* where the line of the first group begins, scaled */ \
     X(int, on_reference, )                  /* whether it begins at the reference */ \

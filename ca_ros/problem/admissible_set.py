@@ -13,6 +13,7 @@ from ca_ros.arrays import Array, BoolArray, constant
 from ca_ros.problem.prioritization import (
     THRUST_DEVIATION,
     THRUST_DEVIATIONS,
+    airmode_limits,
     default_order,
     groups_of,
 )
@@ -21,7 +22,7 @@ from ca_ros.problem.supported_set import SupportedSet, attainable_set_of
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_priorities import AnyPrioritization, prioritization_of
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import ParameterError
+from ca_ros.settings import Numbers, ParameterError
 from ca_ros.solver.polytope import Polytope, ordered, section, vertices_of
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
@@ -231,6 +232,7 @@ class AdmissibleSet:
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
         thrust_deviation: str = THRUST_DEVIATION,
+        airmode_limit: Numbers = 1.0,
     ) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
 
@@ -251,6 +253,9 @@ class AdmissibleSet:
             How much thrust may deviate so that no axis after the first group is reversed.
             'prevent': as much as necessary.  'avoid': at most from its demand to hover.  'allow':
             not at all.
+        airmode_limit : float or sequence of 2 or 4 floats
+            How far thrust may rise above its demand for roll and pitch, and for yaw, then how far
+            it may fall below it, as shares of its range.
 
         Returns
         -------
@@ -263,20 +268,21 @@ class AdmissibleSet:
             If `order` does not name each of the vehicle's axes once, or `thrust_deviation` is
             unknown.
         """
-        return self.prioritize_levels(u, order, thrust_deviation)[0]
+        return self.prioritize_levels(u, order, thrust_deviation, airmode_limit)[0]
 
     def prioritize_levels(
         self,
         u: ArrayLike,
         order: Sequence[Sequence[str]] | None = None,
         thrust_deviation: str = THRUST_DEVIATION,
+        airmode_limit: Numbers = 1.0,
     ) -> tuple[Array, Array]:
         """Like `prioritize`, but also return the share (..., m) of its demand that each axis gets.
 
         The share is relative to hover: 0 for an axis that is reversed or does not change, 1 for an
         axis that gets all of its demand or more.
         """
-        serve = self.check_order(order, thrust_deviation)
+        serve = self.check_order(order, thrust_deviation, airmode_limit)
         return self._serve(serve, self.problem.check(u, batch=True))
 
     def _serve(self, serve: AnyPrioritization, u: Array) -> tuple[Array, Array]:
@@ -305,10 +311,14 @@ class AdmissibleSet:
         return start
 
     def check_order(
-        self, order: Sequence[Sequence[str]] | None, thrust_deviation: str = THRUST_DEVIATION
+        self,
+        order: Sequence[Sequence[str]] | None,
+        thrust_deviation: str = THRUST_DEVIATION,
+        airmode_limit: Numbers = 1.0,
     ) -> AnyPrioritization:
         """Return the prioritization of an order; raise a ValueError if an argument is wrong."""
-        key = (None if order is None else tuple(map(tuple, order))), thrust_deviation
+        limits = airmode_limits(airmode_limit)
+        key = (None if order is None else tuple(map(tuple, order))), thrust_deviation, limits
         if key not in self._prioritizations:
             if thrust_deviation not in THRUST_DEVIATIONS:
                 raise ValueError(
@@ -319,7 +329,7 @@ class AdmissibleSet:
             groups = default_order(axes) if order is None else groups_of(order, axes)
             rows = [[axes.index(axis) for axis in group] for group in groups]
             self._prioritizations[key] = prioritization_of(
-                self.problem, rows, thrust_deviation=thrust_deviation
+                self.problem, rows, thrust_deviation=thrust_deviation, airmode_limit=limits
             )
         return self._prioritizations[key]
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.settings import ParameterError, Settings, setting
+from ca_ros.settings import Numbers, ParameterError, Settings, setting
 from ca_ros.solver.dual_newton import AIM, sum_rounding
-from ca_ros.solver.simplex import Simplex
+from ca_ros.solver.simplex import ZERO, Simplex
 from ca_ros.vehicle.settings import AXES, AxesSettings
 
 INSIDE = 0.99
@@ -27,6 +28,9 @@ DEFAULT_ORDER = tuple(' '.join(group) for group in ORDER)
 THRUST_DEVIATIONS = ('prevent', 'avoid', 'allow')
 THRUST_DEVIATION = 'prevent'
 """The default."""
+
+AIRMODE = (1.0, 1.0, 1.0, 1.0)
+"""Without limits on airmode: thrust may deviate by its whole range."""
 
 REST = 1e-9
 """Distance from the reference, as a share of an axis's range, that counts as none."""
@@ -53,6 +57,16 @@ class PrioritiesSettings(Settings):
         'how far thrust may deviate from its demand so that no axis after the first group is '
         'reversed. prevent: as far as necessary; avoid: no further than hover; allow: not at all',
         mutable=True)
+    airmode_limit: Numbers = setting(
+        1.0,
+        'how far thrust may rise above its demand for roll and pitch, and for yaw, then how far '
+        'it may fall below it, as shares of its range: one number for both rises, two for the '
+        'rises, or four. 0: no airmode; 1: no limit', minimum=0.0, maximum=1.0, sizes=[1, 2, 4],
+        mutable=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        airmode_limits(self.airmode_limit)
 
     def groups(self, axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         """Return the groups of the axes that are commanded; see `groups_of`.
@@ -93,12 +107,15 @@ class Served(NamedTuple):
         Whether the demand itself is served, up to rounding errors.
     thrusts : (..., n) array
         Some that produce the wrenches, not those of least norm [N].
+    held : (..., n) array of bool
+        Which thrusts are at a bound in all solutions, and limit what is served.
     """
 
     wrenches: Array
     levels: Array
     reached: BoolArray
     thrusts: Array
+    held: BoolArray = np.zeros(0, dtype=bool)
 
 
 def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -138,6 +155,24 @@ def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """
     others = tuple(axis for axis in axes if axis not in AXES)
     return groups_of((*ORDER, others) if others else ORDER, axes)
+
+
+def airmode_limits(given: Numbers) -> tuple[float, float, float, float]:
+    """Return the limits of `airmode_limit`: two rises for the first group and others, two falls.
+
+    Raises
+    ------
+    ParameterError
+        If thrust may deviate further for the others than for the first group.
+    """
+    numbers = [float(number) for number in np.ravel(given)]
+    rises = numbers[:2] if len(numbers) > 1 else 2 * numbers
+    falls = numbers[2:] or [1.0, 1.0]
+    if rises[1] > rises[0] or falls[1] > falls[0]:
+        raise ParameterError(
+            f'airmode_limit: expected limits for yaw up to those for roll and pitch, got {numbers}'
+        )
+    return rises[0], rises[1], falls[0], falls[1]
 
 
 def sensed(groups: Sequence[Sequence[str]], thrust_deviation: str) -> list[str]:
@@ -190,6 +225,10 @@ class Prioritization:
     begin : (m,) array, optional
         Attainable wrench where the line of step 1 begins.  By default it is the reference, moved
         towards the middle of the set if that is outside the set or near its boundary.
+    airmode_limit : sequence of 4 floats
+        See `airmode_limits`.  In step 1, thrust stays within the first limits of its demand, or of
+        what the first group needs where its line begins.  In steps 2 and 3 it stays within the
+        others of its demand, or of what the first group needs now.
     """
 
     def __init__(
@@ -199,6 +238,7 @@ class Prioritization:
         reference: Array | None = None,
         thrust_deviation: str = THRUST_DEVIATION,
         begin: Array | None = None,
+        airmode_limit: Sequence[float] = AIRMODE,
     ) -> None:
         self._problem = problem
         self._first, *self._later = (list(group) for group in groups)
@@ -207,6 +247,7 @@ class Prioritization:
         named = [[problem.axes[row] for row in group] for group in groups]
         keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
         self._senses: list[int] = []
+        self._airmode: list[float] | None = None
         # In the simplex the thrusts come before the rows of Gamma.
         self._offset = len(problem.lower)
         self._start, self._begin = problem.simplex.copy(), [0.0]
@@ -217,8 +258,13 @@ class Prioritization:
             for row, value in zip(self._first, self._begin, strict=True):
                 self._start.push(self._offset + row, value)
                 self._start.release(self._offset + row)
-        rest = self._serve(self._reference)[0].value[self._offset :]
+        rest = self._serve(self._reference).simplex.value[self._offset :]
         self._senses = [row for row in keeps if abs(rest[row] - self._reference[row]) <= REST]
+        # In the first group thrust does not give way to others.
+        rows = [row for row, axis in enumerate(problem.axes) if axis == 'thrust']
+        if min(airmode_limit) < 1.0 and rows and rows[0] not in self._first:
+            self._thrust = rows[0]
+            self._airmode = [inf if limit >= 1.0 else 2.0 * limit for limit in airmode_limit]
 
     def _inside(self) -> list[float]:
         """Return where the line of the first group begins, inside its attainable part."""
@@ -232,17 +278,24 @@ class Prioritization:
         line.push(length, size / INSIDE)
         return [min(1.0, INSIDE * line.value[length] / size) * component for component in way]
 
-    def __call__(self, u: Array) -> Served:
-        """Return the served wrenches for demands (..., m) [N, N m]."""
-        problem, n = self._problem, self._offset
+    def __call__(self, u: Array, within: AllocationProblem | None = None) -> Served:
+        """Return the served wrenches for demands (..., m) [N, N m].
+
+        `within` is the same problem with narrower bounds, which then hold.  If they keep the first
+        group away from its line, it gets as near to the line as possible, and then goes along it.
+        """
+        scaled, n, box = self._problem.scaled(u), self._offset, self._box(within)
+        problem = self._problem if within is None else within
         demands = u.reshape(-1, u.shape[-1])
-        ends = [self._serve(goals) for goals in problem.scaled(demands).tolist()]
-        reaches = np.array([end.value[: n + demands.shape[1]] for end, _ in ends])
+        runs = [self._serve(goals, box) for goals in scaled.reshape(demands.shape).tolist()]
+        ends = [run.simplex for run in runs]
+        reaches = np.array([end.value[: n + demands.shape[1]] for end in ends])
         reaches = reaches.reshape(len(demands), n + demands.shape[1])
-        thrusts = problem.clip(problem.middle + problem.half_range * reaches[:, :n])
+        static = self._problem
+        thrusts = problem.clip(static.middle + static.half_range * reaches[:, :n])
         served = thrusts @ problem.gamma.T
         # Pivots of almost symmetric vehicles are small and cost digits.
-        goals = problem.center + problem.extent * reaches[:, n:]
+        goals = static.center + static.extent * reaches[:, n:]
         for i in np.flatnonzero(~problem.is_exact(goals, thrusts, AIM)):
             tolerance = float(problem.tolerance(goals[i]))
             thrusts[i] = problem.least_norm.settle(thrusts[i], goals[i], tolerance)
@@ -251,36 +304,86 @@ class Prioritization:
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             levels = np.clip(np.where(ways != 0.0, (served - self._wrench) / ways, 0.0), 0.0, 1.0)
         if len(self._first) > 1 and self._begin == [self._reference[row] for row in self._first]:
-            levels[:, self._first] = np.array([share for _, share in ends])[:, None]
-        doubts = np.array([end.doubt for end, _ in ends]).reshape(-1, 1)
+            shares = np.array([run.share for run in runs])[:, None]
+            levels[:, self._first] = np.where(shares < 0.0, levels[:, self._first], shares)
+        doubts = np.array([end.doubt for end in ends]).reshape(-1, 1)
         rounding = sum_rounding(problem.gamma, thrusts)[:, None]
-        near = np.abs(served - demands) <= np.maximum(DOUBT * doubts * problem.extent, rounding)
+        near = np.abs(served - demands) <= np.maximum(DOUBT * doubts * static.extent, rounding)
         levels[near] = 1.0
         reached = np.asarray(near.all(axis=-1)).reshape(u.shape[:-1])
         thrusts = thrusts.reshape(*u.shape[:-1], n)
-        return Served(served.reshape(u.shape), levels.reshape(u.shape), reached, thrusts)
+        held = np.array([[i in run.held for i in range(n)] for run in runs], dtype=bool)
+        held = held.reshape(thrusts.shape)
+        return Served(served.reshape(u.shape), levels.reshape(u.shape), reached, thrusts, held)
 
-    def _serve(self, goals: list[float]) -> tuple[Simplex, float]:
-        """Serve a demand (m,) in the units of the simplex.
+    def prices(self, u: Array, within: AllocationProblem | None = None) -> Array:
+        """Return the multipliers (m, m + 1) that prove how far each axis can go for u (m,).
 
-        Return the simplex, with the thrusts before the wrench, and the share of its line that the
-        first group went.
+        Row k belongs to axis k if it cannot reach its demand, and is zero otherwise.  Its first m
+        entries are the normal of a plane that all attainable wrenches with the more important axes
+        are behind; the last is positive if thrust would have to rise beyond its limit, and
+        negative if it would have to fall.  All are in units of the ranges.
         """
-        simplex, offset, length, share = self._start.copy(), self._offset, -1, 1.0
-        if len(self._first) == 1:
-            simplex.push(offset + self._first[0], goals[self._first[0]])
+        return self._serve(self._problem.scaled(u).tolist(), self._box(within)).prices
+
+    def _box(self, within: AllocationProblem | None) -> tuple[list[float], list[float]] | None:
+        """Return the bounds of another problem in the units of the simplex."""
+        if within is None:
+            return None
+        problem = self._problem
+        ranged = problem.half_range > 0.0
+        half_range = np.where(ranged, problem.half_range, 1.0)
+        low, high = (
+            np.where(ranged, (bound - problem.middle) / half_range, end).tolist()
+            for bound, end in ((within.lower, -1.0), (within.upper, 1.0))
+        )
+        return low, high
+
+    def _serve(
+        self, goals: list[float], box: tuple[list[float], list[float]] | None = None
+    ) -> _Run:
+        """Serve a demand (m,) in the units of the simplex, with narrower bounds of the thrusts."""
+        offset = self._offset
+        simplex = self._start.copy() if box is None else self._problem.simplex.between(*box)
+        run = _Run(simplex, offset, len(goals))
+        first = [offset + row for row in self._first]
+        if box is not None and len(first) > 1:
+            for v in first:
+                simplex.release(v)
+        if self._airmode is not None:
+            rise, later_rise, fall, later_fall = self._airmode
+            run.thrust = self._thrust
+            v, demand = offset + self._thrust, min(max(goals[self._thrust], -1.0), 1.0)
+            simplex.confine(v, demand - fall, demand + rise)
+        if len(first) == 1:
+            run.push(first[0], goals[self._first[0]], self._first)
         else:
             ways = [goals[row] - at for row, at in zip(self._first, self._begin, strict=True)]
-            size = max(map(abs, ways)) or 1.0
-            length = simplex.add_ray(
-                [offset + row for row in self._first], [way / size for way in ways]
-            )
-            simplex.push(length, size)
+            backs = [at - simplex.value[v] for v, at in zip(first, self._begin, strict=True)]
+            back, distance = run.ray(first, backs) if box is not None else (-1, 0.0)
+            length, size = run.ray(first, ways)
+            left = 0.0
+            if box is not None:
+                # The bounds may keep the first group away from the line: go there first.
+                simplex.upper[length] = size
+                run.push(back, distance, self._first, backs)
+                left = 1.0 - min(max(simplex.value[back] / distance, 0.0), 1.0)
+            run.push(length, size, self._first, ways)
+            share = simplex.value[length] / size
+            run.share = share if left == 0.0 else -1.0
+        if self._airmode is not None:
+            if min(later_rise, later_fall) < inf:
+                # Thrust deviates for the others from its demand, or from what the first need.
+                simplex.approach(v, demand)
+                simplex.confine(v, demand - later_fall, demand + later_rise)
+            else:
+                simplex.lower[v], simplex.upper[v] = -inf, inf
         for row in self._senses:
             v, value = offset + row, simplex.value[offset + row]
             low, high = sorted((goals[row], self._reference[row]))
-            if low <= value <= high or simplex.push(v, low if value < low else high):
-                simplex.lower[v], simplex.upper[v] = low, high
+            ends = simplex.lower[v], simplex.upper[v]
+            if low <= value <= high or run.push(v, low if value < low else high, [row]):
+                simplex.lower[v], simplex.upper[v] = max(low, ends[0]), min(high, ends[1])
         for group in self._later:
             if len(group) > 1:
                 distances = [abs(goals[row] - self._reference[row]) for row in group]
@@ -290,11 +393,52 @@ class Prioritization:
                     [goals[row] for row in group],
                     [max(max(each, LAG) / longest, LAG_RATIO) for each in distances],
                 )
-                simplex.push(lag, 0.0)
+                run.axis.update({lag + 1 + i: row for i, row in enumerate(np.repeat(group, 2))})
+                run.push(lag, 0.0, group)
             for row in group:
-                simplex.push(offset + row, goals[row])
-        if length >= 0:
-            share = simplex.value[length] / size
-            for row, at, way in zip(self._first, self._begin, ways, strict=True):
-                simplex.value[offset + row] = goals[row] if share == 1.0 else at + share * way
-        return simplex, share
+                run.thrust = -1 if row == run.thrust else run.thrust
+                run.push(offset + row, goals[row], [row])
+        if len(first) > 1:
+            for i, (row, at) in enumerate(zip(self._first, self._begin, strict=True)):
+                on_line = goals[row] if share == 1.0 else at + share * ways[i]
+                simplex.value[offset + row] = on_line - left * backs[i] if left else on_line
+        return run
+
+
+class _Run:
+    """A demand that is being served: the simplex, and the multipliers of what could not be.
+
+    `share` is the share of its line that the first group went, -1 away from it; `thrust` is the
+    axis of thrust while the limit on airmode holds, or -1; `axis` has the axes of variables, and
+    `held` the variables that limit an axis.
+    """
+
+    def __init__(self, simplex: Simplex, offset: int, m: int) -> None:
+        self.simplex, self.share, self.thrust = simplex, 1.0, -1
+        self.axis = {offset + k: k for k in range(m)}
+        self.prices, self.held = np.zeros((m, m + 1)), set[int]()
+
+    def ray(self, rows: Sequence[int], ways: Sequence[float]) -> tuple[int, float]:
+        """Return a new ray along a way, and how far the way goes on it."""
+        size = max(map(abs, ways)) or 1.0
+        return self.simplex.add_ray(rows, [way / size for way in ways]), size
+
+    def push(
+        self, v: int, goal: float, rows: Sequence[int], ways: Sequence[float] | None = None
+    ) -> bool:
+        """Push a variable, and note what proves that these axes cannot go further."""
+        reached = self.simplex.push(v, goal)
+        if proof := self.simplex.proof:
+            prices = np.zeros(self.prices.shape[1])
+            self.held |= {x for x, rate in proof.items() if abs(rate) > ZERO}
+            for x, rate in proof.items():
+                if x in self.axis:
+                    prices[self.axis[x]] -= rate
+            if self.thrust >= 0:
+                prices[-1] = -prices[self.thrust]
+            if v in self.axis:
+                prices[self.axis[v]] += 1.0 if goal > self.simplex.value[v] else -1.0
+            size = max(map(abs, ways)) or 1.0 if ways else 1.0
+            for i, row in enumerate(rows):
+                self.prices[row] = prices * (abs(ways[i]) / size if ways else 1.0)
+        return reached

@@ -251,6 +251,11 @@ class AllocationProblem:
         """Number of effectors."""
         return len(self.lower)
 
+    @property
+    def impaired(self) -> IntArray:
+        """1 for each effector (n,) whose upper bound is lowered by its health, else 0."""
+        return np.zeros(self.n, dtype=np.int32)
+
     def attains(self, u: Array) -> bool:
         """Tell whether a wrench (m,) is attainable, up to `tolerance` and rounding errors."""
         return self.least_norm.solve(u, float(self.tolerance(u))).attained
@@ -342,9 +347,11 @@ class AllocationProblem:
         """
         return repeated(name, value, self.n)
 
-    def saturation(self, thrusts: Array) -> IntArray:
+    def saturation(
+        self, thrusts: Array, bounds: tuple[Array, Array] | None = None
+    ) -> IntArray:
         """Return (..., n) -1 at the lower and +1 at the upper bound, to rounding; 0 between."""
-        low, high = self.lower, self.upper
+        low, high = bounds or (self.lower, self.upper)
         below, above = (EXACT_TOLERANCE * np.maximum(1.0, np.abs(end)) for end in (low, high))
         at_upper = (thrusts >= high - above).astype(np.int8)
         return np.where(thrusts <= low + below, np.int8(-1), at_upper)

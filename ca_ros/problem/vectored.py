@@ -122,7 +122,9 @@ class VectoredProblem(AllocationProblem):
         """Return the length (..., k) of each effector's vector, of an interval its number."""
         return self.sets.lengths(thrusts)
 
-    def saturation(self, thrusts: Array) -> IntArray:
+    def saturation(
+        self, thrusts: Array, bounds: tuple[Array, Array] | None = None
+    ) -> IntArray:
         """Return (..., k) -1 at the least and +1 at the greatest length of each effector."""
         sizes, (low, high) = self.sizes(thrusts), self.sets.length_limits
         rounding = EXACT_TOLERANCE * np.maximum(1.0, high)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.prioritization import (
+    AIRMODE,
     LAG,
     THRUST_DEVIATION,
     Prioritization,
@@ -17,6 +18,7 @@ from ca_ros.problem.prioritization import (
 )
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
 from ca_ros.solver.interior_point import minimize
 
@@ -94,7 +96,8 @@ class VectoredPrioritization:
         problem = self._problem
         if u.ndim > 1:
             found = [self(row) for row in u.reshape(-1, u.shape[-1])]
-            wrenches, levels, reached, thrusts = map(np.array, zip(*found, strict=True))
+            rows = [served[:4] for served in found]
+            wrenches, levels, reached, thrusts = map(np.array, zip(*rows, strict=True))
             shape = u.shape[:-1]
             return Served(
                 wrenches.reshape(u.shape), levels.reshape(u.shape), reached.reshape(shape),
@@ -219,7 +222,26 @@ def prioritization_of(
     reference: Array | None = None,
     thrust_deviation: str = THRUST_DEVIATION,
     begin: Array | None = None,
+    airmode_limit: Sequence[float] = AIRMODE,
 ) -> AnyPrioritization:
-    """Return the prioritization of a problem; see `Prioritization` for the arguments."""
-    kind = VectoredPrioritization if isinstance(problem, VectoredProblem) else Prioritization
-    return kind(problem, groups, reference, thrust_deviation, begin)  # type: ignore[arg-type]
+    """Return the prioritization of a problem; see `Prioritization` for the arguments.
+
+    Raises
+    ------
+    ParameterError
+        If airmode is limited for effectors that are vectors.
+    """
+    if not isinstance(problem, VectoredProblem):
+        return Prioritization(
+            problem, groups, reference, thrust_deviation, begin, airmode_limit
+        )
+    refuse_limits(airmode_limit)
+    return VectoredPrioritization(problem, groups, reference, thrust_deviation, begin)
+
+
+def refuse_limits(airmode_limit: Sequence[float]) -> None:
+    """Raise a `ParameterError` if airmode is limited: vectors are served without limits."""
+    if min(airmode_limit) < 1.0:
+        raise ParameterError(
+            f'airmode_limit: expected 1 for rotors that tilt, got {list(airmode_limit)}'
+        )

@@ -7,7 +7,7 @@ from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem, component_names
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
@@ -58,6 +58,11 @@ class VehicleProblem(AllocationProblem):
     def hover(self) -> Array:
         """The wrench (m,) that carries the vehicle's weight, without torque [N, N m]."""
         return self.reference
+
+    @property
+    def impaired(self) -> IntArray:
+        """1 for each rotor (n,) whose upper bound is lowered by its health, else 0."""
+        return (self.vehicle.health < 1.0).astype(np.int32)
 
     @property
     def hovers(self) -> bool:

@@ -41,25 +41,42 @@ class Simplex:
     doubt : float
         Error estimate: a bound of the distance that pushes missed because of `ZERO` and of
         rounding errors, which pivots magnify.
+    proof : dict
+        If the last push has not reached its goal: by how much the variable would come nearer to
+        it per unit of each nonbasic variable.  The bounds of these variables prove that it cannot.
     """
 
     def __init__(self, matrix: Array) -> None:
         m, n = matrix.shape
         self._rates: list[list[float]] = matrix.tolist()
+        self._thrusts = n
         self._basic = list(range(n, n + m))
         self._nonbasic = list(range(n))
         self.value = [0.0] * (n + m)
         self.lower = [-1.0] * n + [-float('inf')] * m
         self.upper = [1.0] * n + [float('inf')] * m
         self.doubt = SLACK
+        self.proof: dict[int, float] = {}
 
     def copy(self) -> Simplex:
         """Return an independent copy."""
         other = Simplex.__new__(Simplex)
         other._rates = [row[:] for row in self._rates]
         other._basic, other._nonbasic = self._basic[:], self._nonbasic[:]
+        other._thrusts = self._thrusts
         other.value, other.lower, other.upper = self.value[:], self.lower[:], self.upper[:]
-        other.doubt = self.doubt
+        other.doubt, other.proof = self.doubt, {}
+        return other
+
+    def between(self, lower: Sequence[float], upper: Sequence[float]) -> Simplex:
+        """Return a copy of the initial state with narrower bounds of x, at their middle."""
+        other = self.copy()
+        n = len(lower)
+        other.lower[:n], other.upper[:n] = lower, upper
+        other.value[:n] = [(low + high) / 2.0 for low, high in zip(lower, upper, strict=True)]
+        other.value[n:] = [
+            sum(rate * x for rate, x in zip(row, other.value, strict=False)) for row in self._rates
+        ]
         return other
 
     def push(self, v: int, goal: float) -> bool:
@@ -72,13 +89,25 @@ class Simplex:
         bool
             Whether v has reached the goal.
         """
-        reached = self.value[v] == goal or self._push(v, goal)
+        reached = self.approach(v, goal)
         self.lower[v], self.upper[v] = sorted((self.value[v], goal))
         return reached
+
+    def approach(self, v: int, goal: float) -> bool:
+        """Like `push`, but later pushes may move v away."""
+        self.proof = {}
+        return self.value[v] == goal or self._push(v, goal)
+
+    def confine(self, v: int, low: float, high: float) -> None:
+        """Keep variable v between two values, or between these and the nearest possible one."""
+        self.approach(v, min(max(self.value[v], low), high))
+        self.lower[v], self.upper[v] = min(low, self.value[v]), max(high, self.value[v])
 
     def _push(self, v: int, goal: float) -> bool:
         value, lower, upper = self.value, self.lower, self.upper
         if v in self._nonbasic:
+            if lower[v] == upper[v]:
+                return False
             k = self._nonbasic.index(v)
             blocked, reached = self._move(k, goal - value[v], goal, -1)
             if reached:
@@ -97,6 +126,9 @@ class Simplex:
                         # Take the first that moves v, not the fastest, to prevent cycles.
                         break
             if k < 0:
+                sign = 1.0 if left > 0.0 else -1.0
+                row = zip(self._nonbasic, self._rates[r], strict=True)
+                self.proof = {x: sign * rate for x, rate in row}
                 rates = zip(self._rates[r], self._nonbasic, strict=True)
                 self.doubt += sum(
                     abs(rate)
@@ -118,8 +150,11 @@ class Simplex:
         self.lower[v] = self.upper[v] = self.value[v]
         if v in self._basic:
             r = self._basic.index(v)
+            # A thrust whose bounds have met is the last choice.
             sizes = [
-                abs(rate) if self.lower[x] < self.upper[x] else 0.0
+                abs(rate)
+                if self.lower[x] < self.upper[x]
+                else 1e-6 * abs(rate) * (x < self._thrusts)
                 for rate, x in zip(self._rates[r], self._nonbasic, strict=True)
             ]
             self._pivot(r, sizes.index(max(sizes)))
@@ -130,7 +165,8 @@ class Simplex:
         Parameters
         ----------
         rows : sequence of int
-            Nonbasic variables; from now on they move along the line only.
+            Nonbasic variables that are released; they move along such lines only, and their values
+            are those where the lines begin.
         direction : sequence of float
             Their changes per unit of the new variable; of the order of 1.
 
@@ -144,7 +180,6 @@ class Simplex:
         for rates in self._rates:
             rates.append(sum(way * rates[k] for k, way in ways))
         self._nonbasic.append(self._new(0.0, 0.0, float('inf')))
-        self._drop([x not in rows for x in self._nonbasic])
         return len(self.value) - 1
 
     def add_lag(
@@ -240,12 +275,3 @@ class Simplex:
                 other[k] = 0.0
                 self._rates[i] = [a + factor * b for a, b in zip(other, fresh)]  # noqa: B905
         self._basic[r], self._nonbasic[k] = self._nonbasic[k], self._basic[r]
-
-    def _drop(self, kept: Sequence[bool]) -> None:
-        """Remove the nonbasic variables that are not kept; they do not move any more."""
-        if all(kept):
-            return
-        self._nonbasic = [x for x, keep in zip(self._nonbasic, kept, strict=True) if keep]
-        self._rates = [
-            [rate for rate, keep in zip(row, kept, strict=True) if keep] for row in self._rates
-        ]

@@ -137,6 +137,12 @@ class RotorSettings(Settings):
         0.0, 'greatest rotor speed per volt of the battery, up to speed_max; 0: the voltage does '
         'not matter', unit='rad/s/V', minimum=0.0)
     thrust_curve: ThrustCurveSettings = ThrustCurveSettings()
+    acceleration_max: Numbers = setting(
+        0.0, 'greatest rate at which a rotor speed grows; 0: no limit', unit='rad/s^2',
+        minimum=0.0)
+    deceleration_max: Numbers = setting(
+        0.0, 'greatest rate at which a rotor speed shrinks; 0: as acceleration_max',
+        unit='rad/s^2', minimum=0.0)
     health: Numbers = setting(
         1.0, 'share of its thrust that a rotor still produces: 1 healthy, 0 (or below 1e-9) lost',
         minimum=0.0, maximum=1.0, mutable=True)

@@ -90,6 +90,9 @@ class Vehicle:
         Of the battery, if `at_voltage` was told [V].
     tilts : Tilts or None
         The servos of rotors that tilt; None if all are fixed to the body.
+    acceleration_max, deceleration_max : (n,) arrays or None
+        Greatest rates at which the rotor speeds grow and shrink [rad/s^2]; None for no limit, or
+        for a deceleration like the acceleration.  See `ca_ros.SlewLimited`.
     """
 
     mass: float
@@ -111,6 +114,8 @@ class Vehicle:
     speed_max_per_volt: Array | float = 0.0
     voltage: float | None = None
     tilts: Tilts | None = None
+    acceleration_max: Array | None = None
+    deceleration_max: Array | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -190,6 +195,12 @@ class Vehicle:
         names = [f'rotor {i + 1}' for i in range(n)]
         ordered_bounds('rotors.speed_min', 'rotors.speed_max', speed_min, speed_max, names)
         forwards, backwards = each('thrust_coefficient'), each('thrust_coefficient_reverse')
+        up, down = each('acceleration_max'), each('deceleration_max')
+        if (up > 0.0).any() != (up > 0.0).all() or (down.any() and not (up * down).all()):
+            raise ParameterError(
+                'rotors.acceleration_max, rotors.deceleration_max: expected positive numbers for '
+                f'all rotors, or 0 for all, got {up.tolist()} and {down.tolist()}'
+            )
         try:
             curve = ThrustCurve.from_settings(rotors.thrust_curve, forwards, speed_min, speed_max)
         except ParameterError as error:
@@ -214,6 +225,8 @@ class Vehicle:
             curve=curve,
             speed_max_per_volt=each('speed_max_per_volt'),
             tilts=tilts_of(rotors, directions, speed_min),
+            acceleration_max=up if up.any() else None,
+            deceleration_max=down if down.any() else None,
         )
 
     def with_health(self, health: ArrayLike) -> Vehicle:

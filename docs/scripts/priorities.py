@@ -21,17 +21,29 @@ SHOWN = ('`hexarotor`, heavy', '`quadrotor`', '`hexarotor_tilted`, heavy')
 """The vehicles on the page, with the largest differences."""
 
 
+VARIANTS = {
+    **{
+        f'`{value}`': [f'allocation.exact.thrust_deviation:={value}']
+        for value in THRUST_DEVIATIONS
+    },
+    **{
+        f'limit {limit:g}': [f'allocation.exact.airmode_limit:={limit}']
+        for limit in (0.0, 0.1, 0.25)
+    },
+}
+
+
 def flights_table() -> str:
     """Return the results of the flights with each value of the option."""
     rows = []
-    for name, value in product(shipped(flying=True), THRUST_DEVIATIONS):
-        for title, case in both_masses(name, [f'allocation.exact.thrust_deviation:={value}']):
+    for name, (words, given) in product(shipped(flying=True), VARIANTS.items()):
+        for title, case in both_masses(name, given):
             found = [outcome(case, 'exact', each) for each in MANOEUVRES.values()]
             total = Outcome(*np.sum(found, axis=0).tolist())
             recovered = f'{total.recovered:.0f} of {len(found)}'
             cells = f'{total.height_lost:.2f}', f'{total.heading_error:.1f}'
             off = f'{total.off:.0f} of {total.inexact:.0f}'
-            rows.append((title, f'`{value}`', recovered, *cells, off))
+            rows.append((title, words, recovered, *cells, off))
     titles = (
         *('vehicle', 'thrust deviation', 'recovered', 'height lost [m]'),
         *('heading error [rad s]', 'wrong yaw'),
@@ -58,6 +70,10 @@ def rows_table() -> str:
         f'`exact`, `{reversal}`': admissible.prioritize(demands, thrust_deviation=reversal)
         for reversal in THRUST_DEVIATIONS
     }
+    for limit in (0.0, 0.1, 0.25):
+        served[f'`exact`, `airmode_limit: {limit:g}`'] = admissible.prioritize(
+            demands, airmode_limit=limit
+        )
     order = ['roll pitch', 'yaw', 'thrust']
     served['`exact`, yaw before thrust'] = admissible.prioritize(demands, order)
     for i, name in enumerate(('no airmode', 'roll-pitch airmode', 'roll-pitch-yaw airmode')):

@@ -87,6 +87,24 @@ static void sound(input *x)
         x->options.keep_sense[k] = below(2);
         x->options.reference[k] = uniform();
     }
+    x->options.airmode_limited = below(2);
+    x->options.thrust = below(x->m + 1) - 1;
+    for (int i = 0; i < 4; i += 2) {
+        x->options.airmode[i] = below(3) ? uniform() : (ca_real)below(2);
+        x->options.airmode[i + 1] = x->options.airmode[i] * (below(2) ? uniform() : 1);
+    }
+}
+
+/* Narrow the bounds, often to one value. */
+static void narrow(ca_problem *p)
+{
+    ca_real lower[CA_N], upper[CA_N];
+    for (int i = 0; i < p->n; i++) {
+        const ca_real range = p->most[i] - p->least[i];
+        lower[i] = p->least[i] + range * (below(4) ? uniform() : (ca_real)below(2));
+        upper[i] = below(4) ? lower[i] + range * uniform() : lower[i];
+    }
+    ca_set_bounds(p, lower, upper);
 }
 
 /* Change some numbers to any others; the ranges stay ranges. */
@@ -110,6 +128,8 @@ static void distort(input *x)
     if (!below(8))
         x->options.slack = hostile();
     x->options.on_reference = below(2);
+    if (!below(8))
+        x->options.airmode[below(4)] = hostile();
 }
 
 /* Make one thing wrong; return the fault that must be found. */
@@ -178,7 +198,7 @@ static int judge(const ca_problem *p, const ca_real *u, int exactly)
             return fail("a thrust is out of its bounds", p, u, f, answer);
     for (int k = 0; k < p->m; k++)
         finite = finite && isfinite(u[k]);
-    if (answer.status < CA_EXACT || answer.status > CA_INVALID ||
+    if (answer.status < CA_EXACT || answer.status > CA_RATE_LIMITED ||
         (!finite && answer.status != CA_INVALID))
         return fail("a wrong status", p, u, f, answer);
     if (!(answer.level >= 0 && answer.level <= 1))
@@ -202,7 +222,7 @@ static int judge(const ca_problem *p, const ca_real *u, int exactly)
 int main(int count, char **arguments)
 {
     const long inputs = count > 1 ? strtol(arguments[1], NULL, 10) : 100000;
-    long found[CA_INVALID + 1] = {0}, refused[CA_BAD_ORDER + 1] = {0};
+    long found[CA_RATE_LIMITED + 1] = {0}, refused[CA_BAD_ORDER + 1] = {0};
     state = 88172645463325252u ^ (count > 2 ? strtoull(arguments[2], NULL, 10) : 0);
     for (long done = 0; done < inputs;) {
         static input x;
@@ -233,14 +253,24 @@ int main(int count, char **arguments)
             if (!judge(&problem, u, kind == 2))
                 return 1;
             ca_real f[CA_N];
+            ca_explanation why;
             found[ca_allocate(&problem, u, f).status]++;
+            if (problem.n <= 8)
+                ca_explain(&problem, u, f, &why);
+            for (int k = 0; problem.n <= 8 && k < problem.m; k++)
+                if (!(why.served[k] >= 0 && why.served[k] <= 1)) {
+                    printf("problem %ld: a wrong share\n", done);
+                    return 1;
+                }
+            if (!below(2))
+                narrow(&problem);
         }
         if (kind == 2 && x.n <= 8 && isnan(ca_margin(&problem, problem.center))) {
             printf("problem %ld: the margin is not a number\n", done);
             return 1;
         }
     }
-    for (int status = 0; status <= CA_INVALID; status++)
+    for (int status = 0; status <= CA_RATE_LIMITED; status++)
         printf("status %d: %ld\n", status, found[status]);
     for (int fault = 0; fault <= CA_BAD_ORDER; fault++)
         printf("fault %d: %ld\n", fault, refused[fault]);

@@ -1,0 +1,111 @@
+"""Why an answer is what it is: what was served of each axis, and what limits the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ca_ros.arrays import Array
+from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.limits import BY_HEALTH, BY_RATE, Limits, limits_of, shares
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
+
+SERVED = 1e-9
+"""Residual, as a share of the range of an axis, that counts as none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Why thrusts produce another wrench than the demand.
+
+    Attributes
+    ----------
+    problem : AllocationProblem
+    margin : float
+        Signed distance of the demand to the boundary of the attainable set of this answer,
+        positive inside [N, N m].
+    served : (m,) array
+        Share of its demand that each axis gets, counted from the reference (hover): 1 is all.
+    gain : (m, n) array
+        Multipliers: by how much an axis would come nearer to its demand per N by which the bound
+        of a rotor moved out.  Zero if the rotor does not limit the axis, even at a bound.
+    airmode : (m,) array
+        The same per N of the limit on airmode; positive if thrust may not rise any more, negative
+        if it may not fall.
+    limit : (n,) array
+        Of each rotor that limits an axis: 1 for a bound, 2 for a rate, 3 for its health; negative
+        at the lower bound.
+    """
+
+    problem: AllocationProblem
+    margin: float
+    served: Array
+    gain: Array
+    airmode: Array
+    limit: NDArray[np.int32]
+
+    @property
+    def limits(self) -> dict[str, str]:
+        """What limits each axis that is not served in full, in words by the name of the axis."""
+        return {
+            axis: self._words(k)
+            for k, axis in enumerate(self.problem.axes)
+            if self.served[k] < 1.0
+        }
+
+    def _words(self, axis: int) -> str:
+        kind = self.problem.effector_kind.removesuffix('s')
+        groups: dict[str, list[str]] = {}
+        for i in np.flatnonzero(self.gain[axis]):
+            limit = int(self.limit[i])
+            end = 'maximum' if limit > 0 else 'minimum'
+            how = {BY_RATE: 'at its rate', BY_HEALTH: 'by its health'}.get(abs(limit))
+            if limit == BY_HEALTH and not self.problem.half_range[i]:
+                how = 'which is lost'
+            groups.setdefault(how or f'at its {end}', []).append(self.problem.effector_names[i])
+        parts = [
+            f'{kind if len(names) == 1 else self.problem.effector_kind} {", ".join(names)} '
+            + (how if len(names) == 1 else how.replace('its', 'their').replace(' is ', ' are '))
+            for how, names in groups.items()
+        ]
+        if self.airmode[axis]:
+            parts.append(f'the limit on airmode ({"rise" if self.airmode[axis] > 0 else "fall"})')
+        return ' and '.join(parts) or 'the method'
+
+    def __str__(self) -> str:
+        """Return a sentence an axis that is not served in full."""
+        if not (limits := self.limits):
+            return f'all axes are served; margin {self.margin:.3g}'
+        shares = dict(zip(self.problem.axes, self.served, strict=True))
+        return '; '.join(
+            f'{axis} {100.0 * shares[axis]:.0f} % served, limited by {words}'
+            for axis, words in limits.items()
+        )
+
+
+def explain(
+    problem: AllocationProblem, within: AllocationProblem, demand: Array, thrusts: Array
+) -> tuple[float, Limits]:
+    """Return the margin and the limits of an answer by any method.
+
+    The limits are those of the default priorities: what keeps the demand from being served.
+    """
+    served = shares(problem, demand, problem.gamma @ thrusts, SERVED)
+    m, n = problem.gamma.shape
+    found = Limits(served, np.zeros((m, n)), np.zeros(m), np.zeros(n, dtype=np.int32))
+    if not problem.has_volume:
+        return float('nan'), found
+    margin = float(AdmissibleSet(within).margin(demand)) if within.has_volume else -np.inf
+    if isinstance(problem, VectoredProblem):
+        return margin, found
+    if margin < 0.0 and (served < 1.0).any():
+        prices = AdmissibleSet(problem).check_order(None).prices(demand, _moved(problem, within))
+        found = limits_of(problem, within, served, prices)
+    return margin, found
+
+
+def _moved(problem: AllocationProblem, within: AllocationProblem) -> AllocationProblem | None:
+    return None if within is problem else within
