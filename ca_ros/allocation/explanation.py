@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.limits import BY_HEALTH, BY_RATE, Limits, limits_of, shares
+from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
 
 SERVED = 1e-9
 """Residual, as a share of the range of an axis, that counts as none."""
@@ -99,13 +99,8 @@ def explain(
     if not problem.has_volume:
         return float('nan'), found
     margin = float(AdmissibleSet(within).margin(demand)) if within.has_volume else -np.inf
-    if isinstance(problem, VectoredProblem):
-        return margin, found
-    if margin < 0.0 and (served < 1.0).any():
-        prices = AdmissibleSet(problem).check_order(None).prices(demand, _moved(problem, within))
+    serve = AdmissibleSet(problem).check_order(None)
+    if isinstance(serve, Prioritization) and margin < 0.0 and (served < 1.0).any():
+        prices = serve.prices(demand, None if within is problem else within)
         found = limits_of(problem, within, served, prices)
     return margin, found
-
-
-def _moved(problem: AllocationProblem, within: AllocationProblem) -> AllocationProblem | None:
-    return None if within is problem else within
