@@ -19,7 +19,7 @@ from ca_ros.kernel import chosen, load
 from ca_ros.nodes.bridges import motors
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle import px4_parameters, urdf
-from ca_ros.vehicle.files import config_directory
+from ca_ros.vehicle.files import shipped_vehicles
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = {
@@ -104,13 +104,13 @@ def first_line(docstring: str | None) -> str:
 def vehicles() -> dict[str, str]:
     """Return the shipped vehicles."""
     try:
-        files = sorted(config_directory().glob('*.yaml'))
+        files = shipped_vehicles()
     except ParameterError as error:
         return {'none': str(error)}
     found = {}
-    for file in files:
+    for name, file in files.items():
         vehicle = Vehicle.load(file)
-        found[file.stem] = f'{vehicle.n} rotors, {vehicle.mass:g} kg, {", ".join(vehicle.axes)}'
+        found[name] = f'{vehicle.n} rotors, {vehicle.mass:g} kg, {", ".join(vehicle.axes)}'
     return found
 
 

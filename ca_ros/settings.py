@@ -231,15 +231,9 @@ def described(kind: type[Settings]) -> list[str]:
 def with_groups(
     base: type[S], groups: Mapping[str, type[Settings]], recipe: tuple[Callable[..., Any], Any]
 ) -> type[S]:
-    """Return a subclass with further groups, or others of the same name.
+    """Return a subclass with further groups, or others of the same name, by their classes.
 
-    Parameters
-    ----------
-    base : type
-    groups : mapping
-        The class of each group.
-    recipe : tuple
-        A function that returns the subclass and its arguments, for pickle.
+    The recipe, for pickle, is a function that returns the subclass, and its arguments.
     """
     fields = [(name, Settings, group(kind)) for name, kind in groups.items()]
     namespace = {'_recipe': recipe}
@@ -258,12 +252,7 @@ def _restored(function: Callable[..., type[S]], arguments: Any, values: dict[str
 def table(kind: type[Settings], prefix: str = '') -> dict[str, Field]:
     """Return the settings of a class and its groups by full name, without those of Python alone.
 
-    Parameters
-    ----------
-    kind : type
-        A subclass of `Settings`.
-    prefix : str
-        What comes before the names.
+    The names begin with the prefix.
     """
     found = {}
     for name, field in _fields(kind).items():
@@ -298,10 +287,8 @@ def read(kind: type[S], given: Mapping[str, Any], prefix: str = '') -> S:
             values[name] = value
     try:
         return kind(**values)
-    except MissingParameterError as error:
-        raise MissingParameterError(f'{prefix}{error}') from None
     except ParameterError as error:
-        raise ParameterError(f'{prefix}{error}') from None
+        raise type(error)(f'{prefix}{error}') from None
 
 
 def flat(settings: Settings, prefix: str = '') -> dict[str, Any]:
@@ -333,17 +320,10 @@ def renamed(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_given(given: Mapping[str, Any], known: Mapping[str, Field]) -> None:
-    """Check the names and values of given settings.
+    """Check the names and values of settings, given by full name, against all that are known.
 
     Unknown names are accepted, because they may belong to another package, unless they are similar
     to a known name or in the same group (``rotors.``).
-
-    Parameters
-    ----------
-    given : mapping
-        Values by full name.
-    known : mapping
-        All settings that may be given.
 
     Raises
     ------

@@ -232,16 +232,8 @@ def audit(vehicle: Vehicle) -> Audit:
     """Audit which axes a vehicle's rotors can control.
 
     Axes are given up, yaw before roll and pitch, until the remaining ones are independent, and
-    then until hover is inside their admissible set.  Thrust is never given up.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With its rotors' health.
-
-    Returns
-    -------
-    Audit
+    then until hover is inside their admissible set.  Thrust is never given up.  The health of the
+    rotors counts.
     """
     full = VehicleProblem(vehicle)
     independent = independent_part(full)
@@ -267,10 +259,6 @@ def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
     lost_axes : 'refuse' or 'drop', optional
         'drop' refuses no vehicle: lost axes are given up.  Default: `vehicle.lost_axes`, which is
         the parameter ``allocation.lost_axes`` of its file.
-
-    Returns
-    -------
-    Audit
 
     Raises
     ------

@@ -146,10 +146,6 @@ class DualNewton:
             Multipliers to start at.
         slack : float
             Greatest |A f - u| where multipliers are large.
-
-        Returns
-        -------
-        Solution
         """
         y = self._target(u) if start is None else self._back.T @ start
         thrusts, y, residual, proven = self._solve(u, tolerance, y)

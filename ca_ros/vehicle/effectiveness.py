@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 def rotor_wrenches(vehicle: Vehicle) -> Array:
     """Return force and torque about the centre of mass per unit of thrust, Eqs. (5)-(6).
 
-    Returns
-    -------
-    (6, n) array
-        Rows: force x, y, z [N/N] and torque x, y, z [N m/N] in the body frame.
+    The rows of the matrix (6, n) are force x, y, z [N/N] and torque x, y, z [N m/N] in the body
+    frame.
     """
     return thrust_wrenches(vehicle, range(vehicle.n), vehicle.rotor_axes)
 
@@ -40,10 +38,7 @@ def thrust_wrenches(vehicle: Vehicle, rotors: Sequence[int], directions: Array) 
 def control_allocation_matrix(vehicle: Vehicle) -> Array:
     """Return Gamma of u = Gamma f, Eqs. (8)-(9).
 
-    Returns
-    -------
-    (m, n) array
-        One row for each of the vehicle's commanded axes; by default u = (thrust, tau_x, tau_y,
-        tau_z), with the rows thrust [N/N] and torque x, y, z [N m/N].
+    The matrix (m, n) has one row for each of the vehicle's commanded axes; by default u = (thrust,
+    tau_x, tau_y, tau_z), with the rows thrust [N/N] and torque x, y, z [N m/N].
     """
     return rotor_wrenches(vehicle)[[AXES.index(axis) for axis in vehicle.axes]]

@@ -12,10 +12,7 @@ ALL = 'all'
 def read_failures(text: str) -> dict[str, float]:
     """Return the health of each rotor that a text such as ``1,3=0.4`` or ``all=0.8`` names.
 
-    Returns
-    -------
-    dict
-        Health by the number of the rotor, from 1, or by 'all'; 0 if the text has none.
+    The keys are the numbers of the rotors, from 1, or 'all'; without a health it is 0.
 
     Raises
     ------

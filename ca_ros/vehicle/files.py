@@ -109,7 +109,7 @@ class ParameterFile(str):
 
 
 def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
-    """Return the parameters in the file of a vehicle, as they are given there.
+    """Return the parameters in the file of a vehicle by name, as they are given there.
 
     Parameters
     ----------
@@ -118,11 +118,6 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     node : str, optional
         The full name of a node, such as ``/uav1/allocator``: read the parameters that ROS would
         give this node.  Default: the allocator, or the only node that the file names.
-
-    Returns
-    -------
-    dict
-        Values by name, not checked.
 
     Raises
     ------
