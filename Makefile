@@ -97,7 +97,7 @@ soak: .venv/.test
 readme: demo
 	.venv/bin/python docs/scripts/readme.py
 	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
-	cp out/demo/flight.png out/static/slices.png out/static/violations.png docs
+	cp out/static/slices.png out/static/violations.png docs
 	.venv/bin/attainable --fail 1 --out docs/attainable
 	.venv/bin/python docs/scripts/failure.py
 	.venv/bin/dynamic_study --methods exact,pseudo_inverse,fixed_pseudo_inverse --fail 1@8 \

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
@@ -32,6 +33,12 @@ from ca_ros.figures import (
 )
 from ca_ros.flight.record import Flight
 from ca_ros.vehicle.vehicle import Vehicle
+
+ALIKE = 0.01
+"""Greatest difference of curves that look like one, as a share of the height of a panel."""
+
+AFTER = 5.0
+"""How long the plot of failures goes on after the last moment [s]."""
 
 
 def draw(
@@ -104,16 +111,33 @@ def _draw_attitude(study: Flights) -> Figure:
     return figure
 
 
+def _shared(study: Flights, width: int) -> dict[str, str]:
+    """Return the titles of panels by method; methods whose curves look like one share a panel."""
+    found: dict[str, list[str]] = {}
+    for name, flight in study.flights.items():
+        first = next((one for one in found if _alike(study.flights[one], flight)), name)
+        found.setdefault(first, []).append(title(name))
+    return {first: '\n'.join(wrap(', '.join(names), width)) for first, names in found.items()}
+
+
+def _alike(one: Flight, other: Flight) -> bool:
+    pairs = (one.position, other.position), (one.speeds, other.speeds)
+    return all(
+        a.shape == b.shape and bool(np.abs(a - b).max() <= ALIKE * np.ptp(a)) for a, b in pairs
+    )
+
+
 def _draw_speeds(study: Flights) -> Figure:
     """Draw the rotor speeds, one panel per method."""
-    flights, vehicle = study.flights, study.vehicle
+    vehicle, titles = study.vehicle, _shared(study, 44)
+    flights = {name: study.flights[name] for name in titles}
     rows = -(-len(flights) // 2)
     figure, body = sheet(0.4 + 2.2 * rows, [*entries(_looks(vehicle)), *_kinds(study)])
     panels = body.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).flatten()
     for (name, flight), axes in zip(flights.items(), panels, strict=False):
         _speeds(axes, flight, vehicle)
         mark(axes, study.marks(name))
-        axes.set_title(title(name, 22))
+        axes.set_title(titles[name])
         axes.margins(x=0.0)
     for axes in panels[: len(flights) : 2]:
         axes.set_ylabel('rotor speed [rad/s]')
@@ -127,7 +151,8 @@ def _draw_speeds(study: Flights) -> Figure:
 
 def _draw_failure(study: Flights) -> Figure:
     """Draw flights with rotor failures beside each other, one column per method."""
-    flights, vehicle, moments = study.flights, study.vehicle, study.moments
+    vehicle, moments, titles = study.vehicle, study.moments, _shared(study, 30)
+    flights = {name: study.flights[name] for name in titles}
     goal = study.trajectory.last.position
     columns = across(len(flights), 1.1)
     blocks = -(-len(flights) // columns)
@@ -149,7 +174,7 @@ def _draw_failure(study: Flights) -> Figure:
         margin.axhline(0.0, **DASHED)
         for axes in column:
             mark(axes, study.marks(name))
-        position.set_title(title(name, 15))
+        position.set_title(titles[name])
         margin.tick_params(labelbottom=True)
         margin.set_xlabel('time [s]')
     for axes in stacks[len(flights) :].flatten():
@@ -160,7 +185,7 @@ def _draw_failure(study: Flights) -> Figure:
     first = grid[0, 0]
     first.legend(handles=first.lines[:3], loc='lower right')
     first.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-    first.set_xlim(max(0.0, min(moments) - 2.0), study.end)
+    first.set_xlim(max(0.0, min(moments) - 1.0), min(study.end, max(moments) + AFTER))
     # A falling vehicle leaves the panel, so that the scale suits the others.
     places = np.concatenate([goal, np.zeros(3)])
     margins = pd.concat([own['margin'] for own in study.samples.values()])
