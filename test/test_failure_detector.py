@@ -149,23 +149,23 @@ def test_a_rotor_that_does_not_follow_its_command_is_seen_at_once():
 
 
 def test_a_simulated_rotor_stops_and_its_measured_speed_shows_it():
-    # Without drag and noise the motion shows the loss later.
-    parameters = [*REALISTIC[:4], 'simulator.lost_rotors:=stop']
-    case = Case.load('octorotor', parameters)
+    case = Case.load('hexarotor', [*REALISTIC, 'simulator.lost_rotors:=stop'])
     plant, detector = case.plant(), case.detector()
-    hover = np.full(8, (case.vehicle.weight / case.vehicle.thrust_coefficient.sum()) ** 0.5)
-    for i in range(60):
+    hover = np.full(6, (case.vehicle.weight / case.vehicle.thrust_coefficient.sum()) ** 0.5)
+    found = []
+    for i in range(85):
         if i == 50:
-            plant.body = case.body(without(8, rotor_3=0.0))
+            plant.body = case.body(without(6, rotor_1=0.0))
         state, time = plant.measured, i * 10_000_000
         detector.observe(time, state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY])
         detector.command(time, hover)
         if detector.measure(time, plant.speeds):
-            break
+            found.append(i)
         plant.step(hover)
-    assert i == 53
-    assert detector.evidence[2] == 'rotor speed'
-    np.testing.assert_array_equal(detector.health, without(8, rotor_3=0.0))
+    assert found == [53]
+    # What the motion shows later has this cause, too.
+    assert detector.evidence[0] == 'rotor speed'
+    np.testing.assert_array_equal(detector.health, without(6, rotor_1=0.0))
 
 
 def test_motors_that_idle_without_commands_have_not_failed():

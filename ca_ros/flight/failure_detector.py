@@ -204,6 +204,9 @@ class FailureDetector:
         self._slow = np.where(slow, self._slow + 1, 0)
         self._measured = measured
         failed = np.flatnonzero((self._slow == CONFIRMATIONS) & (self.health > 0.0)).tolist()
+        if failed:
+            # When they failed is not known: the motion before shows nothing more.
+            self._rows[:] = self._row[:] = 0.0
         for rotor in failed:
             share = 1.0 - (measured[rotor] / expected[rotor]) ** 2
             self.certainty[rotor] = 1.0

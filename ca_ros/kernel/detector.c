@@ -650,6 +650,9 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
         if (detector->slow[i] != CONFIRMATIONS || !(detector->health[i] > 0))
             continue;
         const ca_real kept = measured / expected;
+        /* When it failed is not known: the motion before shows nothing more. */
+        forget(detector, 0);
+        memset(&detector->sums, 0, sizeof detector->sums);
         detector->certainty[i] = 1;
         fail(detector, i, (1 - kept * kept) * detector->health[i], time, CA_ROTOR_SPEED);
         changed = 1;

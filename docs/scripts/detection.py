@@ -5,16 +5,22 @@ from __future__ import annotations
 import argparse
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from time import process_time
 
 import numpy as np
 from pages import fill, telling
 
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic.animation import animate
+from ca_ros.evaluation.dynamic.flights import Flights
+from ca_ros.evaluation.dynamic.metrics import sample_errors
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.detection import Detection
 from ca_ros.flight.plant import Plant
 from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 
 VEHICLES = ('hexarotor', 'hexarotor_ppnnpn', 'hexarotor_tilted', 'octorotor', 'x8', 'y6')
@@ -322,11 +328,30 @@ def hours(options):
     print(f'{flown / 60:.2f} h, {alarms} flights with a false alarm, {spent:.0f} s')
 
 
+def animation(path):
+    """Animate one unannounced failure, with and without the detector."""
+    case, duration, goal = Case.load('hexarotor_realistic'), 6.5, Waypoint.of(0, 0, 1.2, 0)
+    failures = RotorFailures((RotorFailure(1, 3.0),), None)
+    changes = case.failing('exact', failures)
+    flights, samples, detected = {}, {}, {}
+    for name in ('with_detection', 'without_detection'):
+        detection = case.detection('exact') if name == 'with_detection' else None
+        flight = fly(case.controller(), case.allocator('exact'), case.plant(), goal, duration,
+                     changes=changes, detection=detection)
+        found = case.detected('exact', flight) if detection else []
+        flights[name], detected[name] = flight, [each.time / 1e9 for each in found]
+        samples[name] = sample_errors(
+            flight, case.controller(), goal, [*changes, *found], case.body().vehicle)
+    trajectory = Trajectory.to(goal)
+    animate(path, Flights(flights, samples, case.vehicle, trajectory, failures, detected))
+
+
 def main():
     """Fill the tables of the page, or fly for hours without a failure."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add('--hours', type=float, default=0.0, help='fly so long without a failure [h]')
+    add('--animation', type=Path, metavar='FILE', help='write an animation of a failure instead')
     add('--first', type=int, default=0, help='seed of the first flight')
     add('--vehicles', nargs='+', default=VEHICLES)
     add('--rotors', type=int, default=3, help='of each vehicle, in the table of conditions')
@@ -334,7 +359,9 @@ def main():
                           ('wind', 1.0)):
         add(f'--{name}', type=float, default=default)
     options = parser.parse_args()
-    if options.hours:
+    if options.animation:
+        animation(options.animation)
+    elif options.hours:
         hours(options)
     else:
         fill('detection.md', limits=limits_table(options), flights=manoeuvres_table(options))
