@@ -4,11 +4,13 @@
 import numpy as np
 import pytest
 
-from ca_ros import ALLOCATORS, make_allocator
+from ca_ros import ALLOCATORS, Vehicle, make_allocator
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
+from ca_ros.flight.plant import Plant
 from ca_ros.flight.rigid_body import RigidBody
+from ca_ros.flight.settings import PlantSettings
 from ca_ros.flight.waypoint import Waypoint
 from strategies import HEXAROTOR, file_values, length, settings_of
 
@@ -99,3 +101,19 @@ def test_a_change_takes_effect_at_the_first_sample_that_is_not_before_it():
         *loop, there, 1.0, changes=[Change(495_000_001, waypoint=back)])
     np.testing.assert_array_equal(turned.speeds[:50], plain.speeds[:50])
     assert np.any(turned.speeds[50] != plain.speeds[50])
+
+
+@every_method
+def test_a_vehicle_with_rates_flies_within_them(method):
+    quick = {**file_values('hexarotor'), 'rotors.acceleration_max': 200.0,
+             'rotors.deceleration_max': 100.0}
+    vehicle = Vehicle.from_parameters(quick)
+    settings = settings_of(quick)
+    body = Plant(RigidBody(vehicle), PlantSettings(motor_time_constant=0.05))
+    flight = fly(
+        Controller(vehicle, settings.controller), make_allocator(method, vehicle), body,
+        WAYPOINT, 0.5)
+    change = np.diff(flight.speeds, axis=0)
+    assert change.max() <= 2.0 * (1.0 + 1e-12)
+    assert change.min() >= -1.0 * (1.0 + 1e-12)
+    assert change.max() > 1.99 and change.min() < -0.99

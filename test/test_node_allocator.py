@@ -12,13 +12,14 @@ from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from ca_ros import Status
+from ca_ros import SlewLimited, Status
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import read_wrench
 from ca_ros.nodes.stream import STALL_MIN, Stalls, subscribe
 from ca_ros.testing import BEST_EFFORT, Graph, wrench
 from nodes import GAMMA, HOVER, AllocatorClient, some_wrenches, twin
+from strategies import HEXAROTOR
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
@@ -71,6 +72,26 @@ def test_saturation_says_which_bound_each_rotor_is_at(client, thrust, sign):
     client.graph.spin_until(
         lambda: client.saturation and client.saturation[-1].data.tolist() == [sign] * 6,
         f'saturation {sign}', repeat=lambda: client.ask((0.0, 0.0, thrust, 0.0, 0.0, 0.0)))
+
+
+def test_the_diagnostics_say_what_limits_each_axis(client):
+    client.ask((0.0, 0.0, 9.81, 0.0, 0.0, 3.0))
+    values = client.diagnose()[1]
+    assert values['roll served [%]'] == '100.0'
+    assert float(values['yaw served [%]']) < 50.0
+    assert 'rotor' in values['yaw limited by']
+    assert float(values['margin of the last demand']) < 0.0
+
+
+def test_rotors_with_rates_go_no_further_than_they_reach(graph):
+    client = start(graph, '-p', 'rotors.acceleration_max:=300.0')
+    slow, last = SlewLimited(client.twin, 300.0), HEXAROTOR.idle_speeds
+    for numbers in (HOVER, *some_wrenches(20)):
+        # The stamps are a second apart, of which a tenth counts.
+        expected = slow.allocate(np.array(numbers)[2:], last, 0.1).speeds
+        last = client.ask(numbers)
+        assert last.tobytes() == expected.tobytes()
+    assert client.diagnose()[0].message == 'RATE_LIMITED'
 
 
 # Parameters

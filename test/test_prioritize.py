@@ -214,6 +214,18 @@ def test_random_vehicles_serve_as_the_linear_programs_do(seed, order):
     compare(vehicle, ORDERS[order] + lateral * bool(lateral[0]), rng, 12)
 
 
+def test_without_airmode_the_rows_of_px4_get_at_least_as_much_roll_and_pitch():
+    admissible = AdmissibleSet(UNIT_QUADROTOR)
+    demands = np.column_stack([4.0 * PX4_ROWS[:, 3], PX4_ROWS[:, :3]])
+    served = admissible.prioritize(demands, airmode_limit=0.0)
+    theirs = PX4_ROWS[:, 4:8] @ control_allocation_matrix(UNIT_QUADROTOR).T
+    for wrenches in (served, theirs):
+        assert np.all(wrenches[:, 0] <= demands[:, 0] + 1e-9)
+    shares = [np.einsum('ij,ij->i', wrenches[:, 1:3], demands[:, 1:3])
+              for wrenches in (served, theirs)]
+    assert np.all(shares[0] >= shares[1] - 1e-9)
+
+
 AIRMODES = [0.0, 0.1, 0.5, 1.0, [1.0, 0.0], [0.5, 0.1, 0.2, 0.0]]
 
 

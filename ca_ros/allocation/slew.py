@@ -15,6 +15,9 @@ from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.validation import numbers
 
+PERIOD_MAX = 0.1
+"""Greatest time since the last command in which rotors count as moving [s]."""
+
 
 class SlewLimited(Allocator):
     """An allocator whose effectors change no faster than given rates.
@@ -149,6 +152,30 @@ class SlewLimited(Allocator):
             ends = reached(last, period, self.rates, self.braking, *vehicle.speed_limits)
             return vehicle.thrusts(ends[0]), vehicle.thrusts(ends[1])
         return reached(last, period, self.rates, self.braking, problem.lower, problem.upper)
+
+
+def allocate_next(
+    allocator: Allocator, u: ArrayLike, last: Array, time: int, before: int
+) -> Allocation:
+    """Allocate a wrench within what the rotors reach, if the vehicle has rates.
+
+    Parameters
+    ----------
+    allocator : Allocator
+    u : (m,) array
+    last : (n,) array
+        The last command [rad/s].
+    time, before : int
+        Stamps of this command and the last one [ns].  The time between them counts up to
+        `PERIOD_MAX`, and not at all if it is negative.
+    """
+    if rates_of(allocator.problem) is None:
+        return allocator.allocate(u)
+    if '_within_rates' not in vars(allocator):
+        vars(allocator)['_within_rates'] = SlewLimited(allocator)
+    slow = vars(allocator)['_within_rates']
+    answer: Allocation = slow.allocate(u, last, min(max(time - before, 0) / 1e9, PERIOD_MAX))
+    return answer
 
 
 def rates_of(problem: AllocationProblem) -> tuple[Array, Array] | None:

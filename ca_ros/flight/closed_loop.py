@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ca_ros.allocation import Allocator
+from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.detection import Detection
@@ -116,7 +117,11 @@ def fly(
         except ValueError as error:
             time = step * time_step
             raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
-        speeds = allocator.allocate(wrench).speeds
+        last = commands[-1] if commands else plant.body.vehicle.idle_speeds
+        now = step * step_ns
+        # Before the first command the rotors have all the time that counts.
+        before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
+        speeds = allocate_next(allocator, wrench, last, now, before).speeds
         if detection:
             detection.command(step * step_ns, speeds)
         states.append(state)

@@ -17,6 +17,7 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
 from ca_ros.allocation.settings import allocator_of
+from ca_ros.allocation.slew import allocate_next
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
@@ -40,6 +41,9 @@ from ca_ros.vehicle.validation import ABSURD
 
 ACKNOWLEDGED_MAX = 2.0
 """Time to wait at the end for the motors to acknowledge the last command [s]."""
+
+EXPLAINED_MAX = 10000
+"""Choices of rotors up to which answers are explained: more would take milliseconds."""
 
 LATENCIES = 5000
 """Number of latest latencies that the percentiles cover."""
@@ -148,12 +152,26 @@ class AllocatorNode(HealthNode):
             'engine': self.method.engine,
             'audit': self.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
+            **self._why(),
             **super().values(),
             **{
                 f'latency {name} [us]': f'{np.percentile(latencies, rank):.0f}'
                 for name, rank in ranks.items()
             },
         }
+
+    def _why(self) -> dict[str, object]:
+        """Return what was served of each axis, and what limits it, for the last answer."""
+        answer = self._answer
+        if answer is None or answer.problem.facet_choices > EXPLAINED_MAX:
+            return {}
+        why = answer.explanation
+        found: dict[str, object] = {'margin of the last demand': f'{why.margin:.4g}'}
+        for axis, share in zip(answer.problem.axes, why.served, strict=True):
+            found[f'{axis} served [%]'] = f'{100.0 * share:.1f}'
+            if axis in why.limits:
+                found[f'{axis} limited by'] = why.limits[axis]
+        return found
 
     @property
     def missing(self) -> str:
@@ -188,7 +206,8 @@ class AllocatorNode(HealthNode):
             self.drop(*fault)
             return
         try:
-            answer = self.method.allocate([wrench[row] for row in self._rows])
+            u = [wrench[row] for row in self._rows]
+            answer = allocate_next(self.method, u, self._last, time, self._newest)
             if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
