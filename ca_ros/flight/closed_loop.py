@@ -89,7 +89,8 @@ def fly(
         If a time step is given for a plant.
     """
     states: list[Array] = []
-    velocities, commands = [], []
+    velocities: list[Array] = []
+    commands: list[Array] = []
     if isinstance(body, RigidBody):
         given = PlantSettings() if time_step is None else PlantSettings(time_step=time_step)
         body = Plant(body, given)
