@@ -105,9 +105,7 @@ readme: demo
 	cp out/failure/failure.png docs
 	.venv/bin/python docs/scripts/plant_effects.py
 	.venv/bin/python docs/scripts/comparison.py
-	.venv/bin/dynamic_study --methods exact,fixed_pseudo_inverse --fail 1@3.5 --duration 8 \
-	    --animate --out out/animation
-	cp out/animation/animation.gif docs
+	.venv/bin/python docs/scripts/detection.py --animation docs/detection.gif
 
 explorer: ca_ros/explorer.html
 
