@@ -286,12 +286,13 @@ def test_weighted_least_squares_is_optimal_for_any_matrix(data):
     problem = data.draw(problems())
     rng = data.draw(generators)
     u = problem.center + rng.normal(size=len(problem.axes)) * problem.extent
-    wv, preferred = rng.uniform(0.5, 2.0, len(u)), rng.normal(size=problem.n)
-    allocator = WeightedLeastSquares(problem, gamma=100.0, wv=wv, preferred=preferred)
+    wv, wu = rng.uniform(0.5, 2.0, len(u)), rng.uniform(0.5, 2.0, problem.n)
+    preferred = rng.normal(size=problem.n)
+    allocator = WeightedLeastSquares(problem, gamma=100.0, wu=wu, wv=wv, preferred=preferred)
     found = allocator.allocate(u).thrusts
     moving = problem.half_range > 0.0
-    matrix = np.vstack([10.0 * wv[:, None] * problem.gamma, np.eye(problem.n)])
-    target = np.concatenate([10.0 * wv * u, preferred])
+    matrix = np.vstack([10.0 * wv[:, None] * problem.gamma, np.diag(wu)])
+    target = np.concatenate([10.0 * wv * u, wu * preferred])
     other = problem.middle.copy()
     if moving.any():
         other[moving] = lsq_linear(
