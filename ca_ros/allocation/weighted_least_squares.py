@@ -202,5 +202,7 @@ def _preferred(preferred: str | Numbers, problem: AllocationProblem) -> Array:
     """Return the preferred thrusts (n,) [N]."""
     if isinstance(preferred, str):
         named = {'zero': np.zeros(problem.n), 'minimum': problem.lower, 'middle': problem.middle}
-        return constant(problem.clip(named[preferred]))
+        found = named[preferred]
+        # Vectors of tilting rotors cannot be preferred outside of their sets.
+        return constant(problem.clip(found) if isinstance(problem, VectoredProblem) else found)
     return problem.spread('preferred', preferred, along=True)

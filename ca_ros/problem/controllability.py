@@ -147,6 +147,7 @@ def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
 
     def room(v: int, goal: float) -> float:
         line = at_hover.copy()
+        line.lower[v], line.upper[v] = -inf, inf
         line.push(v, goal)
         return line.value[v] - at_hover.value[v]
 
