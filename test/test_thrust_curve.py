@@ -128,6 +128,10 @@ def test_the_voltage_bounds_the_speeds_and_moves_the_throttle():
         assert_allclose(sagging.throttles([200.0 * voltage / 16.0] * 6), 0.5)
         assert_allclose(sagging.thrusts([200.0] * 6), 1.2)
     assert_allclose(some.at_voltage(12.0).throttles([300.0] * 6), 1.0)
+    # What the file says of the voltage is only the first one.
+    first = vehicle(TABLE, {'rotors.speed_max_per_volt': 25.0, 'rotors.battery_voltage': 12.0})
+    assert_allclose(first.speed_max, 300.0)
+    assert_allclose(first.at_voltage(15.0).speed_max, 375.0)
     plain = vehicle({'rotors.speed_max_per_volt': 25.0})
     assert_allclose(plain.at_voltage(20.0).throttles([250.0] * 6), 0.25)
     for wrong in (0.0, -1.0, 1.0, np.nan):

@@ -46,13 +46,18 @@ class HealthNode(VehicleNode):
         topic = topics.ROTOR_HEALTH
         self.create_subscription(topic.kind, topic.name, self._receive_health, STANDING)
         if np.any(self.settings.rotors.speed_max_per_volt):
-            # Only such vehicles need the package of the message.
-            from sensor_msgs.msg import BatteryState
+            self._listen_to_battery()
 
-            self._voltage_time = monotonic()
-            self.create_subscription(
-                BatteryState, topics.BATTERY, self._receive_battery, requested('realtime')
-            )
+    def _listen_to_battery(self) -> None:
+        try:
+            # Only vehicles whose voltage matters need the package of the message.
+            from sensor_msgs.msg import BatteryState
+        except ImportError as error:
+            self.get_logger().warning(f'{error}: the voltage on battery is not read')
+            return
+        self._voltage_time = monotonic()
+        quality = requested('realtime')
+        self.create_subscription(BatteryState, topics.BATTERY, self._receive_battery, quality)
 
     def audited(self, settings: Any) -> Audit:
         """Audit which axes the rotors can control with the health in use."""
@@ -81,9 +86,10 @@ class HealthNode(VehicleNode):
         if self._voltage_time is None:
             return super().levels()
         age, limit = monotonic() - self._voltage_time, self.settings.battery_timeout
-        held = 'speed_max' if self._voltage is None else f'{self._voltage:.4g} V'
-        late = [(WARN, f'no sound voltage for {limit:g} s: {held} holds')] if age > limit else []
-        return [*late, *super().levels()]
+        if not 0.0 < limit < age:
+            return super().levels()
+        held = 'the declared one' if self._voltage is None else f'{self._voltage:.4g} V'
+        return [(WARN, f'no sound voltage for {limit:g} s: {held} holds'), *super().levels()]
 
     def waits_for_health(self, time: int) -> bool:
         """Return whether the health for a state [ns] has still to come, in lockstep."""

@@ -98,8 +98,8 @@ class HealthSettings(Settings):
     battery_timeout: float = setting(
         5.0,
         'time without a sound voltage on battery after which a warning begins; the last one '
-        'holds. Only with rotors.speed_max_per_volt', unit='s', positive=True, mutable=True,
-        rebuild=False)
+        'holds; 0: no warning. Only with rotors.speed_max_per_volt', unit='s', minimum=0.0,
+        mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -136,6 +136,9 @@ class RotorSettings(Settings):
     speed_max_per_volt: Numbers = setting(
         0.0, 'greatest rotor speed per volt of the battery, up to speed_max; 0: the voltage does '
         'not matter', unit='rad/s/V', minimum=0.0)
+    battery_voltage: float = setting(
+        0.0, 'voltage before the first message on battery, and of the simulation; 0: speed_max '
+        'holds', unit='V', minimum=0.0)
     thrust_curve: ThrustCurveSettings = ThrustCurveSettings()
     acceleration_max: Numbers = setting(
         0.0, 'greatest rate at which a rotor speed grows; 0: no limit', unit='rad/s^2',

@@ -88,6 +88,8 @@ class Vehicle:
         Speed of full throttle per volt of the battery [rad/s/V]; 0: the voltage does not matter.
     voltage : float or None
         Of the battery, if `at_voltage` was told [V].
+    rated : pair of (n,) arrays or None
+        The bounds of the speeds whatever the voltage is, if it is given [rad/s].
     tilts : Tilts or None
         The servos of rotors that tilt; None if all are fixed to the body.
     acceleration_max, deceleration_max : (n,) arrays or None
@@ -113,6 +115,7 @@ class Vehicle:
     curve: ThrustCurve = SQUARE
     speed_max_per_volt: Array | float = 0.0
     voltage: float | None = None
+    rated: tuple[Array, Array] | None = None
     tilts: Tilts | None = None
     acceleration_max: Array | None = None
     deceleration_max: Array | None = None
@@ -206,7 +209,7 @@ class Vehicle:
         except ParameterError as error:
             raise ParameterError(f'rotors.thrust_curve.{error}') from None
         directions = rotor_axes(rotors, n)
-        return cls(
+        vehicle = cls(
             mass=body.mass,
             gravity=body.gravity,
             buoyancy=body.buoyancy,
@@ -228,6 +231,7 @@ class Vehicle:
             acceleration_max=up if up.any() else None,
             deceleration_max=down if down.any() else None,
         )
+        return vehicle.at_voltage(rotors.battery_voltage) if rotors.battery_voltage else vehicle
 
     def with_health(self, health: ArrayLike) -> Vehicle:
         """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1]."""
@@ -251,12 +255,13 @@ class Vehicle:
             If no rotor speed is left between the bounds.
         """
         full = np.where(self.speed_max_per_volt, self.speed_max_per_volt * voltage, np.inf)
-        low, high = np.maximum(self.speed_min, -full), np.minimum(self.speed_max, full)
+        rated = self.rated or (self.speed_min, self.speed_max)
+        low, high = np.maximum(rated[0], -full), np.minimum(rated[1], full)
         if not (high > np.maximum(low, 0.0)).all():
             raise ParameterError(
                 f'battery: {voltage:g} V turn a rotor with less than its least speed'
             )
-        return replace(self, speed_min=low, speed_max=high, voltage=voltage)
+        return replace(self, speed_min=low, speed_max=high, voltage=voltage, rated=rated)
 
     @property
     def n(self) -> int:

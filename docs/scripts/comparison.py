@@ -1,6 +1,6 @@
 """Compare all methods on wrenches and in flight; fill the tables of docs/comparison.md.
 
-Also draws the plot of the page.  Takes about two minutes.
+Also draws the plot of the page.  Takes some minutes.
 """
 
 from __future__ import annotations
@@ -106,10 +106,7 @@ def flights_table(found: Mapping[str, Outcomes]) -> str:
 
     rows = []
     for label, own in found.items():
-        recoveries = []
-        for start in GROUPS.values():
-            group = [each for (_, name), each in own.items() if name.startswith(start)]
-            recoveries.append(f'{sum(each.recovered for each in group):.0f} of {len(group)}')
+        recoveries = [recovered(own, start) for start in GROUPS.values()]
         drops = [each.height_lost for (_, name), each in own.items() if name.startswith('upset')]
         change = 100.0 * slalom(own) / slalom(found['exact'])
         rows.append((f'`{label}`', *recoveries, f'{np.median(drops):.2f}', f'{change:.1f}'))
@@ -118,6 +115,22 @@ def flights_table(found: Mapping[str, Outcomes]) -> str:
         'change of thrust, slalom [% of `exact`]',
     )
     return table(titles, rows)
+
+
+def recovered(own: Outcomes, start: str) -> str:
+    """Return how many flights of a group ended at their waypoints."""
+    group = [each for (_, name), each in own.items() if name.startswith(start)]
+    return f'{sum(each.recovered for each in group):.0f} of {len(group)}'
+
+
+def realistic_table(ideal: Mapping[str, Outcomes], real: Mapping[str, Outcomes]) -> str:
+    """Return the table of recoveries of an ideal vehicle, and of a realistic one."""
+    rows = [
+        (f'`{label}`', *(f'{recovered(ideal[label], start)}, {recovered(real[label], start)}'
+                         for start in GROUPS.values()))
+        for label in real
+    ]  # fmt: skip
+    return table(('method', *(f'{group}: ideal, realistic' for group in GROUPS)), rows)
 
 
 def draw(wrenches: Mapping[str, Mapping[str, Any]], found: Mapping[str, Outcomes]) -> Figure:
@@ -151,11 +164,22 @@ def main() -> None:
     """Fill the page and draw the plot, or print the tables of another vehicle."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--vehicle', help='print the tables of this vehicle, and fill no page')
+    parser.add_argument(
+        '--realistic', action='store_true', help='fill the table of the realistic vehicle alone'
+    )
     parser.add_argument('--methods', nargs='+', default=list(CONTENDERS), choices=CONTENDERS)
     options = parser.parse_args()
     labels = ['exact', *(label for label in options.methods if label != 'exact')]
     # The state of a tumbling vehicle overflows.
     warnings.simplefilter('ignore', RuntimeWarning)
+    if options.realistic or not options.vehicle:
+        ideal, real = (
+            {label: outcomes(label, [name]) for label in labels}
+            for name in ('hexarotor', 'hexarotor_realistic')
+        )
+        fill('comparison.md', realistic=realistic_table(ideal, real))
+    if options.realistic:
+        return
     vehicles = [options.vehicle] if options.vehicle else VEHICLES
     found = {label: outcomes(label, vehicles) for label in labels}
     wrenches = static(options.vehicle or 'hexarotor', labels)
