@@ -1,5 +1,6 @@
 """The controller node, a process of its own, over DDS."""
 
+import math
 import time
 
 import numpy as np
@@ -132,6 +133,17 @@ def test_what_it_cuts_off_the_demand_is_published_and_warned_of(client):
     assert 'yaw' in values['unallocated [N, N m]']
     client.graph.spin_until(
         lambda: any('unallocated: ' in entry.msg for entry in client.log), 'a line in the log')
+
+
+def test_a_tilt_beyond_what_is_commanded_is_warned_of(client):
+    for half, said in ((0.55, False), (0.65, True)):
+        fallen = REST[0], (math.sin(half), 0.0, 0.0, math.cos(half)), *REST[2:]
+        timer = client.graph.node.create_timer(0.02, lambda fallen=fallen: client.send(*fallen))
+        client.diagnostics.wait(
+            '/controller',
+            lambda level, message, values, said=said: message and said == ('tilt' in message)
+            and 'no ' not in message, 'a status')
+        timer.cancel()
 
 
 def test_it_gives_way_by_the_order_of_its_parameters(client):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, inf
+from math import degrees, hypot, inf
 from time import monotonic
 from typing import Any
 
@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
+from ca_ros.flight.rigid_body import tilt
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
@@ -34,6 +35,9 @@ from ca_ros.vehicle.settings import AXES
 
 NOTHING = 1e-9
 """Size of a component up to which it is left out of a text [N, N m]."""
+
+TILT_ERROR = 0.35
+"""Tilt beyond the greatest commanded one that is warned of [rad]."""
 
 SAME_STAMP = 'pose and velocity with the same stamp'
 
@@ -56,6 +60,7 @@ class ControllerNode(HealthNode):
         self._came = dict.fromkeys(('pose', 'velocity', SAME_STAMP), -inf)
         self._standing: Subscription | None = None
         self._open = False
+        self._tilt = 0.0
 
     def start(self) -> None:
         """Create the controller, and begin to answer."""
@@ -102,6 +107,8 @@ class ControllerNode(HealthNode):
     def state(self) -> tuple[bytes, str]:
         """Return the level of the last answer, or what the node waits for."""
         if self._watchdog.awake:
+            if self._tilt > self.settings.controller.tilt_max + TILT_ERROR:
+                return WARN, f'tilt of {degrees(self._tilt):.0f} degrees, beyond what is commanded'
             cut = self.controller.unallocated.any()
             return (WARN, 'the demand is not attainable and cut') if cut else (OK, 'under way')
         if self._waypoint is None:
@@ -196,6 +203,7 @@ class ControllerNode(HealthNode):
             if first:
                 self.drop('state', f'state: {error}')
             return
+        self._tilt = float(tilt(state[1]))
         self._watchdog.feed()
         self.counts['served' if first else 'served again'] += 1
         header = Header(stamp=self._pose.header.stamp, frame_id=self.settings.command_frame)
