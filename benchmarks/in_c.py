@@ -76,16 +76,9 @@ class Compiled:
 
 
 def compiled(problem: AllocationProblem) -> tuple[dict[str, Compiled], dict[str, str], str]:
-    """Build the contenders for a vehicle.
+    """Return the contenders for a vehicle by name, why others are missing, and facts.
 
-    Returns
-    -------
-    calls : dict
-        The contenders by name.
-    absent : dict
-        Why others are missing, by name.
-    about : str
-        The compiler and its options, and the time of a call that does nothing, timed alone.
+    These are the compiler and its options, and the time of a call that does nothing, timed alone.
     """
     absent: dict[str, str] = {}
     with TemporaryDirectory() as folder:

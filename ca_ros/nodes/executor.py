@@ -51,12 +51,7 @@ class Executor(executors.Executor):
     also for messages that newer ones have replaced, and needs minutes to recover from a flood.
 
     Coroutines and the guard conditions of nodes are not served: a callback is a function, and the
-    done callbacks of futures are called at once.
-
-    Parameters
-    ----------
-    context : Context, optional
-        The context of the nodes; default: the global one.
+    done callbacks of futures are called at once.  The nodes are by default in the global context.
     """
 
     def __init__(self, *, context: Context | None = None) -> None:
@@ -92,10 +87,8 @@ class Executor(executors.Executor):
         self, future: Future, timeout_sec: float | executors.TimeoutObject | None = None
     ) -> None:
         """Serve one turn; `spin_until_future_complete` calls this until the future is done."""
-        if isinstance(timeout_sec, executors.TimeoutObject):
-            self.spin_once(timeout_sec.timeout)
-        else:
-            self.spin_once(timeout_sec)
+        given: Any = timeout_sec
+        self.spin_once(getattr(given, 'timeout', given))
 
     # The name that rclpy calls since Kilted.
     _spin_once_until_future_complete = spin_once_until_future_complete
