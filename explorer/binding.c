@@ -22,6 +22,9 @@ IN ca_real gamma[CA_M][CA_N];
 IN ca_real lower[CA_N], upper[CA_N], weight[CA_N], preferred[CA_N];
 IN ca_real forward[CA_N], reverse[CA_N], speed_min[CA_N], speed_max[CA_N];
 IN ca_real reference[CA_M], slack;
+IN int impaired[CA_N]; /* whether the health of a rotor is below 1 */
+IN ca_real airmode[4]; /* as ca_options */
+IN ca_real acceleration[CA_N], deceleration[CA_N], elapsed; /* time since hover [s]; 0: any time */
 IN int policy, order[CA_M], group[CA_M], deviation; /* deviation: 0 prevent, 1 avoid, 2 allow */
 IN ca_real demand[CA_M], base[CA_M];
 
@@ -29,6 +32,8 @@ OUT int kept[CA_M];                            /* whether the axis is controlled
 OUT ca_real center[CA_M], extent[CA_M];        /* of the attainable set [N, N m] */
 OUT int facets;                                /* pairs of parallel facets; -1: too many */
 OUT ca_real thrusts[CA_N], speeds[CA_N], wrench[CA_M], level, margin;
+OUT ca_real served[CA_M];                      /* as ca_explanation */
+OUT int blocked[CA_M][CA_N], airmode_blocks[CA_M], cause[CA_N];
 OUT int status, saturation[CA_N], limit[CA_N]; /* `limit`: rotors at the nearest facet */
 OUT ca_real points[POINTS][3];                 /* corners of polygons, in units of `extent` */
 OUT int corners[FACETS * 2];
@@ -85,14 +90,14 @@ static void audit(void)
 
 static void find_facets(void)
 {
-    const int n = problem.n, m = problem.m, size = m - 1;
+    const int n = current.n, m = current.m, size = m - 1;
     int choice[CA_M];
     facets = 0;
     for (int r = 0; r < size; r++)
         choice[r] = r;
     for (;;) {
         ca_real *found = normal[facets];
-        if (normal_of(&problem, choice, found)) {
+        if (normal_of(&current, choice, found)) {
             int known = 0;
             for (int f = 0; f < facets && !known; f++) {
                 ca_real same = 0, other = 0;
@@ -106,8 +111,8 @@ static void find_facets(void)
             for (int i = 0; i < n; i++) {
                 ca_real side = 0;
                 for (int k = 0; k < m; k++)
-                    side += found[k] * problem.gamma[k][i];
-                width[facets] += ca_abs(side) * problem.half_range[i];
+                    side += found[k] * current.gamma[k][i];
+                width[facets] += ca_abs(side) * current.half_range[i];
             }
             facets += !known;
         }
@@ -135,7 +140,7 @@ static void find_margin(const ca_real *u)
     for (int f = 0; f < facets; f++) {
         ca_real height = 0;
         for (int k = 0; k < rows; k++)
-            height += normal[f][k] * (u[k] - problem.center[k]);
+            height += normal[f][k] * (u[k] - current.center[k]);
         if (width[f] - ca_abs(height) < margin) {
             margin = width[f] - ca_abs(height);
             nearest = f;
@@ -145,10 +150,10 @@ static void find_margin(const ca_real *u)
     for (int i = 0; i < rotors; i++) {
         ca_real sum = 0, size = 0;
         for (int k = 0; k < rows; k++) {
-            sum += side * normal[nearest][k] * problem.gamma[k][i];
-            size += ca_abs(normal[nearest][k] * problem.gamma[k][i]);
+            sum += side * normal[nearest][k] * current.gamma[k][i];
+            size += ca_abs(normal[nearest][k] * current.gamma[k][i]);
         }
-        limit[i] = facets <= 0 || problem.half_range[i] <= 0 || ca_abs(sum) <= 1e-10 * size ? 0
+        limit[i] = facets <= 0 || current.half_range[i] <= 0 || ca_abs(sum) <= 1e-10 * size ? 0
                    : sum > 0                                                               ? 1
                                                                                            : -1;
     }
@@ -164,10 +169,30 @@ static int set_up(ca_problem *made, const ca_real *least, const ca_real *most, i
     return ca_set_up(made, rotors, rows, matrix, least, most, options);
 }
 
+/* Narrow the bounds to what the rotors reach from hover in the time that has elapsed. */
+static void narrow(const ca_options *options)
+{
+    ca_real least[CA_N], most[CA_N], now[CA_N];
+    ca_allocate(&problem, options->reference, now);
+    ca_speeds(rotors, now, forward, reverse, speed_min, speed_max, now);
+    ca_reach(rotors, now, elapsed, acceleration, deceleration, speed_min, speed_max, least, most);
+    ca_thrusts(rotors, least, forward, reverse, least);
+    ca_thrusts(rotors, most, forward, reverse, most);
+    for (int i = 0; i < rotors; i++) {
+        /* A lost rotor has a coefficient of 1. */
+        least[i] = ca_clip(least[i], lower[i], upper[i]);
+        most[i] = ca_clip(most[i], lower[i], upper[i]);
+    }
+    ca_set_bounds(&problem, least, most);
+    ca_copy(rotors, least, lower);
+    ca_copy(rotors, most, upper);
+}
+
 /* Prepare the vehicle; returns an enum ca_fault. */
 SHARED int prepare_vehicle(void)
 {
-    ca_options options = {.policy = CA_REJECTED, .slack = slack};
+    ca_options options = {.policy = CA_REJECTED, .slack = slack, .thrust = -1, .airmode_limited = 1,
+                          .airmode = {1, 1, 1, 1}, .reports_health = 1};
     audit();
     rows = 0;
     for (int k = 0; k < axes; k++)
@@ -180,14 +205,17 @@ SHARED int prepare_vehicle(void)
     if (set_up(&current, lower, upper, 0, &options))
         return CA_NO_VOLUME;
     set_up(&once, lower, upper, 1, &options);
-    problem = current;
     find_facets();
     for (int k = 0; k < rows; k++) {
-        center[row_of[k]] = problem.center[k];
-        extent[row_of[k]] = problem.extent[k];
+        center[row_of[k]] = current.center[k];
+        extent[row_of[k]] = current.extent[k];
+        if (axis[row_of[k]] == THRUST)
+            options.thrust = k;
     }
     options.policy = policy;
+    ca_copy(4, airmode, options.airmode);
     for (int i = 0; i < rotors; i++) {
+        options.impaired[i] = impaired[i];
         options.weight[i] = weight[i];
         options.preferred[i] = preferred[i];
         if (weight[i] < 1 || weight[i] > 1 || preferred[i] < 0 || preferred[i] > 0)
@@ -213,9 +241,18 @@ SHARED int prepare_vehicle(void)
         find_margin(options.reference);
         if (!(margin > 1e-12))
             for (int k = 0; k < rows; k++)
-                options.reference[k] = problem.center[k];
+                options.reference[k] = current.center[k];
     }
-    return set_up(&problem, lower, upper, 1, &options);
+    const int fault = set_up(&problem, lower, upper, 1, &options);
+    if (fault || !(elapsed > 0))
+        return fault;
+    for (int k = 0; k < rows; k++)
+        options.reference[k] = reference[row_of[k]];
+    narrow(&options);
+    if (set_up(&current, lower, upper, 0, &options))
+        return CA_NO_VOLUME;
+    find_facets();
+    return set_up(&once, lower, upper, 1, &options);
 }
 
 static void pseudo_inverse(const ca_problem *p, const ca_real *u, ca_real *f)
@@ -225,6 +262,20 @@ static void pseudo_inverse(const ca_problem *p, const ca_real *u, ca_real *f)
         for (int j = 0; j < rows; j++)
             f[i] += p->basis[i][j] * ca_dot(j + 1, p->coordinates[j], u);
     }
+}
+
+static void explain(const ca_real *u)
+{
+    static ca_explanation found;
+    ca_explain(&problem, u, thrusts, &found);
+    for (int k = 0; k < rows; k++) {
+        served[row_of[k]] = found.served[k];
+        airmode_blocks[row_of[k]] = ca_abs(found.airmode[k]) > 0;
+        for (int i = 0; i < rotors; i++)
+            blocked[row_of[k]][i] = found.gain[k][i] > 0;
+    }
+    for (int i = 0; i < rotors; i++)
+        cause[i] = found.limit[i];
 }
 
 /* Allocate the demand with a method; sets all results but the polygons. */
@@ -239,6 +290,7 @@ SHARED void allocate(int method)
         const ca_answer answer = ca_allocate(&problem, u, thrusts);
         status = answer.status;
         level = answer.level;
+        explain(u);
     } else
         pseudo_inverse(method == CLIPPED ? &current : &once, u, thrusts);
     for (int i = 0; i < rotors; i++) {
@@ -295,10 +347,10 @@ SHARED int section(int a, int b, int c)
             int place = -1;
             for (int s = 0; s < 3; s++)
                 place = shown[s] == row_of[k] ? s : place;
+            const ca_real at = place >= 0 ? center[row_of[k]] : base[row_of[k]];
             if (place >= 0)
-                plane[place] = side * facet[k] * problem.extent[k];
-            else
-                most -= side * facet[k] * (base[row_of[k]] - problem.center[k]);
+                plane[place] = side * facet[k] * extent[row_of[k]];
+            most -= side * facet[k] * (at - current.center[k]);
         }
         const ca_real length = ca_length(3, plane);
         if (length <= 1e-12 * width[f / 2]) {

@@ -87,6 +87,7 @@ def test_the_page_is_one_file_without_network(page):
     ('x8', {'thrust_deviation': 'avoid'}),
     ('hexarotor_tilted', {'policy': 'scale'}),
     ('hexarotor', {'policy': 'reject'}),
+    ('y6', {'airmode_limit': 0.1}),
     ('hexarotor', {'order': ['thrust', 'roll pitch', 'yaw'], 'thrust_deviation': 'allow'}),
 ])
 def test_thousand_allocations_have_the_bits_of_python(page, name, settings):
@@ -96,6 +97,8 @@ def test_thousand_allocations_have_the_bits_of_python(page, name, settings):
              'deviation': settings.get('thrust_deviation', 'prevent')}
     if 'order' in settings:
         words['order'] = [group.split() for group in settings['order']]
+    if limit := settings.get('airmode_limit'):
+        words['airmode'] = [limit, limit, 1, 1]
     answers = page.evaluate(ALLOCATE, [VEHICLES[name], None, words, wrenches.tolist(), 'exact'])
     expected = exact.allocate_batch(wrenches)
     assert np.array_equal([a['thrusts'] for a in answers], expected.thrusts)
@@ -105,6 +108,36 @@ def test_thousand_allocations_have_the_bits_of_python(page, name, settings):
     assert len({a['status'] for a in answers}) == 2
     margins = AdmissibleSet(exact.problem).margin(wrenches)
     np.testing.assert_allclose([a['margin'] for a in answers], margins, rtol=1e-9, atol=1e-12)
+
+
+def test_what_limits_an_answer_is_what_python_says(page):
+    exact = Exact(Vehicle.load('hexarotor'), airmode_limit=0.05)
+    wrenches = demands(exact.problem, 60)
+    answers = page.evaluate(ALLOCATE, [
+        VEHICLES['hexarotor'], None, {'airmode': [0.05, 0.05, 1, 1]}, wrenches.tolist(), 'exact'])
+    limited = 0
+    for u, got in zip(wrenches, answers, strict=True):
+        found = exact.allocate(u).explanation
+        assert np.array_equal(got['served'], found.served)
+        assert np.array_equal(np.array(got['blocked']) > 0, found.gain > 0.0)
+        assert np.array_equal(np.array(got['airmodeBlocks']) > 0, found.airmode != 0.0)
+        assert np.array_equal(got['cause'], found.limit)
+        limited += bool(found.airmode.any())
+    assert limited
+
+
+def test_with_the_time_since_hover_the_set_grows_to_the_whole_one(page):
+    volumes = []
+    for elapsed in (0.01, 0.05, 1.0, 0.0):
+        show(page, 'hexarotor', elapsed=elapsed, shown=['roll', 'pitch'])
+        [[*corners]] = page.evaluate('explorer.sets[0]')
+        x, y, _ = np.array(corners).T
+        volumes.append(0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))))
+    assert volumes[0] < 0.5 * volumes[1] < 0.5 * volumes[2]
+    assert volumes[2] == pytest.approx(volumes[3])
+    show(page, 'hexarotor', elapsed=0.01, demand=[9.81, 2.0, 0.0, 0.0])
+    assert page.locator('#status').inner_text() == 'RATE_LIMITED'
+    assert 'speeding up' in page.locator('#words').inner_text()
 
 
 @pytest.mark.parametrize(('name', 'failed'), [

@@ -3,9 +3,9 @@ import wasm from 'kernel.wasm';
 import {AXES, bounds} from './vehicle.js';
 
 const ROTORS = 32, INTS = ['rotors', 'axes', 'axis', 'policy', 'order', 'group', 'deviation', 'kept', 'facets', 'status',
-  'saturation', 'limit', 'corners'];
+  'saturation', 'limit', 'corners', 'impaired', 'blocked', 'airmode_blocks', 'cause'];
 const POLICIES = {prioritize: 1, scale: 2, reject: 4}, DEVIATIONS = ['prevent', 'avoid', 'allow'];
-export const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALID'];
+export const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALID', 'RATE_LIMITED'];
 export const METHODS = {exact: 0, pseudo_inverse: 1, fixed_pseudo_inverse: 2};
 
 export async function loadKernel() {
@@ -16,7 +16,7 @@ export async function loadKernel() {
     buffer, exports[name].value))});
 
   /** Prepare a vehicle with rotor health; returns the axes that are lost, or throws if none is left. */
-  function prepare(vehicle, health, {policy, order, deviation}) {
+  function prepare(vehicle, health, {policy, order, deviation, airmode = [1, 1, 1, 1], elapsed = 0}) {
     const {n, axes} = vehicle, now = bounds(vehicle, health);
     c.rotors[0] = n;
     c.axes[0] = axes.length;
@@ -28,7 +28,8 @@ export async function loadKernel() {
       lower: now.lower, upper: now.upper,
       weight: vehicle.weight, preferred: vehicle.preferred, forward: now.forward, reverse: now.reverse,
       speed_min: now.speedMin, speed_max: now.speedMax, reference: vehicle.reference, slack: [vehicle.slack],
-      policy: [POLICIES[policy]], deviation: [DEVIATIONS.indexOf(deviation)],
+      airmode, elapsed: [elapsed], acceleration: vehicle.acceleration, deceleration: vehicle.deceleration,
+      impaired: health.map((h) => Number(h < 1)), policy: [POLICIES[policy]], deviation: [DEVIATIONS.indexOf(deviation)],
       order: order.flat().map((axis) => axes.indexOf(axis)), group: order.flatMap((group, i) => group.map(() => i)),
     })) c[name].set(values);
     const fault = exports.prepare_vehicle();
@@ -36,6 +37,7 @@ export async function loadKernel() {
     return {
       fault, kept, lost: axes.filter((_, k) => !c.kept[k]), facets: 2 * c.facets[0],
       center: [...c.center.subarray(0, axes.length)], extent: [...c.extent.subarray(0, axes.length)], ...now,
+      lower: [...c.lower.subarray(0, n)], upper: [...c.upper.subarray(0, n)],
     };
   }
 
@@ -47,6 +49,8 @@ export async function loadKernel() {
     return {
       status: STATUS[c.status[0]], level: c.level[0], margin: c.margin[0], thrusts: list('thrusts', n),
       speeds: list('speeds', n), wrench: list('wrench', m), saturation: list('saturation', n), limit: list('limit', n),
+      served: list('served', m), cause: list('cause', n), airmodeBlocks: list('airmode_blocks', m),
+      blocked: Array.from({length: m}, (_, k) => [...c.blocked.subarray(k * ROTORS, k * ROTORS + n)]),
     };
   }
 

@@ -28,7 +28,7 @@ function show(yaml, name = '', given = {}) {
   const read = readVehicle(yaml), before = vehicle;
   vehicle = read;
   try {
-    Object.assign(state, {name, health: [...read.health], policy: read.policy, order: read.order, deviation: read.deviation, beside: '',
+    Object.assign(state, {name, health: [...read.health], policy: read.policy, order: read.order, deviation: read.deviation, airmode: read.airmode, elapsed: 0, beside: '',
       demand: [...read.reference], shown: read.axes.slice(-3), ...given});
     prepare();
   } catch (error) {
@@ -140,7 +140,10 @@ function controls(beside) {
     bar.innerHTML = rect(set.lower[i], set.upper[i], 3, 14, 'line') + rect(0, answer.thrusts[i], 6, 8, name) +
       (beside ? rect(beside.thrusts[i], beside.thrusts[i], 1, 18, 'beside') : '');
   });
-  for (const id of ['policy', 'deviation', 'beside']) $(id).value = state[id];
+  for (const id of ['policy', 'deviation', 'beside', 'elapsed']) $(id).value = state[id];
+  $('airmode').value = state.airmode[0];
+  text('airmode-value', state.airmode[0] < 1 ? `${Math.round(100 * state.airmode[0])} % of its range` : 'no limit');
+  text('elapsed-value', state.elapsed ? `within ${Math.round(1e3 * state.elapsed)} ms` : 'at any time');
   $('order').value = state.order.map((group) => group.join(' ')).join(', ');
   $('order').disabled = $('deviation').disabled = state.policy !== 'prioritize';
   for (const button of $('shown').children) button.setAttribute('aria-pressed', button.value === String(state.shown));
@@ -165,7 +168,7 @@ function explain(beside) {
     const missed = missing(answer);
     if (answer.status === 'EXACT') words.push(`Served in full; ${digits(answer.margin)} from the limit with ${rotors(answer.limit)}.`);
     else if (answer.status === 'REJECTED') words.push('Not attainable, and rejected: all rotors are as slow as possible.');
-    else words.push(`Not attainable: ${missed.join(', ')}; ${rotors(answer.saturation)}.`);
+    else words.push(`Not attainable${answer.status === 'RATE_LIMITED' ? ' yet' : ''}: ${missed.join(', ')}.`, ...limits());
     if (set.lost.length) words.push(`Lost: ${listed(set.lost)}. The rotors cannot control it independently.`);
     if (lost.length) words.push(hover(`Rotor${lost.length > 1 ? 's' : ''} ${listed(lost)} lost`));
     if (beside) {
@@ -176,6 +179,19 @@ function explain(beside) {
   text('status', set.fault ? 'LOST' : answer.status);
   $('status').className = !set.fault && answer.status === 'EXACT' ? '' : 'short';
   $('words').replaceChildren(...words.map((line) => make('li', {textContent: line})));
+}
+
+/** Say which rotors, or the limit on airmode, keep an axis from its demand. */
+function limits() {
+  const why = (k, flag) => numbered(answer.blocked[k].map((blocked, i) => blocked && answer.cause[i]), flag);
+  const causes = [[1, 'at maximum'], [-1, 'at minimum'], [2, 'speeding up'], [-2, 'slowing down'], [3, 'lost or weak'], [-3, 'lost or weak']];
+  const axesOf = {};
+  vehicle.axes.forEach((axis, k) => {
+    const parts = causes.flatMap(([flag, how]) => why(k, flag).length ? [`${listed(why(k, flag))} ${how}`] : []);
+    const all = [...(parts.length ? [`rotors ${parts.join(', ')}`] : []), ...(answer.airmodeBlocks[k] ? ['the limit on airmode'] : [])];
+    if (answer.served[k] < 1 && all.length) (axesOf[all.join(' and ')] ??= []).push(axis);
+  });
+  return Object.entries(axesOf).map(([what, axes]) => `What limits ${listed(axes)}: ${what}.`);
 }
 
 function hover(start) {
@@ -196,7 +212,7 @@ function address() {
 function given(parameters) {
   const numbers = (key) => parameters.has(key) ? {[key]: parameters.get(key).split(',').map(Number)} : {};
   const words = (key) => parameters.has(key) ? {[key]: parameters.get(key)} : {};
-  return {...numbers('demand'), ...numbers('health'), ...words('policy'), ...words('deviation'), ...words('beside'),
+  return {...numbers('demand'), ...numbers('health'), ...words('policy'), ...(parameters.has('elapsed') ? {elapsed: Number(parameters.get('elapsed'))} : {}), ...numbers('airmode'), ...words('deviation'), ...words('beside'),
     ...(parameters.has('shown') ? {shown: parameters.get('shown').split(',')} : {}),
     ...(parameters.has('order') ? {order: parameters.get('order').split(',').map((group) => group.split(' '))} : {})};
 }
@@ -221,9 +237,11 @@ $('vehicle').append(...Object.keys(vehicles).map((name) => make('option', {textC
 $('beside').append(...Object.entries(OTHERS).map(([value, textContent]) => make('option', {value, textContent})));
 $('vehicle').onchange = ({target}) => attempt(target.value, () => show(vehicles[target.value], target.value));
 $('file').onchange = ({target}) => open(target.files[0]);
-$('hover').onclick = () => { Object.assign(state, {demand: [...vehicle.reference], health: [...vehicle.health]}); change(); };
+$('hover').onclick = () => { Object.assign(state, {demand: [...vehicle.reference], health: [...vehicle.health], airmode: vehicle.airmode, elapsed: 0}); change(); };
 $('link').onclick = () => navigator.clipboard?.writeText(location.href);
 $('beside').onchange = ({target}) => { state.beside = target.value; update(); };
+$('airmode').oninput = ({target}) => { state.airmode = [Number(target.value), Number(target.value), ...state.airmode.slice(2)]; change(); };
+$('elapsed').oninput = ({target}) => { state.elapsed = Number(target.value); change(); };
 for (const id of ['policy', 'deviation']) $(id).onchange = ({target}) => { state[id] = target.value; change(); };
 $('order').onchange = ({target}) => { state.order = readOrder(target.value); change(); };
 window.onhashchange = () => attempt('address', fromAddress);

@@ -3,6 +3,7 @@ import {load} from 'js-yaml';
 
 export const AXES = ['force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw'];
 const ORDER = ['roll pitch', 'thrust', 'yaw', 'force_x force_y'];
+const ACCELERATION = 2000; // of rotors without a rate in the file [rad/s^2]
 const HEALTH_MIN = 1e-9, ROTORS_MAX = 32;
 
 /** Return the parameters that the allocator reads in a ROS parameter file, nested. */
@@ -95,10 +96,14 @@ function roundHalfEven(above, below) {
   return twice > below || (twice === below && floor % 2n) ? floor + 1n : floor;
 }
 
+/** Return two rises and two falls, as ca_ros.problem.prioritization.airmode_limits. */
+const airmode = ([first, second = first, ...falls]) => [first, second, ...(falls.length ? falls : [1, 1])];
+
 /** Return a vehicle: what the kernel and the picture need. */
 export function readVehicle(text) {
   const tree = readParameters(text);
   const {vehicle: body, rotors, allocation = {}} = tree;
+  if (rotors.tilt_axes) throw new Error('rotors.tilt_axes: the explorer knows fixed rotors only');
   for (const name of ['polynomial', 'thrusts']) {
     if (rotors.thrust_curve?.[name]) throw new Error(`rotors.thrust_curve.${name}: the explorer knows thrusts of k_f w^2 only`);
   }
@@ -146,6 +151,9 @@ export function readVehicle(text) {
     reference: axes.map((axis) => (axis === 'thrust' ? weight : 0)),
     health: each('health', 1),
     weight: numbers(exact, 'allocation.exact.weights', n, 1),
+    acceleration: each('acceleration_max', 0).map((a) => a || ACCELERATION),
+    deceleration: each('deceleration_max', 0).map((d, i) => d || each('acceleration_max', 0)[i] || ACCELERATION),
+    airmode: airmode(numbers(exact, 'allocation.exact.airmode_limit', 0, 1)),
     preferred: numbers(exact, 'allocation.exact.preferred', n, 0),
     slack: numbers(exact, 'allocation.exact.residual_slack', 1, 1e-9)[0],
     policy: exact.policy ?? 'prioritize', deviation: exact.thrust_deviation ?? 'prevent',
