@@ -122,7 +122,7 @@ def fly(
         now = step * step_ns
         # Before the first command the rotors have all the time that counts.
         before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
-        speeds = allocate_next(allocator, wrench, last, now, before).speeds
+        speeds = allocate_next(allocator, wrench, last, now, before).command
         if detection:
             detection.command(step * step_ns, speeds)
         states.append(state)

@@ -83,7 +83,9 @@ class Controller:
             self._exact = Exact(self.problem, **given)
         self.unallocated = np.zeros(len(vehicle.axes))
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
-        self._level = settings.attitude == 'level' and set(SIDEWAYS) <= set(vehicle.axes)
+        sideways = set(SIDEWAYS) <= set(vehicle.axes)
+        self._pose = settings.attitude == 'pose' and sideways
+        self._level = settings.attitude != 'tilt' and sideways
         gains = settings.position_stiffness, settings.position_damping
         self._position_stiffness, self._position_damping = map(triple, gains)
         gains = settings.attitude_stiffness, settings.attitude_damping
@@ -182,6 +184,8 @@ class Controller:
                 ]
             )
             turn_x, turn_y, spin = angular_velocity.tolist()
+            if self._pose:
+                error, spin = turn_to(rotation, rotation_matrix(waypoint.attitude)), 0.0
             acceleration = (
                 self._attitude_stiffness * error
                 - self._attitude_damping * angular_velocity
@@ -214,6 +218,22 @@ class Controller:
         if sideways > allowed:
             force[:2] *= allowed / sideways
         return force
+
+
+def turn_to(rotation: Array, goal: Array) -> Array:
+    """Return the shortest rotation (3,) in the body frame from one attitude (3, 3) to another.
+
+    It is limited to `HEADING_ERROR_MAX` [rad].
+    """
+    turn = rotation.T @ goal
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = 0.5 * float(np.linalg.norm(axis)), 0.5 * (float(np.trace(turn)) - 1.0)
+    angle = atan2(sine, cosine)
+    if sine < 1e-9:
+        # No turn, or half a turn, about any axis that it keeps.
+        axis = np.array([1.0, 0.0, 0.0]) if cosine > 0.0 else np.diag(turn) + 1.0
+    size: Array = axis / np.linalg.norm(axis)
+    return min(angle, HEADING_ERROR_MAX) * size
 
 
 def _check(position: Array, attitude: Array, velocity: Array, angular_velocity: Array) -> None:

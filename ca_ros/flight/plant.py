@@ -14,6 +14,7 @@ from ca_ros.flight.integrators import INTEGRATORS
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, POSITION, VELOCITY, RigidBody
 from ca_ros.flight.sensors import Sensors
+from ca_ros.flight.servos import Servos
 from ca_ros.flight.settings import PlantSettings, triple
 from ca_ros.flight.wind import Wind
 from ca_ros.settings import ParameterError, repeated
@@ -77,7 +78,7 @@ class Plant:
     measured : (13,) array
         The state as it is measured: late, and with noise and bias.
     speeds : (n,) array
-        The true rotor speeds [rad/s].
+        The true rotor speeds [rad/s], and after them the servo angles [rad], if there are any.
     """
 
     def __init__(
@@ -110,7 +111,8 @@ class Plant:
                 'simulator.linear_drag or simulator.rotor_drag'
             )
         self._lag = MotorLag(settings.motor_time_constant)
-        self.speeds = np.zeros(body.vehicle.n)
+        self._servos = Servos(settings.servo_time_constant, settings.servo_rate, body.vehicle)
+        self.speeds = self._servos.initial
         late = delay_steps('simulator.command_delay', settings.command_delay, self._sub_step)
         self._commands = Delay(late, self.speeds)
         late = delay_steps('simulator.state_delay', settings.state_delay, self._sub_step)
@@ -137,9 +139,13 @@ class Plant:
         """
         state, step = self.state, self._sub_step
         for _ in range(self._sub_steps):
-            self.speeds = self._lag(self.speeds, self._commands(command), step)
+            given = self._commands(command)
+            after = self._lag(self.speeds, given, step)
+            self.speeds = self._servos(self.speeds, given, after, step, self.body.vehicle)
             if self._settings.lost_rotors == 'stop':
-                self.speeds = np.where(self.body.vehicle.lost, 0.0, self.speeds)
+                lost = np.flatnonzero(self.body.vehicle.lost)
+                self.speeds = self.speeds.copy()
+                self.speeds[lost] = 0.0
             state = self.body.step(state, self.speeds, step, self._wind(step), self._integrate)
             if self._grounded:
                 state = stopped_by_ground(state)

@@ -17,7 +17,7 @@ from ca_ros.arrays import Array
 from ca_ros.flight.drag import Drag
 from ca_ros.flight.integrators import Derivative, euler
 from ca_ros.settings import MissingParameterError
-from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
 POSITION, VELOCITY, ATTITUDE, ANGULAR_VELOCITY = (
@@ -119,11 +119,18 @@ class RigidBody:
         ----------
         state : (13,) array
         speeds : (n,) array
-            Rotor speeds [rad/s].
+            Rotor speeds [rad/s]; of a vehicle whose rotors tilt, the servo angles [rad] follow.
         wind : (3,) array
             In the world frame [m/s]; it acts through the drag.
         """
-        wrench = self._wrenches @ self.vehicle.thrusts(speeds)
+        vehicle = self.vehicle
+        if vehicle.tilts is None:
+            wrench = self._wrenches @ vehicle.thrusts(speeds)
+        else:
+            speeds, angles = np.split(speeds, [vehicle.n])
+            directions = vehicle.tilts.directions(angles)
+            columns = thrust_wrenches(vehicle, range(vehicle.n), directions)
+            wrench = columns @ vehicle.thrusts(speeds)
         x, y, z, w = state[ATTITUDE].tolist()
         omega = state[ANGULAR_VELOCITY]
         rotation = rotation_matrix(state[ATTITUDE])

@@ -38,10 +38,11 @@ class ControllerSettings(Settings):
         0.0, 'rate at which the controller compensates constant forces and torques that its model '
         'lacks, such as wind or a wrong mass; 0: no integral action', unit='1/s', minimum=0.0,
         maximum=10.0)
-    attitude: Literal['tilt', 'level'] = setting(
+    attitude: Literal['tilt', 'level', 'pose'] = setting(
         'tilt',
         'tilt: the vehicle tilts towards the force that it needs; level: it stays level, and its '
-        'rotors produce the sideways force, which needs the axes force_x and force_y')
+        'rotors produce the sideways force, which needs the axes force_x and force_y; pose: it '
+        'takes the attitude of the waypoint, for vehicles that hover in any attitude')
     speed_max: float = setting(
         3.0, 'greatest commanded speed towards the waypoint along each axis', unit='m/s',
         positive=True)
@@ -59,11 +60,12 @@ class ControlSettings(MovingVehicleSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
-        if self.controller.attitude == 'level' and (
+        if self.controller.attitude != 'tilt' and (
             missing := {*SIDEWAYS} - {*self.allocation.axes}
         ):
             raise ParameterError(
-                f'controller.attitude: level needs {", ".join(sorted(missing))} in allocation.axes'
+                f'controller.attitude: {self.controller.attitude} needs '
+                f'{", ".join(sorted(missing))} in allocation.axes'
             )
 
 
@@ -134,6 +136,11 @@ class PlantSettings(Settings):
     lost_rotors: Literal['turn', 'stop'] = setting(
         'turn', 'turn: a lost rotor turns without thrust, as without its propeller; stop: it '
         'stops, which measured rotor speeds show')
+    servo_time_constant: float = setting(
+        0.0, 'time constant of the first-order lag from commanded to actual tilt angle', unit='s',
+        minimum=0.0)
+    servo_rate: float = setting(
+        0.0, 'greatest rate of a tilt angle; 0: unlimited', unit='rad/s', minimum=0.0)
     command_delay: float = setting(
         0.0, 'time from a command to its effect on the motors, a multiple of the integration step',
         unit='s', minimum=0.0, maximum=10.0)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.settings import RotorSettings
 
@@ -36,6 +36,8 @@ class Tilts:
         Half angle of the cone of a rotor on a gimbal, or zero [rad].
     nominal : (n, 3) array
         d.
+    driven : (n,) array of bool
+        Which rotors have servos, also if they are stuck.
     """
 
     axes: Array
@@ -43,12 +45,13 @@ class Tilts:
     upper: Array
     gimbal: Array
     nominal: Array
+    driven: BoolArray
 
     @property
     def rotors(self) -> list[int]:
         """The rotor of each servo; a gimbal has two, alpha before beta."""
-        tilts = (self.gimbal > 0.0) | (self.upper - self.lower > FIXED)
-        return [i for i in np.flatnonzero(tilts).tolist() for _ in range(1 + (self.gimbal[i] > 0))]
+        driven = np.flatnonzero(self.driven).tolist()
+        return [i for i in driven for _ in range(1 + (self.gimbal[i] > 0))]
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -90,6 +93,26 @@ class Tilts:
         middle = (low + high) / 2.0 if near is None else near
         alphas = middle + (alphas - middle + np.pi) % (2.0 * np.pi) - np.pi
         return np.minimum(np.maximum(np.where(second, betas, alphas), low), high)
+
+    def stuck(self, rotor: int, angle: float) -> Tilts:
+        """Return the servos with that of a rotor (from 0) stuck at an angle [rad].
+
+        Raises
+        ------
+        ParameterError
+            If the rotor has no servo, or is on a gimbal, or the angle is beyond its limits.
+        """
+        if not 0 <= rotor < len(self.driven) or not self.driven[rotor] or self.gimbal[rotor]:
+            raise ParameterError(f'rotor: {rotor + 1} has no single servo that may stick')
+        if not self.lower[rotor] <= angle <= self.upper[rotor]:
+            raise ParameterError(
+                f'angle: expected {self.lower[rotor]:g} to {self.upper[rotor]:g} rad, '
+                f'got {angle:g}'
+            )
+        held = np.arange(len(self.driven)) == rotor
+        return replace(
+            self, lower=np.where(held, angle, self.lower), upper=np.where(held, angle, self.upper)
+        )
 
     @property
     def _second(self) -> list[bool]:
@@ -157,4 +180,5 @@ def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts |
                 f'rotors.speed_min: {speed_min[i]:g} rad/s {place}, which tilts; expected at '
                 'least 0, and 0 for a whole circle: other thrusts are not a convex set'
             )
-    return Tilts(axes, lower, upper, gimbal, np.array(nominal))
+    driven = (gimbal > 0.0) | (upper - lower > FIXED)
+    return Tilts(axes, lower, upper, gimbal, np.array(nominal), driven)

@@ -263,6 +263,12 @@ class Vehicle:
             )
         return replace(self, speed_min=low, speed_max=high, voltage=voltage, rated=rated)
 
+    def with_stuck_servo(self, rotor: int, angle: float) -> Vehicle:
+        """Return the same vehicle with the servo of a rotor (from 1) stuck at an angle [rad]."""
+        if self.tilts is None:
+            raise ParameterError('rotor: no rotor of this vehicle tilts')
+        return replace(self, tilts=self.tilts.stuck(rotor - 1, angle))
+
     @property
     def n(self) -> int:
         """Number of rotors."""

@@ -1,0 +1,53 @@
+"""The servos of rotors that tilt: angles that follow their commands with a lag and a rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.vehicle.vehicle import Vehicle
+
+
+class Servos:
+    """Moves the servo angles that follow the rotor speeds in an array.
+
+    Parameters
+    ----------
+    time_constant : float
+        Of the lag [s]; 0: none.
+    rate : float
+        Greatest rate [rad/s]; 0: unlimited.
+    vehicle : Vehicle
+
+    Attributes
+    ----------
+    initial : (n + k,) array
+        Speeds and angles at rest: the angles nearest to zero [rad/s, rad].
+    """
+
+    def __init__(self, time_constant: float, rate: float, vehicle: Vehicle) -> None:
+        angles = np.zeros(0)
+        if vehicle.tilts is not None:
+            low, high = vehicle.tilts.limits
+            angles = np.minimum(np.maximum(0.0, low), high)
+        self._n, self._rate, self._lag = vehicle.n, rate, MotorLag(time_constant)
+        self.initial = np.concatenate([np.zeros(vehicle.n), angles])
+
+    def __call__(
+        self, before: Array, command: Array, after: Array, step: float, vehicle: Vehicle
+    ) -> Array:
+        """Return speeds and angles (n + k,) after a step [s]; `after` has the speeds already.
+
+        Angles stay within the limits of the vehicle: a servo that sticks has no other angle.
+        """
+        if vehicle.tilts is None:
+            return after
+        angles = before[self._n :]
+        moved = self._lag(angles, command[self._n :], step)
+        if self._rate:
+            most = self._rate * step
+            moved = angles + np.minimum(np.maximum(moved - angles, -most), most)
+        low, high = vehicle.tilts.limits
+        moved = np.minimum(np.maximum(moved, low), high)
+        return np.concatenate([after[: self._n], moved])

@@ -1,0 +1,93 @@
+"""Flights of vehicles whose rotors tilt, with servos that lag and are slow."""
+
+import numpy as np
+import pytest
+
+from ca_ros import ParameterError, Vehicle, make_allocator
+from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.controller import Controller
+from ca_ros.flight.plant import Plant, body_of
+from ca_ros.flight.rigid_body import NULL_STATE, tilt
+from ca_ros.flight.settings import ControlSettings, PlantSettings
+from ca_ros.flight.waypoint import Waypoint
+from ca_ros.settings import read
+from ca_ros.vehicle import files
+
+PLANT = PlantSettings(
+    time_step=0.02, sub_steps=2, motor_time_constant=0.02, servo_time_constant=0.03,
+    servo_rate=6.0,
+)
+HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
+
+
+def parts(vehicle, given):
+    controller = Controller.from_settings(vehicle, read(ControlSettings, given))
+    return controller, make_allocator('exact', vehicle), body_of(vehicle, PLANT)
+
+
+def flown(name, duration, changes=(), **over):
+    given = files.read(name) | over
+    controller, allocator, body = parts(Vehicle.from_parameters(given), given)
+    return fly(controller, allocator, Plant(body, PLANT), HOVER, duration, changes=changes)
+
+
+def test_slalom_at_constant_attitude():
+    points = [Waypoint.of(0.4 * k, 0.4 * (-1) ** k, 0.0, 0.0) for k in (1, 2, 3)]
+    flight = flown('hexarotor_tilting', 5.0, [
+        Change(int((1.0 + k) * 1e9), waypoint=point) for k, point in enumerate(points)
+    ])
+    assert tilt(flight.attitude).max() < 1e-9
+    assert np.ptp(flight.position[:, 1]) > 0.25
+    assert np.abs(flight.position[-1] - points[-1].position).max() < 0.3
+
+
+def test_roll_by_90_degrees_on_the_spot():
+    side = Waypoint(np.zeros(3), np.array([np.sin(np.pi / 4), 0.0, 0.0, np.cos(np.pi / 4)]))
+    flight = flown('omnidirectional_gimbals', 4.0, [Change(int(1e9), waypoint=side)],
+                   **{'controller.attitude': 'pose'})
+    assert np.degrees(tilt(flight.attitude)[-1]) == pytest.approx(90.0, abs=0.5)
+    assert np.abs(flight.position[flight.time > 1.0]).max() < 0.3
+
+
+@pytest.mark.parametrize('failure', ['servo', 'rotor'])
+def test_announced_failure_of_one_servo_or_rotor(failure):
+    given = files.read('hexarotor_tilting')
+    vehicle = Vehicle.from_parameters(given)
+    failed = (
+        vehicle.with_stuck_servo(2, 0.5) if failure == 'servo'
+        else vehicle.with_health([1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    )
+    controller, allocator, body = parts(failed, given)
+    change = Change(int(1e9), controller, allocator, body, Waypoint.of(0.3, 0.0, 0.0, 0.0))
+    flight = flown('hexarotor_tilting', 4.0, [change])
+    assert np.degrees(tilt(flight.attitude).max()) < 10.0
+    assert np.abs(flight.position[-1] - [0.3, 0.0, 0.0]).max() < 0.1
+    after = flight.speeds[flight.time > 1.0]
+    if failure == 'servo':
+        np.testing.assert_array_equal(after[:, vehicle.n + 1], 0.5)
+    else:
+        assert (after[:, 1] == 0.0).all()
+
+
+def test_servos_of_the_plant_lag_and_have_a_rate():
+    vehicle = Vehicle.load('hexarotor_tilting')
+    plant = Plant(body_of(vehicle, PLANT), PLANT, NULL_STATE)
+    command = np.concatenate([np.full(6, 255.7), np.full(6, 1.0)])
+    angles = []
+    for _ in range(50):
+        plant.step(command)
+        angles.append(plant.speeds[6:])
+    angles = np.array(angles)
+    assert angles[0] == pytest.approx(6.0 * 0.02)
+    assert np.diff(angles, axis=0).max() <= 6.0 * 0.02 + 1e-12
+    # Within the rate, the lag is exponential: 1 - exp(-0.02 / 0.03) of what is left a step.
+    assert 1.0 - angles[20] == pytest.approx((1.0 - angles[19]) * np.exp(-0.02 / 0.03))
+
+
+def test_wrong_servos_are_named():
+    with pytest.raises(ParameterError, match='no single servo'):
+        Vehicle.load('omnidirectional_gimbals').with_stuck_servo(1, 0.1)
+    with pytest.raises(ParameterError, match='expected -1 to 1 rad'):
+        Vehicle.load('hexarotor_tilting').with_stuck_servo(1, 1.5)
+    with pytest.raises(ParameterError, match='no rotor'):
+        Vehicle.load('hexarotor').with_stuck_servo(1, 0.0)
