@@ -6,17 +6,19 @@ import argparse
 from time import perf_counter
 
 import numpy as np
-from pages import DOCS, fill
+from pages import DOCS, fill, telling
 from scipy.optimize import minimize
 
 from ca_ros import AdmissibleSet, Sector, Vehicle, make_allocator
 from ca_ros.allocation.tilt_rates import TiltLimited
-from ca_ros.evaluation.tables import table
 from ca_ros.figures import COLORS, style
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.vehicle.files import shipped_tilting
 
 WRENCHES = 50
+SHOWN = '`hexarotor_tilting`', '`omnidirectional_gimbals`'
+"""The vehicles on the page."""
+
 PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
 
 
@@ -71,7 +73,7 @@ def methods_table(wrenches: int) -> str:
                 f'{max(errors):.1e}', f'{1e3 * np.median(taken):.2g}',
             ))
     titles = 'vehicle', 'method', 'misses more than 1e-6', 'worst error [N, N m]', 'median [ms]'
-    return table(titles, rows)
+    return telling('tilting', titles, rows, lambda row: row[0] in SHOWN)
 
 
 def figure() -> None:
