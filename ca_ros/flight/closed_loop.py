@@ -118,7 +118,8 @@ def fly(
         except ValueError as error:
             time = step * time_step
             raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
-        last = commands[-1] if commands else plant.body.vehicle.idle_speeds
+        n = plant.body.vehicle.n
+        last = commands[-1][:n] if commands else plant.body.vehicle.idle_speeds
         now = step * step_ns
         # Before the first command the rotors have all the time that counts.
         before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
