@@ -33,6 +33,7 @@ def careless(problem):
     return lambda u: problem.upper.copy()
 
 
+@pytest.mark.long
 def test_a_run_measures_all_and_marks_who_is_wrong(tmp_path, monkeypatch):
     monkeypatch.setattr(benchmark, 'QUICK', TINY)
     monkeypatch.setitem(CONTENDERS, 'careless', peer('', careless))

@@ -113,9 +113,9 @@ def test_golden_vectors_are_reproduced_on_emulated_boards(name, precision, expor
     assert len(reproduced(make(exported(name, precision), 'qemu'))) == 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(('precision', 'arguments'), length(
-    [('single', [])], [('single', ['qemu']), ('double', ['qemu-m7'])]))
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ('precision', 'arguments'), [('single', ['qemu']), ('double', ['qemu-m7'])])
 def test_the_detector_finds_the_same_failure_in_the_golden_flight(
         precision, arguments, tmp_path):
     needs(*(ARM if arguments else ('make', 'gcc')))

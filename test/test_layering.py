@@ -141,6 +141,7 @@ raise SystemExit(main(['--mode', 'lockstep', '--duration', '1', '--waypoint', '0
 """
 
 
+@pytest.mark.long
 def test_bringup_flies_without_the_studies_packages_and_says_that_there_is_no_plot(
         graph, tmp_path):
     result = run(tmp_path, FLIGHT, STUDIES)
