@@ -143,7 +143,7 @@ function controls(beside) {
   for (const id of ['policy', 'deviation', 'beside', 'elapsed']) $(id).value = state[id];
   $('airmode').value = state.airmode[0];
   text('airmode-value', state.airmode[0] < 1 ? `${Math.round(100 * state.airmode[0])} % of its range` : 'no limit');
-  text('elapsed-value', state.elapsed ? `within ${Math.round(1e3 * state.elapsed)} ms` : 'at any time');
+  text('elapsed-value', state.elapsed ? `${Math.round(1e3 * state.elapsed)} ms` : 'any');
   $('order').value = state.order.map((group) => group.join(' ')).join(', ');
   $('order').disabled = $('deviation').disabled = state.policy !== 'prioritize';
   for (const button of $('shown').children) button.setAttribute('aria-pressed', button.value === String(state.shown));
