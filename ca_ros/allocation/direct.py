@@ -77,9 +77,7 @@ class Direct(Allocator):
         """Return the thrusts (n,) of least cost that give u: a vertex of all that give it."""
         problem, simplex = self.problem, self._simplex.copy()
         rows = range(problem.n, problem.n + len(problem.axes))
-        for row, goal in zip(rows, problem.scaled(u).tolist(), strict=True):
-            simplex.push(row, goal)
-            simplex.release(row)
+        simplex.hold(rows, problem.scaled(u).tolist())
         # The last row is the cost, and -1 is less than it can be.
         simplex.push(rows.stop, -1.0)
         shares = np.array(simplex.value[: problem.n])

@@ -213,19 +213,12 @@ class AdmissibleSet:
         ValueError
             If `scale_reference` is outside the set.
         """
-        return self.scale_levels(u, scale_reference)[0]
-
-    def scale_levels(
-        self, u: ArrayLike, scale_reference: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
-        """Like `scale`, but also return the share (...) of the way to `u`, at most 1."""
         u, start = self.problem.check(u, batch=True), self.reference
         if scale_reference is not None:
             start = self.check_reference(scale_reference)
         everything = [list(range(len(self.problem.axes)))]
         serve = prioritization_of(self.problem, everything, start, begin=start)
-        served, levels = self._serve(serve, u)
-        return served, levels.min(axis=-1)
+        return self._serve(serve, u)[0]
 
     def prioritize(
         self,

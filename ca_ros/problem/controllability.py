@@ -141,9 +141,7 @@ def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
         }
     at_hover = problem.simplex.copy()
     rows = range(problem.n, problem.n + len(problem.axes))
-    for v, goal in zip(rows, problem.scaled(problem.hover).tolist(), strict=True):
-        at_hover.push(v, goal)
-        at_hover.release(v)
+    at_hover.hold(rows, problem.scaled(problem.hover).tolist())
 
     def room(v: int, goal: float) -> float:
         line = at_hover.copy()

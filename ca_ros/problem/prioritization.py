@@ -255,9 +255,7 @@ class Prioritization:
             self._begin = (
                 self._inside() if begin is None else problem.scaled(begin)[self._first].tolist()
             )
-            for row, value in zip(self._first, self._begin, strict=True):
-                self._start.push(self._offset + row, value)
-                self._start.release(self._offset + row)
+            self._start.hold([self._offset + row for row in self._first], self._begin)
         rest = self._serve(self._reference).simplex.value[self._offset :]
         self._senses = [row for row in keeps if abs(rest[row] - self._reference[row]) <= REST]
         # In the first group thrust does not give way to others.

@@ -223,9 +223,7 @@ class AllocationProblem:
         """
         line = self.simplex.copy()
         rows = range(len(self.lower), len(self.lower) + len(self.axes))
-        for v, goal in zip(rows, self.scaled(start).tolist(), strict=True):
-            line.push(v, goal)
-            line.release(v)
+        line.hold(rows, self.scaled(start).tolist())
         way = direction / self.extent
         size = float(np.abs(way).max()) or 1.0
         length = line.add_ray(rows, (way / size).tolist())

@@ -159,6 +159,12 @@ class Simplex:
             ]
             self._pivot(r, sizes.index(max(sizes)))
 
+    def hold(self, rows: Sequence[int], goals: Sequence[float]) -> None:
+        """Push variables to their goals, one after the other, and release each there."""
+        for v, goal in zip(rows, goals, strict=True):
+            self.push(v, goal)
+            self.release(v)
+
     def add_ray(self, rows: Sequence[int], direction: Sequence[float]) -> int:
         """Add a variable, the distance that nonbasic variables move together along a line.
 
