@@ -14,7 +14,7 @@ from ca_ros.allocation import Allocation, Allocator
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
-from ca_ros.nodes.allocator import AllocatorNode
+from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.executable import split
 from ca_ros.nodes.messages import speeds_message
 from ca_ros.nodes.settings import ProblemSettings

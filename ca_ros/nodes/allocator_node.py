@@ -1,0 +1,288 @@
+"""The allocator of a vehicle: it answers wrenches with rotor speeds."""
+
+from __future__ import annotations
+
+from collections import deque
+from importlib.util import find_spec
+from math import inf
+from time import monotonic, perf_counter_ns, sleep
+from traceback import format_exc
+from typing import Any, ClassVar
+
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from std_msgs.msg import Float64MultiArray, Int8MultiArray
+
+from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
+from ca_ros.allocation.settings import allocator_of
+from ca_ros.allocation.slew import allocate_next
+from ca_ros.arrays import Array
+from ca_ros.nodes import topics
+from ca_ros.nodes.diagnostics import OK, STALE, WARN
+from ca_ros.nodes.health_node import HealthNode
+from ca_ros.nodes.messages import (
+    WrenchCommand,
+    fill_speeds,
+    read_wrench,
+    speeds_message,
+    wrench_message,
+    wrong_frame,
+)
+from ca_ros.nodes.settings import AllocatorSettings, CommandSettings
+from ca_ros.nodes.watchdog import TICK, fallback
+from ca_ros.problem.vehicle_problem import vehicle_of
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.validation import ABSURD
+
+ACKNOWLEDGED_MAX = 2.0
+"""Time to wait at the end for the motors to acknowledge the last command [s]."""
+
+EXPLAINED_MAX = 10000
+"""Choices of rotors up to which answers are explained: more would take milliseconds."""
+
+LATENCIES = 5000
+"""Number of latest latencies that the percentiles cover."""
+
+LOST = -2
+"""Saturation of a lost rotor; one at its lower bound has -1."""
+
+REPEATS = 5
+"""Repeats of the last command, since best-effort delivery is not acknowledged."""
+
+
+class AllocatorNode(HealthNode):
+    """Answers each command/wrench with command/motor_speed, and publishes the residual.
+
+    When commands cease, the node publishes the timeout action until commands return.
+    """
+
+    declared: type[CommandSettings] = AllocatorSettings
+    settings: Any
+    method: Allocator
+    topic: ClassVar[topics.Topic] = topics.SPEED_COMMAND
+
+    def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        self._answer: Allocation | None = None
+        self._newest = 0
+        self._held: WrenchCommand | None = None
+        self._refused = -inf, ''
+        self._last: Array = np.zeros(1)
+        self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
+        self._latencies: deque[int] = deque(maxlen=LATENCIES)
+
+    def start(self) -> None:
+        """Create the method, and begin to answer."""
+        super().start()
+        self._speeds = self.publish_stream(self.topic)
+        self.publish_others()
+        reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
+        self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
+        self.subscribe_stream(topics.WRENCH, self._serve, read_wrench)
+        self.start_diagnostics('allocation')
+        if find_spec('osqp') is None:
+            known = 'allocation.exact.solver can only be newton, which gives the same answers'
+            self.get_logger().info(f'osqp is not installed: {known}')
+
+    def publish_others(self) -> None:
+        """Create the publishers of throttles and pulse widths that the settings ask for."""
+        for wanted, topic, label, convert in (
+            (self.settings.publish_throttle, topics.THROTTLE, 'throttle', 'throttles'),
+            (self.settings.publish_pwm, topics.PWM, 'pulse width [us]', 'pulses'),
+        ):
+            if wanted:
+                message = speeds_message(self._last, None, label)
+                self._others.append((self.publish_stream(topic), message, convert))
+
+    def build(self, settings: AllocatorSettings) -> tuple[Any, Allocator]:
+        """Create the method for the axes that the rotors can control; in flight no code loads."""
+        self.check_loaded(settings.allocation.method)
+        report = self.audited(settings)
+        return report, allocator_of(settings.allocation, report.independent)
+
+    def check_loaded(self, method: str) -> None:
+        """Raise a ParameterError if a method in flight would load code."""
+        if not hasattr(self, '_loaded'):
+            self._loaded = dict.fromkeys((*ALLOCATORS, method))
+        if method not in self._loaded:
+            text = 'was not loaded at the start; in flight it can be'
+            known = ', '.join(self._loaded)
+            raise ParameterError(f'allocation.method: {method} {text} {known}')
+
+    def adopt(self, built: tuple[Any, Allocator]) -> None:
+        """Use this method from the next command on."""
+        report, self.method = built
+        self.adopt_audit(report)
+        vehicle = report.vehicle
+        self._wrenches = rotor_wrenches(vehicle)
+        self._rows = [AXES.index(axis) for axis in vehicle.axes]
+        self._lost = vehicle.lost
+        # The action hold repeats the last speeds: idle before the first answer, zero if lost.
+        if not self.counts['served']:
+            self._last = fallback('idle', vehicle, self._last)
+        self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
+        self._message = speeds_message(self._last, None)
+        self.use_settings()
+
+    def use_settings(self) -> None:
+        """Use the settings that concern commands."""
+        self._watchdog.timeout = self.settings.command_timeout
+        self._frame = self.settings.command_frame
+        self._age_max = self.settings.command_age_max * 1e9
+        self._newer_only = self.settings.command_order == 'newer'
+
+    def state(self) -> tuple[bytes, str]:
+        """Return the status of the last answer."""
+        if self._answer is None:
+            return STALE, 'no command yet'
+        status = self._answer.status
+        return OK if status is Status.EXACT else WARN, status.name
+
+    def values(self) -> dict[str, object]:
+        """Return the values of the diagnostics by name."""
+        ranks = {'p50': 50, 'p99': 99, 'max': 100} if self._latencies else {}
+        latencies = np.array(self._latencies) / 1e3
+        return {
+            'method': self.settings.allocation.method,
+            'engine': self.method.engine,
+            'audit': self.audit,
+            'level of the last answer': self._answer.level if self._answer else 1.0,
+            **self._why(),
+            **super().values(),
+            **{
+                f'latency {name} [us]': f'{np.percentile(latencies, rank):.0f}'
+                for name, rank in ranks.items()
+            },
+        }
+
+    def _why(self) -> dict[str, object]:
+        """Return what was served of each axis, and what limits it, for the last answer."""
+        answer = self._answer
+        if answer is None or answer.problem.facet_choices > EXPLAINED_MAX:
+            return {}
+        why = answer.explanation
+        found: dict[str, object] = {'margin of the last demand': f'{why.margin:.4g}'}
+        for axis, share in zip(answer.problem.axes, why.served, strict=True):
+            found[f'{axis} served [%]'] = f'{100.0 * share:.1f}'
+            if axis in why.limits:
+                found[f'{axis} limited by'] = why.limits[axis]
+        return found
+
+    @property
+    def missing(self) -> str:
+        """What the logs and diagnostics say is missing."""
+        time, why = self._refused
+        return why if monotonic() - time <= self._watchdog.timeout else super().missing
+
+    def close(self) -> None:
+        """Command idle, or stop if that is the timeout action."""
+        if not self._watchdog.awake:
+            return
+        action = 'stop' if self.settings.timeout_action == 'stop' else 'idle'
+        for _ in range(REPEATS):
+            self.fall_back(action)
+            sleep(TICK)
+        self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
+
+    def health_came(self) -> None:
+        """Serve the wrench that waited for the health."""
+        held, self._held = self._held, None
+        if held is not None:
+            self._serve(held)
+
+    def _serve(self, command: WrenchCommand) -> None:
+        if self.waits_for_health(command.time):
+            self._held = command
+            return
+        began = perf_counter_ns()
+        self.counts['received'] += 1
+        time, wrench = command.time, command.wrench
+        if fault := self._fault(wrench, command.frame, time):
+            self.drop(*fault)
+            return
+        try:
+            u = [wrench[row] for row in self._rows]
+            answer = allocate_next(self.method, u, self._last, time, self._newest)
+            if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
+                raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
+            status = Status(answer.status)
+            # Speeds out of bounds never reach the motors, even if a method returns them.
+            speeds = self.commands(answer)
+        except Exception:
+            # A method may be anybody's, and one command must not end a flight.
+            self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
+            self._refuse('only commands that the method fails to answer')
+            return
+        self._answer = answer
+        if status is Status.REJECTED:
+            self._refuse('only rejected commands')
+        else:
+            self._command(speeds, time)
+            self._watchdog.feed()
+            self._newest = time
+            self.counts['served'] += 1
+            self._latencies.append(perf_counter_ns() - began)
+        self.counts[status.name.lower()] += 1
+        self._report(command, answer)
+
+    def _refuse(self, why: str) -> None:
+        """Leave the rotors to the watchdog, from the first command on."""
+        self._refused = monotonic(), why
+        if not self._watchdog.awake:
+            self._watchdog.feed()
+
+    def _fault(self, wrench: tuple[float, ...], frame: str, time: int) -> tuple[str, str] | None:
+        """Return why a command is dropped, as a key and a message; None if it is served."""
+        # All six components are checked, because all are part of the residual.
+        if not sum(map(abs, wrench)) <= ABSURD:
+            return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
+        if wrong := wrong_frame(frame, self._frame, 'command_frame'):
+            return 'frame', f'wrench {wrong}'
+        # A stamp ahead of the clock would pass the age limit for too long.
+        if self._age_max and abs(age := self.get_clock().now().nanoseconds - time) > self._age_max:
+            off = f'{abs(age) / 1e9:.3f} s {"old" if age > 0 else "ahead"}'
+            return 'age', f'wrench that is {off} (parameter command_age_max)'
+        if time < self._newest:
+            self.counts['out of order'] += 1
+            # After a timeout, a restarted sender may have an earlier clock.
+            if self._newer_only and not self._watchdog.over:
+                return 'order', 'wrench older than its predecessor (parameter command_order)'
+        return None
+
+    def commands(self, answer: Allocation) -> Array:
+        """Return what is published of an answer (n,): rotor speeds [rad/s]."""
+        return answer.speeds
+
+    def at_rest(self, action: str) -> Array:
+        """Return the rotor speeds (n,) of a timeout action [rad/s]."""
+        return fallback(action, vehicle_of(self.method.problem), self._last)
+
+    def fall_back(self, action: str) -> None:
+        """Publish the timeout action."""
+        self._command(self.at_rest(action), None)
+
+    def _command(self, speeds: Array, time: int | None) -> None:
+        """Publish speeds that answer a wrench with a stamp [ns], or none."""
+        self._last = speeds
+        self._speeds.publish(fill_speeds(self._message, speeds, time))
+        if self._others:
+            vehicle = vehicle_of(self.method.problem)
+            for publisher, message, convert in self._others:
+                publisher.publish(fill_speeds(message, getattr(vehicle, convert)(speeds), time))
+
+    def _report(self, command: WrenchCommand, answer: Allocation) -> None:
+        """Publish the allocated wrench, residual and saturation that have subscribers."""
+        allocated = self._allocated.get_subscription_count()
+        residual = self._residual.get_subscription_count()
+        if allocated or residual:
+            given = self._wrenches @ answer.thrusts
+            if allocated:
+                self._allocated.publish(wrench_message(given, command.header))
+            if residual:
+                self._residual.publish(wrench_message(command.wrench - given, command.header))
+        if self._saturation.get_subscription_count():
+            saturation = np.where(self._lost, LOST, answer.saturation)
+            self._saturation.publish(Int8MultiArray(data=saturation.tolist()))
