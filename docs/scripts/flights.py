@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,9 +68,9 @@ class Recorder(Counter):
         super().__init__(allocator)
         self.counts['off'] = 0
 
-    def allocate(self, u: Array) -> Allocation:
+    def allocate(self, u: Array, *last: Any) -> Allocation:
         """Allocate one wrench."""
-        answer, axes = super().allocate(u), self._allocator.problem.axes
+        answer, axes = super().allocate(u, *last), self.problem.axes
         if answer.status and 'yaw' in axes:
             yaw = axes.index('yaw')
             self.counts['off'] += bool(wrong(answer.wrench[yaw], u[yaw]))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ca_ros.allocation import Allocation, Allocator
+from ca_ros.allocation.slew import SlewLimited, rates_of
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.metrics import RECOVERED, changes_of, height_lost
@@ -135,11 +136,15 @@ class Counter:
     """An allocator that counts inexact answers."""
 
     def __init__(self, allocator: Allocator) -> None:
-        self._allocator, self.counts = allocator, {'inexact': 0}
+        limited = rates_of(allocator.problem) is not None
+        self._allocator = SlewLimited(allocator) if limited else allocator
+        # With rates, `allocate_next` gives this object the last command and the time, too.
+        self.problem, self._within_rates = allocator.problem, self
+        self.counts = {'inexact': 0}
 
-    def allocate(self, u: Array) -> Allocation:
-        """Allocate one wrench."""
-        answer = self._allocator.allocate(u)
+    def allocate(self, u: Array, *last: Any) -> Allocation:
+        """Allocate one wrench; with rates from the last command in a time, see `SlewLimited`."""
+        answer = self._allocator.allocate(u, *last)
         self.counts['inexact'] += bool(answer.status)
         return answer
 
