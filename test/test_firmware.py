@@ -297,6 +297,17 @@ def test_a_vehicle_of_one_axis_is_exported(variant, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('precision', ['single', 'double'])
+def test_rates_are_exported_with_a_sequence_of_answers(precision, variant, tmp_path):
+    needs('make', 'gcc')
+    rates = {'rotors__acceleration_max': 3000.0, 'rotors__deceleration_max': 1500.0}
+    file, out = variant(**rates), tmp_path / 'out'
+    assert main(['--vehicle', file, '--out', str(out), '--precision', precision]) == 0
+    assert 'ALLOCATE_WITHIN' in (out / 'golden.h').read_text(encoding='utf-8')
+    reproduced(make(out))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(('curve', 'precision'), [
     ({'polynomial': [2.0e-5, 1.5e-3, 0.1]}, 'single'),
     ({'speeds': [50.0, 100.0, 200.0, 400.0], 'thrusts': [0.06, 0.3, 1.2, 3.9]}, 'double'),

@@ -8,6 +8,7 @@ from pathlib import Path
 from string import Template
 
 from ca_ros import kernel
+from ca_ros.allocation.slew import PERIOD_MAX
 from ca_ros.firmware import golden, literals
 from ca_ros.firmware.detector import write_detector
 from ca_ros.firmware.firmware import Firmware
@@ -89,7 +90,8 @@ def write(
     templates = Path(__file__).with_name('templates')
     for file in FIXED:
         shutil.copyfile(templates / file, out / file)
-    fields = {'name': name, 'NAME': name.upper(), **_numbers(firmware), **_words(firmware, name)}
+    fields = {'name': name, 'NAME': name.upper(), **_words(firmware, name)}
+    fields |= _numbers(firmware, name)
     fields['detector'] = 'yes' if detector else ''
     fields['detector_files'] = DETECTOR_FILES.format(name=name) if detector else ''
     if detector:
@@ -102,7 +104,7 @@ def write(
         (out / target.format(name=name)).write_text(text, encoding='utf-8')
 
 
-def _numbers(firmware: Firmware) -> dict[str, str]:
+def _numbers(firmware: Firmware, name: str) -> dict[str, str]:
     """Return the tables of the vehicle."""
     problem, precision = firmware.problem, firmware.precision
     rows = [row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows]
@@ -122,8 +124,30 @@ def _numbers(firmware: Firmware) -> dict[str, str]:
         'speed_min': table(2),
         'speed_max': table(3),
         'curve': _curve(firmware),
+        'rates': '',
+        'rates_header': '',
+        'rates_golden': '',
+        **_rates(firmware, name),
         'speeds': 'ca_speeds' if firmware.curve.square else 'curve_speeds',
         'vectors': golden.vectors(firmware),
+    }
+
+
+def _rates(firmware: Firmware, name: str) -> dict[str, str]:
+    """Return the function within the rates of the rotors; nothing without rates."""
+    if firmware.rates is None:
+        return {}
+    up, down = (literals.braced(rate, firmware.precision) for rate in firmware.rates)
+    templates = Path(__file__).with_name('templates')
+    names = {'name': name, 'NAME': name.upper()}
+
+    def filled(file: str, **fields: str) -> str:
+        return Template((templates / file).read_text(encoding='utf-8')).substitute(names | fields)
+
+    return {
+        'rates': filled('rates.c', acceleration=up, deceleration=down).lstrip() + '\n',
+        'rates_header': filled('rates.h', time=literals.real(PERIOD_MAX, firmware.precision)),
+        'rates_golden': filled('rates_golden.h', sequence=golden.sequence(firmware)),
     }
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.allocation.result import Status
 from ca_ros.allocation.settings import VehicleMethodSettings, full_names
+from ca_ros.allocation.slew import PERIOD_MAX, rates_of, reached
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
@@ -163,6 +164,54 @@ class Firmware:
             return status, rest
         inverse = np.sqrt if self.curve.square else self._curve_speeds
         return status, rotor_speeds(thrusts, k_f, reverse, least, greatest, inverse)
+
+    @cached_property
+    def rates(self) -> tuple[Array, Array] | None:
+        """Greatest rates (n,) at which speeds grow and shrink [rad/s^2]; None without rates.
+
+        Raises
+        ------
+        ParameterError
+            With a thrust curve: bounds of thrusts are computed from k_f.
+        """
+        if (found := rates_of(self.problem)) is None:
+            return None
+        if not self.curve.square:
+            raise ParameterError(
+                'rotors.acceleration_max: firmware takes it with thrust k_f w^2 alone, not with '
+                'rotors.thrust_curve'
+            )
+        return found[0].astype(self.dtype), found[1].astype(self.dtype)
+
+    def allocate_within(
+        self, fault: int, wrench: Array, time: float, last: Array
+    ) -> tuple[int, Array]:
+        """Return the status and the speeds (n,) within the rates, to the last bit.
+
+        Parameters
+        ----------
+        fault, wrench
+            As in `allocate`.
+        time : float
+            Since the last command [s].
+        last : (n,) array
+            The speeds of the last command, of the firmware's precision [rad/s].
+        """
+        assert self.rates is not None
+        k_f, reverse, least, greatest = self.rotors[fault]
+        elapsed = min(max(self.dtype(time), self.dtype(0)), self.dtype(PERIOD_MAX))
+        low, high = reached(last, elapsed, *self.rates, least, greatest)
+        bounds = (
+            np.where(speeds < 0, -(reverse * (speeds * speeds)), k_f * (speeds * speeds))
+            for speeds in (low, high)
+        )
+        thrusts = np.empty(self.problem.n, self.dtype)
+        u = np.ascontiguousarray(wrench[self.rows[fault]])
+        answer = self.kernels[fault].allocate(u, thrusts, *bounds)
+        status = 0 if answer is None else answer[0]
+        if status in (INVALID, Status.REJECTED):
+            return status, np.minimum(np.maximum(self.dtype(0), low), high)
+        return status, rotor_speeds(thrusts, k_f, reverse, low, high)
 
     def _curve_speeds(self, ratio: Array) -> Array:
         """Return the speeds (n,) for thrusts over k_f (n,) by the thrust curve."""

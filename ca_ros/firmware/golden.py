@@ -28,6 +28,19 @@ def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:
     return np.vstack([inside, on, beyond]).astype(firmware.dtype)
 
 
+def sequence(firmware: Firmware) -> str:
+    """Return the initialisers of a sequence of answers within the rates, from standing rotors."""
+    lines, last = [], np.zeros(firmware.problem.n, firmware.dtype)
+    times = np.random.default_rng(1).choice([0.0, 0.002, 0.02, 9.0], 3 * SIZE)
+    for fault in range(len(firmware.faults)):
+        for wrench, time in zip(wrenches(firmware, fault, SIZE, 1), times, strict=True):
+            status, last = firmware.allocate_within(fault, wrench, time, last)
+            given, speeds = (braced(array, firmware.precision) for array in (wrench, last))
+            elapsed = real(time, firmware.precision)
+            lines.append(indented(f'{{{fault}, {given}, {elapsed}, {status}, {speeds}}},', 1))
+    return '\n'.join(lines)
+
+
 def special(firmware: Firmware) -> Array:
     """Return wrenches (N, m) at rest, at hover, too large, infinite and not a number."""
     hover = firmware.problem.reference

@@ -43,10 +43,36 @@ static uint32_t start(void)
     return (uint32_t)ca_set_up(&problem, CA_N, CA_M, &matrix[0][0], lower, upper, &options);
 }
 
+#ifdef COUNT_RATES
+static const float rates[CA_N] = RATES, factors[CA_N] = FACTORS, least[CA_N] = LEAST,
+                   greatest[CA_N] = GREATEST;
+
+/* With speeds; and within what the rotors reach from the last answer in 10 ms. */
+static int call(const float *u, float *f)
+{
+    static float speeds[CA_N];
+    const float *from = least, *to = greatest;
+#if COUNT_RATES
+    float low[CA_N], high[CA_N], slow[CA_N], fast[CA_N];
+    ca_reach(CA_N, speeds, 0.01f, rates, rates, least, greatest, slow, fast);
+    ca_thrusts(CA_N, slow, factors, factors, low);
+    ca_thrusts(CA_N, fast, factors, factors, high);
+    ca_set_bounds(&problem, low, high);
+    from = slow;
+    to = fast;
+#else
+    (void)rates;
+#endif
+    const int status = ca_allocate(&problem, u, f).status;
+    ca_speeds(CA_N, f, factors, factors, from, to, speeds);
+    return status;
+}
+#else
 static int call(const float *u, float *f)
 {
     return ca_allocate(&problem, u, f).status;
 }
+#endif
 #elif defined COUNT_DETECTOR
 /* A call is a state and a command of the golden flight. */
 #include "golden_flight.h"

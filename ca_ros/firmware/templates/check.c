@@ -19,6 +19,18 @@ int main(void)
             printf("%s: the first difference is in golden vector %d, of fault %d\n", VEHICLE, i,
                    golden[i].fault);
     }
+#ifdef ALLOCATE_WITHIN
+    /* A sequence, each from the speeds of the one before. */
+    ca_real last[CA_N] = {0};
+    for (int i = 0; i < (int)(sizeof sequence / sizeof *sequence); i++) {
+        const int status =
+            ALLOCATE_WITHIN(sequence[i].fault, sequence[i].wrench, sequence[i].time, last);
+        if (status == sequence[i].status && !memcmp(last, sequence[i].speeds, sizeof last))
+            continue;
+        printf("%s: answer %d of the sequence differs\n", VEHICLE, i);
+        return 1;
+    }
+#endif
     printf("%s: %d of %d golden vectors are reproduced to the last bit\n", VEHICLE, count - wrong,
            count);
     return wrong != 0;

@@ -62,7 +62,7 @@ int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
     return status;
 }
 
-ca_real ${name}_margin(int fault, const ca_real wrench[${NAME}_AXES])
+${rates}ca_real ${name}_margin(int fault, const ca_real wrench[${NAME}_AXES])
 {
     ca_real u[CA_M] = {0};
     return command(fault, wrench, u) ? ca_margin(&problems[fault], u) : -CA_INFINITY;
