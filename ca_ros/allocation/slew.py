@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -187,7 +188,7 @@ def rates_of(problem: AllocationProblem) -> tuple[Array, Array] | None:
 
 
 def reached(
-    last: Array, period: float, up: Array, down: Array, low: Array, high: Array
+    last: Array, period: Any, up: Array, down: Array, low: Array, high: Array
 ) -> tuple[Array, Array]:
     """Return the least and greatest values (n,) that are reached in a period [s], within bounds.
 
@@ -201,7 +202,7 @@ def reached(
     )
 
 
-def _slowed(start: Array, period: float, up: Array, down: Array) -> Array:
+def _slowed(start: Array, period: Any, up: Array, down: Array) -> Array:
     """Return the least values (n,); past zero they grow again, in the other direction."""
     change = down * period
     beyond = -up * (period - start / down)
