@@ -236,7 +236,10 @@ class FailureDetector:
             drag = self._drag * (mean - self._moments[1])
             wrench = self._wrenches @ (self.health * thrusts) + drag
             observer.expect(turned @ wrench[:3], wrench[3:], mean[3:])
-            observer.gain = self._gain()
+            # A torque without motion is that of the ground, which is not learnt.
+            moving = bool((abs(mean) > self._moving).any())
+            touching = not moving and (abs(wrench[3:]) > observer.balance[1:]).any()
+            observer.gain = 0.0 if touching else self._gain()
         observer.observe(time, rotation @ velocity, angular_velocity)
         if observer.time != time or last == time:
             return False
@@ -260,7 +263,7 @@ class FailureDetector:
         row[7 : 7 + n] += step * thrusts
         if row[0] < BLOCK:
             return False
-        return self._test(time, thrusts, bool((abs(mean) > self._moving).any()))
+        return self._test(time, thrusts, moving)
 
     def _gain(self) -> float:
         if self._suspicious:
