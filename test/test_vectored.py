@@ -24,6 +24,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.solver.convex_sets import ConvexSets
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.settings import AXES
+from strategies import length
 
 WRENCHES = int(environ.get('VECTORED_WRENCHES', '40'))
 """Attainable wrenches for each problem; 10 000 take half an hour, most of it in Clarabel."""
@@ -320,7 +321,8 @@ def test_servos_within_their_rates_cross_zero_thrust_without_error():
     assert np.abs(np.diff(jumps, axis=0)).max() > 1.5
 
 
-@pytest.mark.parametrize('name', list(PROBLEMS)[2:])
+@pytest.mark.slow
+@pytest.mark.parametrize('name', length(['azimuth_boat'], list(PROBLEMS)[2:]))
 def test_any_command_is_reached_within_the_rates(name):
     """The wrench of a command within the rates is attainable in the next step, or nearly so."""
     vehicle, rng = Vehicle.load(name), np.random.default_rng(6)
@@ -344,7 +346,8 @@ def test_any_command_is_reached_within_the_rates(name):
         assert np.abs(held - problem.clip(held)).max() < 1e-9
 
 
-@pytest.mark.parametrize('name', PROBLEMS)
+@pytest.mark.slow
+@pytest.mark.parametrize('name', length(['tricopter'], PROBLEMS))
 def test_baselines_keep_angles_and_thrusts(name):
     problem, rng = PROBLEMS[name], np.random.default_rng(7)
     wrenches = problem.center + problem.extent * rng.normal(size=(10, len(problem.axes)))
