@@ -19,7 +19,7 @@ from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.simulator import SimulatorNode
-from ca_ros.nodes.topics import TOPICS
+from ca_ros.nodes.topics import EFFECTORS, TOPICS
 from ca_ros.process.deadline import Deadline
 from ca_ros.settings import table as settings_of
 from ca_ros.testing import DEADLINE
@@ -160,11 +160,12 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
         if when in (mode, 'both'):
             table['offered'] |= dict.fromkeys(topics, offered)
             table['requested'] |= dict.fromkeys(topics, requested)
-    assert table['offered'].keys() == {topic.name for topic in TOPICS} - {'/rosout'}
+    assert table['offered'].keys() == (
+        {topic.name for topic in TOPICS} - {'/rosout', EFFECTORS.name, '~/markers'})
     seen = set()
     for node_class in (ControllerNode, AllocatorNode, SimulatorNode, MonitorNode):
         values = file_values('hexarotor', kind=node_class.declared) | {'mode': mode}
-        values |= {name: True for name in values if name.startswith('simulator.publish_')}
+        values |= {name: True for name in values if 'publish_' in name}
         node = node_class(
             context=graph.node.context, use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])

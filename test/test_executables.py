@@ -94,7 +94,7 @@ def test_a_wrong_vehicle_is_refused_in_one_line_by_all_that_read_it(tmp_path):
           for way in (*((name, '--vehicle') for name in OPTIONS), ('bringup', '--params-file'))),
         *(((name, '--vehicle', 'admire'), [
             'admire.yaml: a problem without a vehicle', 'no rotors to fly with'])
-          for name in ('bringup', 'allocator', 'controller')),
+          for name in ('bringup', 'controller')),
         # ROS alone would pass over both: the file's value is of another type.
         *((('allocator', '--vehicle', 'x8', '--ros-args', '-p', f'vehicle.mass:={value}'),
            ['vehicle.mass: ', 'foo']) for value in ('!!timestamp foo', 'foo'))])

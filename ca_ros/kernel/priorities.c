@@ -353,26 +353,26 @@ static void drop_all(simplex *s, int count, const int *variables)
         drop(s, s->place[variables[i]] - ROWS);
 }
 
-/* Add a variable, the greatest weighted distance of some variables to their goals. */
-static int add_lag(simplex *s, int count, const int *variables, const ca_real *goals,
+/* Add a variable, the greatest weighted distance of some axes to their goals. */
+static int add_lag(simplex *s, int count, const int *axes, const ca_real *goals,
                    const ca_real *weights)
 {
     ca_real most = 0;
     for (int i = 0; i < count; i++)
-        most = ca_max(most, ca_abs(goals[i] - value_of(s, variables[i])) / weights[i]);
+        most = ca_max(most, ca_abs(goals[i] - value_of(s, s->thrusts + axes[i])) / weights[i]);
     const int column = add_column(s, most, most), lag = s->variable[ROWS + column];
     s->axis[lag] = -1;
     for (int r = 0; r < s->rows; r++)
         s->rates[r][column] = 0;
     for (int i = 0; i < count; i++) {
-        const int place = s->place[variables[i]];
+        const int place = s->place[s->thrusts + axes[i]];
         for (int side = 0; side < 2; side++) {
             const ca_real weight = side ? -weights[i] : weights[i];
             const int row = s->rows++;
             for (int k = 0; k < column; k++)
                 s->rates[row][k] = place < ROWS ? s->rates[place][k] : (ca_real)(place == ROWS + k);
             s->rates[row][column] = weight;
-            s->axis[s->count] = variables[i] - s->thrusts;
+            s->axis[s->count] = axes[i];
             /* The variable plus its share of the lag is at the goal or beyond, on either side. */
             put(s, row, s->count++, s->value[place] + weight * most,
                 side ? -CA_INFINITY : goals[i], side ? goals[i] : CA_INFINITY);
@@ -580,7 +580,7 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
             }
             for (int k = 0; k < count; k++)
                 weights[k] = ca_max(ca_max(weights[k], LAG) / longest, LAG_RATIO);
-            push(s, add_lag(s, count, variables + i, ends, weights), 0);
+            push(s, add_lag(s, count, p->order + i, ends, weights), 0);
         }
         s->pushed_count = 1;
         for (int k = 0; k < count; k++) {
