@@ -37,6 +37,13 @@ ORDERS = {
 SLACK = 1e-8
 """Share of an axis's range that the judge's limits leave beyond what its solver has found."""
 
+ROUNDING = 1e-9
+"""The same of the limits before, which its solver may exceed by its tolerance."""
+
+LOST = 1e-5
+"""Share of an axis's range away from its reference at hover that makes it a lost one; `SLACK` of
+other axes moves it too, by 1.3e-7 in the vehicle `random 3`."""
+
 
 def groups_of(vehicle, order):
     return [[vehicle.axes.index(axis) for axis in group] for group in order]
@@ -67,8 +74,13 @@ class Judge:
             A_ub=(np.hstack([matrix, column]) / scale[:, None])[kept],
             b_ub=(sides / scale)[kept],
             bounds=np.column_stack([np.append(self.low, 0.0), np.append(self.high, np.inf)]),
-            method='highs-ds', options={'primal_feasibility_tolerance': 1e-9})
+            method='highs-ds', options={'primal_feasibility_tolerance': ROUNDING})
         assert answer.status == 0, answer.message
+        # The next program has to contain this answer.
+        found, rounding = self.gamma @ answer.x[:-1], ROUNDING * self.half
+        self.limits = np.column_stack([
+            np.minimum(self.limits[:, 0], found - rounding),
+            np.maximum(self.limits[:, 1], found + rounding)])
         reach = answer.x[-1] * weights + SLACK * self.half[rows]
         self.limits[rows] = np.column_stack([
             np.maximum(self.limits[rows, 0], low - reach),
@@ -185,7 +197,7 @@ def compare(vehicle, order, rng, size, limits_on_airmode=(1.0,)):
     # At hover these rows cannot be where they should be at rest.
     judge = Judge(vehicle)
     rest = judge.serve(judge.hover, groups, 'allow')
-    lost = np.flatnonzero(rest[:, 1] - judge.hover > 2.0 * SLACK * judge.half)
+    lost = np.flatnonzero(rest[:, 1] - judge.hover > LOST * judge.half)
     for i, u in enumerate(infeasible(vehicle, admissible, rng, size)):
         reversal = THRUST_DEVIATIONS[i % 3]
         judge = Judge(vehicle)
@@ -233,7 +245,7 @@ AIRMODES = [0.0, 0.1, 0.5, 1.0, [1.0, 0.0], [0.5, 0.1, 0.2, 0.0]]
 
 @pytest.mark.parametrize('order', ['default', 'one by one'])
 @pytest.mark.parametrize('name', length(
-    ['hexarotor', 'tilted_hexarotor'], [*FLEET, *(f'random {i}' for i in (2, 6, 7, 8))]))
+    ['hexarotor', 'tilted_hexarotor'], [*FLEET, *(f'random {i}' for i in range(11))]))
 def test_a_limit_on_airmode_serves_as_the_linear_programs_do(name, order):
     rng = np.random.default_rng(4)
     vehicle = FLEET.get(name) or random_vehicle(np.random.default_rng(int(name[7:])), 6)
