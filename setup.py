@@ -9,6 +9,8 @@ from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 package = 'ca_ros'
+# The sources: with colcon's --symlink-install this file is a link in a folder without the others.
+root = Path(__file__).resolve().parent
 commands = sorted(run_path(f'{package}/commands.py')['COMMANDS'])
 solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
@@ -78,9 +80,9 @@ class BuildKernels(build_ext):
 
 setup(
     name=package,
-    version=ElementTree.parse('package.xml').findtext('version'),
+    version=ElementTree.parse(root / 'package.xml').findtext('version'),
     description='Control allocation for multirotors over ROS 2',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=(root / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     keywords=[
         'control allocation', 'mixer', 'multirotor', 'quadratic programming', 'robotics', 'ROS 2',

@@ -2,7 +2,6 @@
 
 from os import environ
 
-import clarabel
 import numpy as np
 import pytest
 from scipy import sparse
@@ -25,6 +24,8 @@ from ca_ros.solver.convex_sets import ConvexSets
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.settings import AXES
 from strategies import length
+
+clarabel = pytest.importorskip('clarabel', reason="needs the extra 'test'")
 
 WRENCHES = int(environ.get('VECTORED_WRENCHES', '40'))
 """Attainable wrenches for each problem; 10 000 take half an hour, most of it in Clarabel."""
