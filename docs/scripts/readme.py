@@ -17,7 +17,7 @@ TABLES = {**DECLARED, 'bridge': BridgeNodeSettings, 'monitor': MonitorSettings}
 
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
-ALLOWED = {'allocation.method': 'a [method](#methods)'}
+LINKS = {'allocation.method': 'one of [these](#methods)'}
 """Allowed values that another table lists: links to it."""
 
 
@@ -29,18 +29,31 @@ SYMBOLS = {
 
 
 def parameters(node: str) -> str:
-    """Return the parameters of a node as a Markdown table, without those of the allocator."""
-    shared = settings.table(DECLARED['allocator']) if node != 'allocator' else {}
-    rows = ['| name | default | allowed | meaning |', '|---|---|---|---|']
+    """Return the parameters of a node as a Markdown table, without those of the tables before."""
+    shared = {
+        name
+        for other in tuple(TABLES)[: tuple(TABLES).index(node)]
+        for name in settings.table(TABLES[other])
+    }
+    rows = ['name | default | meaning', '---|---|---']
     for name, field in settings.table(TABLES[node]).items():
         if name not in shared:
             mark = '*' if field.mutable else ''
-            allowed = ALLOWED.get(name) or field.range()
-            meaning = field.description.replace('|', '\\|')
-            rows.append(
-                f'| `{name}`{mark} | {_default(field)} | {allowed} | {meaning} |'
-            )
+            rows.append(f'`{name}`{mark} | {_default(field)} | {_meaning(name, field)}')
     return '\n'.join(rows)
+
+
+def _meaning(name: str, field: settings.Field) -> str:
+    """Return what a parameter means, with its range where neither sign nor words tell it."""
+    text, unit = re.fullmatch(r'(.*?)((?: \[[^]]*\])?)', field.description).groups()
+    if name in LINKS:
+        text += f', {LINKS[name]}'
+    elif not all(re.search(rf'\b{choice}\b', text) for choice in field.choices):
+        text += f'; one of {", ".join(field.choices)}'
+    elif not field.choices:
+        text = re.sub(r'(?<!Eq)\. .*', '', text)
+    allowed = '' if str in field.kinds else field.range()
+    return f'{text}{unit}{f", {allowed}" if "[" in allowed else ""}'.replace('|', '\\|')
 
 
 def methods() -> str:
