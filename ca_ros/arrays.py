@@ -14,12 +14,8 @@ FLOAT = np.dtype(float)
 def floats(values: ArrayLike) -> Array:
     """Return a copy of real numbers as floats.
 
-    Raises
-    ------
-    TypeError
-        If they are strings, booleans, dates, complex numbers, objects or masked.
-    ValueError
-        If they have no shape.
+    Raises a TypeError if they are strings, booleans, dates, complex numbers, objects or masked, or
+    a ValueError if they have no shape.
     """
     array = np.array(values)
     # The usual case, without the checks that take as long as an allocation.

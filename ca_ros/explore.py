@@ -41,10 +41,7 @@ def run(options: argparse.Namespace) -> int:
 def page(vehicle: str | None = None) -> str:
     """Return the page, which begins with a vehicle.
 
-    Raises
-    ------
-    ParameterError
-        If the page was not built, or the vehicle's file is wrong.
+    Raises a ParameterError if the page was not built, or the vehicle's file is wrong.
     """
     if not PAGE.is_file():
         raise ParameterError(

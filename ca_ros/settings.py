@@ -266,14 +266,9 @@ def table(kind: type[Settings], prefix: str = '') -> dict[str, Field]:
 def read(kind: type[S], given: Mapping[str, Any], prefix: str = '') -> S:
     """Return the settings that are given by full name; others have their defaults.
 
-    Names that the class does not have are ignored: see `check_given`.
-
-    Raises
-    ------
-    ParameterError
-        If a value is wrong; the message has the full name.
-    MissingParameterError
-        If a setting without a default is missing.
+    Names that the class does not have are ignored: see `check_given`.  Raises a ParameterError if
+    a value is wrong; the message has the full name, or a MissingParameterError if a setting
+    without a default is missing.
     """
     values: dict[str, Any] = {}
     for name, field in _fields(kind).items():
@@ -323,12 +318,8 @@ def check_given(given: Mapping[str, Any], known: Mapping[str, Field]) -> None:
     """Check the names and values of settings, given by full name, against all that are known.
 
     Unknown names are accepted, because they may belong to another package, unless they are similar
-    to a known name or in the same group (``rotors.``).
-
-    Raises
-    ------
-    ParameterError
-        If a name or a value is wrong; the message names it.
+    to a known name or in the same group (``rotors.``).  Raises a ParameterError if a name or a
+    value is wrong; the message names it.
     """
     groups = {name.split('.')[0] for name in known if '.' in name}
     for name, value in given.items():
@@ -400,10 +391,7 @@ def _typed(value: Any, field: Field) -> Any:
 def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:
     """Return `Numbers` as a constant array (n,); one number counts for all.
 
-    Raises
-    ------
-    ParameterError
-        If there is neither one number nor n numbers.
+    Raises a ParameterError if there is neither one number nor n numbers.
     """
     numbers = np.asarray(value, dtype=float)
     if numbers.shape not in ((), (1,), (n,)):

@@ -40,10 +40,8 @@ ALLOCATORS: dict[str, type[Allocator]] = {
 def method_class(method: str) -> type[Allocator]:
     """Return the class of a method: a name in `ALLOCATORS`, or ``module:Class`` for one's own.
 
-    Raises
-    ------
-    ValueError
-        If there is no such method, or the class is not a complete subclass of `Allocator`.
+    Raises a ValueError if there is no such method, or the class is not a complete subclass of
+    `Allocator`.
     """
     if method in ALLOCATORS:
         return ALLOCATORS[method]

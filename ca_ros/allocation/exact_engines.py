@@ -30,6 +30,9 @@ def kernel_for(
 ) -> Kernel:
     """Return a kernel for a problem.
 
+    Raises a ValueError if the problem's admissible set has no volume, or a setting does not suit
+    the problem.
+
     Parameters
     ----------
     kernel : type
@@ -38,11 +41,6 @@ def kernel_for(
     settings : ExactSettings
     dtype : type
         The type of the kernel's numbers.
-
-    Raises
-    ------
-    ValueError
-        If the problem's admissible set has no volume, or a setting does not suit the problem.
     """
     if isinstance(problem, VectoredProblem):
         raise ParameterError('the C kernel takes numbers within bounds, not rotors that tilt')

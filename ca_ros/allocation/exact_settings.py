@@ -88,10 +88,8 @@ class ExactSettings(PrioritiesSettings):
     def preference(self, problem: AllocationProblem) -> tuple[Array, Array] | None:
         """Return the diagonal of W and f_p (n,) [1, N]; None if they are ones and zeros.
 
-        Raises
-        ------
-        ParameterError
-            If there is not one number for each effector, or a preferred thrust is too great.
+        Raises a ParameterError if there is not one number for each effector, or a preferred thrust
+        is too great.
         """
         weights = problem.spread('weights', self.weights)
         preferred = problem.spread('preferred', self.preferred, along=True)
@@ -106,12 +104,8 @@ class ExactSettings(PrioritiesSettings):
     def serving(self, problem: AllocationProblem) -> Serving:
         """Return how wrenches that are not attainable are served.
 
-        Raises
-        ------
-        ParameterError
-            If the order does not suit the axes, or the reference of scale is not attainable.
-        ValueError
-            If the problem's admissible set has no volume.
+        Raises a ParameterError if the order does not suit the axes, or the reference of scale is
+        not attainable, or a ValueError if the problem's admissible set has no volume.
         """
         groups = self.groups(problem.axes)
         admissible, given = AdmissibleSet(problem), self.scale_reference

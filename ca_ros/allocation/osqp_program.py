@@ -17,6 +17,8 @@ def osqp_program(
 ) -> tuple[Any, Callable[[Array], Any]]:
     """Set OSQP up for ``min |W (f - f_p)|^2 / 2`` with ``Gamma f = u`` and bounds, Eqs. (20)-(22).
 
+    Raises an ImportError if the package osqp or scipy is not installed.
+
     Parameters
     ----------
     problem : AllocationProblem
@@ -30,11 +32,6 @@ def osqp_program(
     solver : osqp.OSQP
     solve : callable
         From a wrench (m,) [N, N m] to the result of OSQP.
-
-    Raises
-    ------
-    ImportError
-        If the package osqp or scipy is not installed.
     """
     osqp: Any = import_module('osqp')
     sparse: Any = import_module('scipy.sparse')
@@ -61,18 +58,14 @@ class OsqpStart:
 
     OSQP's thrusts have errors of the size of its tolerance, and much larger ones on the boundary
     of the admissible set.  OSQP's status does not show that.  Therefore only its multipliers are
-    used, as the start of Newton's method.
+    used, as the start of Newton's method.  Raises a ValueError if the package osqp is not
+    installed.
 
     Parameters
     ----------
     problem : AllocationProblem
     preference : tuple of two (n,) arrays, optional
         As for `osqp_program`.
-
-    Raises
-    ------
-    ValueError
-        If the package osqp is not installed.
     """
 
     def __init__(

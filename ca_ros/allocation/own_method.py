@@ -13,16 +13,13 @@ from ca_ros.allocation.allocator import Allocator
 def own_class(method: str) -> type[Allocator]:
     """Return the class that a method such as ``my_module:MyMethod`` names.
 
+    Raises a ValueError if the import fails, or it is not a complete subclass of `Allocator` that
+    can be made from a vehicle alone.
+
     Parameters
     ----------
     method : str
         A module, which is imported from Python's path or the working directory, and its class.
-
-    Raises
-    ------
-    ValueError
-        If the import fails, or it is not a complete subclass of `Allocator` that can be made from
-        a vehicle alone.
     """
     module, _, name = method.partition(':')
     if os.getcwd() not in sys.path:

@@ -49,10 +49,7 @@ _MADE: dict[tuple[type[MethodSettings], tuple[str, ...]], Any] = {}
 def with_methods(base: type[M], own: tuple[str, ...] = ()) -> type[M]:
     """Return a class of settings with a group for each shipped method, and for one's own.
 
-    Raises
-    ------
-    ParameterError
-        If there is no class ``module:Class``.
+    Raises a ParameterError if there is no class ``module:Class``.
     """
     if (base, own) not in _MADE:
         try:
@@ -107,10 +104,7 @@ def full_names(settings: MethodSettings) -> Iterator[None]:
 def allocator_of(settings: MethodSettings, problem: AllocationProblem) -> Allocator:
     """Return the allocator that the settings of a file or node describe.
 
-    Raises
-    ------
-    ParameterError
-        If a setting is wrong; the message has its full name.
+    Raises a ParameterError if a setting is wrong; the message has its full name.
     """
     with full_names(settings):
         kind = method_class(settings.method)

@@ -48,10 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def checked(given: Mapping[str, Any]) -> AllocatedVehicleSettings:
     """Return the settings of the vehicle and of its allocation.
 
-    Raises
-    ------
-    ParameterError
-        If one of them is wrong.
+    Raises a ParameterError if one of them is wrong.
     """
     ours = {name: value for name, value in given.items() if name.startswith('allocation.')}
     check_given(ours, table(AllocatedVehicleSettings))

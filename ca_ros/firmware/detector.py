@@ -48,10 +48,7 @@ class DetectedSettings(Settings):
 def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
     """Return the detector of a vehicle's file.
 
-    Raises
-    ------
-    ParameterError
-        If a setting is wrong, or the detector in C is not for this vehicle.
+    Raises a ParameterError if a setting is wrong, or the detector in C is not for this vehicle.
     """
     ours = {name: value for name, value in given.items() if name.startswith('detector.')}
     check_given(ours, table(DetectedSettings))

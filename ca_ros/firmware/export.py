@@ -46,10 +46,7 @@ TAKEN = {
 def identifier(name: str) -> str:
     """Return a vehicle's name as it is in C and in the names of files.
 
-    Raises
-    ------
-    ParameterError
-        If it is not a name in C.
+    Raises a ParameterError if it is not a name in C.
     """
     found = re.sub(r'\W+', '_', name, flags=re.ASCII).lower()
     if not re.match('[a-z]', found) or found in TAKEN:
@@ -65,6 +62,8 @@ def write(
 ) -> None:
     """Write all files of a vehicle.
 
+    Raises a ParameterError if the folder is not empty, or an OSError if it cannot be written to.
+
     Parameters
     ----------
     firmware : Firmware
@@ -74,13 +73,6 @@ def write(
         A folder; it is made if it is not there.
     detector : FailureDetector, optional
         Its files are written, too.
-
-    Raises
-    ------
-    ParameterError
-        If the folder is not empty.
-    OSError
-        If it cannot be written to.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ParameterError(f'--out: {out} exists already and is not an empty folder')

@@ -44,18 +44,14 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     """Return the vehicle as it is, and its faults.
 
     As in the nodes, a vehicle that cannot control every axis and hover at the start is refused
-    unless its `lost_axes` is 'drop', and a fault is always accepted without the lost axes.
+    unless its `lost_axes` is 'drop', and a fault is always accepted without the lost axes. Raises
+    a ParameterError if the vehicle is refused, a word is wrong, or a fault leaves no axis.
 
     Parameters
     ----------
     vehicle : Vehicle
     words : sequence of str
         'none', 'single', or failures as in `read_failures`, such as ``1,3=0.4``.
-
-    Raises
-    ------
-    ParameterError
-        If the vehicle is refused, a word is wrong, or a fault leaves no axis.
     """
     report = accept(vehicle)
     found = [_fault('NO_FAULT', 'the rotors are as in the file', report)]

@@ -53,10 +53,8 @@ class Firmware:
     ) -> Firmware:
         """Set the kernels up, with the settings of the method `exact`.
 
-        Raises
-        ------
-        ParameterError
-            If the method is another, the vehicle is too large or the kernel is not built.
+        Raises a ParameterError if the method is another, the vehicle is too large or the kernel is
+        not built.
         """
         method = settings.method
         if method != 'exact':
@@ -169,10 +167,7 @@ class Firmware:
     def rates(self) -> tuple[Array, Array] | None:
         """Greatest rates (n,) at which speeds grow and shrink [rad/s^2]; None without rates.
 
-        Raises
-        ------
-        ParameterError
-            With a thrust curve: bounds of thrusts are computed from k_f.
+        Raises a ParameterError with a thrust curve: bounds of thrusts are computed from k_f.
         """
         if (found := rates_of(self.problem)) is None:
             return None

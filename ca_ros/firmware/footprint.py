@@ -61,15 +61,12 @@ def _measured(folder: Path, name: str, core: str) -> Footprint:
 def deepest(graph: str, function: str) -> int:
     """Return the stack that a function and all that it calls take at most [bytes].
 
+    Raises an OSError if a frame has no bound, or functions call each other in a circle.
+
     Parameters
     ----------
     graph : str
         What GCC writes with ``-fcallgraph-info=su``.
-
-    Raises
-    ------
-    OSError
-        If a frame has no bound, or functions call each other in a circle.
     """
     frames = {}
     for title, size, kind in GRAPH_NODE.findall(graph):

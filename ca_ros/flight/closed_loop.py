@@ -64,7 +64,9 @@ def fly(
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
-    The samples have the measured states and the commanded rotor speeds.
+    The samples have the measured states and the commanded rotor speeds.  Raises a
+    FloatingPointError if the flight diverges because the gains or the steps are too large, or a
+    ValueError if a time step is given for a plant.
 
     Parameters
     ----------
@@ -80,13 +82,6 @@ def fly(
         Each takes effect at the first sample at or after its time.
     detection : Detection, optional
         Failures that it finds in a sample take effect at that sample.
-
-    Raises
-    ------
-    FloatingPointError
-        If the flight diverges because the gains or the steps are too large.
-    ValueError
-        If a time step is given for a plant.
     """
     states: list[Array] = []
     velocities: list[Array] = []

@@ -43,7 +43,9 @@ class Controller:
 
     With integral action (`integral_gain`), the controller subtracts an estimate of the constant
     disturbances: see `ca_ros.flight.momentum_observer`.  With the gains k_p and k_d of the
-    position, the integral gain of the position error is then L k_p.
+    position, the integral gain of the position error is then L k_p.  Raises a ValueError if the
+    order does not name each of the vehicle's axes once, the vehicle's admissible set has no
+    volume, or the vehicle has no inertia.
 
     Parameters
     ----------
@@ -59,12 +61,6 @@ class Controller:
         The last demand minus the wrench that was served of it [N, N m]; zero if it was attainable.
     disturbances : MomentumObserver or None
         The state of the integral action; None without one.
-
-    Raises
-    ------
-    ValueError
-        If the order does not name each of the vehicle's axes once, the vehicle's admissible set
-        has no volume, or the vehicle has no inertia.
     """
 
     def __init__(
@@ -97,10 +93,7 @@ class Controller:
     def from_settings(cls, vehicle: Vehicle, settings: ControlSettings) -> Controller:
         """Make the controller of a vehicle from the settings of a file or node.
 
-        Raises
-        ------
-        ParameterError
-            If settings contradict each other; they are named.
+        Raises a ParameterError if settings contradict each other; they are named.
         """
         try:
             return cls(vehicle, settings.controller, settings.allocation.exact)
@@ -156,6 +149,9 @@ class Controller:
     ) -> Array:
         """Return the wanted wrench (m,), admissible or not [N, N m].
 
+        Raises a ValueError if the state is not finite, its attitude is zero, or the demand is not
+        finite or too large.
+
         Parameters
         ----------
         position : (3,) array
@@ -164,12 +160,6 @@ class Controller:
             Quaternion x, y, z, w, body to world.
         velocity, angular_velocity : (3,) arrays
             In the body frame [m/s, rad/s].
-
-        Raises
-        ------
-        ValueError
-            If the state is not finite, its attitude is zero, or the demand is not finite or too
-            large.
         """
         _check(position, attitude, velocity, angular_velocity)
         # Very large numbers may end as infinities in the demand, which is then refused.

@@ -28,12 +28,8 @@ def body_of(vehicle: Vehicle, settings: PlantSettings) -> RigidBody:
     """Return the rigid body of a vehicle with the mismatch and the drag of the settings.
 
     Its mass and its rotors' coefficients are those of the vehicle times the factors.  The bounds
-    of the rotor speeds stay, so the bounds of the thrusts change.
-
-    Raises
-    ------
-    ParameterError
-        If the vehicle has no inertia, or not one factor for each rotor.
+    of the rotor speeds stay, so the bounds of the thrusts change.  Raises a ParameterError if the
+    vehicle has no inertia, or not one factor for each rotor.
     """
     thrust = repeated('simulator.thrust_factor', settings.thrust_factor, vehicle.n)
     torque = repeated('simulator.torque_factor', settings.torque_factor, vehicle.n)
@@ -52,7 +48,8 @@ class Plant:
     """The simulated vehicle; holds its state.
 
     Each step has equal sub-steps, in which rotor speeds and wind are held.  The plant starts at
-    rest: its rotors stand still.
+    rest: its rotors stand still.  Raises a ParameterError if settings contradict each other; they
+    are named.
 
     Parameters
     ----------
@@ -62,10 +59,6 @@ class Plant:
     state : (13,) array, optional
         Initial state, see `ca_ros.flight.rigid_body`; by default that of the settings.
 
-    Raises
-    ------
-    ParameterError
-        If settings contradict each other; they are named.
 
     Attributes
     ----------
@@ -132,10 +125,8 @@ class Plant:
     def step(self, command: Array) -> Array:
         """Take a step with rotor speeds (n,) [rad/s]; return the measured state (13,).
 
-        Raises
-        ------
-        FloatingPointError
-            If the vehicle tumbles so fast that the steps diverge; the state stays.
+        Raises a FloatingPointError if the vehicle tumbles so fast that the steps diverge; the
+        state stays.
         """
         state, step = self.state, self._sub_step
         for _ in range(self._sub_steps):

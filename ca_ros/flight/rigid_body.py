@@ -90,17 +90,14 @@ def inertia_of(vehicle: Vehicle) -> Array:
 class RigidBody:
     """The vehicle's equations of motion for given rotor speeds and wind.
 
+    Raises a ParameterError if the vehicle has no inertia.
+
     Parameters
     ----------
     vehicle : Vehicle
         With the actual health of the rotors.
     drag : Drag, optional
         The drag of the air; None: no drag.
-
-    Raises
-    ------
-    ParameterError
-        If the vehicle has no inertia.
     """
 
     def __init__(self, vehicle: Vehicle, drag: Drag | None = None) -> None:
@@ -159,12 +156,8 @@ class RigidBody:
     ) -> Array:
         """Return the state (13,) after one step, with a unit quaternion.
 
-        Rotor speeds and wind are held during the step.
-
-        Raises
-        ------
-        FloatingPointError
-            If the vehicle tumbles so fast that the steps diverge.
+        Rotor speeds and wind are held during the step.  Raises a FloatingPointError if the vehicle
+        tumbles so fast that the steps diverge.
         """
         with np.errstate(over='ignore', invalid='ignore'):
             after = integrate(lambda x: self.derivative(x, speeds, wind), state, time_step)

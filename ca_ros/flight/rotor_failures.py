@@ -42,10 +42,7 @@ class RotorFailure:
     def parse(cls, text: str) -> RotorFailure:
         """Read ``ROTOR@TIME`` or ``ROTOR@TIME=HEALTH``.
 
-        Raises
-        ------
-        ValueError
-            In one line that names the fault.
+        Raises a ValueError that names the fault.
         """
         found = FAILURE.fullmatch(text)
         try:

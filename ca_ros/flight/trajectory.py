@@ -40,10 +40,7 @@ class Trajectory:
     def read(cls, path: Path) -> Trajectory:
         """Read a CSV file with the columns t [s], x, y, z [m] and heading [rad].
 
-        Raises
-        ------
-        ParameterError
-            In one line that names the file and the fault.
+        Raises a ParameterError that names the file and the fault.
         """
         try:
             # Spreadsheets may begin a file with a byte order mark.

@@ -118,10 +118,8 @@ def load(name: str = 'double') -> type[Kernel] | None:
 def chosen(n: int, m: int) -> type[Kernel] | None:
     """Return the kernel for n rotors and m axes; None if NumPy is to do its work.
 
-    Raises
-    ------
-    ValueError
-        If the variable CA_ROS_KERNEL is wrong, or names a kernel that is not installed.
+    Raises a ValueError if the variable CA_ROS_KERNEL is wrong, or names a kernel that is not
+    installed.
     """
     wanted = environ.get('CA_ROS_KERNEL', '')
     if wanted not in ('', 'c', 'numpy'):

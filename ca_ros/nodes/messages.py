@@ -156,12 +156,7 @@ def read_wrench(data: bytes) -> WrenchCommand:
 
     In little-endian CDR (OMG DDSI-RTPS 2.5, chapter 10) the fields are read from the bytes,
     because rclpy needs 12 us for the message, more than the allocation and all checks together.
-    Other bytes are left to rclpy.
-
-    Raises
-    ------
-    RMWError
-        If the bytes are no WrenchStamped.
+    Other bytes are left to rclpy.  Raises a RMWError if the bytes are no WrenchStamped.
     """
     if data[:2] == b'\0\1' and len(data) > 16:
         sec, nanosec, size = HEADER.unpack_from(data, 4)

@@ -253,17 +253,15 @@ def audit(vehicle: Vehicle) -> Audit:
 def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
     """Audit a vehicle, and refuse it unless its rotors can control every axis and it can hover.
 
+    Raises a ParameterError if the vehicle is refused; the message says why, and what 'drop' would
+    do.
+
     Parameters
     ----------
     vehicle : Vehicle
     lost_axes : 'refuse' or 'drop', optional
         'drop' refuses no vehicle: lost axes are given up.  Default: `vehicle.lost_axes`, which is
         the parameter ``allocation.lost_axes`` of its file.
-
-    Raises
-    ------
-    ParameterError
-        If the vehicle is refused; the message says why, and what 'drop' would do.
     """
     choice = vehicle.lost_axes if lost_axes is None else lost_axes
     read(AxesSettings, {'lost_axes': choice})

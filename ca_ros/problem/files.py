@@ -41,6 +41,8 @@ P = TypeVar('P')
 def read_problem(name: str | Path, kind: Callable[..., P]) -> tuple[P, dict[str, Any]] | None:
     """Read the file of a problem; return None if it is the parameter file of a vehicle.
 
+    Raises a ParameterError that names the file, the entry and the fault.
+
     Parameters
     ----------
     name : str or path
@@ -53,11 +55,6 @@ def read_problem(name: str | Path, kind: Callable[..., P]) -> tuple[P, dict[str,
     AllocationProblem
     dict
         The options of the methods by name, such as ``allocation.exact.policy``, not checked.
-
-    Raises
-    ------
-    ParameterError
-        In one line that names the file, the entry and the fault.
     """
     file = ParameterFile(name)
     if not isinstance(file.content, Mapping) or 'problem' not in file.content:

@@ -71,12 +71,8 @@ class PrioritiesSettings(Settings):
     def groups(self, axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         """Return the groups of the axes that are commanded; see `groups_of`.
 
-        Axes that a vehicle cannot have are one more group of the default order, the last.
-
-        Raises
-        ------
-        ParameterError
-            If an axis is missing, repeated or unknown, or a group is empty.
+        Axes that a vehicle cannot have are one more group of the default order, the last.  Raises
+        a ParameterError if an axis is missing, repeated or unknown, or a group is empty.
         """
         if self.order == DEFAULT_ORDER:
             return default_order(axes)
@@ -121,6 +117,8 @@ class Served(NamedTuple):
 def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of an order without the axes that are not commanded.
 
+    Raises a ValueError if an axis is missing, repeated or unknown, or a group is empty.
+
     Parameters
     ----------
     order : sequence of groups of axes
@@ -128,11 +126,6 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
         Each of `axes` is named once; a vehicle's other axes may be named.
     axes : sequence of str
         The axes that are commanded.
-
-    Raises
-    ------
-    ValueError
-        If an axis is missing, repeated or unknown, or a group is empty.
     """
     listed = [order] if isinstance(order, str) else order
     groups = [tuple(group.split() if isinstance(group, str) else group) for group in listed]
@@ -160,10 +153,7 @@ def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 def airmode_limits(given: Numbers) -> tuple[float, float, float, float]:
     """Return the limits of `airmode_limit`: two rises for the first group and others, two falls.
 
-    Raises
-    ------
-    ParameterError
-        If thrust may deviate further for the others than for the first group.
+    Raises a ParameterError if thrust may deviate further for the others than for the first group.
     """
     numbers = [float(number) for number in np.ravel(given)]
     rises = numbers[:2] if len(numbers) > 1 else 2 * numbers

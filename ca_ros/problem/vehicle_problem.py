@@ -185,10 +185,7 @@ def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:
 def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:
     """Return the problem of a vehicle, not audited, or the problem itself.
 
-    Raises
-    ------
-    TypeError
-        If the argument is neither.
+    Raises a TypeError if the argument is neither.
     """
     if isinstance(problem, Vehicle):
         return VehicleProblem(problem)

@@ -19,10 +19,7 @@ FIRST_PORT, PORTS = 7400, 250
 def claim() -> tuple[int, IO[str]]:
     """Claim a domain; return its number, and the lock file: closing it releases the domain.
 
-    Raises
-    ------
-    RuntimeError
-        If all domains are in use.
+    Raises a RuntimeError if all domains are in use.
     """
     free = [*{*DOMAINS} - used()]
     for domain in random.sample(free, len(free)):

@@ -12,12 +12,8 @@ ALL = 'all'
 def read_failures(text: str) -> dict[str, float]:
     """Return the health of each rotor that a text such as ``1,3=0.4`` or ``all=0.8`` names.
 
-    The keys are the numbers of the rotors, from 1, or 'all'; without a health it is 0.
-
-    Raises
-    ------
-    ParameterError
-        In one line that names the fault.
+    The keys are the numbers of the rotors, from 1, or 'all'; without a health it is 0. Raises a
+    ParameterError that names the fault.
     """
     failures: dict[str, float] = {}
     for word in text.split(','):
@@ -43,10 +39,7 @@ def read_failures(text: str) -> dict[str, float]:
 def with_failures(vehicle: Vehicle, failures: dict[str, float]) -> Vehicle:
     """Return a vehicle after failures by rotor, see `read_failures`.
 
-    Raises
-    ------
-    ParameterError
-        If the vehicle has no such rotor.
+    Raises a ParameterError if the vehicle has no such rotor.
     """
     health = vehicle.health.copy()
     if ALL in failures:

@@ -84,10 +84,8 @@ def find(name: str | Path) -> Path:
 class ParameterFile(str):
     """The name of a vehicle's parameter file, with its content: `read` need not open it again.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such file, or it is not YAML; the message names the file.
+    Raises a ParameterError if there is no such file, or it is not YAML; the message names the
+    file.
     """
 
     path: Path
@@ -111,6 +109,9 @@ class ParameterFile(str):
 def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     """Return the parameters in the file of a vehicle by name, as they are given there.
 
+    Raises a ParameterError if there is no such file, or it is not a parameter file; the message
+    names the file, or a NoSectionError if `node` is given and no section of the file is for it.
+
     Parameters
     ----------
     vehicle : str, path or ParameterFile
@@ -118,13 +119,6 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     node : str, optional
         The full name of a node, such as ``/uav1/allocator``: read the parameters that ROS would
         give this node.  Default: the allocator, or the only node that the file names.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such file, or it is not a parameter file; the message names the file.
-    NoSectionError
-        If `node` is given and no section of the file is for it.
     """
     file = ParameterFile(vehicle)
     try:

@@ -24,17 +24,14 @@ UNITS = {
 def parameter_text(title: str, vehicle: Mapping[str, Any], rotors: Mapping[str, Any]) -> str:
     """Return the text of a parameter file that describes a sound vehicle.
 
+    Raises a ParameterError if a value is wrong.
+
     Parameters
     ----------
     title : str
         A comment.
     vehicle, rotors : mappings
         Values by name, in SI units; None is left out.
-
-    Raises
-    ------
-    ParameterError
-        If a value is wrong.
     """
     lines = [f'# {title}', '/**:', '  ros__parameters:']
     for group, values in (('vehicle', vehicle), ('rotors', rotors)):

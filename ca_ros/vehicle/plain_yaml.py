@@ -73,10 +73,7 @@ PlainLoader.yaml_implicit_resolvers = {
 def read_yaml(text: str) -> Any:
     """Return the content of a YAML text.
 
-    Raises
-    ------
-    ParameterError
-        In one line, if the text is not plain YAML: see `PlainLoader`.
+    Raises a ParameterError if the text is not plain YAML: see `PlainLoader`.
     """
     try:
         return yaml.load(text, PlainLoader)

@@ -47,10 +47,7 @@ STYLES = {
 def read(text: str) -> dict[str, float]:
     """Return the parameters CA_* in an airframe or in a file of QGroundControl.
 
-    Raises
-    ------
-    ValueError
-        If they do not describe a multirotor with fixed rotors.
+    Raises a ValueError if they do not describe a multirotor with fixed rotors.
     """
     given = {}
     for name, word in LINE.findall(text):
@@ -84,6 +81,9 @@ def from_px4(
 ) -> str:
     """Return the text of a parameter file.
 
+    Raises a ValueError if a rotor has no axis, no thrust or no sense of rotation, or another value
+    is wrong.
+
     Parameters
     ----------
     given : mapping
@@ -99,11 +99,6 @@ def from_px4(
     inertia : (3,) sequence, optional
         Jx, Jy, Jz [kg m^2].  An allocator does without.
     name : str, optional
-
-    Raises
-    ------
-    ValueError
-        If a rotor has no axis, no thrust or no sense of rotation, or another value is wrong.
     """
     n = int(given['CA_ROTOR_COUNT'])
     if not 1 <= n <= ROTORS:
@@ -154,16 +149,13 @@ def from_px4(
 def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
     """Return a vehicle's geometry as PX4's parameters by name.
 
+    Raises a ValueError if PX4 has not as many rotors, or `order` has not each rotor once.
+
     Parameters
     ----------
     vehicle : Vehicle
     order : (n,) sequence, optional
         For each of PX4's motors the rotor that it is, from 1 on; default: the same order.
-
-    Raises
-    ------
-    ValueError
-        If PX4 has not as many rotors, or `order` has not each rotor once.
     """
     if vehicle.n > ROTORS:
         raise ValueError(f'{vehicle.n} rotors, but PX4 has {ROTORS} at most')

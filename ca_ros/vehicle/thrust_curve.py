@@ -28,6 +28,8 @@ class ThrustCurve:
 
     The throttle, from 0 to 1, is piecewise linear in the speed.  Where none was measured, it is
     the x of ``f / f_max = expo x^2 + (1 - expo) x``, the thrust model of PX4 (THR_MDL_FAC).
+    Raises a ParameterError if the thrust or the throttle does not increase, or the thrust is not
+    zero at rest.
 
     Attributes
     ----------
@@ -43,11 +45,6 @@ class ThrustCurve:
         In [0, 1].
     pwm : pair of float
         Pulse widths of no throttle and of full throttle [us].
-
-    Raises
-    ------
-    ParameterError
-        If the thrust or the throttle does not increase, or the thrust is not zero at rest.
     """
 
     coefficient: float = 1.0
@@ -102,11 +99,8 @@ class ThrustCurve:
     ) -> ThrustCurve:
         """Return the curve of rotors with k_f and bounds of the speeds (n,) [kg m, rad/s].
 
-        Raises
-        ------
-        ParameterError
-            Also if the curve does not reach the greatest speed, or fits neither k_f nor rotors
-            that reverse.
+        Raises a ParameterError also if the curve does not reach the greatest speed, or fits
+        neither k_f nor rotors that reverse.
         """
         made, k_f, top = cls(), float(coefficient[0]), float(high.max())
         if settings.is_measured:

@@ -78,15 +78,12 @@ class StandFit:
 def read_stand(file: str | Path) -> dict[str, Array]:
     """Read a CSV file with a title for each column, such as ``thrust [gf]`` or ``Speed (RPM)``.
 
+    Raises a ParameterError that names the file, the column and the fault.
+
     Returns
     -------
     dict
         The columns in SI units by the names of `QUANTITIES`; others are ignored.
-
-    Raises
-    ------
-    ParameterError
-        In one line that names the file, the column and the fault.
     """
     try:
         with open(file, newline='', encoding='utf-8-sig') as stream:
@@ -131,6 +128,9 @@ def fit(
 ) -> StandFit:
     """Fit the curves to the columns of `read_stand`.
 
+    Raises a ParameterError if columns or points are missing, or the measured thrust does not
+    increase.
+
     Parameters
     ----------
     columns : mapping
@@ -140,11 +140,6 @@ def fit(
         nominal, in proportion to the square root of the thrust.
     as_table : bool
         Whether the curve is a table, with the mean of the points of each throttle.
-
-    Raises
-    ------
-    ParameterError
-        If columns or points are missing, or the measured thrust does not increase.
     """
     if 'thrust' not in columns:
         raise ParameterError('no column of thrust')

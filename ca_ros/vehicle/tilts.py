@@ -97,10 +97,8 @@ class Tilts:
     def stuck(self, rotor: int, angle: float) -> Tilts:
         """Return the servos with that of a rotor (from 0) stuck at an angle [rad].
 
-        Raises
-        ------
-        ParameterError
-            If the rotor has no servo, or is on a gimbal, or the angle is beyond its limits.
+        Raises a ParameterError if the rotor has no servo, or is on a gimbal, or the angle is
+        beyond its limits.
         """
         if not 0 <= rotor < len(self.driven) or not self.driven[rotor] or self.gimbal[rotor]:
             raise ParameterError(f'rotor: {rotor + 1} has no single servo that may stick')
@@ -131,10 +129,8 @@ def refuse_tilts(tilts: Tilts | None, taker: str) -> None:
 def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts | None:
     """Return the servos of a vehicle's settings; None if no rotor tilts.
 
-    Raises
-    ------
-    ParameterError
-        If a setting has a wrong size, contradicts another one, or makes no convex set.
+    Raises a ParameterError if a setting has a wrong size, contradicts another one, or makes no
+    convex set.
     """
     n = len(nominal)
     lower = repeated('rotors.tilt_min', rotors.tilt_min, n)

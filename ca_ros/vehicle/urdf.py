@@ -44,10 +44,7 @@ class Model(NamedTuple):
 def read_urdf(text: str, rotors: Sequence[str]) -> Model:
     """Read a URDF, with the names of its rotor links in the order of the rotors.
 
-    Raises
-    ------
-    ParameterError
-        In one line that names the link or joint and the fault.
+    Raises a ParameterError that names the link or joint and the fault.
     """
     try:
         robot = ElementTree.fromstring(text)

@@ -53,10 +53,8 @@ def ordered_bounds(
 def inertia_matrix(inertia: ArrayLike) -> Array:
     """Return the matrix (3, 3) of three or nine numbers; a body must be able to have it [kg m^2].
 
-    Raises
-    ------
-    ParameterError
-        If it is not symmetric or not positive definite, or a principal moment is too great.
+    Raises a ParameterError if it is not symmetric or not positive definite, or a principal moment
+    is too great.
     """
     numbers = np.asarray(inertia, dtype=float)
     matrix = np.diag(numbers) if numbers.size == 3 else numbers.reshape(3, 3)

@@ -19,10 +19,7 @@ GAZEBO_TOPIC = 'command/motors'
 def order_of(numbers: Numbers, n: int) -> list[int]:
     """Return the setting `bridge.order` as numbers from 1; empty: the order of the vehicle.
 
-    Raises
-    ------
-    ParameterError
-        If it does not have each rotor once.
+    Raises a ParameterError if it does not have each rotor once.
     """
     order = [round(number) for number in np.ravel(np.asarray(numbers, dtype=float)).tolist()]
     if order == [0]:
@@ -47,10 +44,7 @@ def ordered(values: Array, order: Sequence[int]) -> Array:
 def sound_speeds(speeds: Sequence[float], vehicle: Vehicle) -> Array:
     """Return rotor speeds as an array (n,) [rad/s].
 
-    Raises
-    ------
-    ValueError
-        If there is not one finite speed for each rotor.
+    Raises a ValueError if there is not one finite speed for each rotor.
     """
     found = np.asarray(speeds, dtype=float)
     if found.shape != (vehicle.n,):
@@ -72,10 +66,7 @@ def joint_velocities(speeds: Sequence[float], vehicle: Vehicle) -> Array:
 def motor_models(vehicle: Vehicle) -> str:
     """Return Gazebo's plugins of a vehicle's rotors in SDF; links are rotor_1 and so on.
 
-    Raises
-    ------
-    ValueError
-        If Gazebo's model is not that of the rotors.
+    Raises a ValueError if Gazebo's model is not that of the rotors.
     """
     if (vehicle.speed_min < 0.0).any():
         raise ValueError('rotors reverse (rotors.speed_min < 0), which Gazebo does not support')

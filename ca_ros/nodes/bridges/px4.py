@@ -71,6 +71,8 @@ def attitude(q: Sequence[float]) -> Array:
 def state(message: Any) -> tuple[Array, Array, Array, Array]:
     """Return the state in a VehicleOdometry.
 
+    Raises a ValueError if a value is unknown (NaN), or a frame is another one.
+
     Returns
     -------
     position : (3,) array
@@ -79,11 +81,6 @@ def state(message: Any) -> tuple[Array, Array, Array, Array]:
         x, y, z, w.
     velocity, angular_velocity : (3,) arrays
         In the body frame, forward-left-up [m/s, rad/s].
-
-    Raises
-    ------
-    ValueError
-        If a value is unknown (NaN), or a frame is another one.
     """
     if message.pose_frame != NED:
         raise ValueError(f'pose_frame is {message.pose_frame}, expected {NED} (north-east-down)')
@@ -106,10 +103,7 @@ def state(message: Any) -> tuple[Array, Array, Array, Array]:
 def units(vehicle: Vehicle) -> Array:
     """Return what set-points of 1 stand for (6,): force [N] before torque [N m], as magnitudes.
 
-    Raises
-    ------
-    ValueError
-        If the rotors cannot command them.
+    Raises a ValueError if the rotors cannot command them.
     """
     full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
     shares = np.linalg.pinv(FLIP[:, None] * rotor_wrenches(vehicle) * (CT * full / full.max())).T
@@ -158,7 +152,8 @@ def controls(
     """Return ActuatorMotors.control (12,), float32.
 
     PX4's output x follows from the control c that it is sent by c = F x^2 + (1 - F) x, with its
-    parameter F = THR_MDL_FAC, so PX4 models thrust as this function of x.
+    parameter F = THR_MDL_FAC, so PX4 models thrust as this function of x.  Raises a ValueError if
+    a speed is out of bounds.
 
     Parameters
     ----------
@@ -177,11 +172,6 @@ def controls(
     -------
     (12,) array
         NaN, which stops a motor, for rotors at speed zero and for motors that are not there.
-
-    Raises
-    ------
-    ValueError
-        If a speed is out of bounds.
     """
     if speeds.shape != (vehicle.n,):
         raise ValueError(f'{len(speeds)} rotor speeds for {vehicle.n} rotors')
