@@ -16,27 +16,18 @@ from ca_ros.solver.dual_newton import DualNewton
 class Certificate:
     """Residuals that prove an allocation; for a batch of N, each field has a leading N.
 
-    Attributes
-    ----------
-    primal_residual : float
-        |u - Gamma f| [N, N m].
-    bound_violation : float
-        Greatest violation of a bound by the thrusts [N]; always zero.
-    multipliers : (m,) array
-        Multipliers y of Gamma f = u in the quadratic program of Eqs. (20)-(22).
-    kkt_residual : float
-        Greatest |f - clip(Gamma^T y)| [N].  It is zero if and only if the thrusts have the least
-        norm of all that produce the same wrench.  With weights and preferred thrusts, the norm is
-        |W (f - f_p)|, and Gamma^T y becomes f_p + W^-2 Gamma^T y.
-    margin : float
-        Signed distance of u to the boundary of the admissible set, positive inside [N, N m].
-    limit : (n,) int8 array
-        The nearest facet, by the state of the rotors on it: at the upper bound (+1), at the lower
-        bound (-1), or free (0).
-    rate_limited : (n,) bool array
-        Which of these rotors are at bounds that are narrower than those of the problem: what they
-        reach at their rates.
-    problem : AllocationProblem
+    - `primal_residual`: |u - Gamma f| [N, N m]
+    - `bound_violation`: greatest violation of a bound by the thrusts [N]; always zero
+    - `multipliers` (m,): multipliers y of Gamma f = u in the quadratic program of Eqs. (20)-(22)
+    - `kkt_residual`: greatest |f - clip(Gamma^T y)| [N].  It is zero if and only if the thrusts
+      have the least norm of all that produce the same wrench.  With weights and preferred thrusts,
+      the norm is |W (f - f_p)|, and Gamma^T y becomes f_p + W^-2 Gamma^T y
+    - `margin`: signed distance of u to the boundary of the admissible set, positive inside [N, N
+      m]
+    - `limit` (n,): the nearest facet, by the state of the rotors on it: at the upper bound (+1),
+      at the lower bound (-1), or free (0)
+    - `rate_limited` (n,): which of these rotors are at bounds that are narrower than those of the
+      problem: what they reach at their rates
     """
 
     primal_residual: float | Array

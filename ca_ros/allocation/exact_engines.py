@@ -33,14 +33,7 @@ def kernel_for(
     Raises a ValueError if the problem's admissible set has no volume, or a setting does not suit
     the problem.
 
-    Parameters
-    ----------
-    kernel : type
-        A class of `ca_ros.kernel.load`.
-    problem : AllocationProblem
-    settings : ExactSettings
-    dtype : type
-        The type of the kernel's numbers.
+    `kernel`: a class of `ca_ros.kernel.load`.  `dtype`: the type of the kernel's numbers.
     """
     if isinstance(problem, VectoredProblem):
         raise ParameterError('the C kernel takes numbers within bounds, not rotors that tilt')

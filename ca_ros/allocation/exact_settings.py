@@ -29,17 +29,12 @@ PREFERRED_MAX = 100.0
 class Serving(NamedTuple):
     """How wrenches that are not attainable are served; see `Prioritization`.
 
-    Attributes
-    ----------
-    groups : sequence of sequences of str
-        The axes of each group of the priorities.
-    thrust_deviation : 'prevent', 'avoid' or 'allow'
-    reference : (m,) array
-        The wrench from which demands are counted [N, N m].
-    on_reference : bool
-        Whether the lines of the priorities begin at the reference, which then is attainable.
-    airmode_limit : sequence of 4 floats
-        See `airmode_limits`.
+    - `groups`: the axes of each group of the priorities
+    - `thrust_deviation` ('prevent', 'avoid' or 'allow')
+    - `reference` (m,): the wrench from which demands are counted [N, N m]
+    - `on_reference`: whether the lines of the priorities begin at the reference, which then is
+      attainable
+    - `airmode_limit`: see `airmode_limits`
     """
 
     groups: Sequence[Sequence[str]]

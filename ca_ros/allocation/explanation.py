@@ -21,23 +21,17 @@ SERVED = 1e-9
 class Explanation:
     """Why thrusts produce another wrench than the demand.
 
-    Attributes
-    ----------
-    problem : AllocationProblem
-    margin : float
-        Signed distance of the demand to the boundary of the attainable set of this answer,
-        positive inside [N, N m].
-    served : (m,) array
-        Share of its demand that each axis gets, counted from the reference (hover): 1 is all.
-    gain : (m, n) array
-        Multipliers: by how much an axis would come nearer to its demand per N by which the bound
-        of a rotor moved out.  Zero if the rotor does not limit the axis, even at a bound.
-    airmode : (m,) array
-        The same per N of the limit on airmode; positive if thrust may not rise any more, negative
-        if it may not fall.
-    limit : (n,) array
-        Of each rotor that limits an axis: 1 for a bound, 2 for a rate, 3 for its health; negative
-        at the lower bound.
+    - `margin`: signed distance of the demand to the boundary of the attainable set of this answer,
+      positive inside [N, N m]
+    - `served` (m,): share of its demand that each axis gets, counted from the reference (hover): 1
+      is all
+    - `gain` (m, n): multipliers: by how much an axis would come nearer to its demand per N by
+      which the bound of a rotor moved out.  Zero if the rotor does not limit the axis, even at a
+      bound
+    - `airmode` (m,): the same per N of the limit on airmode; positive if thrust may not rise any
+      more, negative if it may not fall
+    - `limit` (n,): of each rotor that limits an axis: 1 for a bound, 2 for a rate, 3 for its
+      health; negative at the lower bound
     """
 
     problem: AllocationProblem

@@ -19,19 +19,10 @@ def osqp_program(
 
     Raises an ImportError if the package osqp or scipy is not installed.
 
-    Parameters
-    ----------
-    problem : AllocationProblem
-    preference : tuple of two (n,) arrays, optional
-        The diagonal of W, and f_p; by default ones and zeros [1, N].
-    **settings
-        Settings of OSQP other than its defaults.
+    `preference` (n,): the diagonal of W, and f_p; by default ones and zeros [1, N].  `**settings`:
+    settings of OSQP other than its defaults.
 
-    Returns
-    -------
-    solver : osqp.OSQP
-    solve : callable
-        From a wrench (m,) [N, N m] to the result of OSQP.
+    Returns `solver`; `solve`: from a wrench (m,) [N, N m] to the result of OSQP.
     """
     osqp: Any = import_module('osqp')
     sparse: Any = import_module('scipy.sparse')
@@ -61,11 +52,7 @@ class OsqpStart:
     used, as the start of Newton's method.  Raises a ValueError if the package osqp is not
     installed.
 
-    Parameters
-    ----------
-    problem : AllocationProblem
-    preference : tuple of two (n,) arrays, optional
-        As for `osqp_program`.
+    `preference` (n,): as for `osqp_program`.
     """
 
     def __init__(

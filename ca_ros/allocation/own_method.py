@@ -16,10 +16,8 @@ def own_class(method: str) -> type[Allocator]:
     Raises a ValueError if the import fails, or it is not a complete subclass of `Allocator` that
     can be made from a vehicle alone.
 
-    Parameters
-    ----------
-    method : str
-        A module, which is imported from Python's path or the working directory, and its class.
+    `method`: a module, which is imported from Python's path or the working directory, and its
+    class.
     """
     module, _, name = method.partition(':')
     if os.getcwd() not in sys.path:

@@ -160,15 +160,10 @@ def allocate_next(
 ) -> Allocation:
     """Allocate a wrench within what the rotors reach, if the vehicle has rates.
 
-    Parameters
-    ----------
-    allocator : Allocator
-    u : (m,) array
-    last : (n,) array
-        The last command [rad/s].
-    time, before : int
-        Stamps of this command and the last one [ns].  The time between them counts up to
-        `PERIOD_MAX`, and not at all if it is negative.
+    - `u` (m,)
+    - `last` (n,): the last command [rad/s]
+    - `time` and `before`: stamps of this command and the last one [ns].  The time between them
+      counts up to `PERIOD_MAX`, and not at all if it is negative
     """
     if rates_of(allocator.problem) is None:
         return allocator.allocate(u)

@@ -64,15 +64,9 @@ def write(
 
     Raises a ParameterError if the folder is not empty, or an OSError if it cannot be written to.
 
-    Parameters
-    ----------
-    firmware : Firmware
-    name : str
-        As `identifier` returns it.
-    out : path
-        A folder; it is made if it is not there.
-    detector : FailureDetector, optional
-        Its files are written, too.
+    - `name`: as `identifier` returns it
+    - `out`: a folder; it is made if it is not there
+    - `detector`: its files are written, too
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ParameterError(f'--out: {out} exists already and is not an empty folder')

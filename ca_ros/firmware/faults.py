@@ -21,13 +21,8 @@ CHOICES = ('none', 'single')
 class Fault:
     """A known health of the rotors; entry 0 of a list of faults means no fault.
 
-    Attributes
-    ----------
-    constant : str
-        The name of its constant in C, without the name of the vehicle.
-    meaning : str
-    report : Audit
-        What the rotors can still command.
+    `constant`: the name of its constant in C, without the name of the vehicle.  `report`: what the
+    rotors can still command.
     """
 
     constant: str
@@ -47,11 +42,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     unless its `lost_axes` is 'drop', and a fault is always accepted without the lost axes. Raises
     a ParameterError if the vehicle is refused, a word is wrong, or a fault leaves no axis.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-    words : sequence of str
-        'none', 'single', or failures as in `read_failures`, such as ``1,3=0.4``.
+    `words`: 'none', 'single', or failures as in `read_failures`, such as ``1,3=0.4``.
     """
     report = accept(vehicle)
     found = [_fault('NO_FAULT', 'the rotors are as in the file', report)]

@@ -31,15 +31,10 @@ LIMIT = {'single': 1e12, 'double': ABSURD}
 class Firmware:
     """A vehicle's faults with a kernel for each, in one precision.
 
-    Attributes
-    ----------
-    faults : sequence of Fault
-        The first is that there is none.
-    kernels : sequence of Kernel
-        One for each fault.
-    settings : VehicleMethodSettings
-        Of the vehicle's file.
-    precision : 'single' or 'double'
+    - `faults`: the first is that there is none
+    - `kernels`: one for each fault
+    - `settings`: of the vehicle's file
+    - `precision` ('single' or 'double')
     """
 
     faults: Sequence[Fault]
@@ -144,11 +139,7 @@ class Firmware:
     def allocate(self, fault: int, wrench: Array) -> tuple[int, Array]:
         """Return the status and the speeds (n,), to the last bit as the firmware does.
 
-        Parameters
-        ----------
-        fault : int
-        wrench : (m,) array
-            Of the firmware's precision [N, N m].
+        `wrench` (m,): of the firmware's precision [N, N m].
         """
         row = fault if 0 <= fault < len(self.faults) else 0
         k_f, reverse, least, greatest = self.rotors[row]
@@ -183,14 +174,9 @@ class Firmware:
     ) -> tuple[int, Array]:
         """Return the status and the speeds (n,) within the rates, to the last bit.
 
-        Parameters
-        ----------
-        fault, wrench
-            As in `allocate`.
-        time : float
-            Since the last command [s].
-        last : (n,) array
-            The speeds of the last command, of the firmware's precision [rad/s].
+        - `fault` and `wrench`: as in `allocate`
+        - `time`: since the last command [s]
+        - `last` (n,): the speeds of the last command, of the firmware's precision [rad/s]
         """
         assert self.rates is not None
         k_f, reverse, least, greatest = self.rotors[fault]

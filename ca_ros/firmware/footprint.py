@@ -28,14 +28,9 @@ class Footprint(NamedTuple):
 def measure(folder: Path, name: str, core: str) -> Footprint | str:
     """Compile an exported vehicle; return its footprint, or why it is not known.
 
-    Parameters
-    ----------
-    folder : path
-        The folder of the export; it is not changed.
-    name : str
-        The name of the vehicle.
-    core : str
-        What its Makefile compiles for.
+    - `folder`: the folder of the export; it is not changed
+    - `name`: the name of the vehicle
+    - `core`: what its Makefile compiles for
     """
     if missing := [tool for tool in TOOLS if not which(tool)]:
         return f'{", ".join(missing)} not installed'
@@ -63,10 +58,7 @@ def deepest(graph: str, function: str) -> int:
 
     Raises an OSError if a frame has no bound, or functions call each other in a circle.
 
-    Parameters
-    ----------
-    graph : str
-        What GCC writes with ``-fcallgraph-info=su``.
+    `graph`: what GCC writes with ``-fcallgraph-info=su``.
     """
     frames = {}
     for title, size, kind in GRAPH_NODE.findall(graph):

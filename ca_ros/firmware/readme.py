@@ -42,13 +42,7 @@ of the frames along the deepest chain of calls."""
 def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[str, str]:
     """Return the fields of the README's template.
 
-    Parameters
-    ----------
-    firmware : Firmware
-    footprint : Footprint or str
-        Or the reason why it was not measured.
-    folder : path
-        Where the kernel's files are.
+    `footprint`: or the reason why it was not measured.  `folder`: where the kernel's files are.
     """
     problem = firmware.problem
     sample = golden.effort(firmware, SAMPLE, seed=1)

@@ -29,12 +29,8 @@ from ca_ros.flight.waypoint import Waypoint
 class Change:
     """The parts of a closed loop that are replaced at a time of flight.
 
-    Attributes
-    ----------
-    time : int
-        [ns]
-    controller, allocator, body, waypoint
-        The new parts; None for those that stay.
+    `time`: [ns].  `controller`, `allocator`, `body` and `waypoint`: the new parts; None for those
+    that stay.
     """
 
     time: int
@@ -68,20 +64,13 @@ def fly(
     FloatingPointError if the flight diverges because the gains or the steps are too large, or a
     ValueError if a time step is given for a plant.
 
-    Parameters
-    ----------
-    body : RigidBody or Plant
-        A plant is flown from its initial state, and stays as it is.
-    time_step : float, optional
-        Of a rigid body [s], by default 0.01 s, rounded to whole nanoseconds as in the stamps of
-        ROS.  A plant has its own.
-    state : (13,) array, optional
-        Initial state, see `ca_ros.flight.rigid_body`; by default at rest in the origin, or that of
-        the plant.
-    changes : iterable of Change
-        Each takes effect at the first sample at or after its time.
-    detection : Detection, optional
-        Failures that it finds in a sample take effect at that sample.
+    - `body`: a plant is flown from its initial state, and stays as it is
+    - `time_step`: of a rigid body [s], by default 0.01 s, rounded to whole nanoseconds as in the
+      stamps of ROS.  A plant has its own
+    - `state` (13,): initial state, see `ca_ros.flight.rigid_body`; by default at rest in the
+      origin, or that of the plant
+    - `changes`: each takes effect at the first sample at or after its time
+    - `detection`: failures that it finds in a sample take effect at that sample
     """
     states: list[Array] = []
     velocities: list[Array] = []

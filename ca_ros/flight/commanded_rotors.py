@@ -15,16 +15,9 @@ COMMANDS_MAX = 1000
 class CommandedRotors:
     """Predicts what the rotors of a sound vehicle do.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-    time_constant, delay : float
-        Of the motors [s].
+    `time_constant` and `delay`: of the motors [s].
 
-    Attributes
-    ----------
-    speeds : (n,) array
-        [rad/s]; zero before the first command.
+    `speeds` (n,): [rad/s]; zero before the first command.
     """
 
     def __init__(self, vehicle: Vehicle, time_constant: float, delay: float) -> None:

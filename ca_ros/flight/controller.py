@@ -47,20 +47,11 @@ class Controller:
     order does not name each of the vehicle's axes once, the vehicle's admissible set has no
     volume, or the vehicle has no inertia.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With the announced health of the rotors.
-    settings : ControllerSettings
-    priorities : PrioritiesSettings, optional
-        See `AdmissibleSet.prioritize`.
+    `vehicle`: with the announced health of the rotors.  `priorities`: see
+    `AdmissibleSet.prioritize`.
 
-    Attributes
-    ----------
-    unallocated : (m,) array
-        The last demand minus the wrench that was served of it [N, N m]; zero if it was attainable.
-    disturbances : MomentumObserver or None
-        The state of the integral action; None without one.
+    `unallocated` (m,): the last demand minus the wrench that was served of it [N, N m]; zero if it
+    was attainable.  `disturbances`: the state of the integral action; None without one.
     """
 
     def __init__(
@@ -152,14 +143,9 @@ class Controller:
         Raises a ValueError if the state is not finite, its attitude is zero, or the demand is not
         finite or too large.
 
-        Parameters
-        ----------
-        position : (3,) array
-            In the world frame [m].
-        attitude : (4,) array
-            Quaternion x, y, z, w, body to world.
-        velocity, angular_velocity : (3,) arrays
-            In the body frame [m/s, rad/s].
+        - `position` (3,): in the world frame [m]
+        - `attitude` (4,): quaternion x, y, z, w, body to world
+        - `velocity` and `angular_velocity` (3,): in the body frame [m/s, rad/s]
         """
         _check(position, attitude, velocity, angular_velocity)
         # Very large numbers may end as infinities in the demand, which is then refused.

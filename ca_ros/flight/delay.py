@@ -16,12 +16,7 @@ STEPS_MAX = 1_000_000
 class Delay(Generic[T]):
     """Returns what it was given some steps ago.
 
-    Parameters
-    ----------
-    steps : int
-        0: no delay.
-    first : T
-        What is returned before that.
+    `steps`: 0: no delay.  `first`: what is returned before that.
     """
 
     def __init__(self, steps: int, first: T) -> None:

@@ -15,16 +15,11 @@ from ca_ros.vehicle.vehicle import Vehicle
 class Drag:
     """Drag of the body and of its rotors.
 
-    Attributes
-    ----------
-    linear : (3,) array
-        Drag force of the body over its airspeed, along the axes of the body [N s/m].
-    rotor : float
-        Drag force of a rotor over its speed and the airspeed of its hub in the plane of the rotor
-        [N s^2/(rad m)].  It acts on the hub.  Martin and Salaun, The true role of accelerometer
-        feedback in quadrotor control, ICRA 2010.
-    rotational : float
-        Drag torque of the body over its squared angular velocity [N m s^2/rad^2].
+    - `linear` (3,): drag force of the body over its airspeed, along the axes of the body [N s/m]
+    - `rotor`: drag force of a rotor over its speed and the airspeed of its hub in the plane of the
+      rotor [N s^2/(rad m)].  It acts on the hub.  Martin and Salaun, The true role of
+      accelerometer feedback in quadrotor control, ICRA 2010
+    - `rotational`: drag torque of the body over its squared angular velocity [N m s^2/rad^2]
     """
 
     linear: Array = field(default_factory=lambda: np.zeros(3))
@@ -41,15 +36,9 @@ class Drag:
     ) -> tuple[Array, Array]:
         """Return the drag in the body frame: force (3,) [N] and torque (3,) [N m].
 
-        Parameters
-        ----------
-        vehicle : Vehicle
-        airspeed : (3,) array
-            Velocity relative to the air, in the body frame [m/s].
-        omega : (3,) array
-            Angular velocity in the body frame [rad/s].
-        speeds : (n,) array
-            Rotor speeds [rad/s].
+        - `airspeed` (3,): velocity relative to the air, in the body frame [m/s]
+        - `omega` (3,): angular velocity in the body frame [rad/s]
+        - `speeds` (n,): rotor speeds [rad/s]
         """
         force = -self.linear * airspeed
         torque = -self.rotational * hypot(*omega.tolist()) * omega

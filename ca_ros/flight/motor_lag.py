@@ -10,10 +10,7 @@ from ca_ros.arrays import Array
 class MotorLag:
     """A first-order lag, T dw/dt = command - w, solved exactly for a command that is held.
 
-    Parameters
-    ----------
-    time_constant : float
-        T [s]; 0: the rotors have the commanded speeds at once.
+    `time_constant`: T [s]; 0: the rotors have the commanded speeds at once.
     """
 
     def __init__(self, time_constant: float) -> None:

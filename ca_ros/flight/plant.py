@@ -51,27 +51,15 @@ class Plant:
     rest: its rotors stand still.  Raises a ParameterError if settings contradict each other; they
     are named.
 
-    Parameters
-    ----------
-    body : RigidBody
-    settings : PlantSettings, optional
-        All effects are off by default.
-    state : (13,) array, optional
-        Initial state, see `ca_ros.flight.rigid_body`; by default that of the settings.
+    `settings`: all effects are off by default.  `state` (13,): initial state, see
+    `ca_ros.flight.rigid_body`; by default that of the settings.
 
-
-    Attributes
-    ----------
-    body : RigidBody
-        May be replaced between two steps, for instance by one with other rotor health.
-    time_step, time_step_ns : float, int
-        [s] and [ns]
-    state : (13,) array
-        The true state.
-    measured : (13,) array
-        The state as it is measured: late, and with noise and bias.
-    speeds : (n,) array
-        The true rotor speeds [rad/s], and after them the servo angles [rad], if there are any.
+    - `body`: may be replaced between two steps, for instance by one with other rotor health
+    - `time_step` and `time_step_ns`: [s] and [ns]
+    - `state` (13,): the true state
+    - `measured` (13,): the state as it is measured: late, and with noise and bias
+    - `speeds` (n,): the true rotor speeds [rad/s], and after them the servo angles [rad], if there
+      are any
     """
 
     def __init__(

@@ -22,18 +22,11 @@ def steps(duration: float, time_step: float) -> int:
 class Flight:
     """K samples of a vehicle's state and rotor speeds.
 
-    Attributes
-    ----------
-    time : (K,) array
-        [s]
-    position : (K, 3) array
-        World frame [m].
-    attitude : (K, 4) array
-        Quaternions x, y, z, w, body to world.
-    velocity, angular_velocity : (K, 3) arrays
-        Body frame [m/s, rad/s].
-    speeds : (K, n) array
-        Rotor speeds from each sample to the next [rad/s].
+    - `time` (K,): [s]
+    - `position` (K, 3): world frame [m]
+    - `attitude` (K, 4): quaternions x, y, z, w, body to world
+    - `velocity` and `angular_velocity` (K, 3): body frame [m/s, rad/s]
+    - `speeds` (K, n): rotor speeds from each sample to the next [rad/s]
     """
 
     time: Array

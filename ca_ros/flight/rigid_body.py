@@ -92,12 +92,7 @@ class RigidBody:
 
     Raises a ParameterError if the vehicle has no inertia.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With the actual health of the rotors.
-    drag : Drag, optional
-        The drag of the air; None: no drag.
+    `vehicle`: with the actual health of the rotors.  `drag`: the drag of the air; None: no drag.
     """
 
     def __init__(self, vehicle: Vehicle, drag: Drag | None = None) -> None:
@@ -112,13 +107,10 @@ class RigidBody:
     def derivative(self, state: Array, speeds: Array, wind: Array = CALM) -> Array:
         """Return the rate of change (13,) of a state (13,).
 
-        Parameters
-        ----------
-        state : (13,) array
-        speeds : (n,) array
-            Rotor speeds [rad/s]; of a vehicle whose rotors tilt, the servo angles [rad] follow.
-        wind : (3,) array
-            In the world frame [m/s]; it acts through the drag.
+        - `state` (13,)
+        - `speeds` (n,): rotor speeds [rad/s]; of a vehicle whose rotors tilt, the servo angles
+          [rad] follow
+        - `wind` (3,): in the world frame [m/s]; it acts through the drag
         """
         vehicle = self.vehicle
         if vehicle.tilts is None:

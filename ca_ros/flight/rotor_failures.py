@@ -24,14 +24,9 @@ FAILURE = re.compile(r'(?P<rotor>[0-9]+)@(?P<time>[^=]+)(=(?P<health>.+))?')
 class RotorFailure:
     """A rotor that fails.
 
-    Attributes
-    ----------
-    rotor : int
-        Number of the rotor, from 1.
-    time : float
-        Time of flight at which it fails [s].
-    health : float
-        Thrust delivered over thrust expected after the failure: 0 if the rotor is lost.
+    - `rotor`: number of the rotor, from 1
+    - `time`: time of flight at which it fails [s]
+    - `health`: thrust delivered over thrust expected after the failure: 0 if the rotor is lost
     """
 
     rotor: int
@@ -71,11 +66,8 @@ class RotorFailure:
 class RotorFailures:
     """The failures of a flight.
 
-    Attributes
-    ----------
-    failures : tuple of RotorFailure
-    announce : float or None
-        Time from each failure to its announcement to allocator and controller [s]; None: never.
+    `announce`: time from each failure to its announcement to allocator and controller [s]; None:
+    never.
     """
 
     failures: tuple[RotorFailure, ...] = ()

@@ -17,12 +17,7 @@ class Sensors:
     [m, m/s], attitude as a rotation vector in the body frame [rad], and angular velocity in the
     body frame [rad/s].
 
-    Parameters
-    ----------
-    noise : (12,) array
-        Standard deviation of each sample.
-    bias : (12,) array
-    rng : numpy.random.Generator
+    `noise` (12,): standard deviation of each sample.  `bias` (12,).
     """
 
     def __init__(self, noise: Array, bias: Array, rng: np.random.Generator) -> None:

@@ -12,18 +12,9 @@ from ca_ros.vehicle.vehicle import Vehicle
 class Servos:
     """Moves the servo angles that follow the rotor speeds in an array.
 
-    Parameters
-    ----------
-    time_constant : float
-        Of the lag [s]; 0: none.
-    rate : float
-        Greatest rate [rad/s]; 0: unlimited.
-    vehicle : Vehicle
+    `time_constant`: of the lag [s]; 0: none.  `rate`: greatest rate [rad/s]; 0: unlimited.
 
-    Attributes
-    ----------
-    initial : (n + k,) array
-        Speeds and angles at rest: the angles nearest to zero [rad/s, rad].
+    `initial` (n + k,): speeds and angles at rest: the angles nearest to zero [rad/s, rad].
     """
 
     def __init__(self, time_constant: float, rate: float, vehicle: Vehicle) -> None:

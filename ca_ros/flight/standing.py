@@ -28,11 +28,7 @@ class Standing:
     wrench of its rotors is far from balance: thrust below its weight on the ground, or above it
     with motors that are off.
 
-    Attributes
-    ----------
-    standing : bool
-    still : float
-        Time for which the vehicle has not moved [s]; 0 if it moves.
+    `still`: time for which the vehicle has not moved [s]; 0 if it moves.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -45,14 +41,10 @@ class Standing:
     def observe(self, step: float, motion: Array, wrench: Array) -> bool:
         """Return whether the vehicle stands after a step.
 
-        Parameters
-        ----------
-        step : float
-            [s]
-        motion : (6,) array
-            Velocity before angular velocity [m/s, rad/s].
-        wrench : (6,) array
-            Of rotors and weight during the step: force in the world frame before torque [N, N m].
+        - `step`: [s]
+        - `motion` (6,): velocity before angular velocity [m/s, rad/s]
+        - `wrench` (6,): of rotors and weight during the step: force in the world frame before
+          torque [N, N m]
         """
         self._motion = self._motion + min(1.0, step / AVERAGING) * (motion - self._motion)
         if (abs(self._motion) > MOTION).any():

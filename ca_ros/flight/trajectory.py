@@ -21,11 +21,7 @@ COLUMNS = ('t', 'x', 'y', 'z', 'heading')
 class Trajectory:
     """Waypoints in the order of their times.
 
-    Attributes
-    ----------
-    times : tuple of int
-        Time of flight from which each waypoint counts, ascending from 0 [ns].
-    waypoints : tuple of Waypoint
+    `times`: time of flight from which each waypoint counts, ascending from 0 [ns].
     """
 
     times: tuple[int, ...]

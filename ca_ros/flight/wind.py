@@ -16,15 +16,9 @@ class Wind:
     in turbulence of the scale L, for L / V = `correlation_time`.  It is stationary from the start
     and sampled exactly: the statistics do not depend on the step.
 
-    Parameters
-    ----------
-    mean : (3,) array
-        In the world frame [m/s].
-    intensity : (3,) array
-        Standard deviation of the gusts [m/s].
-    correlation_time : float
-        [s]
-    rng : numpy.random.Generator
+    - `mean` (3,): in the world frame [m/s]
+    - `intensity` (3,): standard deviation of the gusts [m/s]
+    - `correlation_time`: [s]
     """
 
     def __init__(

@@ -256,12 +256,8 @@ def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
     Raises a ParameterError if the vehicle is refused; the message says why, and what 'drop' would
     do.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-    lost_axes : 'refuse' or 'drop', optional
-        'drop' refuses no vehicle: lost axes are given up.  Default: `vehicle.lost_axes`, which is
-        the parameter ``allocation.lost_axes`` of its file.
+    `lost_axes` ('refuse' or 'drop'): 'drop' refuses no vehicle: lost axes are given up.  Default:
+    `vehicle.lost_axes`, which is the parameter ``allocation.lost_axes`` of its file.
     """
     choice = vehicle.lost_axes if lost_axes is None else lost_axes
     read(AxesSettings, {'lost_axes': choice})

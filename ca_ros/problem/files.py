@@ -43,12 +43,8 @@ def read_problem(name: str | Path, kind: Callable[..., P]) -> tuple[P, dict[str,
 
     Raises a ParameterError that names the file, the entry and the fault.
 
-    Parameters
-    ----------
-    name : str or path
-        A shipped problem, such as ``'admire'``, or a path to a YAML file.
-    kind : type
-        `AllocationProblem`.
+    `name`: a shipped problem, such as ``'admire'``, or a path to a YAML file.  `kind`:
+    `AllocationProblem`.
 
     Returns
     -------

@@ -18,18 +18,13 @@ BY_BOUND, BY_RATE, BY_HEALTH = 1, 2, 3
 class Limits(NamedTuple):
     """What limits the axes, as in `ca_explanation` of the kernel.
 
-    Attributes
-    ----------
-    served : (m,) array
-        Share of its demand that each axis gets, counted from the reference.
-    gain : (m, n) array
-        Multipliers: by how much an axis would come nearer to its demand per unit by which the
-        bound of an effector moved out; zero if the effector does not limit the axis.
-    airmode : (m,) array
-        The same per N of the limit on airmode; positive if thrust may not rise any more, negative
-        if it may not fall.
-    limit : (n,) array
-        `BY_BOUND`, `BY_RATE` or `BY_HEALTH`, negative at the lower bound; 0 for no limit.
+    - `served` (m,): share of its demand that each axis gets, counted from the reference
+    - `gain` (m, n): multipliers: by how much an axis would come nearer to its demand per unit by
+      which the bound of an effector moved out; zero if the effector does not limit the axis
+    - `airmode` (m,): the same per N of the limit on airmode; positive if thrust may not rise any
+      more, negative if it may not fall
+    - `limit` (n,): `BY_BOUND`, `BY_RATE` or `BY_HEALTH`, negative at the lower bound; 0 for no
+      limit
     """
 
     served: Array
@@ -50,13 +45,9 @@ def limits_of(
 ) -> Limits:
     """Return what limits the axes that are not served in full.
 
-    Parameters
-    ----------
-    problem, within : AllocationProblem
-        The problem, and the same with the bounds of this answer.
-    served : (m,) array
-    prices : (m, m + 1) array
-        Of `Prioritization.prices`.
+    - `problem` and `within`: the problem, and the same with the bounds of this answer
+    - `served` (m,)
+    - `prices` (m, m + 1): of `Prioritization.prices`
     """
     ranged = problem.half_range > 0.0
     ranges = np.where(ranged, problem.half_range, problem.half_range.max())

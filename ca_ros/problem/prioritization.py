@@ -92,19 +92,12 @@ class PrioritizedAxesSettings(AxesSettings):
 class Served(NamedTuple):
     """What `Prioritization` makes of demands.
 
-    Attributes
-    ----------
-    wrenches : (..., m) array
-        Attainable wrenches [N, N m].
-    levels : (..., m) array
-        Share of the way from the reference to the demand that each axis went: 0 if it is
-        reversed, 1 at the demand and beyond it.
-    reached : (...) array of bool
-        Whether the demand itself is served, up to rounding errors.
-    thrusts : (..., n) array
-        Some that produce the wrenches, not those of least norm [N].
-    held : (..., n) array of bool
-        Which thrusts are at a bound in all solutions, and limit what is served.
+    - `wrenches` (..., m): attainable wrenches [N, N m]
+    - `levels` (..., m): share of the way from the reference to the demand that each axis went: 0
+      if it is reversed, 1 at the demand and beyond it
+    - `reached` (...): whether the demand itself is served, up to rounding errors
+    - `thrusts` (..., n): some that produce the wrenches, not those of least norm [N]
+    - `held` (..., n): which thrusts are at a bound in all solutions, and limit what is served
     """
 
     wrenches: Array
@@ -119,13 +112,9 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
 
     Raises a ValueError if an axis is missing, repeated or unknown, or a group is empty.
 
-    Parameters
-    ----------
-    order : sequence of groups of axes
-        The most important group first, as words or sequences: ``['roll pitch', 'thrust', 'yaw']``.
-        Each of `axes` is named once; a vehicle's other axes may be named.
-    axes : sequence of str
-        The axes that are commanded.
+    `order`: the most important group first, as words or sequences: ``['roll pitch', 'thrust',
+    'yaw']``. Each of `axes` is named once; a vehicle's other axes may be named.  `axes`: the axes
+    that are commanded.
     """
     listed = [order] if isinstance(order, str) else order
     groups = [tuple(group.split() if isinstance(group, str) else group) for group in listed]
@@ -141,10 +130,7 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
 def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of `ORDER`; axes that a vehicle cannot have are one more group, the last.
 
-    Parameters
-    ----------
-    axes : sequence of str
-        The axes that are commanded.
+    `axes`: the axes that are commanded.
     """
     others = tuple(axis for axis in axes if axis not in AXES)
     return groups_of((*ORDER, others) if others else ORDER, axes)
@@ -168,11 +154,7 @@ def airmode_limits(given: Numbers) -> tuple[float, float, float, float]:
 def sensed(groups: Sequence[Sequence[str]], thrust_deviation: str) -> list[str]:
     """Return the axes whose sense has priority over the amounts of less important axes.
 
-    Parameters
-    ----------
-    groups : sequence of sequences of str
-        The axes of each group.
-    thrust_deviation : 'prevent', 'avoid' or 'allow'
+    `groups`: the axes of each group.  `thrust_deviation` ('prevent', 'avoid' or 'allow').
     """
     later = [axis for group in groups[1:] for axis in group]
     return {
@@ -201,24 +183,17 @@ class Prioritization:
     step 3 all axes of a group first get the same share of their demands, as large as possible.
     Then each axis gets what remains possible, in their order.
 
-    Parameters
-    ----------
-    problem : AllocationProblem
-    groups : sequence of sequences of int
-        Rows of Gamma, the most important group first.
-    reference : (m,) array, optional
-        By default that of the problem: hover for a vehicle [N, N m].
-    thrust_deviation : 'prevent', 'avoid' or 'allow'
-        The axes of step 2.  'prevent': all but thrust, so that thrust deviates from its demand as
-        far as the others need.  'avoid': thrust too, so that it deviates no further than to its
-        reference.  'allow': none.
-    begin : (m,) array, optional
-        Attainable wrench where the line of step 1 begins.  By default it is the reference, moved
-        towards the middle of the set if that is outside the set or near its boundary.
-    airmode_limit : sequence of 4 floats
-        See `airmode_limits`.  In step 1, thrust stays within the first limits of its demand, or of
-        what the first group needs where its line begins.  In steps 2 and 3 it stays within the
-        others of its demand, or of what the first group needs now.
+    - `groups`: rows of Gamma, the most important group first
+    - `reference` (m,): by default that of the problem: hover for a vehicle [N, N m]
+    - `thrust_deviation` ('prevent', 'avoid' or 'allow'): the axes of step 2.  'prevent': all but
+      thrust, so that thrust deviates from its demand as far as the others need.  'avoid': thrust
+      too, so that it deviates no further than to its reference.  'allow': none
+    - `begin` (m,): attainable wrench where the line of step 1 begins.  By default it is the
+      reference, moved towards the middle of the set if that is outside the set or near its
+      boundary
+    - `airmode_limit`: see `airmode_limits`.  In step 1, thrust stays within the first limits of
+      its demand, or of what the first group needs where its line begins.  In steps 2 and 3 it
+      stays within the others of its demand, or of what the first group needs now
     """
 
     def __init__(

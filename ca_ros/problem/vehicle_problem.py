@@ -23,14 +23,7 @@ class VehicleProblem(AllocationProblem):
     A problem needs no audit: it may also be made of a vehicle that allocators refuse because it
     cannot control every axis or hover.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With its `axes` and the bounds of its thrusts.  The reference is hover.
-
-    Attributes
-    ----------
-    vehicle : Vehicle
+    `vehicle`: with its `axes` and the bounds of its thrusts.  The reference is hover.
     """
 
     effector_kind = 'rotors'
@@ -78,18 +71,10 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
     component along the middle is at least the least thrust: at the angle a from the middle, the
     least thrust is 1 / cos a as great.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With `tilts`.
+    `vehicle`: with `tilts`.
 
-    Attributes
-    ----------
-    vehicle : Vehicle
-    wanted : (n, 3) array or None
-        Directions of rotors without thrust; None: the middles of their sets.
-    near : (k,) array or None
-        Of equivalent servo angles, those nearest to these count [rad].
+    `wanted` (n, 3): directions of rotors without thrust; None: the middles of their sets.  `near`
+    (k,): of equivalent servo angles, those nearest to these count [rad].
     """
 
     wanted: Array | None = None

@@ -112,13 +112,9 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     Raises a ParameterError if there is no such file, or it is not a parameter file; the message
     names the file, or a NoSectionError if `node` is given and no section of the file is for it.
 
-    Parameters
-    ----------
-    vehicle : str, path or ParameterFile
-        A shipped vehicle's name, or a path to a YAML file.
-    node : str, optional
-        The full name of a node, such as ``/uav1/allocator``: read the parameters that ROS would
-        give this node.  Default: the allocator, or the only node that the file names.
+    `vehicle`: a shipped vehicle's name, or a path to a YAML file.  `node`: the full name of a
+    node, such as ``/uav1/allocator``: read the parameters that ROS would give this node.  Default:
+    the allocator, or the only node that the file names.
     """
     file = ParameterFile(vehicle)
     try:

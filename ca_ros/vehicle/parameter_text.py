@@ -26,12 +26,7 @@ def parameter_text(title: str, vehicle: Mapping[str, Any], rotors: Mapping[str, 
 
     Raises a ParameterError if a value is wrong.
 
-    Parameters
-    ----------
-    title : str
-        A comment.
-    vehicle, rotors : mappings
-        Values by name, in SI units; None is left out.
+    `title`: a comment.  `vehicle` and `rotors`: values by name, in SI units; None is left out.
     """
     lines = [f'# {title}', '/**:', '  ros__parameters:']
     for group, values in (('vehicle', vehicle), ('rotors', rotors)):

@@ -84,21 +84,13 @@ def from_px4(
     Raises a ValueError if a rotor has no axis, no thrust or no sense of rotation, or another value
     is wrong.
 
-    Parameters
-    ----------
-    given : mapping
-        As `read` returns it.
-    mass : float
-        [kg]
-    speeds : pair of float
-        Bounds of the rotor speeds [rad/s].
-    thrust_coefficient : float
-        k_f of the rotor with the greatest CT [kg m]; the others have theirs in the ratio of CT.
-    moment_constant : float, optional
-        k_tau / k_f [m] of all rotors.  Default: the magnitude of KM.
-    inertia : (3,) sequence, optional
-        Jx, Jy, Jz [kg m^2].  An allocator does without.
-    name : str, optional
+    - `given`: as `read` returns it
+    - `mass`: [kg]
+    - `speeds`: bounds of the rotor speeds [rad/s]
+    - `thrust_coefficient`: k_f of the rotor with the greatest CT [kg m]; the others have theirs in
+      the ratio of CT
+    - `moment_constant`: k_tau / k_f [m] of all rotors.  Default: the magnitude of KM
+    - `inertia` (3,): Jx, Jy, Jz [kg m^2].  An allocator does without
     """
     n = int(given['CA_ROTOR_COUNT'])
     if not 1 <= n <= ROTORS:
@@ -151,11 +143,8 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
 
     Raises a ValueError if PX4 has not as many rotors, or `order` has not each rotor once.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-    order : (n,) sequence, optional
-        For each of PX4's motors the rotor that it is, from 1 on; default: the same order.
+    `order` (n,): for each of PX4's motors the rotor that it is, from 1 on; default: the same
+    order.
     """
     if vehicle.n > ROTORS:
         raise ValueError(f'{vehicle.n} rotors, but PX4 has {ROTORS} at most')

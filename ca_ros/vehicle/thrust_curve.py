@@ -31,20 +31,14 @@ class ThrustCurve:
     Raises a ParameterError if the thrust or the throttle does not increase, or the thrust is not
     zero at rest.
 
-    Attributes
-    ----------
-    coefficient : float
-        k_f [kg m].  A rotor with another k_f has the thrust of the curve in the ratio of both.
-    starts : (K,) array
-        Speeds at which the segments begin [rad/s]; the first is 0.
-    segments : (K, 3) array
-        a, b and c of each segment.
-    throttle_speeds, throttles : (L,) arrays
-        Speeds [rad/s] and their throttles; empty: `expo` gives the throttle.
-    expo : float
-        In [0, 1].
-    pwm : pair of float
-        Pulse widths of no throttle and of full throttle [us].
+    - `coefficient`: k_f [kg m].  A rotor with another k_f has the thrust of the curve in the ratio
+      of both
+    - `starts` (K,): speeds at which the segments begin [rad/s]; the first is 0
+    - `segments` (K, 3): a, b and c of each segment
+    - `throttle_speeds` and `throttles` (L,): speeds [rad/s] and their throttles; empty: `expo`
+      gives the throttle
+    - `expo`: in [0, 1]
+    - `pwm`: pulse widths of no throttle and of full throttle [us]
     """
 
     coefficient: float = 1.0
@@ -165,11 +159,8 @@ class ThrustCurve:
     def throttle(self, speeds: ArrayLike, full: ArrayLike) -> Array:
         """Return the throttles (...) of speeds (...) [rad/s], negative backwards.
 
-        Parameters
-        ----------
-        speeds : (...) array
-        full : (...) array
-            The speed of full throttle [rad/s], where no throttles were measured.
+        `speeds` (...).  `full` (...): the speed of full throttle [rad/s], where no throttles were
+        measured.
         """
         w = np.abs(np.asarray(speeds, dtype=float))
         if len(self.throttles):
@@ -209,15 +200,11 @@ def rotor_speeds(
 
     Quotient, square root and comparisons give the same bits in C, in the precision of the arrays.
 
-    Parameters
-    ----------
-    thrusts : (..., n) array
-    forwards, backwards : (n,) arrays
-        k_f of rotors that turn forwards and backwards, positive [kg m].
-    low, high : (n,) arrays
-        Bounds of the speeds [rad/s].
-    inverse : callable
-        From thrust over k_f to speed, of rotors that turn forwards.
+    - `thrusts` (..., n)
+    - `forwards` and `backwards` (n,): k_f of rotors that turn forwards and backwards, positive [kg
+      m]
+    - `low` and `high` (n,): bounds of the speeds [rad/s]
+    - `inverse`: from thrust over k_f to speed, of rotors that turn forwards
     """
     backward = thrusts < 0.0
     ratio = np.abs(thrusts) / np.where(backward, backwards, forwards)

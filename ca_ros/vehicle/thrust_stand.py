@@ -42,17 +42,12 @@ FEWEST = 4
 class StandFit:
     """What a test stand tells of a motor.
 
-    Attributes
-    ----------
-    speeds, thrusts : (k,) arrays
-        The measured points, by increasing speed [rad/s, N].
-    square, curve : ThrustCurve
-        The best k_f w^2 by least squares, and the best a w^2 + b w + c or the table.
-    settings : dict
-        The settings of `rotors` that they give, by name.
-    throttles : (k,) array or None
-    expo : float
-        The best THR_MDL_FAC; 0 without throttles.
+    - `speeds` and `thrusts` (k,): the measured points, by increasing speed [rad/s, N]
+    - `square` and `curve`: the best k_f w^2 by least squares, and the best a w^2 + b w + c or the
+      table
+    - `settings`: the settings of `rotors` that they give, by name
+    - `throttles` (k,)
+    - `expo`: the best THR_MDL_FAC; 0 without throttles
     """
 
     speeds: Array
@@ -80,10 +75,7 @@ def read_stand(file: str | Path) -> dict[str, Array]:
 
     Raises a ParameterError that names the file, the column and the fault.
 
-    Returns
-    -------
-    dict
-        The columns in SI units by the names of `QUANTITIES`; others are ignored.
+    The result: the columns in SI units by the names of `QUANTITIES`; others are ignored.
     """
     try:
         with open(file, newline='', encoding='utf-8-sig') as stream:
@@ -131,15 +123,11 @@ def fit(
     Raises a ParameterError if columns or points are missing, or the measured thrust does not
     increase.
 
-    Parameters
-    ----------
-    columns : mapping
-        Thrust, and speed or a command (throttle or PWM); torque and voltage if they are known.
-    speed_max : float, optional
-        The speed at the greatest thrust [rad/s], if no speeds were measured: the speeds are then
-        nominal, in proportion to the square root of the thrust.
-    as_table : bool
-        Whether the curve is a table, with the mean of the points of each throttle.
+    - `columns`: thrust, and speed or a command (throttle or PWM); torque and voltage if they are
+      known
+    - `speed_max`: the speed at the greatest thrust [rad/s], if no speeds were measured: the speeds
+      are then nominal, in proportion to the square root of the thrust
+    - `as_table`: whether the curve is a table, with the mean of the points of each throttle
     """
     if 'thrust' not in columns:
         raise ParameterError('no column of thrust')

@@ -26,18 +26,11 @@ class Tilts:
     `rotors.axes`, t its tilt axis, normal to d, and s = d x t.  Most rotors have alpha alone.  A
     rotor on a gimbal has both angles, which keep its thrust in a cone about d.
 
-    Attributes
-    ----------
-    axes : (n, 3) array
-        t, unit vectors; zero for a rotor without a servo.
-    lower, upper : (n,) arrays
-        Limits of alpha [rad]; a range of a circle is an azimuth thruster.
-    gimbal : (n,) array
-        Half angle of the cone of a rotor on a gimbal, or zero [rad].
-    nominal : (n, 3) array
-        d.
-    driven : (n,) array of bool
-        Which rotors have servos, also if they are stuck.
+    - `axes` (n, 3): t, unit vectors; zero for a rotor without a servo
+    - `lower` and `upper` (n,): limits of alpha [rad]; a range of a circle is an azimuth thruster
+    - `gimbal` (n,): half angle of the cone of a rotor on a gimbal, or zero [rad]
+    - `nominal` (n, 3): d
+    - `driven` (n,): which rotors have servos, also if they are stuck
     """
 
     axes: Array

@@ -20,17 +20,11 @@ from ca_ros.vehicle.px4_parameters import add_numbers
 class Model(NamedTuple):
     """What a URDF says of a vehicle, in the frame of its root link, all joints at zero.
 
-    Attributes
-    ----------
-    name : str
-    mass : float
-        Of all links [kg].
-    center : (3,) array
-        Their centre of mass [m].
-    inertia : (3, 3) array
-        About the centre of mass [kg m^2].
-    positions, axes : (n, 3) arrays
-        Of the rotors: the origins of their links [m], and the axes of their joints.
+    - `mass`: of all links [kg]
+    - `center` (3,): their centre of mass [m]
+    - `inertia` (3, 3): about the centre of mass [kg m^2]
+    - `positions` and `axes` (n, 3): of the rotors: the origins of their links [m], and the axes of
+      their joints
     """
 
     name: str

@@ -66,19 +66,12 @@ def plot(
 ) -> Figure:
     """Plot admissible sets: a section of two axes is a filled polygon, of three axes a body.
 
-    Parameters
-    ----------
-    sets : mapping of str to AdmissibleSet
-        By their names in the legend; all with the same axes.
-    axes : sequence of str
-        The two or three axes to draw; a ValueError if one is unknown or repeated.
-    at : (m,) array, optional
-        A wrench with the values of the other axes, the same for all sets; by default the
-        reference of the first problem, hover for a vehicle [N, N m].
-    projection : bool
-        Draw projections instead: the other axes have any attainable value.
-    width : float
-        Width of the figure [mm].
+    - `sets`: by their names in the legend; all with the same axes
+    - `axes`: the two or three axes to draw; a ValueError if one is unknown or repeated
+    - `at` (m,): a wrench with the values of the other axes, the same for all sets; by default the
+      reference of the first problem, hover for a vehicle [N, N m]
+    - `projection`: draw projections instead: the other axes have any attainable value
+    - `width`: width of the figure [mm]
     """
     problem = next(iter(sets.values())).problem
     wrench = problem.reference if at is None else problem.check(at)

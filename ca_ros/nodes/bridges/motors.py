@@ -32,11 +32,7 @@ def order_of(numbers: Numbers, n: int) -> list[int]:
 def ordered(values: Array, order: Sequence[int]) -> Array:
     """Return values (n,) of the rotors in the order of the motors.
 
-    Parameters
-    ----------
-    values : (n,) array
-    order : sequence of int
-        For each motor the rotor that it is, from 1; empty: the same order.
+    `values` (n,).  `order`: for each motor the rotor that it is, from 1; empty: the same order.
     """
     return values[np.array(order) - 1] if order else values
 

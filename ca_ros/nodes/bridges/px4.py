@@ -59,10 +59,8 @@ def body(frd: ArrayLike) -> Array:
 def attitude(q: Sequence[float]) -> Array:
     """Return the attitude x, y, z, w of the body forward-left-up in the world east-north-up.
 
-    Parameters
-    ----------
-    q : (4,) sequence
-        VehicleOdometry.q: w, x, y, z of the body forward-right-down in the world north-east-down.
+    `q` (4,): VehicleOdometry.q: w, x, y, z of the body forward-right-down in the world
+    north-east-down.
     """
     w, x, y, z = np.asarray(q, dtype=float) / np.linalg.norm(q)
     return np.sqrt(0.5) * np.array([x + y, x - y, w - z, w + z])
@@ -73,14 +71,8 @@ def state(message: Any) -> tuple[Array, Array, Array, Array]:
 
     Raises a ValueError if a value is unknown (NaN), or a frame is another one.
 
-    Returns
-    -------
-    position : (3,) array
-        East-north-up [m].
-    attitude : (4,) array
-        x, y, z, w.
-    velocity, angular_velocity : (3,) arrays
-        In the body frame, forward-left-up [m/s, rad/s].
+    Returns `position` (3,): east-north-up [m]; `attitude` (4,): x, y, z, w; `velocity,
+    angular_velocity` (3,): in the body frame, forward-left-up [m/s, rad/s].
     """
     if message.pose_frame != NED:
         raise ValueError(f'pose_frame is {message.pose_frame}, expected {NED} (north-east-down)')
@@ -155,23 +147,14 @@ def controls(
     parameter F = THR_MDL_FAC, so PX4 models thrust as this function of x.  Raises a ValueError if
     a speed is out of bounds.
 
-    Parameters
-    ----------
-    speeds : (n,) array
-        In the order of the vehicle's parameter file [rad/s].
-    vehicle : Vehicle
-    order : (n,) sequence
-        As in `ordered`.
-    output : 'thrust' or 'throttle'
-        The control is the share of the greatest thrust, for which PX4 finds the output; or the
-        c whose x is the throttle of the vehicle's thrust curve.
-    thrust_factor : float
-        THR_MDL_FAC as it is set in PX4, for 'throttle'.
+    - `speeds` (n,): in the order of the vehicle's parameter file [rad/s]
+    - `order` (n,): as in `ordered`
+    - `output` ('thrust' or 'throttle'): the control is the share of the greatest thrust, for which
+      PX4 finds the output; or the c whose x is the throttle of the vehicle's thrust curve
+    - `thrust_factor`: THR_MDL_FAC as it is set in PX4, for 'throttle'
 
-    Returns
-    -------
-    (12,) array
-        NaN, which stops a motor, for rotors at speed zero and for motors that are not there.
+    The result: NaN, which stops a motor, for rotors at speed zero and for motors that are not
+    there.
     """
     if speeds.shape != (vehicle.n,):
         raise ValueError(f'{len(speeds)} rotor speeds for {vehicle.n} rotors')
