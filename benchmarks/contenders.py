@@ -16,8 +16,7 @@ from ca_ros.allocation import Allocator, make_allocator
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 
-BASELINE = 'clipped_pinv'
-"""The clipped pseudo-inverse; its time is the unit of all others."""
+BASELINE = 'clipped_pinv'  # the clipped pseudo-inverse; its time is the unit of all others
 
 
 @dataclass(frozen=True)

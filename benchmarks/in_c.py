@@ -33,8 +33,7 @@ OPTIONS = ['-std=c99', '-O3', '-ffp-contract=off', '-fPIC', '-shared', '-Wl,-Bsy
 NAMES = ('clipped_pinv', 'exact', 'daqp_reused', 'osqp')
 """The contenders, functions of `contenders.c`."""
 
-DAQP = '0.11.0'
-"""The version of DAQP whose structures `contenders.c` knows."""
+DAQP = '0.11.0'  # the version of DAQP whose structures `contenders.c` knows
 
 
 class Missing(Exception):

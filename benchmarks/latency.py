@@ -39,13 +39,11 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 MODULES = {'allocator': 'ca_ros.nodes.allocator', 'echo': 'benchmarks.echo'}
 
-RATES = (250.0, 1000.0)
-"""Rates at which latencies are measured [Hz]."""
+RATES = (250.0, 1000.0)  # rates at which latencies are measured [Hz]
 
 COMMANDS = 1000
 START_TIMEOUT = 30.0
-ANSWER_MAX = 1.0
-"""Time after which a command without an answer is lost [s]."""
+ANSWER_MAX = 1.0  # time after which a command without an answer is lost [s]
 
 
 class LatencyError(CaRosError):

@@ -22,8 +22,7 @@ from ca_ros.arrays import Array
 from ca_ros.evaluation.comparison import hierarchical
 from ca_ros.problem.problem import AllocationProblem
 
-Call = Callable[[Array], Any]
-"""From a wrench (m,) [N, N m] to an answer."""
+Call = Callable[[Array], Any]  # from a wrench (m,) [N, N m] to an answer
 
 
 def osqp(problem: AllocationProblem, **settings: Any) -> Call:

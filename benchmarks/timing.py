@@ -25,8 +25,7 @@ from benchmarks.peers import Call
 from benchmarks.sizes import Sizes
 from ca_ros.arrays import Array
 
-TURN = 250
-"""Calls in a turn."""
+TURN = 250  # calls in a turn
 
 PERCENTILES = {'p50': 50.0, 'p99': 99.0, 'p999': 99.9, 'worst': 100.0}
 """Percentiles of the times of single calls, by column."""
@@ -41,8 +40,7 @@ class Key(NamedTuple):
     rotors: int
 
 
-Jobs = dict[Key, tuple[Callable[[], Any], float]]
-"""A job, and the number of units in it."""
+Jobs = dict[Key, tuple[Callable[[], Any], float]]  # a job, and the number of units in it
 
 
 def measure(
@@ -120,7 +118,7 @@ def _one_by_one(call: Call, wrenches: list[Array]) -> tuple[list[int], list[Any]
         answer = call(u)
         times.append(perf_counter_ns() - start)
         thrusts = getattr(answer, 'thrusts', answer)
-        # A copy: the solver may reuse its memory.
+        # a copy: the solver may reuse its memory.
         answers.append(None if thrusts is None else np.array(thrusts, dtype=float))
     return times, answers
 

@@ -28,11 +28,8 @@ WAYPOINTS = (
 )
 """The paper's waypoint, and three far away, of the flight of `flown`."""
 
-TIME_STEP = 0.01
-"""Time between two wrenches of `flown` [s]."""
-
-LEG = 250
-"""Wrenches on the way to a waypoint; fewer if a flight has too few for all waypoints."""
+TIME_STEP = 0.01  # time between two wrenches of `flown` [s]
+LEG = 250  # wrenches on the way to a waypoint; fewer if a flight has too few for all waypoints
 
 
 def flown(vehicle: Vehicle, gains: ControllerSettings, size: int) -> Array:

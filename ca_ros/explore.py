@@ -11,8 +11,7 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.vehicle import Vehicle
 
-PAGE = Path(__file__).with_name('explorer.html')
-"""The page, which ``make explorer`` builds."""
+PAGE = Path(__file__).with_name('explorer.html')  # the page, which ``make explorer`` builds
 
 NO_VEHICLE = '<script type="application/json" id="start">{}</script>'
 

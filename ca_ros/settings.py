@@ -30,20 +30,14 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, constant
 from ca_ros.errors import CaRosError
 
-Numbers = Annotated[ArrayLike, float]
-"""The type of a setting that is one number or several."""
-
-Words = Annotated[Sequence[str], str]
-"""The type of a setting that is several words."""
-
-REQUIRED = object()
-"""The default of a setting that a file must have."""
+Numbers = Annotated[ArrayLike, float]  # the type of a setting that is one number or several
+Words = Annotated[Sequence[str], str]  # the type of a setting that is several words
+REQUIRED = object()  # the default of a setting that a file must have
 
 LARGEST, SMALLEST = 1e9, 1e-30
 """Greatest number, and least positive one; products of others could overflow."""
 
-WEIGHTS_MAX = 1e4
-"""Greatest ratio of two weights."""
+WEIGHTS_MAX = 1e4  # greatest ratio of two weights
 
 INDENT = '    '
 

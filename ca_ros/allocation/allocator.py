@@ -25,8 +25,7 @@ P = ParamSpec('P')
 S = TypeVar('S')
 A = TypeVar('A')
 
-HEADING = re.compile(r'^(?=\w+\n---)', re.MULTILINE)
-"""Where a section of a docstring begins."""
+HEADING = re.compile(r'^(?=\w+\n---)', re.MULTILINE)  # where a section of a docstring begins
 
 
 def takes_settings(

@@ -27,8 +27,7 @@ EXACT = Status.EXACT
 STATUSES = {int(status): status for status in Status}
 """By number; to look one up in the enumeration takes ten times as long."""
 
-THREAD_MIN = 8192
-"""Wrenches of a batch for each thread, at least."""
+THREAD_MIN = 8192  # wrenches of a batch for each thread, at least
 
 
 def processors() -> int:

@@ -22,8 +22,7 @@ POLICIES = {
 }
 """The status of a wrench outside of the admissible set, by policy."""
 
-PREFERRED_MAX = 100.0
-"""Greatest preferred thrust, in units of the greatest bound."""
+PREFERRED_MAX = 100.0  # greatest preferred thrust, in units of the greatest bound
 
 
 class Serving(NamedTuple):

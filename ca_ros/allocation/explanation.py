@@ -13,8 +13,7 @@ from ca_ros.problem.limits import BY_HEALTH, BY_RATE, Limits, limits_of, shares
 from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
 
-SERVED = 1e-9
-"""Residual, as a share of the range of an axis, that counts as none."""
+SERVED = 1e-9  # residual, as a share of the range of an axis, that counts as none
 
 
 @dataclass(frozen=True, eq=False)

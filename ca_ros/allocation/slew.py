@@ -16,8 +16,7 @@ from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.validation import numbers
 
-PERIOD_MAX = 0.1
-"""Greatest time since the last command in which rotors count as moving [s]."""
+PERIOD_MAX = 0.1  # greatest time since the last command in which rotors count as moving [s]
 
 
 class SlewLimited(Allocator):

@@ -27,17 +27,10 @@ from ca_ros.solver.sets_newton import SetsNewton
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
-WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
-"""The default of Wv, that of Paparazzi."""
-
-RATIO_MAX = 1e10
-"""Greatest ratio of the weights of the wrench to those of the thrusts."""
-
-FREE = 1e-3
-"""Least weight of an axis of rotors that tilt, for the digits of what it may miss."""
-
-ROUNDING = 1e-10
-"""Size of multipliers that count as zero, relative to their terms."""
+WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')  # the default of Wv, that of Paparazzi
+RATIO_MAX = 1e10  # greatest ratio of the weights of the wrench to those of the thrusts
+FREE = 1e-3  # least weight of an axis of rotors that tilt, for the digits of what it may miss
+ROUNDING = 1e-10  # size of multipliers that count as zero, relative to their terms
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +156,7 @@ class WeightedLeastSquares(Allocator):
                 active[first], free[first] = np.sign(step[first]), False
                 continue
             thrusts = goal
-            # A second projection removes what rounding has left in the space of the free columns.
+            # a second projection removes what rounding has left in the space of the free columns.
             residual -= basis @ image
             residual -= basis @ (basis.T @ residual)
             multipliers = active * (residual @ matrix)

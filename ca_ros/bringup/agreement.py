@@ -17,8 +17,7 @@ VEHICLE = table(MovingVehicleSettings)
 REFERENCE_ORDER = ('allocator', 'controller', 'simulator')
 """The others are compared with the first of these nodes that declares a parameter."""
 
-Parameters = Mapping[str, Mapping[str, Any]]
-"""Values by node and name."""
+Parameters = Mapping[str, Mapping[str, Any]]  # values by node and name
 
 
 class DisagreementError(CaRosError):

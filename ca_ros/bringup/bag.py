@@ -28,8 +28,7 @@ LOOP = tuple(topic.path for topic in topics.STREAMS)
 STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)
 """`LOOP`, and the allocator's results for each command."""
 
-INFINITE = (9223372036, 854775807)
-"""RMW_DURATION_INFINITE [s, ns]."""
+INFINITE = (9223372036, 854775807)  # RMW_DURATION_INFINITE [s, ns]
 
 
 class BagError(CaRosError, RuntimeError):
@@ -107,7 +106,7 @@ class Bag:
         self._newest[topic] = message
         if not topic.startswith('/'):
             before, number = self._sequence.get(topic), info['publication_sequence_number']
-            # A restarted publisher counts from one again.
+            # a restarted publisher counts from one again.
             if before is not None and number > before:
                 self.lost += number - before - 1
             self._sequence[topic] = number

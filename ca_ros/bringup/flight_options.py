@@ -13,8 +13,7 @@ from ca_ros.flight.trajectory import COLUMNS, Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.settings import ParameterError
 
-POSITION, HEADING = (1.0, 1.0, 1.0), 45.0
-"""The paper's waypoint [m, degrees]."""
+POSITION, HEADING = (1.0, 1.0, 1.0), 45.0  # the paper's waypoint [m, degrees]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -32,11 +32,8 @@ from ca_ros.vehicle.vehicle import Vehicle
 PROGRESS_TIMEOUT = 60.0
 """Time without progress after which the start or the flight is given up [s]."""
 
-NOTICE = 10.0
-"""Period of the lines that say what a flight waits for [s]."""
-
-LOOK_AROUND = 0.5
-"""Time to discover other nodes before the start, and between later checks [s]."""
+NOTICE = 10.0  # period of the lines that say what a flight waits for [s]
+LOOK_AROUND = 0.5  # time to discover other nodes before the start, and between later checks [s]
 
 
 class Stopped(CaRosError):

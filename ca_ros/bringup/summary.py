@@ -16,11 +16,8 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
-ANNOUNCED = 1.0
-"""Time in which an announced failure takes effect in real time [s]."""
-
-RECENT = 1.0
-"""Time of the flight that shows whether the vehicle approaches its waypoint [s]."""
+ANNOUNCED = 1.0  # time in which an announced failure takes effect in real time [s]
+RECENT = 1.0  # time of the flight that shows whether the vehicle approaches its waypoint [s]
 
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
 """How far from the waypoint the flight may end [m, rad]."""

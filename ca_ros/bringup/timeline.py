@@ -19,8 +19,7 @@ from ca_ros.process.deadline import Deadline
 from ca_ros.process.parameters import ParameterClient
 from ca_ros.settings import repeated
 
-TIMEOUT = 60.0
-"""Time limit for a node to accept a parameter [s]."""
+TIMEOUT = 60.0  # time limit for a node to accept a parameter [s]
 
 
 class TimelineError(CaRosError):

@@ -47,8 +47,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 PAPER = ('exact', 'pseudo_inverse', 'conventional', 'direct')
 """The paper's methods, in the order of its Table 1."""
 
-SETS = {'paper': PAPER, 'all': tuple(ALLOCATORS)}
-"""Words that stand for several methods."""
+SETS = {'paper': PAPER, 'all': tuple(ALLOCATORS)}  # words that stand for several methods
 
 
 class CaseError(CaRosError):

@@ -92,7 +92,7 @@ def compute(
         finally:
             for future in futures:
                 future.cancel()
-            # A chunk that is being computed would hold up the end.
+            # a chunk that is being computed would hold up the end.
             if done < count and isinstance(executor, ProcessPoolExecutor):
                 for child in active_children():
                     child.terminate()
@@ -145,8 +145,7 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         raise EngineError(f'--scheduler {scheduler}: {type(error).__name__}') from None
 
 
-_last = local()
-"""The last task of a thread: solvers such as OSQP must not be shared by threads."""
+_last = local()  # the last task of a thread: solvers such as OSQP must not be shared by threads
 
 
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:

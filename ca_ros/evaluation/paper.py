@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 from ca_ros.nodes.settings import load
 from ca_ros.settings import flat
 
-SAMPLES = 1000
-"""The number of samples in the paper."""
+SAMPLES = 1000  # the number of samples in the paper
 
 
 class Row(NamedTuple):

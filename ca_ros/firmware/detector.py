@@ -31,11 +31,8 @@ TEMPLATES = {
 }
 FIXED = ('check_detector.c',)
 
-STEP = 0.01
-"""Between two states of the golden flight [s]."""
-
-STATES, FAILURE = 90, 70
-"""States of the golden flight, and the first after the failure of rotor 1."""
+STEP = 0.01  # between two states of the golden flight [s]
+STATES, FAILURE = 90, 70  # states of the golden flight, and the first after the failure of rotor 1
 
 
 @dataclass(frozen=True, kw_only=True)

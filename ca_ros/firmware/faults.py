@@ -13,8 +13,7 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
-CHOICES = ('none', 'single')
-"""Names of sets of faults: no fault, or the loss of each single rotor."""
+CHOICES = ('none', 'single')  # names of sets of faults: no fault, or the loss of each single rotor
 
 
 @dataclass(frozen=True, eq=False)

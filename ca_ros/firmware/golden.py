@@ -9,8 +9,7 @@ from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.literals import braced, indented, real
 from ca_ros.problem.problem import AllocationProblem
 
-SIZE = 12
-"""Number of wrenches of each kind for each fault."""
+SIZE = 12  # number of wrenches of each kind for each fault
 
 BEYOND = 3.0
 """Greatest distance of a wrench from the centre, relative to the distance of the boundary."""

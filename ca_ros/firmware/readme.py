@@ -12,8 +12,7 @@ from ca_ros.firmware.firmware import LIMIT, Firmware
 from ca_ros.firmware.footprint import Footprint
 from ca_ros.problem.controllability import unit
 
-SAMPLE = 3333
-"""Number of wrenches of each kind and fault for which steps are counted."""
+SAMPLE = 3333  # number of wrenches of each kind and fault for which steps are counted
 
 FORWARD_RIGHT_DOWN = {
     'force_x': 'F_x',

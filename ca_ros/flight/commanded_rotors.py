@@ -8,8 +8,7 @@ from ca_ros.arrays import Array
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.vehicle.vehicle import Vehicle
 
-COMMANDS_MAX = 1000
-"""Commands that wait to take effect; of more, the oldest are dropped."""
+COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest are dropped
 
 
 class CommandedRotors:

@@ -9,8 +9,7 @@ from ca_ros.settings import ParameterError
 
 T = TypeVar('T')
 
-STEPS_MAX = 1_000_000
-"""Greatest delay in steps; each step takes memory."""
+STEPS_MAX = 1_000_000  # greatest delay in steps; each step takes memory
 
 
 class Delay(Generic[T]):

@@ -11,11 +11,8 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 
-LATEST = 1e6
-"""Latest time of a failure or an announcement [s]."""
-
-ANNOUNCE = 0.1
-"""Default time from a failure to its announcement [s]."""
+LATEST = 1e6  # latest time of a failure or an announcement [s]
+ANNOUNCE = 0.1  # default time from a failure to its announcement [s]
 
 FAILURE = re.compile(r'(?P<rotor>[0-9]+)@(?P<time>[^=]+)(=(?P<health>.+))?')
 

@@ -14,8 +14,7 @@ from ca_ros.vehicle.settings import MovingVehicleSettings
 
 SIDEWAYS = ('force_x', 'force_y')
 
-XYZ = (1, 3)
-"""Sizes of a setting that is given once, or for x, y, z."""
+XYZ = (1, 3)  # sizes of a setting that is given once, or for x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +58,7 @@ class ControlSettings(MovingVehicleSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
+        # a vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
         if self.controller.attitude != 'tilt' and (
             missing := {*SIDEWAYS} - {*self.allocation.axes}
         ):

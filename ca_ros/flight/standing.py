@@ -13,8 +13,7 @@ MOTION = 0.05
 
 AVERAGING = 0.2
 
-REST = 0.5
-"""A vehicle that stands has not moved for this time [s]."""
+REST = 0.5  # a vehicle that stands has not moved for this time [s]
 
 FORCE, TORQUE = 0.3, 0.1
 """Without balance of this vertical force, over m g, or of this torque, over m g and the mean

@@ -43,14 +43,9 @@ ACKNOWLEDGED_MAX = 2.0
 EXPLAINED_MAX = 10000
 """Choices of rotors up to which answers are explained: more would take milliseconds."""
 
-LATENCIES = 5000
-"""Number of latest latencies that the percentiles cover."""
-
-LOST = -2
-"""Saturation of a lost rotor; one at its lower bound has -1."""
-
-REPEATS = 5
-"""Repeats of the last command, since best-effort delivery is not acknowledged."""
+LATENCIES = 5000  # number of latest latencies that the percentiles cover
+LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
+REPEATS = 5  # repeats of the last command, since best-effort delivery is not acknowledged
 
 
 class AllocatorNode(HealthNode):
@@ -212,7 +207,7 @@ class AllocatorNode(HealthNode):
             # Speeds out of bounds never reach the motors, even if a method returns them.
             speeds = self.commands(answer)
         except Exception:
-            # A method may be anybody's, and one command must not end a flight.
+            # a method may be anybody's, and one command must not end a flight.
             self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
             self._refuse('only commands that the method fails to answer')
             return
@@ -241,7 +236,7 @@ class AllocatorNode(HealthNode):
             return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
         if wrong := wrong_frame(frame, self._frame, 'command_frame'):
             return 'frame', f'wrench {wrong}'
-        # A stamp ahead of the clock would pass the age limit for too long.
+        # a stamp ahead of the clock would pass the age limit for too long.
         if self._age_max and abs(age := self.get_clock().now().nanoseconds - time) > self._age_max:
             off = f'{abs(age) / 1e9:.3f} s {"old" if age > 0 else "ahead"}'
             return 'age', f'wrench that is {off} (parameter command_age_max)'

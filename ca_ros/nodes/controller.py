@@ -33,11 +33,8 @@ from ca_ros.nodes.settings import ControllerNodeSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.settings import AXES
 
-NOTHING = 1e-9
-"""Size of a component up to which it is left out of a text [N, N m]."""
-
-TILT_ERROR = 0.35
-"""Tilt beyond the greatest commanded one that is warned of [rad]."""
+NOTHING = 1e-9  # size of a component up to which it is left out of a text [N, N m]
+TILT_ERROR = 0.35  # tilt beyond the greatest commanded one that is warned of [rad]
 
 SAME_STAMP = 'pose and velocity with the same stamp'
 

@@ -41,8 +41,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 DEFAULT_VEHICLE = 'hexarotor'
 
-ENDING_MAX = 20.0
-"""Longest time that a node may take to end [s]."""
+ENDING_MAX = 20.0  # longest time that a node may take to end [s]
 
 Parse = Callable[[str, str, Sequence[str], type[Settings]], list[str]]
 

@@ -17,8 +17,7 @@ from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.settings import ParameterError, repeated
 
-VOLTAGE_STEP = 0.005
-"""Relative change of the voltage from which the bounds follow it."""
+VOLTAGE_STEP = 0.005  # relative change of the voltage from which the bounds follow it
 
 
 class HealthNode(VehicleNode):

@@ -22,11 +22,8 @@ COLORS = {
 }  # fmt: skip
 """Those of Okabe and Ito, which the colour-blind can tell apart."""
 
-KINDS = {0: 'free', 1: 'maximum', -1: 'minimum', -2: 'lost'}
-"""By the values of ``~/saturation``."""
-
-DISC = 0.42
-"""Radius of a rotor as a share of the least distance between two."""
+KINDS = {0: 'free', 1: 'maximum', -1: 'minimum', -2: 'lost'}  # by the values of ``~/saturation``
+DISC = 0.42  # radius of a rotor as a share of the least distance between two
 
 
 @dataclass
@@ -77,7 +74,7 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
         return marker
 
     def arrow(space: str, color: str, start: Array, way: Array, width: float) -> None:
-        # A head of no length is no arrow.
+        # a head of no length is no arrow.
         if np.linalg.norm(way) > 1e-6:
             shape = add(space, Marker.ARROW, color, (width, 2.2 * width, 3.0 * width))
             shape.points = points([start, start + way])

@@ -31,14 +31,12 @@ from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
-STATE_REPEAT = 0.2
-"""Time after which the node publishes an unanswered state again in lockstep [s]."""
+STATE_REPEAT = 0.2  # time after which the node publishes an unanswered state again in lockstep [s]
 
 BACKLOG = LOCKSTEP_DEPTH // 4
 """Number of steps after which the node waits for its subscribers in lockstep."""
 
-CATCH_UP_MAX = 2.0
-"""Longest wait for the subscribers [s]: one that was killed never acknowledges."""
+CATCH_UP_MAX = 2.0  # longest wait for the subscribers [s]: one that was killed never acknowledges
 
 BEHIND_MAX = 0.5
 """Greatest lag behind the clock that the simulation catches up with in real time [s]."""

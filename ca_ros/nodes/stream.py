@@ -17,14 +17,9 @@ from ca_ros.nodes.qos import requested
 from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic
 
-_Taken = tuple[bytes, dict[str, Any]]
-"""A serialized message and the information about it."""
-
-SIZE_MAX = 16384
-"""Largest message of a stream [bytes]: 2000 rotor speeds."""
-
-STALL_MIN = 0.1
-"""Time in which the process did nothing that counts as a stall [s]."""
+_Taken = tuple[bytes, dict[str, Any]]  # a serialized message and the information about it
+SIZE_MAX = 16384  # largest message of a stream [bytes]: 2000 rotor speeds
+STALL_MIN = 0.1  # time in which the process did nothing that counts as a stall [s]
 
 SETTLING = 0.05
 """Time after a stall in which the middleware hands over what the kernel has kept meanwhile [s]."""

@@ -20,14 +20,9 @@ from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.vehicle import Vehicle
 
-PERIOD = 0.05
-"""Between two pictures [s]."""
-
-STEP = 0.05
-"""Least distance between two points of the path [m]."""
-
-POINTS_MAX = 1000
-"""Greatest number of points of the path."""
+PERIOD = 0.05  # between two pictures [s]
+STEP = 0.05  # least distance between two points of the path [m]
+POINTS_MAX = 1000  # greatest number of points of the path
 
 
 class ViewerNode(VehicleNode):

@@ -9,8 +9,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.vehicle.vehicle import Vehicle
 
-TICK = 0.02
-"""Period of the check of watchdogs and of the timeout action [s]."""
+TICK = 0.02  # period of the check of watchdogs and of the timeout action [s]
 
 
 class Watchdog:
@@ -45,7 +44,7 @@ class Watchdog:
 
     def look(self) -> bool:
         """Return whether the timeout has passed, and remember it."""
-        # A command may have arrived since the last look.
+        # a command may have arrived since the last look.
         first = self._missed != self._last
         self.expired = self.over
         self.begun = self.expired and first

@@ -11,8 +11,7 @@ from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.solver.simplex import ZERO
 
-BY_BOUND, BY_RATE, BY_HEALTH = 1, 2, 3
-"""What limits an effector: enum ca_limit of the kernel."""
+BY_BOUND, BY_RATE, BY_HEALTH = 1, 2, 3  # what limits an effector: enum ca_limit of the kernel
 
 
 class Limits(NamedTuple):

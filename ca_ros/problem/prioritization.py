@@ -22,24 +22,14 @@ INSIDE = 0.99
 ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 """The default order: groups of axes, the most important first."""
 
-DEFAULT_ORDER = tuple(' '.join(group) for group in ORDER)
-"""The same in words."""
+DEFAULT_ORDER = tuple(' '.join(group) for group in ORDER)  # the same in words
 
 THRUST_DEVIATIONS = ('prevent', 'avoid', 'allow')
-THRUST_DEVIATION = 'prevent'
-"""The default."""
-
-AIRMODE = (1.0, 1.0, 1.0, 1.0)
-"""Without limits on airmode: thrust may deviate by its whole range."""
-
-REST = 1e-9
-"""Distance from the reference, as a share of an axis's range, that counts as none."""
-
-LAG = 1e-3
-"""Least weight of an axis in its group, as a share of its range."""
-
-LAG_RATIO = 1e-6
-"""Least weight of an axis in its group, relative to the greatest."""
+THRUST_DEVIATION = 'prevent'  # the default
+AIRMODE = (1.0, 1.0, 1.0, 1.0)  # without limits on airmode: thrust may deviate by its whole range
+REST = 1e-9  # distance from the reference, as a share of an axis's range, that counts as none
+LAG = 1e-3  # least weight of an axis in its group, as a share of its range
+LAG_RATIO = 1e-6  # least weight of an axis in its group, relative to the greatest
 
 DOUBT = 10.0
 """A demand counts as served within DOUBT times the error estimate of the simplex method."""

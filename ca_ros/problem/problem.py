@@ -20,8 +20,7 @@ from ca_ros.vehicle.files import shipped_problems
 from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds
 from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 
-EXACT_TOLERANCE = 1e-12
-"""Residual of an exact allocation, relative to max(1, |u|)."""
+EXACT_TOLERANCE = 1e-12  # residual of an exact allocation, relative to max(1, |u|)
 
 UNITS_MIN = 1e-6
 """Least range of an axis, and least share of the greatest range, where errors are judged."""

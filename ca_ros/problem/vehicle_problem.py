@@ -37,7 +37,7 @@ class VehicleProblem(AllocationProblem):
         return made
 
     def __init__(self, vehicle: Vehicle) -> None:
-        # A vehicle has sound numbers, in SI units.
+        # a vehicle has sound numbers, in SI units.
         self.vehicle, self.axes = vehicle, vehicle.axes
         self.effector_names = tuple(str(i + 1) for i in range(vehicle.n))
         self._fill(
@@ -144,8 +144,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         return np.asarray(cos(angle) * rows[0] + sin(angle) * (side @ rows[1:]), float)
 
 
-IDLE = 1e-12
-"""Thrust, as a share of the greatest, below which it has no direction."""
+IDLE = 1e-12  # thrust, as a share of the greatest, below which it has no direction
 
 
 def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:

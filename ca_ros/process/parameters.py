@@ -16,8 +16,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-FIRST_PAUSE, LAST_PAUSE = 0.5, 2.0
-"""Pauses between the repetitions of a call [s]."""
+FIRST_PAUSE, LAST_PAUSE = 0.5, 2.0  # pauses between the repetitions of a call [s]
 
 SERVICES = {
     ListParameters: 'list_parameters',

@@ -15,8 +15,7 @@ from typing import Any, cast
 
 from ca_ros.signals import ending_signals
 
-PR_SET_PDEATHSIG = 1
-"""From <sys/prctl.h>."""
+PR_SET_PDEATHSIG = 1  # from <sys/prctl.h>
 
 Process = subprocess.Popen[Any]
 

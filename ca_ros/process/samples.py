@@ -12,8 +12,7 @@ from ca_ros.flight.record import Flight
 from ca_ros.nodes.messages import pose_arrays, stamp_of, twist_arrays
 from ca_ros.nodes.topics import POSE, SPEEDS, VELOCITY
 
-SAMPLED = (POSE, VELOCITY, SPEEDS)
-"""The topics of a sample."""
+SAMPLED = (POSE, VELOCITY, SPEEDS)  # the topics of a sample
 
 COLUMNS = ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds')
 

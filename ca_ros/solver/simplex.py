@@ -6,14 +6,9 @@ from collections.abc import Sequence
 
 from ca_ros.arrays import Array
 
-ZERO = 1e-8
-"""Rate below which a variable does not depend on another; rates are of the order of 1."""
-
-SLACK = 1e-12
-"""Distance by which rounding may move a variable out of its bounds."""
-
-RATE_MIN = 1e-9
-"""Rate below which a variable does not block a move."""
+ZERO = 1e-8  # rate below which a variable does not depend on another; rates are of the order of 1
+SLACK = 1e-12  # distance by which rounding may move a variable out of its bounds
+RATE_MIN = 1e-9  # rate below which a variable does not block a move
 
 PIVOTS_PER_VARIABLE = 8
 """Limit of the pivots of one push, per variable; the tests need one at most."""
@@ -150,7 +145,7 @@ class Simplex:
         self.lower[v] = self.upper[v] = self.value[v]
         if v in self._basic:
             r = self._basic.index(v)
-            # A thrust whose bounds have met is the last choice.
+            # a thrust whose bounds have met is the last choice.
             sizes = [
                 abs(rate)
                 if self.lower[x] < self.upper[x]

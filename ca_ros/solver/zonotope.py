@@ -16,11 +16,8 @@ IndexArray = NDArray[np.intp]
 PARALLEL = 1e-10
 """Share of a segment's length below which its component along a normal is rounding."""
 
-SPANNING_MIN = 1e-9
-"""Least singular value of unit vectors that span."""
-
-SPAN_ROUNDING = 1e-12
-"""Relative size below which a component that should be zero is rounding."""
+SPANNING_MIN = 1e-9  # least singular value of unit vectors that span
+SPAN_ROUNDING = 1e-12  # relative size below which a component that should be zero is rounding
 
 TILES_MAX = 1_000_000
 

@@ -23,11 +23,8 @@ from ca_ros.testing.processes import DEADLINE, GraphProcesses
 FIRST_PAUSE, LAST_PAUSE = 0.25, 2.0
 """Pauses between the repetitions of a message that may have been lost [s]."""
 
-LETTING_GO_MAX = 0.3
-"""Longest wait until DDS knows that the processes have ended [s]."""
-
-LENGTH = 500
-"""Length of a message in a report."""
+LETTING_GO_MAX = 0.3  # longest wait until DDS knows that the processes have ended [s]
+LENGTH = 500  # length of a message in a report
 
 RELIABLE, BEST_EFFORT = (
     QoSProfile(reliability=reliability, history=HistoryPolicy.KEEP_LAST, depth=1000)

@@ -19,8 +19,7 @@ from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.testing.graph import Graph
 from ca_ros.testing.messages import six, wrench
 
-ROWS = 11
-"""Number of states in the table of a report."""
+ROWS = 11  # number of states in the table of a report
 
 HEAD = 't [s] position [m]               rates [rad/s]              thrust [N], torques [N m]'
 

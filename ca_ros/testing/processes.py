@@ -22,14 +22,12 @@ from ca_ros.testing.domain import claim
 from ca_ros.testing.environment import SETTINGS, applied
 from ca_ros.testing.executables import executable
 
-DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))
-"""Time limit of a wait [s]."""
+DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))  # time limit of a wait [s]
 
 MARK = 'CA_ROS_TEST_GRAPH'
 """A variable that marks the processes of a graph, and the processes that they start."""
 
-LINES = 50
-"""Number of lines of the output of a process that a report shows."""
+LINES = 50  # number of lines of the output of a process that a report shows
 
 STREAMS = 'stdout', 'stderr'
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
-ALL = 'all'
-"""Stands for each rotor."""
+ALL = 'all'  # stands for each rotor
 
 
 def read_failures(text: str) -> dict[str, float]:

@@ -8,8 +8,7 @@ import yaml
 
 from ca_ros.settings import ParameterError
 
-DEPTH_MAX = 20
-"""Largest depth of nested lists and mappings in a YAML text."""
+DEPTH_MAX = 20  # largest depth of nested lists and mappings in a YAML text
 
 
 class PlainLoader(yaml.SafeLoader):

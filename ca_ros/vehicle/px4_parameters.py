@@ -25,8 +25,7 @@ from ca_ros.arguments import finite
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
-ROTORS = 12
-"""The most rotors of PX4; 8 before version 1.14."""
+ROTORS = 12  # the most rotors of PX4; 8 before version 1.14
 
 KINDS = ('PX', 'PY', 'PZ', 'AX', 'AY', 'AZ', 'CT', 'KM')
 DEFAULTS = dict(zip(KINDS, (0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 6.5, 0.05), strict=True))

@@ -34,8 +34,7 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Factors to SI units; throttle from 0 to 1, pulse widths in us."""
 
-FEWEST = 4
-"""Points that a fit needs at least."""
+FEWEST = 4  # points that a fit needs at least
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,7 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.settings import RotorSettings
 
-FIXED = 1e-9
-"""Range of a tilt angle below which a rotor is fixed [rad]."""
+FIXED = 1e-9  # range of a tilt angle below which a rotor is fixed [rad]
 
 ROUNDING = 1e-6
 """How far the limits in a file may be beyond half a circle, or short of a circle [rad]."""

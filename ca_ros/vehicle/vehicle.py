@@ -30,11 +30,8 @@ from ca_ros.vehicle.thrust_curve import ThrustCurve, rotor_speeds
 from ca_ros.vehicle.tilts import Tilts, tilts_of
 from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds
 
-EFFECTORS_MAX = 1000
-"""Greatest number of rotors; more would need hours to list what they can do."""
-
-HEALTH_MIN = 1e-9
-"""A rotor whose health is below this counts as lost."""
+EFFECTORS_MAX = 1000  # greatest number of rotors; more would need hours to list what they can do
+HEALTH_MIN = 1e-9  # a rotor whose health is below this counts as lost
 
 SQUARE = ThrustCurve()
 """Thrusts of k_f w^2, and throttles that are the shares of the greatest thrust."""

@@ -13,8 +13,7 @@ from ca_ros.explore import PAGE
 OUT = Path('out/explorer')
 FLAGS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader']
 CASE = '#vehicle=hexarotor&demand=9.81,1.7,-0.9,0&health=0,1,1,1,1,1&beside=pseudo_inverse'
-RATE = 10
-"""Pictures a second of the recording."""
+RATE = 10  # pictures a second of the recording
 
 POINTER = """() => {
   const dot = document.createElement('div');

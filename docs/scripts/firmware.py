@@ -44,8 +44,7 @@ METHODS = {
     'kernel': 'kernel of `exact`',
     'osqp': "OSQP's generated code",
 }
-CLOCK = 168e6
-"""Of a flight controller with an STM32F4 [Hz]."""
+CLOCK = 168e6  # of a flight controller with an STM32F4 [Hz]
 
 COMPILER, EMULATOR = 'arm-none-eabi-gcc', 'qemu-system-arm'
 TOOLS = COMPILER, EMULATOR

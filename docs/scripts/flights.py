@@ -21,11 +21,8 @@ from ca_ros.evaluation.dynamic.manoeuvres import (
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.flight.rotor_failures import RotorFailure
 
-HEAVY = 1.35
-"""Ratio of greatest thrust to weight of the heavy vehicles."""
-
-FAIL = 0.5
-"""Time of the loss of a rotor [s]."""
+HEAVY = 1.35  # ratio of greatest thrust to weight of the heavy vehicles
+FAIL = 0.5  # time of the loss of a rotor [s]
 
 ROUNDING = 1e-9
 

@@ -16,17 +16,13 @@ from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 
-GOAL = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
-"""The waypoint of the paper's flight."""
+GOAL = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)  # the waypoint of the paper's flight
 
 DURATION, HELD = 20.0, 5.0
 """Time of a flight, and its end in which the vehicle has to stay at the waypoint [s]."""
 
-THERE = 0.01
-"""Greatest distance from the waypoint in that time [m]."""
-
-GAINS = 0.0, 0.5, 1.0
-"""Values of `controller.integral_gain` [1/s]."""
+THERE = 0.01  # greatest distance from the waypoint in that time [m]
+GAINS = 0.0, 0.5, 1.0  # values of `controller.integral_gain` [1/s]
 
 Effects = Callable[[int], dict[str, int]]
 
@@ -37,11 +33,8 @@ LIMITS: dict[str, Effects] = {
 }
 """Parameters of the simulator [ms] for each of the limits."""
 
-SHOWN = '`hexarotor`', '`hexarotor_tilted`'
-"""The vehicles on the page."""
-
-LONGEST = 512
-"""A time that no vehicle tolerates [ms]."""
+SHOWN = '`hexarotor`', '`hexarotor_tilted`'  # the vehicles on the page
+LONGEST = 512  # a time that no vehicle tolerates [ms]
 
 ERRORS = {
     'wind of 3 m/s, a force of 0.9 N': {'linear_drag': 0.3, 'wind': [3.0, 0.0, 0.0]},

@@ -28,11 +28,8 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
 
-CHUNK = 60_000
-"""Wrenches of one call of the kernel."""
-
-POOL = 1000
-"""Worst wrenches that the search mutates."""
+CHUNK = 60_000  # wrenches of one call of the kernel
+POOL = 1000  # worst wrenches that the search mutates
 
 
 HUGE = {'single': 11.0, 'double': 90.0}

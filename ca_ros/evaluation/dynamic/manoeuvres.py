@@ -26,14 +26,9 @@ from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VEL
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 
-DURATION, SLALOM_DURATION = 8.0, 12.0
-"""Of the flights [s]."""
-
-ANNOUNCE = 0.1
-"""Delay from the loss of a rotor to its announcement [s]."""
-
-LIKELY = 1.959964
-"""Half width of the interval that holds 95 % of a normal distribution."""
+DURATION, SLALOM_DURATION = 8.0, 12.0  # of the flights [s]
+ANNOUNCE = 0.1  # delay from the loss of a rotor to its announcement [s]
+LIKELY = 1.959964  # half width of the interval that holds 95 % of a normal distribution
 
 
 class Unlimited(Controller):

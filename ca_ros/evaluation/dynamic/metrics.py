@@ -22,17 +22,13 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
-STEADY = 1.0
-"""The last second of a flight counts as the steady state [s]."""
-
-SETTLED = 0.02
-"""Share of the step within which a quantity has settled."""
+STEADY = 1.0  # the last second of a flight counts as the steady state [s]
+SETTLED = 0.02  # share of the step within which a quantity has settled
 
 RECOVERED = 0.3
 """Greatest distance from the waypoint at the end for a flight to count as recovered [m]."""
 
-AT_BOUND = 1e-3
-"""Share of a rotor's range of speeds within which it is at a bound."""
+AT_BOUND = 1e-3  # share of a rotor's range of speeds within which it is at a bound
 
 
 def steady(flight: Flight) -> BoolArray:

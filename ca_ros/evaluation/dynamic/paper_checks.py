@@ -22,8 +22,7 @@ HEIGHT_ERROR = 1e-3
 With the gains of the parameter file, 0.04 mm of the step itself are left in the last second.
 """
 
-SPEED_ERROR = 0.05
-"""A smaller deviation does not change the first decimal of a speed [rad/s]."""
+SPEED_ERROR = 0.05  # a smaller deviation does not change the first decimal of a speed [rad/s]
 
 
 class Observation(NamedTuple):

@@ -21,8 +21,7 @@ from ca_ros.nodes.settings import FileSettings, with_own_methods
 from ca_ros.process.processes import end, start
 from ca_ros.settings import table
 
-ENDING = 30.0
-"""Time that an interrupted flight has to end [s]."""
+ENDING = 30.0  # time that an interrupted flight has to end [s]
 
 
 class RosFlightError(CaRosError):
@@ -61,7 +60,7 @@ def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str])
                 process.wait()
             finally:
                 end([process], signal.SIGINT, ENDING)
-            # A flight that missed its waypoint also counts.
+            # a flight that missed its waypoint also counts.
             if (out / 'flight.csv').is_file():
                 return read_flight(out / 'flight.csv')
             log.seek(0)

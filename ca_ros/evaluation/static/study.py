@@ -26,8 +26,7 @@ from ca_ros.evaluation.wrench_metrics import metrics
 from ca_ros.evaluation.wrench_sets import SAMPLINGS
 from ca_ros.problem.admissible_set import AdmissibleSet
 
-SINGLE_MAX = 10_000
-"""Up to this number of samples each call is timed; of more samples, each batch."""
+SINGLE_MAX = 10_000  # up to this number of samples each call is timed; of more samples, each batch
 
 CHUNK, BATCH = 100, 10_000
 """Number of samples that each method allocates in turn, one by one or in a batch."""

@@ -32,8 +32,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 NED, BODY_FRD = 1, 3
 """VehicleOdometry.POSE_FRAME_NED and VELOCITY_FRAME_NED, and VELOCITY_FRAME_BODY_FRD."""
 
-CONTROLS = 12
-"""ActuatorMotors.NUM_CONTROLS."""
+CONTROLS = 12  # ActuatorMotors.NUM_CONTROLS
 
 FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 """From forward-right-down to forward-left-up and back, force before torque."""
