@@ -127,6 +127,25 @@ def test_a_vehicle_that_stands_shows_nothing():
     assert detector.suspect is None
 
 
+def test_ground_that_lets_go_is_no_failure():
+    # It held the vehicle against a torque, for two seconds.
+    case = Case.load('octorotor', [
+        *REALISTIC[:8], 'simulator.ground:=flat', 'simulator.initial_position:=[0, 0, 0.3]'])
+    plant, detector, y = case.plant(), case.detector(), case.vehicle.arms[:, 1]
+    hover = case.vehicle.weight / case.vehicle.thrust_coefficient.sum()
+    torque = 0.15 * np.sign(y.round(9))
+    for i in range(330):
+        thrust = 0.9 if i < 300 else 1.05
+        speeds = (hover * (thrust - (torque if i > 80 else 0.0))) ** 0.5
+        state, time = plant.measured, i * 10_000_000
+        motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
+        assert not detector.observe(time, state[ATTITUDE], *motion), i
+        detector.command(time, speeds)
+        plant.step(speeds)
+    assert not detector.standing
+    assert abs(plant.state[ANGULAR_VELOCITY]).max() > 0.3
+
+
 # Measured rotor speeds
 
 def measured(detector, speeds, times=range(49, 52)):

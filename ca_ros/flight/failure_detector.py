@@ -236,10 +236,9 @@ class FailureDetector:
             drag = self._drag * (mean - self._moments[1])
             wrench = self._wrenches @ (self.health * thrusts) + drag
             observer.expect(turned @ wrench[:3], wrench[3:], mean[3:])
-            # A torque without motion is that of the ground, which is not learnt.
+            # What holds a vehicle that does not move may be the ground, which is not learnt.
             moving = bool((abs(mean) > self._moving).any())
-            touching = not moving and (abs(wrench[3:]) > observer.balance[1:]).any()
-            observer.gain = 0.0 if touching else self._gain()
+            observer.gain = self._gain() if moving else 0.0
         observer.observe(time, rotation @ velocity, angular_velocity)
         if observer.time != time or last == time:
             return False
@@ -256,7 +255,10 @@ class FailureDetector:
         lacked[:3] = lacked[:3] @ turned
         force = observer.impulse.copy()
         force[:3] = force[:3] @ turned
-        self._learn(step, force / step + drag, mean, thrusts)
+        if self._mean_thrusts is None:
+            self._mean_thrusts = thrusts
+        if moving and not self._suspicious:
+            self._learn(step, force / step + drag, mean, thrusts)
         row, n = self._row, len(thrusts)
         row[0] += step
         row[1:7] += lacked
@@ -276,10 +278,6 @@ class FailureDetector:
 
     def _learn(self, step: float, lacked: Array, motion: Array, thrusts: Array) -> None:
         """Learn the drag about the mean motion, and the mean thrusts."""
-        if self._mean_thrusts is None:
-            self._mean_thrusts = thrusts
-        if self._suspicious:
-            return
         self._mean_thrusts = self._mean_thrusts - expm1(-step * self._gain()) * (
             thrusts - self._mean_thrusts
         )

@@ -405,12 +405,6 @@ static void learn(ca_detector *detector, ca_real step, const ca_real *lacked,
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    if (!detector->thrusts_known) {
-        ca_copy(n, thrusts, detector->mean_thrusts);
-        detector->thrusts_known = 1;
-    }
-    if (suspicious(detector))
-        return;
     const ca_real quick = settled(step * learning_gain(detector));
     for (int i = 0; i < n; i++)
         detector->mean_thrusts[i] += quick * (thrusts[i] - detector->mean_thrusts[i]);
@@ -685,9 +679,9 @@ static void rotation_of(const ca_real attitude[4], ca_real rotation[3][3])
     memcpy(rotation, rows, sizeof rows);
 }
 
-/* Set the wrench that rotors, weight and drag give, and return the torque of rotors and drag. */
+/* Set the wrench that rotors, weight and drag give. */
 static void expect(ca_detector *detector, const ca_real turned[3][3], const ca_real *thrusts,
-                   const ca_real *mean, const ca_real *drag, ca_real *torque)
+                   const ca_real *mean, const ca_real *drag)
 {
     const ca_detector_model *model = detector->model;
     const ca_real *omega = mean + 3;
@@ -697,7 +691,6 @@ static void expect(ca_detector *detector, const ca_real turned[3][3], const ca_r
         for (int i = 0; i < ROTORS(model); i++)
             wrench[k] += model->wrenches[k][i] * (detector->health[i] * thrusts[i]);
     }
-    ca_copy(3, wrench + 3, torque);
     rotate(model->inertia, omega, angular_momentum);
     rotate(turned, wrench, detector->wrench);
     detector->wrench[2] -= model->weight;
@@ -745,13 +738,9 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
             for (int k = 0; k < 3; k++)
                 for (int j = 0; j < 3; j++)
                     turned[k][j] = CA_REAL(0.5) * (detector->rotation[k][j] + rotation[k][j]);
-            ca_real torque[3];
-            expect(detector, (const ca_real(*)[3])turned, thrusts, mean, drag, torque);
-            /* A torque without motion is that of the ground, which is not learnt. */
-            int touching = 0;
-            for (int k = 0; k < 3; k++)
-                touching |= !moving && ca_abs(torque[k]) > model->balance[k + 1];
-            gain = touching ? 0 : learning_gain(detector);
+            expect(detector, (const ca_real(*)[3])turned, thrusts, mean, drag);
+            /* What holds a vehicle that does not move may be the ground, which is not learnt. */
+            gain = moving ? learning_gain(detector) : 0;
         }
         counts = update(detector, step, momentum, world, gain);
     }
@@ -776,7 +765,12 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     rotate_back((const ca_real(*)[3])turned, force);
     for (int k = 0; k < 6; k++)
         force[k] = force[k] / step + drag[k];
-    learn(detector, step, force, mean, thrusts);
+    if (!detector->thrusts_known) {
+        ca_copy(n, thrusts, detector->mean_thrusts);
+        detector->thrusts_known = 1;
+    }
+    if (moving && !suspicious(detector))
+        learn(detector, step, force, mean, thrusts);
     detector->sums.length += step;
     for (int k = 0; k < 6; k++)
         detector->sums.impulse[k] += lacked[k];
