@@ -136,7 +136,7 @@ def test_ground_that_lets_go_is_no_failure():
     torque = 0.15 * np.sign(y.round(9))
     for i in range(330):
         thrust = 0.9 if i < 300 else 1.05
-        speeds = (hover * (thrust - (torque if i > 80 else 0.0))) ** 0.5
+        speeds = (hover * (thrust - torque * (i > 80))) ** 0.5
         state, time = plant.measured, i * 10_000_000
         motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
         assert not detector.observe(time, state[ATTITUDE], *motion), i

@@ -182,8 +182,7 @@ class FailureDetector:
         # of the thrusts of sound rotors (n,), and by how much these changed (n,).
         self._rows = np.zeros((LENGTH, 7 + 2 * n))
         self._row = np.zeros(7 + 2 * n)
-        self._thrusts = np.zeros(n)
-        self._mean_thrusts: Array | None = None
+        self._thrusts = self._mean_thrusts = np.zeros(n)
 
     def command(self, time: int, speeds: Array) -> None:
         """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
@@ -250,13 +249,13 @@ class FailureDetector:
             if observer.standing:
                 self._begin()
             return False
+        if not self._flown:
+            self._mean_thrusts = thrusts
         self._flown += step
         lacked = observer.impulse - step * observer.estimate
         lacked[:3] = lacked[:3] @ turned
         force = observer.impulse.copy()
         force[:3] = force[:3] @ turned
-        if self._mean_thrusts is None:
-            self._mean_thrusts = thrusts
         if moving and not self._suspicious:
             self._learn(step, force / step + drag, mean, thrusts)
         row, n = self._row, len(thrusts)
@@ -350,7 +349,6 @@ class FailureDetector:
     def _model_errors(self, given: Array, ages: Array, change: Array) -> Array:
         """Return the variance (T, 6) by errors of the thrusts, the lag and the delay."""
         s = self.settings
-        assert self._mean_thrusts is not None
         error = (s.thrust_error * (given - ages[:, None] * self._mean_thrusts)) ** 2
         error += (s.time_error * change) ** 2
         return error @ self._squares.T

@@ -350,7 +350,7 @@ static ca_real learning_gain(const ca_detector *detector)
 static void begin(ca_detector *detector)
 {
     detector->flown = detector->waited = detector->usual = 0;
-    detector->names = detector->count = detector->thrusts_known = 0;
+    detector->names = detector->count = 0;
     memset(detector->thrusts, 0, sizeof detector->thrusts);
     memset(&detector->sums, 0, sizeof detector->sums);
     memset(detector->blocks, 0, sizeof detector->blocks);
@@ -755,6 +755,8 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
             begin(detector);
         return 0;
     }
+    if (!(detector->flown > 0))
+        ca_copy(n, thrusts, detector->mean_thrusts);
     detector->flown += step;
     ca_real lacked[6], force[6];
     for (int k = 0; k < 6; k++) {
@@ -765,10 +767,6 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     rotate_back((const ca_real(*)[3])turned, force);
     for (int k = 0; k < 6; k++)
         force[k] = force[k] / step + drag[k];
-    if (!detector->thrusts_known) {
-        ca_copy(n, thrusts, detector->mean_thrusts);
-        detector->thrusts_known = 1;
-    }
     if (moving && !suspicious(detector))
         learn(detector, step, force, mean, thrusts);
     detector->sums.length += step;

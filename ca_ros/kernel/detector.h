@@ -85,7 +85,6 @@ typedef struct {
     /* the last state, and what is learnt */
     ca_real rotation[3][3], motion[6];
     ca_real moments[4][6], drag[6], variance[CA_WINDOWS][6], mean_thrusts[CA_N];
-    int thrusts_known;
     /* the test */
     ca_real flown, waited, usual, refined[CA_N];
     int named[2], names, count, windows[CA_WINDOWS];
