@@ -43,10 +43,14 @@ class Drag:
         force = -self.linear * airspeed
         torque = -self.rotational * hypot(*omega.tolist()) * omega
         if self.rotor:
-            hubs = airspeed + np.cross(omega, vehicle.arms)
+            # numpy.cross takes longer than all of the rest.
+            x, y, z = omega.tolist()
+            turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+            hubs = airspeed + vehicle.arms @ turn
             axes = vehicle.rotor_axes
-            across = hubs - np.sum(hubs * axes, axis=1)[:, None] * axes
+            across = hubs - (hubs * axes).sum(axis=1)[:, None] * axes
             forces = -self.rotor * np.abs(speeds)[:, None] * across
             force = force + forces.sum(axis=0)
-            torque = torque + np.cross(vehicle.arms, forces).sum(axis=0)
+            moments = vehicle.arms.T @ forces
+            torque = torque + (moments - moments.T)[[1, 2, 0], [2, 0, 1]]
         return force, torque
