@@ -125,12 +125,7 @@ setup(
     zip_safe=False,
     python_requires='>=3.10',
     # The lower bounds are what Ubuntu 24.04 has; osqp is not among its packages.
-    install_requires=[
-        'numpy>=1.26',
-        'scipy>=1.11',
-        'osqp>=1.0',
-        'PyYAML>=6.0',
-    ],
+    install_requires=['numpy>=1.26', 'scipy>=1.11', 'osqp>=1.0', 'PyYAML>=6.0'],
     extras_require={
         # ROS 2 Jazzy for machines without it. Where ROS is installed, rclpy comes from there:
         # never both in one environment.

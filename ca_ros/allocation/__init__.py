@@ -54,10 +54,7 @@ def method_class(method: str) -> type[Allocator]:
 
 
 def make_allocator(
-    method: str,
-    problem: Vehicle | AllocationProblem,
-    lost_axes: str | None = None,
-    **options: Any,
+    method: str, problem: Vehicle | AllocationProblem, lost_axes: str | None = None, **options: Any
 ) -> Allocator:
     """Return an allocator for a vehicle.
 

@@ -15,11 +15,7 @@ from ca_ros.problem.prioritization import AIRMODE, PrioritiesSettings, airmode_l
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Numbers, ParameterError, check_ratio, setting
 
-POLICIES = {
-    'prioritize': Status.PRIORITIZED,
-    'scale': Status.SCALED,
-    'reject': Status.REJECTED,
-}
+POLICIES = {'prioritize': Status.PRIORITIZED, 'scale': Status.SCALED, 'reject': Status.REJECTED}
 """The status of a wrench outside of the admissible set, by policy."""
 
 PREFERRED_MAX = 100.0  # greatest preferred thrust, in units of the greatest bound

@@ -136,9 +136,7 @@ class Allocation(Answer):
     violation: float = 0.0
     preference: tuple[Array, Array] | None = None
     bounds: tuple[Array, Array] | None = None
-    _explain: Callable[[Allocation], tuple[float, Limits]] | None = field(
-        default=None, repr=False
-    )
+    _explain: Callable[[Allocation], tuple[float, Limits]] | None = field(default=None, repr=False)
 
     def __init__(
         self,

@@ -21,9 +21,7 @@ from ca_ros.settings import table
 REPLACEMENTS = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}
 """The options that start a program of one's own, and the node whose place it takes."""
 
-SAME = (
-    'detect', 'view', 'duration', 'faults', 'respawn', 'out', 'bag', 'figures', 'figure_width',
-)
+SAME = ('detect', 'view', 'duration', 'faults', 'respawn', 'out', 'bag', 'figures', 'figure_width')
 """The options that the plan has under the same name."""
 
 

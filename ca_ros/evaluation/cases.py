@@ -10,12 +10,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
-from ca_ros.allocation.settings import (
-    MethodSettings,
-    allocator_of,
-    own_methods,
-    with_methods,
-)
+from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON

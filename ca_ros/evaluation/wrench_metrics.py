@@ -22,9 +22,7 @@ def axis_groups(axes: tuple[str, ...]) -> dict[str, list[int]]:
     """Return the rows of each group of axes whose losses are added: roll with pitch, one each."""
     pair = [axes.index(axis) for axis in ('roll', 'pitch') if axis in axes]
     groups = {'roll and pitch': pair} if len(pair) == 2 else {}
-    return groups | {
-        axis: [row] for row, axis in enumerate(axes) if not (groups and row in pair)
-    }
+    return groups | {axis: [row] for row, axis in enumerate(axes) if not (groups and row in pair)}
 
 
 def reversed_axes(problem: AllocationProblem, demands: Array, served: Array) -> BoolArray:

@@ -55,10 +55,7 @@ def problems(firmware: Firmware) -> str:
 
 
 def _problem(firmware: Firmware, fault: int) -> str:
-    sizes = {
-        'M': (AXES_MAX, len(firmware.problem.axes)),
-        'N': (ROTORS_MAX, firmware.problem.n),
-    }
+    sizes = {'M': (AXES_MAX, len(firmware.problem.axes)), 'N': (ROTORS_MAX, firmware.problem.n)}
     lines = []
     for name, (kind, dimensions, numbers) in firmware.kernels[fault].fields().items():
         precision = None if kind == 'int' else firmware.precision

@@ -63,10 +63,7 @@ class Plant:
     """
 
     def __init__(
-        self,
-        body: RigidBody,
-        settings: PlantSettings | None = None,
-        state: Array | None = None,
+        self, body: RigidBody, settings: PlantSettings | None = None, state: Array | None = None
     ) -> None:
         settings = PlantSettings() if settings is None else settings
         self.body, self._settings = body, settings

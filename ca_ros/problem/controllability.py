@@ -92,9 +92,7 @@ def hovering_part(problem: VehicleProblem) -> VehicleProblem:
     return part if part.hovers else problem
 
 
-def _give_up(
-    problem: VehicleProblem, good: Callable[[VehicleProblem], bool]
-) -> VehicleProblem:
+def _give_up(problem: VehicleProblem, good: Callable[[VehicleProblem], bool]) -> VehicleProblem:
     """Remove axes until the problem is good; prefer an axis whose removal suffices."""
     while not good(problem):
         candidates = [_without(problem, axis) for axis in EXPENDABLE if axis in problem.axes]
@@ -130,9 +128,7 @@ def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
     if isinstance(problem, VectoredProblem):
         ways = np.diag(problem.extent)
-        ends = [
-            [problem.reach(problem.hover, sign * way) for sign in (-1.0, 1.0)] for way in ways
-        ]
+        ends = [[problem.reach(problem.hover, sign * way) for sign in (-1.0, 1.0)] for way in ways]
         return {
             axis: (-low * size, high * size)
             for axis, (low, high), size in zip(

@@ -147,11 +147,8 @@ def sensed(groups: Sequence[Sequence[str]], thrust_deviation: str) -> list[str]:
     `groups`: the axes of each group.  `thrust_deviation` ('prevent', 'avoid' or 'allow').
     """
     later = [axis for group in groups[1:] for axis in group]
-    return {
-        'prevent': [axis for axis in later if axis != 'thrust'],
-        'avoid': later,
-        'allow': [],
-    }[thrust_deviation]
+    kept = {'prevent': [axis for axis in later if axis != 'thrust'], 'avoid': later, 'allow': []}
+    return kept[thrust_deviation]
 
 
 class Prioritization:

@@ -344,9 +344,7 @@ class AllocationProblem:
         """
         return repeated(name, value, self.n)
 
-    def saturation(
-        self, thrusts: Array, bounds: tuple[Array, Array] | None = None
-    ) -> IntArray:
+    def saturation(self, thrusts: Array, bounds: tuple[Array, Array] | None = None) -> IntArray:
         """Return (..., n) -1 at the lower and +1 at the upper bound, to rounding; 0 between."""
         low, high = bounds or (self.lower, self.upper)
         below, above = (EXACT_TOLERANCE * np.maximum(1.0, np.abs(end)) for end in (low, high))

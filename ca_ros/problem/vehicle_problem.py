@@ -83,9 +83,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
     advice = VehicleProblem.advice
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        windows: Sequence[tuple[ConvexSet, Array]] | None = None,
+        self, vehicle: Vehicle, windows: Sequence[tuple[ConvexSet, Array]] | None = None
     ) -> None:
         self.vehicle, self.axes = vehicle, vehicle.axes
         self.windows = list(thrust_sets(vehicle) if windows is None else windows)

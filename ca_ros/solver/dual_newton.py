@@ -102,9 +102,7 @@ class DualNewton:
         self.matrix, self.lower, self.upper = matrix, lower, upper
         self._weights = np.ones(n) if weights is None else weights
         self._preferred = np.zeros(n) if preferred is None else preferred
-        self._low, self._high = (
-            self._weights * (end - self._preferred) for end in (lower, upper)
-        )
+        self._low, self._high = (self._weights * (end - self._preferred) for end in (lower, upper))
         self._offset = matrix @ self._preferred
         self.basis, triangle = np.linalg.qr((matrix / self._weights).T)
         self._back = triangle.T
@@ -185,9 +183,7 @@ class DualNewton:
         slopes = multipliers @ self.matrix
         return self.clip(self._preferred + slopes / (self._weights * self._weights))
 
-    def _solve(
-        self, u: Array, tolerance: float, y: Array
-    ) -> tuple[Array, Array, float, bool]:
+    def _solve(self, u: Array, tolerance: float, y: Array) -> tuple[Array, Array, float, bool]:
         """Return thrusts, multipliers of `basis`, the residual, and whether u is out of reach."""
         best, least, proven = (self.lower, y), np.inf, False
         for _ in range(STEPS):

@@ -63,9 +63,7 @@ class Graph(GraphProcesses):
     def context(self) -> Context:
         """The context of the nodes in the process of the test."""
         context, signals = Context(), SignalHandlerOptions.NO
-        rclpy.init(
-            args=[], context=context, domain_id=self.domain, signal_handler_options=signals
-        )
+        rclpy.init(args=[], context=context, domain_id=self.domain, signal_handler_options=signals)
         self._ending.callback(self._close)
         return context
 

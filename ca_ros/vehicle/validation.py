@@ -39,9 +39,7 @@ def different_names(name: str, given: Sequence[str], size: int) -> tuple[str, ..
     return names
 
 
-def ordered_bounds(
-    low: str, high: str, lower: Array, upper: Array, names: Sequence[str]
-) -> None:
+def ordered_bounds(low: str, high: str, lower: Array, upper: Array, names: Sequence[str]) -> None:
     """Raise a ParameterError that names the first lower bound (n,) above its upper bound."""
     if (above := np.flatnonzero(lower > upper)).size:
         i = above[0]

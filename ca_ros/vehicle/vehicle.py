@@ -184,9 +184,7 @@ class Vehicle:
                 f'rotors.positions: expected up to {EFFECTORS_MAX} rotors, got {n}'
             )
         if isinstance(spins, str) or len(spins) != n:
-            raise ParameterError(
-                f'rotors.spins: expected {n} words, one per rotor, got {spins!r}'
-            )
+            raise ParameterError(f'rotors.spins: expected {n} words, one per rotor, got {spins!r}')
 
         def each(name: str) -> Array:
             return repeated(f'rotors.{name}', getattr(rotors, name), n)

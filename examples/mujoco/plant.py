@@ -52,9 +52,7 @@ class MujocoPlant(Node):
             default = None if each.default is REQUIRED else each.default
             default = list(default) if isinstance(default, tuple) else default
             descriptor = ParameterDescriptor(
-                description=each.description,
-                dynamic_typing=True,
-                read_only=name not in CHANGEABLE,
+                description=each.description, dynamic_typing=True, read_only=name not in CHANGEABLE
             )
             given[name] = self.declare_parameter(name, default, descriptor).value
         self.settings = read(SimulatorSettings, given)

@@ -158,9 +158,7 @@ def flown(
     loop = unlimited(case.controller()), allocator, case.body(), goals[0]
     changes = manoeuvre.changes(case, method)
     try:
-        flight = fly(
-            *loop, manoeuvre.duration, state=manoeuvre.state, changes=changes
-        )
+        flight = fly(*loop, manoeuvre.duration, state=manoeuvre.state, changes=changes)
     except FloatingPointError:
         lost = dict.fromkeys(('height_lost', 'energy', 'change', 'heading_error'), inf)
         return {'recovered': 0, **lost, **counter.counts}
