@@ -23,36 +23,27 @@ mujoco = ['mujoco>=3.2']
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
-parts = ('exact', 'least_norm', 'priorities', 'module')
-headers = ('exact', 'least_norm', 'numbers', 'priorities', 'problem')
+exact = ('exact', 'least_norm', 'priorities', 'module')
+# The detector of rotor failures.
+detector = ('detector', 'detector_module')
 kernels = [
     Extension(
         f'{package}.kernel._{name}',
         [f'{package}/kernel/{part}.c' for part in parts],
-        depends=[f'{package}/kernel/{header}.h' for header in headers],
+        depends=sorted(glob(f'{package}/kernel/*.h')),
         define_macros=[('CA_MODULE', f'_{name}'), *macros],
         # No fused multiplications: all machines are to give the same bits.
         extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off'],
         optional=True,
     )
-    # Loops of constant length are faster: vehicles with upright rotors have four axes.
-    for name, macros in (
-        ('double', []),
-        ('double_4', [('CA_M', '4'), ('CA_FIXED_AXES', None)]),
-        ('single', [('CA_FLOAT', None)]),
+    for name, parts, macros in (
+        ('double', exact, []),
+        # Loops of constant length are faster: vehicles with upright rotors have four axes.
+        ('double_4', exact, [('CA_M', '4'), ('CA_FIXED_AXES', None)]),
+        ('single', exact, [('CA_FLOAT', None)]),
+        ('detector', detector, []),
+        ('detector_single', detector, [('CA_FLOAT', None)]),
     )
-]
-# The detector of rotor failures.
-kernels += [
-    Extension(
-        f'{package}.kernel._{name}',
-        [f'{package}/kernel/{part}.c' for part in ('detector', 'detector_module')],
-        depends=[f'{package}/kernel/{header}.h' for header in ('detector', 'numbers', 'problem')],
-        define_macros=[('CA_MODULE', f'_{name}'), *macros],
-        extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off'],
-        optional=True,
-    )
-    for name, macros in (('detector', []), ('detector_single', [('CA_FLOAT', None)]))
 ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import sys
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
@@ -34,14 +35,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
     )
-    commands = parser.add_subparsers(title='commands', metavar='COMMAND')
+    commands = parser.add_subparsers(title='commands', metavar='COMMAND', dest='command')
     for command in (audit_command, explore, fit_thrust, motors, px4_parameters, urdf):
-        command.add_parser(commands)
+        name, about = command.COMMAND
+        words = f'{about[0].upper()}{about[1:]}.'
+        command.add_options(one := commands.add_parser(name, help=about, description=words))
+        one.set_defaults(run=command.run)
     options = parser.parse_args(argv)
-    if 'run' in options:
-        code: int = options.run(options)
-        return code
-    overview()
+    if options.command is None:
+        overview()
+        return 0
+    try:
+        options.run(options)
+    except (OSError, ValueError) as error:
+        sys.stdout.flush()
+        print(f'ca_ros {options.command}: {error}', file=sys.stderr)
+        return 1
     return 0
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 from ca_ros.settings import ParameterError
@@ -16,25 +15,20 @@ PAGE = Path(__file__).with_name('explorer.html')  # the page, which ``make explo
 NO_VEHICLE = '<script type="application/json" id="start">{}</script>'
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to those of ``python -m ca_ros``."""
-    about = 'write the explorer, a page for a browser: drag the demand, fail rotors'
-    parser = commands.add_parser('explore', help=about, description=f'{about.capitalize()}.')
+COMMAND = 'explore', 'write the explorer, a page for a browser: drag the demand, fail rotors'
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add = parser.add_argument
     add('vehicle', nargs='?', help='a shipped vehicle or a parameter file; default: hexarotor')
     add('--out', default='explorer.html', metavar='PAGE', help='default: %(default)s')
-    parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Write the page; return the exit code."""
-    try:
-        Path(options.out).write_text(page(options.vehicle), encoding='utf-8')
-    except (OSError, ParameterError) as error:
-        print(f'ca_ros explore: {error}', file=sys.stderr)
-        return 1
+def run(options: argparse.Namespace) -> None:
+    """Write the page."""
+    Path(options.out).write_text(page(options.vehicle), encoding='utf-8')
     print(f'Written: {options.out}. Open it in a browser; it needs no network.')
-    return 0
 
 
 def page(vehicle: str | None = None) -> str:

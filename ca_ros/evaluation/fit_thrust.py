@@ -3,48 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from ca_ros.arguments import finite
-from ca_ros.settings import ParameterError
 from ca_ros.vehicle.thrust_stand import StandFit, fit, read_stand
 
+COMMAND = 'fit-thrust', 'fit a thrust curve to the CSV file of a test stand'
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to those of ``python -m ca_ros``."""
-    parser = commands.add_parser(
-        'fit-thrust',
-        help='a thrust curve from the CSV file of a test stand',
-        description='Fit a thrust curve to the measurements of a test stand: columns of thrust, '
-        'speed, throttle or PWM, torque and voltage, each with its unit in brackets.',
-    )
-    add = parser.add_argument
-    add('file', type=Path, help='a CSV file with a title for each column')
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add, units = parser.add_argument, 'each with its unit in brackets'
+    columns = f'columns of thrust, speed, throttle or PWM, torque and voltage, {units}'
+    add('file', type=Path, help=f'a CSV file with a title for each column: {columns}')
     add('--out', type=Path, metavar='YAML', help='write a parameter file (default: print it)')
     add('--plot', type=Path, metavar='PNG', help='draw points, curve and errors')
     add('--table', action='store_true', help='the measured points instead of a polynomial')
     add('--speed-max', type=finite, metavar='W', help='if no speed was measured: the greatest one '
         '[rad/s]; speeds are then nominal')  # fmt: skip
-    parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Fit, print and write; return the exit code."""
-    try:
-        found = fit(read_stand(options.file), options.speed_max, options.table)
-        text = parameter_file(found, options.file.name)
-        if options.out is not None:
-            options.out.write_text(text, encoding='utf-8')
-        if options.plot is not None:
-            draw(found, options.plot)
-    except (ParameterError, OSError) as error:
-        print(f'ca_ros fit-thrust: {error}', file=sys.stderr)
-        return 1
+def run(options: argparse.Namespace) -> None:
+    """Fit, print and write."""
+    found = fit(read_stand(options.file), options.speed_max, options.table)
+    text = parameter_file(found, options.file.name)
+    if options.out is not None:
+        options.out.write_text(text, encoding='utf-8')
+    if options.plot is not None:
+        draw(found, options.plot)
     print('\n'.join(summary(found)) if options.out is not None else text)
-    return 0
 
 
 def summary(found: StandFit) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -116,11 +117,8 @@ class ViewerNode(VehicleNode):
         self.counts['pictures'] += 1
 
 
-def main() -> int:
-    """Run the node."""
-    about = 'Show a flight in three dimensions: markers for RViz and Foxglove (~/markers).'
-    return run('viewer', ViewerNode, about)
-
+ABOUT = 'Show a flight in three dimensions: markers for RViz and Foxglove (~/markers).'
+main = partial(run, 'viewer', ViewerNode, ABOUT)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -177,10 +176,11 @@ def text(found: Mapping[str, float], style: str) -> str:
     return '\n'.join(lines)
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to those of ``python -m ca_ros``."""
-    about = "the geometry of a vehicle from and to PX4's parameters CA_ROTOR*"
-    parser = commands.add_parser('px4-parameters', help=about, description=f'Convert {about}.')
+COMMAND = 'px4-parameters', "convert the geometry of a vehicle from and to PX4's CA_ROTOR*"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     ways = parser.add_subparsers(dest='way', required=True)
     one = ways.add_parser('from-px4', help='print a parameter file of ca_ros')
     one.add_argument('file', type=Path, help='an airframe, or a file of QGroundControl (.params)')
@@ -198,7 +198,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     other.add_argument(
         '--order', default='', metavar='A,B,..', help="the rotor that each of PX4's motors is"
     )
-    parser.set_defaults(run=run)
 
 
 def add_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:
@@ -208,23 +207,15 @@ def add_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:
     parser.add_argument('--thrust-coefficient', type=finite, required=True, help=coefficient)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Convert, and print the result; return the exit code."""
-    try:
-        if options.way == 'from-px4':
-            given = read(options.file.read_text(encoding='utf-8'))
-            speeds = (options.speed_min, options.speed_max)
-            name = re.sub(r'\W', '_', options.file.stem)
-            coefficients = options.thrust_coefficient, options.moment_constant
-            print(
-                from_px4(given, options.mass, speeds, *coefficients, options.inertia, name), end=''
-            )
-            return 0
-        words = options.order.split(',') if options.order else []
-        order = [int(word) if word.strip().isdecimal() else 0 for word in words]
-        found = to_px4(Vehicle.load(options.vehicle), order)
-    except (OSError, ValueError) as error:
-        print(f'ca_ros px4-parameters: {error}', file=sys.stderr)
-        return 1
-    print(text(found, options.style))
-    return 0
+def run(options: argparse.Namespace) -> None:
+    """Convert, and print the result."""
+    if options.way == 'from-px4':
+        given = read(options.file.read_text(encoding='utf-8'))
+        speeds = options.speed_min, options.speed_max
+        name = re.sub(r'\W', '_', options.file.stem)
+        coefficients = options.thrust_coefficient, options.moment_constant
+        print(from_px4(given, options.mass, speeds, *coefficients, options.inertia, name), end='')
+        return
+    words = options.order.split(',') if options.order else []
+    order = [int(word) if word.strip().isdecimal() else 0 for word in words]
+    print(text(to_px4(Vehicle.load(options.vehicle), order), options.style))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -132,10 +131,14 @@ def _number(name: str, element: ElementTree.Element | None, key: str) -> float:
         raise ParameterError(f'{name}: <inertial> without a number {key}') from None
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to those of ``python -m ca_ros``."""
-    about = 'a parameter file from a URDF: mass, inertia, and the places of its rotor links'
-    parser = commands.add_parser('from-urdf', help=about, description=f'Print {about}.')
+COMMAND = (
+    'from-urdf',
+    'print a parameter file from a URDF: mass, inertia, and the places of its rotor links',
+)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument('file', type=Path, help='a URDF, after xacro')
     parser.add_argument('--rotors', nargs='+', required=True, metavar='LINK')
     parser.add_argument(
@@ -143,11 +146,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     add_numbers(parser, 'k_f [kg m]')
     parser.add_argument('--torque-coefficient', type=float, required=True, help='[kg m^2]')
-    parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Print the parameter file; return the exit code."""
+def run(options: argparse.Namespace) -> None:
+    """Print the parameter file."""
     try:
         model = read_urdf(options.file.read_text(encoding='utf-8'), options.rotors)
         text = parameter_text(
@@ -168,8 +170,6 @@ def run(options: argparse.Namespace) -> int:
                 'speed_max': options.speed_max,
             },
         )
-    except (OSError, ValueError) as error:
-        print(f'ca_ros from-urdf: {options.file}: {error}', file=sys.stderr)
-        return 1
+    except ValueError as error:
+        raise ParameterError(f'{options.file}: {error}') from None
     print(text, end='')
-    return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from itertools import zip_longest
 
@@ -16,46 +15,36 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
 
+COMMAND = (
+    'audit',
+    "say which axes a vehicle's rotors can control, and what is left after the loss of each; the "
+    'exit code is 1 if the nodes would refuse the vehicle',
+)
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to those of ``python -m ca_ros``."""
-    about = "which axes a vehicle's rotors can control, and what is left after the loss of each"
-    parser = commands.add_parser(
-        'audit',
-        help=about,
-        description=f'Say {about}. The exit code is 1 if the nodes would refuse the vehicle.',
-    )
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add = parser.add_argument
     add('vehicle', help='a shipped vehicle or a parameter file')
     failed = 'rotors that are lost already, counted from 1, or weaker; all=0.8: each at 80 %%'
     add('--fail', metavar='ROTOR[=HEALTH],...', help=failed)
-    parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Print the audit; return the exit code."""
-    try:
-        load_for(AllocatorSettings, options.vehicle)
-        vehicle = Vehicle.load(options.vehicle)
-        if options.fail is not None:
-            try:
-                vehicle = with_failures(vehicle, read_failures(options.fail))
-            except ParameterError as error:
-                raise ParameterError(f'--fail: {error}') from None
-        least, most = lift(vehicle)
-        print(
-            f'{options.vehicle}: {vehicle.mass:.3g} kg on {vehicle.n} rotors '
-            f'that lift {least:.3g} to {most:.3g} kg\n'
-        )
-        print(table(vehicle))
-        for warning in audit(vehicle).warnings:
-            print(f'warning: {warning}')
-        accept(vehicle)
-    except ParameterError as error:
-        sys.stdout.flush()
-        print(f'ca_ros audit: {error}', file=sys.stderr)
-        return 1
-    return 0
+def run(options: argparse.Namespace) -> None:
+    """Print the audit; raise a `ParameterError` if the nodes would refuse the vehicle."""
+    load_for(AllocatorSettings, options.vehicle)
+    vehicle = Vehicle.load(options.vehicle)
+    if options.fail is not None:
+        try:
+            vehicle = with_failures(vehicle, read_failures(options.fail))
+        except ParameterError as error:
+            raise ParameterError(f'--fail: {error}') from None
+    least, most = lift(vehicle)
+    lifting = f'{vehicle.n} rotors that lift {least:.3g} to {most:.3g} kg'
+    print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {lifting}\n\n{table(vehicle)}')
+    for warning in audit(vehicle).warnings:
+        print(f'warning: {warning}')
+    accept(vehicle)
 
 
 def table(vehicle: Vehicle) -> str:

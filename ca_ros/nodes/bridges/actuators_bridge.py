@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, ClassVar
 
 from std_msgs.msg import Float64MultiArray
@@ -19,19 +20,12 @@ class ActuatorsBridge(Bridge):
 
     target: ClassVar[str] = 'command/actuators'
 
-    def start(self) -> None:
-        """Begin to pass on."""
+    def connect(self) -> None:
         from actuator_msgs.msg import Actuators
 
-        super().start()
         self._kind = Actuators
         publisher = self.create_publisher(Actuators, self.target, COMMAND)
         self.subscribe_stream(topics.SPEED_COMMAND, self.passes(self._convert, publisher))
-        self.connect()
-        self.start_diagnostics('bridge')
-
-    def connect(self) -> None:
-        """Connect the topics of a subclass."""
 
     def fields(self, speeds: Float64MultiArray) -> dict[str, list[float]]:
         """Return the fields of Actuators."""
@@ -46,7 +40,5 @@ class ActuatorsBridge(Bridge):
         return message
 
 
-def main() -> int:
-    """Run the node."""
-    about = 'Pass command/motor_speed on as actuator_msgs/Actuators (command/actuators).'
-    return run('actuators_bridge', ActuatorsBridge, about)
+ABOUT = 'Pass command/motor_speed on as actuator_msgs/Actuators (command/actuators).'
+main = partial(run, 'actuators_bridge', ActuatorsBridge, ABOUT)

@@ -22,6 +22,16 @@ class Bridge(VehicleNode):
     settings: BridgeNodeSettings
     vehicle: Vehicle
 
+    def start(self) -> None:
+        """Begin to pass on."""
+        super().start()
+        self.connect()
+        self.start_diagnostics('bridge')
+
+    def connect(self) -> None:
+        """Create publishers and subscriptions; a subclass defines it."""
+        raise NotImplementedError
+
     def build(self, settings: BridgeNodeSettings) -> Vehicle:
         """Return the vehicle."""
         return Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)

@@ -7,6 +7,8 @@ the models of a vehicle; ros_gz_bridge carries the messages.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
@@ -25,7 +27,8 @@ class GazeboBridge(ActuatorsBridge):
     target = GAZEBO_TOPIC
 
     def connect(self) -> None:
-        """Pass the odometry of Gazebo's OdometryPublisher on."""
+        """Pass the odometry of Gazebo's OdometryPublisher on, too."""
+        super().connect()
         publishers = self.publish_stream(topics.POSE), self.publish_stream(topics.VELOCITY)
         self.listen(Odometry, 'odometry', self.passes(self._state, *publishers))
 
@@ -47,7 +50,5 @@ class GazeboBridge(ActuatorsBridge):
         return pose, twist
 
 
-def main() -> int:
-    """Run the node."""
-    about = 'Pass command/motor_speed on to Gazebo (command/motors), and its odometry back.'
-    return run('gazebo_bridge', GazeboBridge, about)
+ABOUT = 'Pass command/motor_speed on to Gazebo (command/motors), and its odometry back.'
+main = partial(run, 'gazebo_bridge', GazeboBridge, ABOUT)

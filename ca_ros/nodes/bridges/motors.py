@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -94,19 +93,14 @@ def motor_models(vehicle: Vehicle) -> str:
     return '\n'.join(blocks)
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to those of ``python -m ca_ros``."""
-    about = "Gazebo's motor models of a vehicle, for its SDF"
-    parser = commands.add_parser('gazebo-motors', help=about, description=f'Print {about}.')
+COMMAND = 'gazebo-motors', "print Gazebo's motor models of a vehicle, for its SDF"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument('vehicle', help='a shipped vehicle or a parameter file')
-    parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Print the motor models; return the exit code."""
-    try:
-        print(motor_models(Vehicle.load(options.vehicle)))
-    except ValueError as error:
-        print(f'ca_ros gazebo-motors: {error}', file=sys.stderr)
-        return 1
-    return 0
+def run(options: argparse.Namespace) -> None:
+    """Print the motor models."""
+    print(motor_models(Vehicle.load(options.vehicle)))

@@ -7,6 +7,7 @@ instead, and PX4 stabilises the vehicle.
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf
 from time import monotonic
 from typing import Any
@@ -30,8 +31,7 @@ FRESH, BEAT = 0.2, 0.1
 class Px4Bridge(Bridge):
     """Publishes ActuatorMotors, and OffboardControlMode while commands arrive."""
 
-    def start(self) -> None:
-        """Begin to pass on."""
+    def connect(self) -> None:
         from px4_msgs.msg import (
             ActuatorMotors,
             OffboardControlMode,
@@ -40,7 +40,6 @@ class Px4Bridge(Bridge):
             VehicleTorqueSetpoint,
         )
 
-        super().start()
         self._motors, self._mode, self._last = ActuatorMotors, OffboardControlMode, -inf
         motors = self.create_publisher(ActuatorMotors, 'fmu/in/actuator_motors', COMMAND)
         self.subscribe_stream(topics.SPEED_COMMAND, self.passes(self._convert, motors))
@@ -59,7 +58,6 @@ class Px4Bridge(Bridge):
             self.listen(VehicleThrustSetpoint, name, self._keep)
             passes = self.passes(self._wrench, self.publish_stream(topics.WRENCH))
             self.listen(VehicleTorqueSetpoint, 'fmu/out/vehicle_torque_setpoint', passes)
-        self.start_diagnostics('bridge')
 
     def adopt(self, built: Vehicle) -> None:
         """Use the vehicle; raise a `ParameterError` if PX4 cannot have its rotors."""
@@ -111,7 +109,5 @@ class Px4Bridge(Bridge):
         return wrench_message(found, header)
 
 
-def main() -> int:
-    """Run the node."""
-    about = "Pass command/motor_speed on to PX4, and PX4's state or set-points back."
-    return run('px4_bridge', Px4Bridge, about)
+ABOUT = "Pass command/motor_speed on to PX4, and PX4's state or set-points back."
+main = partial(run, 'px4_bridge', Px4Bridge, ABOUT)

@@ -7,6 +7,7 @@ its joints.
 from __future__ import annotations
 
 from array import array
+from functools import partial
 
 from std_msgs.msg import Float64MultiArray
 
@@ -20,19 +21,14 @@ from ca_ros.nodes.qos import COMMAND
 class Ros2ControlBridge(Bridge):
     """Publishes the velocities of the joints, negative for rotors that turn clockwise."""
 
-    def start(self) -> None:
-        """Begin to pass on."""
-        super().start()
+    def connect(self) -> None:
         commands = self.create_publisher(Float64MultiArray, '~/commands', COMMAND)
         self.subscribe_stream(topics.SPEED_COMMAND, self.passes(self._convert, commands))
-        self.start_diagnostics('bridge')
 
     def _convert(self, message: Float64MultiArray) -> Float64MultiArray:
         velocities = ordered(joint_velocities(message.data, self.vehicle), self.order)
         return Float64MultiArray(layout=message.layout, data=array('d', velocities.tobytes()))
 
 
-def main() -> int:
-    """Run the node."""
-    about = 'Pass command/motor_speed on to a JointGroupVelocityController (~/commands).'
-    return run('ros2_control_bridge', Ros2ControlBridge, about)
+ABOUT = 'Pass command/motor_speed on to a JointGroupVelocityController (~/commands).'
+main = partial(run, 'ros2_control_bridge', Ros2ControlBridge, ABOUT)
