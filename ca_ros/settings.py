@@ -71,27 +71,16 @@ class MissingParameterError(ParameterError):
 class Field:
     """The declaration of a setting; see `setting`.
 
-    Attributes
-    ----------
-    description : str
-        With the unit in brackets.
-    default : value or REQUIRED
-    kinds : tuple of types
-        `bool`, `int`, `float` and `str`, as far as allowed.
-    array : bool
-        Whether several values are allowed.
-    minimum, maximum : float
-        Each number is in [minimum, maximum], and greater than zero if `positive`.
-    choices : sequence of str
-        The allowed words, if they are not in the type.
-    sizes : sequence of int
-        How many numbers there may be.
-    own_class : bool
-        Whether ``module:Class`` is allowed beside the choices.
-    mutable : bool
-        Whether it can be set on a running node.
-    rebuild : bool
-        Whether a node then builds its allocator, controller or plant again.
+    - `description`: with the unit in brackets
+    - `kinds`: `bool`, `int`, `float` and `str`, as far as allowed
+    - `array`: whether several values are allowed
+    - `minimum` and `maximum`: each number is in [minimum, maximum], and greater than zero if
+      `positive`
+    - `choices`: the allowed words, if they are not in the type
+    - `sizes`: how many numbers there may be
+    - `own_class`: whether ``module:Class`` is allowed beside the choices
+    - `mutable`: whether it can be set on a running node
+    - `rebuild`: whether a node then builds its allocator, controller or plant again
     """
 
     description: str

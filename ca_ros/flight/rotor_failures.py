@@ -32,10 +32,7 @@ class RotorFailure:
 
     @classmethod
     def parse(cls, text: str) -> RotorFailure:
-        """Read ``ROTOR@TIME`` or ``ROTOR@TIME=HEALTH``.
-
-        Raises a ValueError that names the fault.
-        """
+        """Read ``ROTOR@TIME`` or ``ROTOR@TIME=HEALTH``; a ValueError names what is wrong."""
         found = FAILURE.fullmatch(text)
         try:
             if found is None:

@@ -33,18 +33,11 @@ AIM = 0.5  # share of the tolerance that the method aims at
 class Solution(NamedTuple):
     """The result of `DualNewton.solve`.
 
-    Attributes
-    ----------
-    thrusts : (n,) array
-        Within their bounds; of all iterates those with the least |A f - u| [N].
-    multipliers : (m,) array
-        y with ``thrusts = clip(f_p + W^-2 A^T y)``, up to rounding.
-    attained : bool
-        Whether |A f - u| is within the tolerance, or the rounding error of A f.
-    unattainable : bool
-        Whether a plane proves that |A f - u| exceeds the tolerance for all thrusts.
-    relaxed : bool
-        Whether the thrusts use the slack.
+    - `thrusts` (n,): within their bounds; of all iterates those with the least |A f - u| [N]
+    - `multipliers` (m,): y with ``thrusts = clip(f_p + W^-2 A^T y)``, up to rounding
+    - `attained`: whether |A f - u| is within the tolerance, or the rounding error of A f
+    - `unattainable`: whether a plane proves that |A f - u| exceeds the tolerance for all thrusts
+    - `relaxed`: whether the thrusts use the slack
     """
 
     thrusts: Array
@@ -71,23 +64,14 @@ class DualNewton:
     iteration.  The residual is that of the thrusts, so that preferred thrusts far away take no
     digits from it.
 
-    Parameters
-    ----------
-    matrix : (m, n) array
-        A, with rank m.
-    lower, upper : (n,) arrays
-        Bounds.
-    weights, preferred : (n,) arrays, optional
-        The diagonal of W, positive, and f_p; by default ones and zeros.
+    - `matrix` (m, n): A, with rank m
+    - `lower` and `upper` (n,): bounds
+    - `weights` and `preferred` (n,): the diagonal of W, positive, and f_p; by default ones and
+      zeros
 
-    Attributes
-    ----------
-    basis : (n, m) array
-        Orthonormal columns that span the rows of A W^-1.
-    coordinates : (m, m) array
-        The equation is equivalent to ``basis^T g = coordinates (u - A f_p)``.
-    greatest : float
-        The greatest size of a bound of g, at least 1.
+    - `basis` (n, m): orthonormal columns that span the rows of A W^-1
+    - `coordinates` (m, m): the equation is equivalent to ``basis^T g = coordinates (u - A f_p)``
+    - `greatest`: the greatest size of a bound of g, at least 1
     """
 
     def __init__(
@@ -121,16 +105,11 @@ class DualNewton:
         while u changes by 1e-9.  There the solver may miss u by up to `slack`, so that the thrusts
         depend on u as if the columns lay in one plane.
 
-        Parameters
-        ----------
-        u : (m,) array
-            If it is not attainable, the thrusts are some that produce about the nearest wrench.
-        tolerance : float
-            Goal for |A f - u|.
-        start : (m,) array, optional
-            Multipliers to start at.
-        slack : float
-            Greatest |A f - u| where multipliers are large.
+        - `u` (m,): if it is not attainable, the thrusts are some that produce about the nearest
+          wrench
+        - `tolerance`: goal for |A f - u|
+        - `start` (m,): multipliers to start at
+        - `slack`: greatest |A f - u| where multipliers are large
         """
         y = self._target(u) if start is None else self._back.T @ start
         thrusts, y, residual, proven = self._solve(u, tolerance, y)
@@ -271,18 +250,11 @@ class DualNewton:
         Newton's coordinates serve problems whose axes are almost dependent; the axes themselves
         keep their digits where coordinates lose them.
 
-        Parameters
-        ----------
-        thrusts : (n,) array
-            Within their bounds.
-        u : (m,) array
-        tolerance : float
-            Goal for |A f - u|; the method aims at a share of it.
+        - `thrusts` (n,): within their bounds
+        - `u` (m,)
+        - `tolerance`: goal for |A f - u|; the method aims at a share of it
 
-        Returns
-        -------
-        (n,) array
-            Of all iterates those with the least |A f - u|.
+        The result: of all iterates those with the least |A f - u|.
         """
         best, least = thrusts, np.inf
         for in_axes in (False, True):

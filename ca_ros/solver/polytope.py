@@ -25,12 +25,8 @@ ON_FACET = 1e-9
 class Polytope:
     """The convex hull of points.
 
-    Attributes
-    ----------
-    axes : tuple of str
-        Names of the k coordinates.
-    vertices : (V, k) array
-        Counter-clockwise for k = 2, ascending for k = 1; no rows if the polytope is empty.
+    `axes`: names of the k coordinates.  `vertices` (V, k): counter-clockwise for k = 2, ascending
+    for k = 1; no rows if the polytope is empty.
     """
 
     axes: tuple[str, ...]
@@ -45,10 +41,7 @@ class Polytope:
     def facets(self) -> tuple[Array, Array]:
         """Outward unit normals (F, k) and offsets (F,): ``normals @ x <= offsets``.
 
-        Raises
-        ------
-        ValueError
-            If the polytope has no volume.
+        Raises a ValueError if the polytope has no volume.
         """
         if self.volume == 0.0:
             raise ValueError('a polytope without volume has no facets')
@@ -160,11 +153,7 @@ def ordered(points: Array) -> Array:
 def section(planes: Array, slacks: Array) -> Array:
     """Return the vertices (V, k) of ``planes @ x <= slacks``, a polytope with -1 <= x <= 1.
 
-    Parameters
-    ----------
-    planes : (F, k) array
-        Parts of unit vectors.
-    slacks : (F,) array
+    `planes` (F, k): parts of unit vectors.  `slacks` (F,).
     """
     points = _section(planes, slacks)
     # A point on the boundary belongs to the polytope, in spite of rounding.

@@ -22,23 +22,15 @@ class Simplex:
     ones.  All variables always satisfy their bounds.  `push` moves one variable towards its goal,
     as far as the bounds of the others allow.
 
-    Parameters
-    ----------
-    matrix : (m, n) array
-        A; the absolute values in each row add up to 1.
+    `matrix` (m, n): A; the absolute values in each row add up to 1.
 
-    Attributes
-    ----------
-    value : list of float
-        The variables: n entries of x, m of y, and what `add_ray` adds.
-    lower, upper : lists of float
-        Their bounds.
-    doubt : float
-        Error estimate: a bound of the distance that pushes missed because of `ZERO` and of
-        rounding errors, which pivots magnify.
-    proof : dict
-        If the last push has not reached its goal: by how much the variable would come nearer to
-        it per unit of each nonbasic variable.  The bounds of these variables prove that it cannot.
+    - `value`: the variables: n entries of x, m of y, and what `add_ray` adds
+    - `lower` and `upper`: their bounds
+    - `doubt`: error estimate: a bound of the distance that pushes missed because of `ZERO` and of
+      rounding errors, which pivots magnify
+    - `proof`: if the last push has not reached its goal: by how much the variable would come
+      nearer to it per unit of each nonbasic variable.  The bounds of these variables prove that it
+      cannot
     """
 
     def __init__(self, matrix: Array) -> None:
@@ -79,10 +71,7 @@ class Simplex:
 
         Later pushes never move v away from the goal again.
 
-        Returns
-        -------
-        bool
-            Whether v has reached the goal.
+        The result: whether v has reached the goal.
         """
         reached = self.approach(v, goal)
         self.lower[v], self.upper[v] = sorted((self.value[v], goal))
@@ -163,18 +152,11 @@ class Simplex:
     def add_ray(self, rows: Sequence[int], direction: Sequence[float]) -> int:
         """Add a variable, the distance that nonbasic variables move together along a line.
 
-        Parameters
-        ----------
-        rows : sequence of int
-            Nonbasic variables that are released; they move along such lines only, and their values
-            are those where the lines begin.
-        direction : sequence of float
-            Their changes per unit of the new variable; of the order of 1.
+        `rows`: nonbasic variables that are released; they move along such lines only, and their
+        values are those where the lines begin.  `direction`: their changes per unit of the new
+        variable; of the order of 1.
 
-        Returns
-        -------
-        int
-            The new variable.
+        The result: the new variable.
         """
         places = [self._nonbasic.index(v) for v in rows]
         ways = list(zip(places, direction, strict=True))
@@ -188,10 +170,7 @@ class Simplex:
     ) -> int:
         """Add a variable, the greatest weighted distance of some variables to their goals.
 
-        Returns
-        -------
-        int
-            The new variable; it is nonbasic, and its goal is 0.
+        The result: the new variable; it is nonbasic, and its goal is 0.
         """
         most = max(
             abs(goal - self.value[v]) / weight

@@ -28,27 +28,16 @@ CHOICES_MAX = 1_000_000
 class Zonotope:
     """The set of all ``center + generators @ s`` with -1 <= s_i <= 1.
 
-    Its facets are parallel to the choices of m - 1 generators, so it is written as
-    ``|normals @ (u - center)| <= widths`` and every query is a matrix-vector product.
+    Its facets are parallel to the choices of m - 1 generators, so it is written as ``|normals @ (u
+    - center)| <= widths`` and every query is a matrix-vector product. Raises a ValueError if the
+    set has no volume, or too many facets.
 
-    Parameters
-    ----------
-    center : (m,) array
-    generators : (m, n) array
+    `center` (m,).  `generators` (m, n).
 
-    Attributes
-    ----------
-    normals : (k, m) array
-        Unit normals, one for each pair of opposite facets.
-    sides : (k, n) array
-        Component of each generator along each normal; zero for those that lie in the facet.
-    widths : (k,) array
-        Distance of the facets from the centre.
-
-    Raises
-    ------
-    ValueError
-        If the set has no volume, or too many facets.
+    - `normals` (k, m): unit normals, one for each pair of opposite facets
+    - `sides` (k, n): component of each generator along each normal; zero for those that lie in the
+      facet
+    - `widths` (k,): distance of the facets from the centre
     """
 
     def __init__(self, center: Array, generators: Array) -> None:
