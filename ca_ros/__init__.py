@@ -31,38 +31,13 @@ from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 __all__ = [
-    'ALLOCATORS',
-    'AdmissibleSet',
-    'Allocation',
-    'AllocationBatch',
-    'AllocationProblem',
-    'Allocator',
-    'Audit',
-    'BetaflightMixer',
-    'CaRosError',
-    'Conventional',
-    'Direct',
-    'Exact',
-    'Interval',
-    'ParameterError',
-    'PseudoInverse',
-    'RedistributedPseudoInverse',
-    'Sector',
-    'SequentialDesaturation',
-    'Settings',
-    'SlewLimited',
-    'Status',
-    'TiltLimited',
-    'VectoredProblem',
-    'Vehicle',
-    'WeightedLeastSquares',
-    'WeightedPseudoInverse',
-    'audit',
-    'control_allocation_matrix',
-    'make_allocator',
-    'setting',
-    'takes_settings',
-]
+    'ALLOCATORS', 'AdmissibleSet', 'Allocation', 'AllocationBatch', 'AllocationProblem',
+    'Allocator', 'Audit', 'BetaflightMixer', 'CaRosError', 'Conventional', 'Direct', 'Exact',
+    'Interval', 'ParameterError', 'PseudoInverse', 'RedistributedPseudoInverse', 'Sector',
+    'SequentialDesaturation', 'Settings', 'SlewLimited', 'Status', 'TiltLimited',
+    'VectoredProblem', 'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'audit',
+    'control_allocation_matrix', 'make_allocator', 'setting', 'takes_settings',
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> str:

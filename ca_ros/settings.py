@@ -169,6 +169,7 @@ class Settings:
 S = TypeVar('S', bound=Settings)
 
 _FOUND: dict[type[Settings], Mapping[str, Field | type[Settings]]] = {}
+_TABLES: dict[tuple[type[Settings], str], Mapping[str, Field]] = {}
 
 
 def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
@@ -232,17 +233,20 @@ def _restored(function: Callable[..., type[S]], arguments: Any, values: dict[str
     return settings
 
 
-def table(kind: type[Settings], prefix: str = '') -> dict[str, Field]:
+def table(kind: type[Settings], prefix: str = '') -> Mapping[str, Field]:
     """Return the settings of a class and its groups by full name, without those of Python alone.
 
     The names begin with the prefix.
     """
-    found = {}
+    if (kind, prefix) in _TABLES:
+        return _TABLES[kind, prefix]
+    found: dict[str, Field] = {}
     for name, field in _fields(kind).items():
         if isinstance(field, type):
             found.update(table(field, f'{prefix}{name}.'))
         elif field.default is not None:
             found[prefix + name] = field
+    _TABLES[kind, prefix] = found
     return found
 
 
@@ -378,9 +382,8 @@ def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:
     """
     numbers = np.asarray(value, dtype=float)
     if numbers.shape not in ((), (1,), (n,)):
-        raise ParameterError(
-            f'{name}: expected 1 or {n} numbers, one per {what}, got {numbers.size}'
-        )
+        size = numbers.size
+        raise ParameterError(f'{name}: expected 1 or {n} numbers, one per {what}, got {size}')
     return constant(np.broadcast_to(numbers, (n,)))
 
 

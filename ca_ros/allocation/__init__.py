@@ -103,23 +103,8 @@ def allocator_with(
 
 
 __all__ = [
-    'ALLOCATORS',
-    'Allocation',
-    'AllocationBatch',
-    'AllocationProblem',
-    'Allocator',
-    'BetaflightMixer',
-    'Conventional',
-    'Direct',
-    'Exact',
-    'Powerless',
-    'PseudoInverse',
-    'RedistributedPseudoInverse',
-    'SequentialDesaturation',
-    'Status',
-    'WeightedLeastSquares',
-    'WeightedPseudoInverse',
-    'allocator_with',
-    'make_allocator',
-    'method_class',
-]
+    'ALLOCATORS', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Allocator',
+    'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Powerless', 'PseudoInverse',
+    'RedistributedPseudoInverse', 'SequentialDesaturation', 'Status', 'WeightedLeastSquares',
+    'WeightedPseudoInverse', 'allocator_with', 'make_allocator', 'method_class',
+]  # fmt: skip

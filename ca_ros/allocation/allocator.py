@@ -178,9 +178,8 @@ class Allocator(ABC):
         """Allocate N wrenches (N, m) [N, N m]; the fields of the result have a leading N."""
         demands = self.problem.check(wrenches, batch=True)
         if demands.ndim != 2:
-            raise ValueError(
-                f'wrenches: expected shape (N, {len(self.problem.axes)}), got {demands.shape}'
-            )
+            m = len(self.problem.axes)
+            raise ValueError(f'wrenches: expected shape (N, {m}), got {demands.shape}')
         return self._allocate_batch(demands)
 
     @abstractmethod

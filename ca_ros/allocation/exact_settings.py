@@ -85,9 +85,8 @@ class ExactSettings(PrioritiesSettings):
         preferred = problem.spread('preferred', self.preferred, along=True)
         limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())
         if np.abs(preferred).max() > limit:
-            raise ParameterError(
-                f'preferred: expected thrusts up to {limit:g}, got {preferred.tolist()}'
-            )
+            found = preferred.tolist()
+            raise ParameterError(f'preferred: expected thrusts up to {limit:g}, got {found}')
         plain = np.all(weights == 1.0) and np.all(preferred == 0.0)
         return None if plain else (weights, preferred)
 

@@ -66,9 +66,8 @@ class Bag:
 
     def listen(self, namespace: str) -> None:
         """Subscribe to all topics; `write` takes the messages without an executor."""
-        self._node = Node(
-            'bag', namespace=namespace, start_parameter_services=False, enable_rosout=False
-        )
+        without: Any = {'start_parameter_services': False, 'enable_rosout': False}
+        self._node = Node('bag', namespace=namespace, **without)
         for topic, kind in RECORDED.items():
             # The publishers offer the same, apart from the depth.
             qos = offered('lockstep')

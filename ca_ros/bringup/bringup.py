@@ -108,9 +108,8 @@ def write_results(plan: Plan, out: Path, flown: Flown) -> None:
         flown.flight.write_csv(files[0])
     try:
         moments = plan.failures.moments(flown.detected.values())
-        figure = draw_flight(
-            flown.flight, flown.vehicle, plan.trajectory, plan.figure_width, moments
-        )
+        way, width = plan.trajectory, plan.figure_width
+        figure = draw_flight(flown.flight, flown.vehicle, way, width, moments)
         for form in plan.figures:
             with naming(out / f'flight.{form}'):
                 files += save(figure, out / 'flight', [form])

@@ -110,9 +110,8 @@ class Timeline:
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
     ) -> None:
         call = self._clients[name].set({parameter: value})
-        [result] = _wait(
-            call.answer, f'the {name} does not answer: {parameter} cannot be set', spin
-        )
+        what = f'the {name} does not answer: {parameter} cannot be set'
+        [result] = _wait(call.answer, what, spin)
         if not result.successful:
             raise TimelineError(f'the {name} refuses {parameter}: {result.reason}')
 

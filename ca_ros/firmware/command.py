@@ -14,7 +14,7 @@ from ca_ros.firmware.detector import detector_of
 from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES, Firmware
-from ca_ros.settings import ParameterError, check_given, read, table
+from ca_ros.settings import check_given, read, table
 from ca_ros.vehicle import files
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -25,10 +25,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         vehicle = Vehicle.load(options.vehicle)
         given = files.read(options.vehicle)
-    except ParameterError as error:
-        print(f'firmware: {error}', file=sys.stderr)
-        return 1
-    try:
         settings = checked(given)
         name = identifier(settings.vehicle.name)
         faults = faults_of(vehicle, options.faults)
@@ -36,7 +32,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         detector = detector_of(vehicle, given) if options.detector else None
         write(firmware, name, options.out, detector)
     except (ValueError, OSError) as error:
-        print(f'firmware: {options.vehicle}: {error}', file=sys.stderr)
+        text = str(error).removeprefix(f'{options.vehicle}: ')
+        print(f'firmware: {options.vehicle}: {text}', file=sys.stderr)
         return 1
     print(
         f'written: {name} with {len(faults) - 1} faults, in {options.precision} precision, in '
@@ -61,24 +58,17 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         description='Write the exact allocator of a vehicle as C99 for a flight controller: the '
         "kernel, the vehicle's constants, golden vectors, a Makefile and a README.",
     )
-    parser.add_argument('--vehicle', required=True, help='a shipped vehicle or a YAML file')
-    parser.add_argument(
-        '--out', type=Path, required=True, metavar='DIR', help='a folder that is new or empty'
+    add = parser.add_argument
+    add('--vehicle', required=True, help='a shipped vehicle or a YAML file')
+    add('--out', type=Path, required=True, metavar='DIR', help='a folder, new or empty')
+    kinds = tuple(DTYPES)
+    add('--precision', choices=kinds, default='single', help='default: single')
+    faults = (
+        'what can be announced in flight: none; single, the loss of each rotor by itself '
+        '(default); or, for each fault, the rotors that are lost or weaker: 1,3=0.4'
     )
-    parser.add_argument(
-        '--precision', choices=tuple(DTYPES), default='single', help='default: single'
-    )
-    parser.add_argument(
-        '--faults',
-        nargs='+',
-        default=['single'],
-        metavar='FAULT',
-        help='what can be announced in flight: none; single, the loss of each rotor by itself '
-        '(default); or, for each fault, the rotors that are lost or weaker: 1,3=0.4',
-    )
-    parser.add_argument(
-        '--detector', action='store_true', help='with the detector of rotor failures'
-    )
+    add('--faults', nargs='+', default=['single'], metavar='FAULT', help=faults)
+    add('--detector', action='store_true', help='with the detector of rotor failures')
     return parser.parse_args(argv)
 
 

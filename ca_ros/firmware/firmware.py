@@ -53,9 +53,8 @@ class Firmware:
         """
         method = settings.method
         if method != 'exact':
-            raise ParameterError(
-                f'allocation.method: firmware is made of the method exact, got {method}'
-            )
+            words = 'firmware is made of the method exact'
+            raise ParameterError(f'allocation.method: {words}, got {method}')
         n = faults[0].problem.n
         if n > ROTORS_MAX:
             raise ParameterError(f'the kernel is for up to {ROTORS_MAX} rotors, got {n}')

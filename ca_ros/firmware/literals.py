@@ -66,8 +66,7 @@ def _problem(firmware: Firmware, fault: int) -> str:
             rows = (indented(f'{braced(row, precision)},', 3) for row in array)
             lines += [f'        .{name} = {{', *rows, '        },']
         else:
-            value = (
-                braced(array, precision) if letters else braced([array.item()], precision)[1:-1]
-            )
+            text = braced(array if letters else [array.item()], precision)
+            value = text if letters else text[1:-1]
             lines.append(indented(f'.{name} = {value},', 2))
     return '\n'.join(lines)

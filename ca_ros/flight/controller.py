@@ -178,9 +178,8 @@ class Controller:
 
     def _force(self, position: Array, velocity: Array, waypoint: Waypoint) -> Array:
         """Return the wanted force in the world frame [N]."""
-        approach = (
-            self._position_stiffness / self._position_damping * (waypoint.position - position)
-        )
+        ratio = self._position_stiffness / self._position_damping
+        approach = ratio * (waypoint.position - position)
         speed_max = self.settings.speed_max
         approach = np.minimum(np.maximum(approach, -speed_max), speed_max)
         force = self.vehicle.mass * self._position_damping * (approach - velocity)

@@ -79,9 +79,8 @@ class Plant:
                 f'simulator.ground: the vehicle starts below it, at z = {self.state[2]:g} m'
             )
         gusts, noise = np.random.default_rng(settings.seed).spawn(2)
-        self._wind = Wind(
-            triple(settings.wind), triple(settings.gust_intensity), settings.gust_time, gusts
-        )
+        wind = triple(settings.wind), triple(settings.gust_intensity), settings.gust_time
+        self._wind = Wind(*wind, gusts)
         windy = self._wind.mean.any() or self._wind.intensity.any()
         if windy and not (body.drag and body.drag.takes_wind):
             raise ParameterError(

@@ -78,9 +78,8 @@ class Flight:
             ('vx', 'vy', 'vz'): self.velocity,
             ('wx', 'wy', 'wz'): self.angular_velocity,
         }
-        return {
-            name: table[:, i] for names, table in tables.items() for i, name in enumerate(names)
-        }
+        pairs = tables.items()
+        return {name: table[:, i] for names, table in pairs for i, name in enumerate(names)}
 
     def write_csv(self, path: Path) -> None:
         """Write one row per sample in SI units (angles in rad), with all digits of each number."""

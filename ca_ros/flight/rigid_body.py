@@ -155,9 +155,7 @@ class RigidBody:
             after = integrate(lambda x: self.derivative(x, speeds, wind), state, time_step)
             after[ATTITUDE] /= hypot(*after[ATTITUDE].tolist())
         if not np.isfinite(after).all():
-            raise FloatingPointError(
-                f'the vehicle tumbles so fast that steps of {time_step:g} s diverge'
-            )
+            raise FloatingPointError(f'the vehicle tumbles: steps of {time_step:g} s diverge')
         return after
 
 

@@ -86,9 +86,8 @@ class RotorFailures:
     def times(self) -> list[int]:
         """Return the times of flight of all failures and announcements, in order [ns]."""
         late = [] if self.announce is None else [0.0, self.announce]
-        return sorted(
-            {_ns(each.time + delay) for each in self.failures for delay in (late or [0.0])}
-        )
+        delays = late or [0.0]
+        return sorted({_ns(each.time + delay) for each in self.failures for delay in delays})
 
     def moments(self, detected: Iterable[float] = ()) -> dict[str, list[float]]:
         """Return the times of flight [s] of failures, announcements and detections."""

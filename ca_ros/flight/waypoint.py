@@ -22,9 +22,8 @@ class Waypoint:
     @classmethod
     def of(cls, x: float, y: float, z: float, heading: float) -> Waypoint:
         """Return the waypoint at a position [m] with a heading [rad]."""
-        return cls(
-            np.array([x, y, z]), np.array([0.0, 0.0, sin(heading / 2.0), cos(heading / 2.0)])
-        )
+        half = heading / 2.0
+        return cls(np.array([x, y, z]), np.array([0.0, 0.0, sin(half), cos(half)]))
 
     @cached_property
     def heading(self) -> float:

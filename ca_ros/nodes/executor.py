@@ -175,9 +175,8 @@ class Executor(executors.Executor):
 
     def _warn(self, node: Node, what: str) -> None:
         """Log a warning, at most once a second."""
-        node.get_logger().warning(
-            what, throttle_duration_sec=1.0, throttle_time_source_type=self._steady
-        )
+        limit: Any = {'throttle_duration_sec': 1.0, 'throttle_time_source_type': self._steady}
+        node.get_logger().warning(what, **limit)
 
     def _gather(self) -> None:
         self._changed = False

@@ -69,9 +69,8 @@ def _problem(given: Any, kind: Callable[..., P]) -> P:
         for name, value in renamed({f'problem.{name}': given[name] for name in given}).items()
     }
     if unknown := [str(name) for name in given if name not in ARGUMENTS]:
-        raise ParameterError(
-            f'problem.{unknown[0]}: no such entry; there are {", ".join(ARGUMENTS)}'
-        )
+        known = ', '.join(ARGUMENTS)
+        raise ParameterError(f'problem.{unknown[0]}: no such entry; there are {known}')
     if missing := [name for name in REQUIRED_KEYS if given.get(name) is None]:
         raise ParameterError(f'problem.{missing[0]}: missing')
     try:

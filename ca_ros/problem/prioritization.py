@@ -110,9 +110,8 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
     groups = [tuple(group.split() if isinstance(group, str) else group) for group in listed]
     flat = [axis for group in groups for axis in group]
     if len(set(flat)) < len(flat) or () in groups or not set(axes) <= set(flat) <= {*AXES, *axes}:
-        raise ValueError(
-            f'order: expected groups that name each of {", ".join(axes)} once, got {order}'
-        )
+        known = ', '.join(axes)
+        raise ValueError(f'order: expected groups that name each of {known} once, got {order}')
     kept = (tuple(axis for axis in group if axis in axes) for group in groups)
     return tuple(group for group in kept if group)
 

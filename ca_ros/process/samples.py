@@ -105,9 +105,8 @@ class Samples:
             for time, sample in self._samples.items()
             if start <= time <= end and len(sample) == len(COLUMNS)
         )
-        columns = {
-            name: np.array([self._samples[time][name] for time in stamps]) for name in COLUMNS
-        }
+        found = [self._samples[time] for time in stamps]
+        columns = {name: np.array([sample[name] for sample in found]) for name in COLUMNS}
         return Flight((np.array(stamps) - origin) / 1e9, **columns)
 
 

@@ -11,16 +11,6 @@ from ca_ros.testing.parameters import Parameters
 from ca_ros.testing.processes import DEADLINE
 
 __all__ = [
-    'BEST_EFFORT',
-    'DEADLINE',
-    'RELIABLE',
-    'Diagnostics',
-    'FaultProxy',
-    'Graph',
-    'Lockstep',
-    'Parameters',
-    'counts',
-    'executable',
-    'six',
-    'wrench',
-]
+    'BEST_EFFORT', 'DEADLINE', 'RELIABLE', 'Diagnostics', 'FaultProxy', 'Graph', 'Lockstep',
+    'Parameters', 'counts', 'executable', 'six', 'wrench',
+]  # fmt: skip

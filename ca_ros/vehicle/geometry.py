@@ -49,9 +49,7 @@ def rotor_axes(rotors: RotorSettings, n: int) -> Array:
     """Return the directions (n, 3) of the rotors' thrusts, unit vectors."""
     axes = _rows('rotors.axes', rotors.axes)
     if len(axes) not in (1, n):
-        raise ParameterError(
-            f'rotors.axes: expected 3 or {3 * n} numbers for {n} rotors, got {axes.size}'
-        )
+        raise ParameterError(f'rotors.axes: expected 3 or {3 * n} numbers, got {axes.size}')
     lengths = np.linalg.norm(axes, axis=1)
     if not np.all(lengths > 0.0):
         raise ParameterError('rotors.axes: an axis has length zero')

@@ -176,9 +176,7 @@ class AxesSettings(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if len({*self.axes}) < len(self.axes) or not self.axes:
-            raise ParameterError(
-                f'axes: expected a list of different axes, got {list(self.axes)!r}'
-            )
+            raise ParameterError(f'axes: expected different axes, got {list(self.axes)!r}')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -144,9 +144,8 @@ def fit(
         data['throttle'] = (data['pwm'] - ends[0]) / max(ends[1] - ends[0], 1e-9)
     turning = (data['speed'] > 0.0) & (data['thrust'] > 0.0)
     if turning.sum() < FEWEST:
-        raise ParameterError(
-            f'{turning.sum()} points with speed and thrust: expected {FEWEST} or more'
-        )
+        count = turning.sum()
+        raise ParameterError(f'{count} points with speed and thrust: expected {FEWEST} or more')
     order = np.argsort(data['speed'][turning], kind='stable')
     data = {name: values[turning][order] for name, values in data.items()}
     w, f, x = data['speed'], data['thrust'], data.get('throttle')

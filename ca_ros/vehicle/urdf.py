@@ -79,9 +79,8 @@ def read_urdf(text: str, rotors: Sequence[str]) -> Model:
         way = _vector(name, axis, 'xyz') if axis is not None else np.array([1.0, 0.0, 0.0])
         axes.append(places[name][0] @ way)
     positions = np.array([places[name][1] for name in rotors])
-    return Model(
-        robot.get('name', 'multirotor'), mass, center, total, positions, np.array(axes).round(12)
-    )
+    name = robot.get('name', 'multirotor')
+    return Model(name, mass, center, total, positions, np.array(axes).round(12))
 
 
 def _place(link: str, joints: dict[str, ElementTree.Element]) -> tuple[Array, Array]:
@@ -141,9 +140,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument('file', type=Path, help='a URDF, after xacro')
     parser.add_argument('--rotors', nargs='+', required=True, metavar='LINK')
-    parser.add_argument(
-        '--spins', nargs='+', required=True, choices=('cw', 'ccw'), help='seen from above'
-    )
+    words = ('cw', 'ccw')
+    parser.add_argument('--spins', nargs='+', required=True, choices=words, help='from above')
     add_numbers(parser, 'k_f [kg m]')
     parser.add_argument('--torque-coefficient', type=float, required=True, help='[kg m^2]')
 

@@ -43,9 +43,8 @@ def ordered_bounds(low: str, high: str, lower: Array, upper: Array, names: Seque
     """Raise a ParameterError that names the first lower bound (n,) above its upper bound."""
     if (above := np.flatnonzero(lower > upper)).size:
         i = above[0]
-        raise ParameterError(
-            f'{low}: {lower[i]:g} of {names[i]} is above its {high}, {upper[i]:g}'
-        )
+        least, most = f'{lower[i]:g} of {names[i]}', f'{upper[i]:g}'
+        raise ParameterError(f'{low}: {least} is above its {high}, {most}')
 
 
 def inertia_matrix(inertia: ArrayLike) -> Array:

@@ -180,9 +180,8 @@ class Vehicle:
         arms = rotor_positions(rotors) - np.array(body.center_of_mass, float)
         n, spins = len(arms), rotors.spins
         if n > EFFECTORS_MAX:
-            raise ParameterError(
-                f'rotors.positions: expected up to {EFFECTORS_MAX} rotors, got {n}'
-            )
+            most = f'up to {EFFECTORS_MAX} rotors'
+            raise ParameterError(f'rotors.positions: expected {most}, got {n}')
         if isinstance(spins, str) or len(spins) != n:
             raise ParameterError(f'rotors.spins: expected {n} words, one per rotor, got {spins!r}')
 
@@ -236,9 +235,8 @@ class Vehicle:
             shares = np.array(np.nan)
         if shares.shape not in ((), (self.n,)) or not ((shares >= 0.0) & (shares <= 1.0)).all():
             given = ' '.join(repr(health).split())
-            raise ParameterError(
-                f'rotors.health: expected 1 or {self.n} numbers in [0, 1], got {given}'
-            )
+            what = f'1 or {self.n} numbers in [0, 1]'
+            raise ParameterError(f'rotors.health: expected {what}, got {given}')
         return replace(self, health=np.broadcast_to(shares, (self.n,)))
 
     def at_voltage(self, voltage: float) -> Vehicle:
@@ -253,9 +251,8 @@ class Vehicle:
         rated = self.rated or (self.speed_min, self.speed_max)
         low, high = np.maximum(rated[0], -full), np.minimum(rated[1], full)
         if not (high > np.maximum(low, 0.0)).all():
-            raise ParameterError(
-                f'battery: {voltage:g} V turn a rotor with less than its least speed'
-            )
+            least = 'a rotor with less than its least speed'
+            raise ParameterError(f'battery: {voltage:g} V turn {least}')
         return replace(self, speed_min=low, speed_max=high, voltage=voltage, rated=rated)
 
     def with_stuck_servo(self, rotor: int, angle: float) -> Vehicle:

@@ -192,9 +192,8 @@ def _write(
         'findings': [] if checked else list(findings(flights, goal)),
         'numbers': {each.sentence: each.numbers for each in observations},
     }
-    rows = pd.concat(
-        pd.DataFrame({'method': name, **flight.columns()}) for name, flight in flights.items()
-    )
+    tables = [{'method': name, **flight.columns()} for name, flight in flights.items()]
+    rows = pd.concat(map(pd.DataFrame, tables))
     text = document(found)
     write(out / 'dynamic', rows, found, text, options.tables)
     study = Flights(flights, samples, case.vehicle, options.goals, failures, detected)
