@@ -46,15 +46,11 @@ START_TIMEOUT = 30.0
 ANSWER_MAX = 1.0  # time after which a command without an answer is lost [s]
 
 
-class LatencyError(CaRosError):
-    """A node ended, or did not answer."""
-
-
 def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
     """Start both nodes for a vehicle's name or file, measure them, and end them.
 
     Returns one row per block: rate, node, percentiles of the latency [s], and how many commands
-    were sent, answered, and late.  Raises a LatencyError if a node ends or does not answer.
+    were sent, answered, and late.  Raises a CaRosError if a node ends or does not answer.
     """
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     root = str(Path(__file__).parents[1])
@@ -76,7 +72,7 @@ def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
 
             def watch() -> None:
                 for name, code in processes.ended().items():
-                    raise LatencyError(f'the {name} ended with exit code {code}')
+                    raise CaRosError(f'the {name} ended with exit code {code}')
 
             clients = {kind: Client(node, spaces[kind], commands, watch) for kind in MODULES}
             for client in clients.values():
@@ -125,7 +121,7 @@ class Client:
             self._watch()
             time.sleep(0.05)
             if deadline.passed():
-                raise LatencyError(f'after {START_TIMEOUT:g} s no answer in {self._space}')
+                raise CaRosError(f'after {START_TIMEOUT:g} s no answer in {self._space}')
 
     def ask(self, rate: float, count: int) -> pd.DataFrame:
         """Send commands at a rate, without waiting for answers.
@@ -185,7 +181,7 @@ def measure(clients: Mapping[str, Client], blocks: int, seconds: float) -> pd.Da
 def metrics(rows: pd.DataFrame, period: float) -> dict[str, float]:
     """Return percentiles [s] and counts; an answer is late a period after it was due."""
     if rows['latency'].isna().all():
-        raise LatencyError('no command was answered')
+        raise CaRosError('no command was answered')
     p50, p99 = rows['latency'].quantile([0.5, 0.99])
     in_time = int((rows['delay'] + rows['latency'] <= period).sum())
     counts = {'sent': len(rows), 'answered': int(rows['latency'].count())}

@@ -118,7 +118,7 @@ def _one_by_one(call: Call, wrenches: list[Array]) -> tuple[list[int], list[Any]
         answer = call(u)
         times.append(perf_counter_ns() - start)
         thrusts = getattr(answer, 'thrusts', answer)
-        # a copy: the solver may reuse its memory.
+        # A copy: the solver may reuse its memory.
         answers.append(None if thrusts is None else np.array(thrusts, dtype=float))
     return times, answers
 

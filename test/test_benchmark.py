@@ -142,7 +142,7 @@ def test_metrics_of_latency_by_hand():
     assert (found['p50'], found['sent'], found['answered']) == (2e-3, 5, 4)
     # The third is late, the fourth because it was sent late, and the fifth was never answered.
     assert found['late'] == 3
-    with pytest.raises(latency.LatencyError):
+    with pytest.raises(latency.CaRosError):
         latency.metrics(block(np.full(3, np.nan)), 1.0)
 
 

@@ -178,7 +178,7 @@ def test_a_wait_says_what_it_waits_for_before_it_ends(monkeypatch, capsys):
         while True:
             patience.check('{:g} s without a wheel'.format)
 
-    with pytest.raises(session.Stopped, match=r'^0\.05 s without a wheel$'):
+    with pytest.raises(session.CaRosError, match=r'^0\.05 s without a wheel$'):
         wait()
     assert capsys.readouterr().err.splitlines()[0] == (
         'bringup: 0.02 s without a wheel; waiting up to 0.05 s')

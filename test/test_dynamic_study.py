@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
 from ca_ros.evaluation.dynamic.manoeuvres import median_of, share_of
 from ca_ros.evaluation.dynamic.metrics import metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import observe
-from ca_ros.evaluation.dynamic.ros_flight import RosFlightError, fly_over_ros
+from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros
 from ca_ros.evaluation.dynamic.study import main
 from ca_ros.evaluation.tables import latex
 from ca_ros.flight.closed_loop import fly
@@ -308,7 +309,7 @@ def test_parameters_are_not_given_by_arguments_for_ros(given, tmp_path, capsys):
 
 def test_the_reason_for_no_flight_over_ros_is_told(graph):
     case = Case.load('hexarotor')
-    with pytest.raises(RosFlightError, match=r'exact: no flight over ROS: .*nonsense'):
+    with pytest.raises(CaRosError, match=r'exact: no flight over ROS: .*nonsense'):
         fly_over_ros(case, 'exact', 1.0, ['--nonsense'])
 
 

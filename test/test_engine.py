@@ -11,8 +11,9 @@ from threading import Barrier
 
 import pytest
 
+from ca_ros.errors import CaRosError
 from ca_ros.evaluation import engine
-from ca_ros.evaluation.engine import EngineError, code, compute
+from ca_ros.evaluation.engine import code, compute
 from ca_ros.evaluation.static import study
 from ca_ros.evaluation.static.study import main
 
@@ -80,12 +81,12 @@ def test_where_there_is_no_terminal_lines_tell_of_progress(tmp_path, monkeypatch
 @pytest.mark.slow
 def test_a_killed_worker_process_is_reported(tmp_path):
     options = Namespace(workers=2, scheduler=None)
-    with pytest.raises(EngineError, match='a worker was killed'):
+    with pytest.raises(CaRosError, match='a worker was killed'):
         compute(Thirds(tmp_path, 5, signal.SIGKILL), COUNT, options)
 
 
 def test_a_worker_with_other_code_is_refused():
-    with pytest.raises(EngineError, match='another version of numpy than this process'):
+    with pytest.raises(CaRosError, match='another version of numpy than this process'):
         engine.call(b'', {**code(), 'numpy': '0'}, 0)
 
 
@@ -100,9 +101,9 @@ def test_a_worker_with_another_source_of_ones_own_method_is_refused(tmp_path, mo
     # What another process finds after a change of the file.
     module.write_text(f'{head}class Own(Direct):\n    version = 2\n')
     changed = {**found, method: sha256(module.read_bytes()).hexdigest()}
-    with pytest.raises(EngineError, match=f'another version of {method} than this process'):
+    with pytest.raises(CaRosError, match=f'another version of {method} than this process'):
         engine.call(task, changed, 0)
-    with pytest.raises(EngineError, match='No module named'):
+    with pytest.raises(CaRosError, match='No module named'):
         engine.call(task, {**code(), 'absent_of_chunks:Own': ''}, 0)
 
 
@@ -216,5 +217,5 @@ def test_a_cluster_that_goes_away_is_reported(tmp_path):
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address=':0') as cluster:
         options = Namespace(workers=None, scheduler=cluster.scheduler_address)
         # A chunk that kills each worker that tries it.
-        with pytest.raises(EngineError, match='KilledWorker'):
+        with pytest.raises(CaRosError, match='KilledWorker'):
             compute(Deadly(tmp_path), COUNT, options)

@@ -9,10 +9,11 @@ import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from ca_ros.bringup.agreement import DisagreementError, check, combined, not_compared
+from ca_ros.bringup.agreement import check, combined, not_compared
 from ca_ros.bringup.options import parse
-from ca_ros.bringup.timeline import Timeline, TimelineError
+from ca_ros.bringup.timeline import Timeline
 from ca_ros.commands import NODES
+from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
@@ -57,7 +58,7 @@ def test_it_says_which_parameters_of_a_program_it_cannot_compare(capsys):
         'the simulator has no parameters: its mode and vehicle cannot be compared']
     check(parameters, {})
     assert 'the simulator has no parameters' in capsys.readouterr().err
-    with pytest.raises(DisagreementError, match='no node declares the parameter mode'):
+    with pytest.raises(CaRosError, match='no node declares the parameter mode'):
         check({node: {} for node in NODES}, {})
 
 
@@ -78,10 +79,10 @@ def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lac
         tuple(round(time * 1e9) for time in times),
         (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * len(times))
     if lacking:
-        with pytest.raises(TimelineError, match=f'does not declare {lacking}, which'):
+        with pytest.raises(CaRosError, match=f'does not declare {lacking}, which'):
             Timeline(None, trajectory, RotorFailures(()), parameters, 6)
     failing = RotorFailures((RotorFailure(1, 1.0),))
-    with pytest.raises(TimelineError, match=r'does not declare rotors\.health'):
+    with pytest.raises(CaRosError, match=r'does not declare rotors\.health'):
         Timeline(None, trajectory, failing, parameters, 6)
 
 

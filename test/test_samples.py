@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from ca_ros.errors import CaRosError
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.nodes.messages import speeds_message, stamp, state_messages
 from ca_ros.nodes.topics import POSE, SPEEDS, VELOCITY
-from ca_ros.process.samples import SampleError, Samples
+from ca_ros.process.samples import Samples
 
 STEP = 10_000_000
 
@@ -60,19 +61,19 @@ def test_another_number_of_rotor_speeds_is_refused_before_and_after_it_is_known(
         samples = Samples()
         if known_first:
             samples.expect(2)
-            with pytest.raises(SampleError, match=fault):
+            with pytest.raises(CaRosError, match=fault):
                 add(samples, 0, speeds=speeds)
         else:
             add(samples, 0, speeds=speeds)
-            with pytest.raises(SampleError, match=fault):
+            with pytest.raises(CaRosError, match=fault):
                 samples.expect(2)
 
 
 @pytest.mark.parametrize('wrong', [math.inf, -math.inf, math.nan])
 def test_numbers_that_are_not_finite_are_refused(wrong):
-    with pytest.raises(SampleError, match=r'motor_speed at 0\.01 s: .*expected finite'):
+    with pytest.raises(CaRosError, match=r'motor_speed at 0\.01 s: .*expected finite'):
         add(Samples(), STEP, speeds=(250.0, wrong))
-    with pytest.raises(SampleError, match=r'local_position/pose at 0\.01 s: .*expected finite'):
+    with pytest.raises(CaRosError, match=r'local_position/pose at 0\.01 s: .*expected finite'):
         add(Samples(), STEP, height=wrong)
 
 
@@ -80,7 +81,7 @@ def test_stamps_that_go_back_are_refused_and_repeated_ones_are_not():
     samples = Samples()
     add(samples, 2 * STEP)
     add(samples, 2 * STEP)
-    with pytest.raises(SampleError, match=r'local_position/pose: stamp 0\.01 s after 0\.02 s'):
+    with pytest.raises(CaRosError, match=r'local_position/pose: stamp 0\.01 s after 0\.02 s'):
         add(samples, STEP)
     assert len(samples.flight(2 * STEP).time) == 1
 

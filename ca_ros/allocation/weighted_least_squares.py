@@ -156,7 +156,7 @@ class WeightedLeastSquares(Allocator):
                 active[first], free[first] = np.sign(step[first]), False
                 continue
             thrusts = goal
-            # a second projection removes what rounding has left in the space of the free columns.
+            # A second projection removes what rounding has left in the space of the free columns.
             residual -= basis @ image
             residual -= basis @ (basis.T @ residual)
             multipliers = active * (residual @ matrix)

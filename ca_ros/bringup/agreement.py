@@ -20,24 +20,20 @@ REFERENCE_ORDER = ('allocator', 'controller', 'simulator')
 Parameters = Mapping[str, Mapping[str, Any]]  # values by node and name
 
 
-class DisagreementError(CaRosError):
-    """A node has another parameter than the options or the other nodes."""
-
-
 def check(parameters: Parameters, asked: Mapping[str, Any]) -> None:
     """Refuse nodes that contradict the options `asked` or each other's mode, by an error.
 
     What cannot be compared, and two vehicles, are warnings: model mismatch is a common experiment.
     """
     if 'mode' not in (common := combined(parameters)):
-        raise DisagreementError('no node declares the parameter mode: one of ours must be there')
+        raise CaRosError('no node declares the parameter mode: one of ours must be there')
     asked = {'mode': common['mode'], **asked}
     for text in not_compared(parameters, asked):
         print(f'bringup: warning: {text}', file=sys.stderr)
     for node in NODES:
         for name, value in asked.items():
             if (own := parameters[node].get(name, value)) != value:
-                raise DisagreementError(
+                raise CaRosError(
                     f'{name} of the {node} is {own}, not {value}: see the parameter files '
                     'and the ROS arguments'
                 )

@@ -31,21 +31,17 @@ STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)
 INFINITE = (9223372036, 854775807)  # RMW_DURATION_INFINITE [s, ns]
 
 
-class BagError(CaRosError, RuntimeError):
-    """The bag cannot be written."""
-
-
 class Bag:
     """Writes the messages of `RECORDED` to an MCAP bag of rosbag2, a new folder.
 
     `counts` are the messages written, by topic; `lost` is how many on the vehicle's own topics
-    were sent but not received.  Raises a BagError if the folder exists or cannot be created, or
+    were sent but not received.  Raises a CaRosError if the folder exists or cannot be created, or
     `rosbags` is not installed.
     """
 
     def __init__(self, path: Path) -> None:
         if find_spec('rosbags') is None:
-            raise BagError("--bag needs rosbags: pip install rosbags, or ca_ros's extra 'bag'")
+            raise CaRosError("--bag needs rosbags: pip install rosbags, or ca_ros's extra 'bag'")
         from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
         from rosbags.typesys import Stores, get_typestore
 
@@ -61,7 +57,7 @@ class Bag:
             self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         except (WriterError, OSError) as error:
-            raise BagError(f'--bag: {error}') from None
+            raise CaRosError(f'--bag: {error}') from None
 
 
     def listen(self, namespace: str) -> None:
@@ -100,12 +96,12 @@ class Bag:
         try:
             self._writer.write(self._connections[topic], info['received_timestamp'], message)
         except OSError as error:
-            raise BagError(f'--bag: {self.path}: {error}') from None
+            raise CaRosError(f'--bag: {self.path}: {error}') from None
         self.counts[topic] += 1
         self._newest[topic] = message
         if not topic.startswith('/'):
             before, number = self._sequence.get(topic), info['publication_sequence_number']
-            # a restarted publisher counts from one again.
+            # A restarted publisher counts from one again.
             if before is not None and number > before:
                 self.lost += number - before - 1
             self._sequence[topic] = number
@@ -130,7 +126,7 @@ class Bag:
                 self._writer.abort()
                 shutil.rmtree(self.path)
         except OSError as error:
-            raise BagError(f'--bag: {self.path}: {error}') from None
+            raise CaRosError(f'--bag: {self.path}: {error}') from None
         finally:
             if self._node is not None:
                 self._node.destroy_node()

@@ -36,10 +36,6 @@ NOTICE = 10.0  # period of the lines that say what a flight waits for [s]
 LOOK_AROUND = 0.5  # time to discover other nodes before the start, and between later checks [s]
 
 
-class Stopped(CaRosError):
-    """The flight ended early."""
-
-
 @dataclass(frozen=True)
 class Flown:
     """A finished flight, and the time that it took [s].
@@ -138,7 +134,7 @@ class Session:
             faults = self._reports.faults()
         flight = recorder.flight(duration)
         if common['mode'] == 'lockstep' and (lost := flight.missing(duration)):
-            raise Stopped(f'{lost} samples were lost: the recorder did not keep up')
+            raise CaRosError(f'{lost} samples were lost: the recorder did not keep up')
         start, found = recorder.end(0.0), self._reports.detected()
         stops = any(own.get('timeout_action') == 'stop' for own in parameters.values())
         detected = {rotor: (time - start) / 1e9 for rotor, time in found.items()}
@@ -167,11 +163,11 @@ class Session:
         if self._bag:
             self._bag.write()
         if self._interrupts:
-            raise Stopped(f'interrupted by {signal.Signals(self._interrupts[0]).name}')
+            raise CaRosError(f'interrupted by {signal.Signals(self._interrupts[0]).name}')
         respawned = self._processes.respawn() if self._plan.respawn else {}
         if ended := self._processes.ended().items():
             codes = (f'the {name} ended with exit code {code}' for name, code in ended)
-            raise Stopped(', '.join(codes))
+            raise CaRosError(', '.join(codes))
         for name, code in respawned.items():
             line = f'bringup: the {name} ended with exit code {code} and is started again'
             if name == 'simulator':
@@ -192,7 +188,7 @@ class Session:
 
     def _check_alone(self, own: int) -> None:
         if others := self._recorder.others(own):
-            raise Stopped(
+            raise CaRosError(
                 f'other nodes publish on {", ".join(others)} in ROS domain '
                 f'{self._recorder.context.get_domain_id()}: end them, or choose another '
                 '--namespace or ROS_DOMAIN_ID (DDS lists a node that was killed with -9 for 20 s)'
@@ -208,10 +204,10 @@ class Patience:
     def check(self, what: Callable[[float], str]) -> None:
         """Print what is waited for every `NOTICE` seconds, of which `what` makes the text [s].
 
-        Raises `Stopped` at the limit.
+        Raises a `CaRosError` at the limit.
         """
         if self._limit.passed():
-            raise Stopped(what(PROGRESS_TIMEOUT))
+            raise CaRosError(what(PROGRESS_TIMEOUT))
         if self._notice.passed():
             self._notices += 1
             text = f'{what(self._notices * NOTICE)}; waiting up to {PROGRESS_TIMEOUT:g} s'

@@ -22,10 +22,6 @@ from ca_ros.settings import repeated
 TIMEOUT = 60.0  # time limit for a node to accept a parameter [s]
 
 
-class TimelineError(CaRosError):
-    """The vehicle has no such rotor, or a node refuses the parameter."""
-
-
 class Timeline:
     """Sends the waypoints of a flight, fails rotors, and announces the failures.
 
@@ -34,7 +30,7 @@ class Timeline:
     same.  In real time it does not wait.
 
     The recorder sends the waypoints, and is the node of the clients; the parameters are by node
-    and name; the vehicle has n rotors.  Raises a TimelineError if it does not have the rotors that
+    and name; the vehicle has n rotors.  Raises a CaRosError if it does not have the rotors that
     fail, or the simulator lacks a parameter.
     """
 
@@ -51,14 +47,14 @@ class Timeline:
         try:
             failures.check(n)
         except ValueError as error:
-            raise TimelineError(str(error)) from None
+            raise CaRosError(str(error)) from None
         self._lockstep = common['mode'] == 'lockstep'
         self._times = sorted({*failures.times(), *trajectory.times[1:]})
         needed = ['rotors.health'] if failures.times() else []
         if self._lockstep and self._times:
             needed += ['simulator.hold_at', 'simulator.time_step']
         if lacking := [name for name in needed if name not in parameters['simulator']]:
-            raise TimelineError(
+            raise CaRosError(
                 f'the simulator does not declare {", ".join(lacking)}, which rotor failures and '
                 'trajectories need'
             )
@@ -76,7 +72,7 @@ class Timeline:
         self._clients = {name: ParameterClient(recorder, name, *services) for name in self._health}
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
-        """Do what is due; raise a TimelineError if a node refuses, or does not answer.
+        """Do what is due; raise a CaRosError if a node refuses, or does not answer.
 
         `elapsed` is the time of flight up to the last complete sample [ns], None before the
         flight; `spin` spins the node once.
@@ -113,7 +109,7 @@ class Timeline:
         what = f'the {name} does not answer: {parameter} cannot be set'
         [result] = _wait(call.answer, what, spin)
         if not result.successful:
-            raise TimelineError(f'the {name} refuses {parameter}: {result.reason}')
+            raise CaRosError(f'the {name} refuses {parameter}: {result.reason}')
 
 
 def _wait(answer: Callable[[], Any], fault: str, spin: Callable[[], None]) -> Any:
@@ -121,6 +117,6 @@ def _wait(answer: Callable[[], Any], fault: str, spin: Callable[[], None]) -> An
     limit = Deadline(TIMEOUT)
     while (found := answer()) is None:
         if limit.passed():
-            raise TimelineError(fault)
+            raise CaRosError(fault)
         spin()
     return found

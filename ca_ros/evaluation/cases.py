@@ -12,7 +12,6 @@ import numpy as np
 from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
 from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
 from ca_ros.arrays import Array
-from ca_ros.errors import CaRosError
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
@@ -43,10 +42,6 @@ PAPER = ('exact', 'pseudo_inverse', 'conventional', 'direct')
 """The paper's methods, in the order of its Table 1."""
 
 SETS = {'paper': PAPER, 'all': tuple(ALLOCATORS)}  # words that stand for several methods
-
-
-class CaseError(CaRosError):
-    """The vehicle, a parameter or a method of a command line is wrong."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,10 +44,6 @@ ARRIVAL, NEWS = 30.0, 10.0
 """How long to wait for the first worker of a cluster, and between two lines of progress [s]."""
 
 
-class EngineError(CaRosError):
-    """The chunks of a study cannot be computed here."""
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `compute` to a command line."""
     where = parser.add_mutually_exclusive_group()
@@ -74,7 +70,7 @@ def compute(
     The task, which can be pickled, returns the result of a chunk.  It depends on the number of the
     chunk alone, and on the code of the user's own `methods`, ``module:Class``.  The options are
     those of `add_options`; the bar, which has further arguments, counts chunks.  Raises an
-    EngineError if a worker process was killed, the cluster cannot be reached, or has other code.
+    CaRosError if a worker process was killed, the cluster cannot be reached, or has other code.
     """
     given, done, news = (pickle.dumps(task), code(*methods)), 0, perf_counter() + NEWS
     futures: list[Future[Any]] = []
@@ -92,7 +88,7 @@ def compute(
         finally:
             for future in futures:
                 future.cancel()
-            # a chunk that is being computed would hold up the end.
+            # A chunk that is being computed would hold up the end.
             if done < count and isinstance(executor, ProcessPoolExecutor):
                 for child in active_children():
                     child.terminate()
@@ -101,7 +97,7 @@ def compute(
 
 @contextmanager
 def _executor(options: argparse.Namespace, count: int) -> Iterator[Executor]:
-    """Open the executor; report what the user can mend as an EngineError."""
+    """Open the executor; report what the user can mend as a CaRosError."""
     workers = min(options.workers or processors(), count)
     opened: AbstractContextManager[Executor] = ThreadPoolExecutor(1)
     if options.scheduler:
@@ -112,7 +108,7 @@ def _executor(options: argparse.Namespace, count: int) -> Iterator[Executor]:
         with opened as executor:
             yield executor
     except BrokenExecutor:
-        raise EngineError('a worker was killed, perhaps for want of memory') from None
+        raise CaRosError('a worker was killed, perhaps for want of memory') from None
 
 
 def _start() -> None:
@@ -137,12 +133,12 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         client = Client(scheduler)
         client.wait_for_workers(1, timeout=ARRIVAL)
     except (OSError, ValueError, AsyncTimeoutError) as error:
-        raise EngineError(f'--scheduler {scheduler}: {error}') from None
+        raise CaRosError(f'--scheduler {scheduler}: {error}') from None
     try:
         with client:
             yield client.get_executor(pure=False)
     except (CancelledError, KilledWorker) as error:
-        raise EngineError(f'--scheduler {scheduler}: {type(error).__name__}') from None
+        raise CaRosError(f'--scheduler {scheduler}: {type(error).__name__}') from None
 
 
 _last = local()  # the last task of a thread: solvers such as OSQP must not be shared by threads
@@ -151,12 +147,12 @@ _last = local()  # the last task of a thread: solvers such as OSQP must not be s
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
     """Compute a chunk on a worker.
 
-    Raises an EngineError if the worker has other code than `expected`: its digits might differ.
+    Raises a CaRosError if the worker has other code than `expected`: its digits might differ.
     """
     found = code(*(name for name in expected if ':' in name))
     if found != expected:
         names = ', '.join(name for name in expected if found.get(name) != expected[name])
-        raise EngineError(f'a worker has another version of {names} than this process')
+        raise CaRosError(f'a worker has another version of {names} than this process')
     if getattr(_last, 'pickled', None) != pickled:
         _last.task, _last.pickled = pickle.loads(pickled), pickled
     return _last.task(number)
@@ -178,6 +174,6 @@ def code(*methods: str) -> dict[str, str]:
         try:
             module = sys.modules[own_class(method).__module__]
         except ValueError as error:
-            raise EngineError(str(error)) from None
+            raise CaRosError(str(error)) from None
         found[method] = sha256(getsource(module).encode()).hexdigest()
     return found

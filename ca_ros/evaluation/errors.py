@@ -26,10 +26,6 @@ ERRORS = {
 """Titles of the errors: force and torque of a vehicle, one of a problem without a vehicle."""
 
 
-class AnswerError(CaRosError, ValueError):
-    """A method did not answer with thrusts of the vehicle's rotors."""
-
-
 def columns(problem: AllocationProblem) -> list[str]:
     """Return the names of the columns of u."""
     if isinstance(problem, VehicleProblem):
@@ -55,7 +51,7 @@ def evaluate(
     A batch is one call, whose time is divided equally; otherwise wrenches are allocated one by
     one.  Returns one row per wrench: the columns of static.csv but ``sample``, and ``violation``,
     the largest violation of the bounds by the method's thrusts before saturation [N].  Raises an
-    AnswerError if the answers are not thrusts of the vehicle's rotors.
+    CaRosError if the answers are not thrusts of the vehicle's rotors.
     """
     whole = batch and hasattr(allocator, 'allocate_batch')
     call = allocator.allocate_batch if whole else allocator.allocate
@@ -68,10 +64,10 @@ def evaluate(
         used = ('thrusts', 'violation', 'status')
         parts = [np.array([getattr(each, part) for each in answers]) for part in used]
     except AttributeError:
-        raise AnswerError(f'{name}: allocate has to return an Allocation') from None
+        raise CaRosError(f'{name}: allocate has to return an Allocation') from None
     thrusts = parts[0].astype(float).reshape(-1, parts[0].shape[-1])
     if thrusts.shape != (len(demands), problem.n) or not np.isfinite(thrusts).all():
-        raise AnswerError(
+        raise CaRosError(
             f'{name}: expected finite thrusts of {problem.n} rotors for each wrench, got an array '
             f'of shape {thrusts.shape}'
         )

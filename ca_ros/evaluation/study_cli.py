@@ -11,7 +11,7 @@ from pathlib import Path
 from ca_ros.allocation import ALLOCATORS, Allocator
 from ca_ros.arguments import HelpFormatter
 from ca_ros.errors import CaRosError
-from ca_ros.evaluation.cases import Case, CaseError, methods_of
+from ca_ros.evaluation.cases import Case, methods_of
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.figures import add_options
 
@@ -43,7 +43,7 @@ def case_of(
 
     Methods of a set such as ``all`` that do not apply to a problem without a vehicle are left
     out; see `Case.left_out`.  With `flying`, a problem without a vehicle is refused.  Raises a
-    CaseError if the command line is wrong.
+    CaRosError if the command line is wrong.
     """
     try:
         methods = methods_of(options.methods)
@@ -58,7 +58,7 @@ def case_of(
                     raise
                 case.left_out[method] = str(error)
     except ValueError as error:
-        raise CaseError(str(error)) from None
+        raise CaRosError(str(error)) from None
     return case, allocators
 
 

@@ -58,7 +58,7 @@ class ControlSettings(MovingVehicleSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # a vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
+        # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
         if self.controller.attitude != 'tilt' and (
             missing := {*SIDEWAYS} - {*self.allocation.axes}
         ):

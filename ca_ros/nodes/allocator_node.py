@@ -207,7 +207,7 @@ class AllocatorNode(HealthNode):
             # Speeds out of bounds never reach the motors, even if a method returns them.
             speeds = self.commands(answer)
         except Exception:
-            # a method may be anybody's, and one command must not end a flight.
+            # A method may be anybody's, and one command must not end a flight.
             self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
             self._refuse('only commands that the method fails to answer')
             return
@@ -236,7 +236,7 @@ class AllocatorNode(HealthNode):
             return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
         if wrong := wrong_frame(frame, self._frame, 'command_frame'):
             return 'frame', f'wrench {wrong}'
-        # a stamp ahead of the clock would pass the age limit for too long.
+        # A stamp ahead of the clock would pass the age limit for too long.
         if self._age_max and abs(age := self.get_clock().now().nanoseconds - time) > self._age_max:
             off = f'{abs(age) / 1e9:.3f} s {"old" if age > 0 else "ahead"}'
             return 'age', f'wrench that is {off} (parameter command_age_max)'

@@ -74,7 +74,7 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
         return marker
 
     def arrow(space: str, color: str, start: Array, way: Array, width: float) -> None:
-        # a head of no length is no arrow.
+        # A head of no length is no arrow.
         if np.linalg.norm(way) > 1e-6:
             shape = add(space, Marker.ARROW, color, (width, 2.2 * width, 3.0 * width))
             shape.points = points([start, start + way])

@@ -44,7 +44,7 @@ class Watchdog:
 
     def look(self) -> bool:
         """Return whether the timeout has passed, and remember it."""
-        # a command may have arrived since the last look.
+        # A command may have arrived since the last look.
         first = self._missed != self._last
         self.expired = self.over
         self.begun = self.expired and first

@@ -37,7 +37,7 @@ class VehicleProblem(AllocationProblem):
         return made
 
     def __init__(self, vehicle: Vehicle) -> None:
-        # a vehicle has sound numbers, in SI units.
+        # A vehicle has sound numbers, in SI units.
         self.vehicle, self.axes = vehicle, vehicle.axes
         self.effector_names = tuple(str(i + 1) for i in range(vehicle.n))
         self._fill(

@@ -17,10 +17,6 @@ SAMPLED = (POSE, VELOCITY, SPEEDS)  # the topics of a sample
 COLUMNS = ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds')
 
 
-class SampleError(CaRosError):
-    """A message that cannot be part of a flight."""
-
-
 class Samples:
     """The states and the rotor speeds of a vehicle, by their stamps [ns].
 
@@ -38,7 +34,7 @@ class Samples:
     def add(self, topic: str, message: Any) -> None:
         """Add a message of one of the topics in `SAMPLED`; ignore speeds without a stamp.
 
-        Raises a SampleError if its stamp is earlier than the one before, or its numbers are not
+        Raises a CaRosError if its stamp is earlier than the one before, or its numbers are not
         finite or not as many as the vehicle has rotors.
         """
         if (time := stamp_of(message)) is None:
@@ -46,11 +42,11 @@ class Samples:
         parts = _parts(message)
         if time < (before := self.newest.get(topic, time)):
             times = f'stamp {time / 1e9:g} s after {before / 1e9:g} s'
-            raise SampleError(f'{topic}: {times}: expected ascending')
+            raise CaRosError(f'{topic}: {times}: expected ascending')
         for numbers in parts.values():
             if not np.isfinite(numbers).all():
                 found = f'{topic} at {time / 1e9:g} s: {numbers.tolist()}'
-                raise SampleError(f'{found}: expected finite numbers')
+                raise CaRosError(f'{found}: expected finite numbers')
         self.newest[topic] = time
         sample = self._samples.setdefault(time, {})
         sample.update(parts)
@@ -76,7 +72,7 @@ class Samples:
     def _check_rotors(self, speeds: Array) -> None:
         if self._rotors not in (None, len(speeds)):
             expected = f'expected {self._rotors}, one for each rotor of the vehicle'
-            raise SampleError(f'{SPEEDS.name} has {len(speeds)} rotor speeds: {expected}')
+            raise CaRosError(f'{SPEEDS.name} has {len(speeds)} rotor speeds: {expected}')
 
     def any_complete(self) -> bool:
         """Return whether a state and rotor speeds have had the same stamp."""

@@ -134,7 +134,7 @@ class Simplex:
         self.lower[v] = self.upper[v] = self.value[v]
         if v in self._basic:
             r = self._basic.index(v)
-            # a thrust whose bounds have met is the last choice.
+            # A thrust whose bounds have met is the last choice.
             sizes = [
                 abs(rate)
                 if self.lower[x] < self.upper[x]

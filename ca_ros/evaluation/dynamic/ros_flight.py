@@ -24,24 +24,20 @@ from ca_ros.settings import table
 ENDING = 30.0  # time that an interrupted flight has to end [s]
 
 
-class RosFlightError(CaRosError):
-    """The nodes cannot fly, or did not."""
-
-
 def check(methods: Sequence[str]) -> None:
-    """Raise a RosFlightError unless the methods can be flown over nodes here."""
+    """Raise a CaRosError unless the methods can be flown over nodes here."""
     if find_spec('rclpy') is None:
-        raise RosFlightError('--ros needs ROS 2: there is no rclpy in this Python')
+        raise CaRosError('--ros needs ROS 2: there is no rclpy in this Python')
     for method in methods:
         if method in FOR_COMPARISON:
             known = ', '.join(ALLOCATORS)
-            raise RosFlightError(f'--ros: the nodes have {known}, but not {method}')
+            raise CaRosError(f'--ros: the nodes have {known}, but not {method}')
 
 
 def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str]) -> Flight:
     """Fly with `bringup`, which gets further words, in the ROS domain of the environment.
 
-    Raises a RosFlightError with the last line that `bringup` wrote if there is no flight.
+    Raises a CaRosError with the last line that `bringup` wrote if there is no flight.
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
@@ -60,12 +56,12 @@ def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str])
                 process.wait()
             finally:
                 end([process], signal.SIGINT, ENDING)
-            # a flight that missed its waypoint also counts.
+            # A flight that missed its waypoint also counts.
             if (out / 'flight.csv').is_file():
                 return read_flight(out / 'flight.csv')
             log.seek(0)
             last = [line.strip() for line in log if line.strip()][-1:] or ['no output']
-            raise RosFlightError(f'{method}: no flight over ROS: {last[0]}')
+            raise CaRosError(f'{method}: no flight over ROS: {last[0]}')
 
 
 def read_flight(path: Path) -> Flight:
