@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ca_ros import AdmissibleSet, AllocationProblem, Status, Vehicle
+from ca_ros import AdmissibleSet, AllocationProblem, CaRosError, Status, Vehicle
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import PAPER, Case
@@ -325,7 +325,7 @@ def test_answers_that_are_none_are_reported():
             (np.zeros(6), 'an Allocation'),
             (type('A', (), {'thrusts': np.zeros(5), 'violation': 0.0, 'status': 0}), 'thrusts')):
         method = type('Method', (), {'allocate': lambda self, u, answer=answer: answer})()
-        with pytest.raises(ValueError, match=f'mine: .*{words}'):
+        with pytest.raises(CaRosError, match=f'mine: .*{words}'):
             evaluate('mine', method, problem, problem.hover[None], batch=False)
 
 

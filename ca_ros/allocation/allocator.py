@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from inspect import Parameter, Signature, cleandoc, signature
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
@@ -187,21 +187,22 @@ class Allocator(ABC):
         """Allocate one checked wrench."""
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
-        answers = [self._allocate(u) for u in demands]
-        thrusts = np.array([a.thrusts for a in answers])
-        return self._batch(
-            demands,
-            thrusts.reshape(len(demands), self.problem.n),
-            np.array([a.status for a in answers], dtype=np.int8),
-            levels=np.array([a.level for a in answers], dtype=float),
-            violations=np.array([a.violation for a in answers], dtype=float),
+        return self._stacked(demands, [self._allocate(u) for u in demands])
+
+    def _stacked(self, demands: Array, answers: Sequence[Allocation]) -> AllocationBatch:
+        """Return answers to demands (N, m) as one result."""
+        thrusts = np.array([a.thrusts for a in answers]).reshape(len(demands), self.problem.n)
+        status, level, violation = (
+            np.array([getattr(a, name) for a in answers], dtype=float)
+            for name in ('status', 'level', 'violation')
         )
+        return self._batch(demands, thrusts, status, level, violation)
 
     def _batch(
         self,
         demands: Array,
         thrusts: Array,
-        status: IntArray | None = None,
+        status: Array | IntArray | None = None,
         levels: Array | None = None,
         violations: Array | None = None,
         preference: tuple[Array, Array] | None = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -129,17 +130,10 @@ class SlewLimited(Allocator):
             answers.append(self.allocate(u, command, period))
             command = answers[-1].speeds if is_vehicle else answers[-1].thrusts
         bounds = np.array([answer.bounds for answer in answers], dtype=float)
-        bounds = bounds.reshape(len(demands), 2, self.problem.n)
-        return AllocationBatch(
-            self.problem,
-            demands,
-            np.array([answer.thrusts for answer in answers]).reshape(-1, self.problem.n),
-            np.array([answer.status for answer in answers], dtype=np.int8),
-            np.array([answer.level for answer in answers]),
-            np.array([answer.violation for answer in answers]),
-            answers[0].preference if answers else None,
-            (bounds[:, 0], bounds[:, 1]),
-        )
+        low, high = np.moveaxis(bounds.reshape(len(demands), 2, self.problem.n), 1, 0)
+        preference = answers[0].preference if answers else None
+        found = self._stacked(demands, answers)
+        return replace(found, preference=preference, bounds=(low, high))
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)

@@ -44,10 +44,7 @@ class Timeline:
     ) -> None:
         self._recorder, self._trajectory, self._failures = recorder, trajectory, failures
         common = combined(parameters)
-        try:
-            failures.check(n)
-        except ValueError as error:
-            raise CaRosError(str(error)) from None
+        failures.check(n)
         self._lockstep = common['mode'] == 'lockstep'
         self._times = sorted({*failures.times(), *trajectory.times[1:]})
         needed = ['rotors.health'] if failures.times() else []

@@ -14,7 +14,7 @@ import numpy as np
 from ca_ros import kernel
 from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import DTYPES
-from ca_ros.firmware.literals import braced, indented, real
+from ca_ros.firmware.literals import braced, field, indented
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.kernel_detector import KernelDetector, load, packed
 from ca_ros.flight.rigid_body import inertia_of
@@ -73,7 +73,8 @@ def write_detector(detector: FailureDetector, name: str, precision: str, out: Pa
         'name': name,
         'NAME': name.upper(),
         'model': '\n'.join(
-            _field(key, numbers, precision) for key, numbers in detector.model().items()
+            field(key, np.asarray(numbers, DTYPES[precision]).astype(float), precision, 1)
+            for key, numbers in detector.model().items()
         ),
         'flight': golden_flight(detector, precision),
     }
@@ -117,15 +118,3 @@ def golden_flight(detector: FailureDetector, precision: str) -> str:
         lines.append(indented(f'{{{", ".join(braced(p, precision) for p in parts)}}},', 1))
     return '\n'.join(lines)
 
-
-def _field(name: str, numbers: Array, precision: str) -> str:
-    if not numbers.ndim:
-        return f'    .{name} = {real(_rounded(numbers, precision).item(), precision)},'
-    if numbers.ndim == 1:
-        return indented(f'.{name} = {braced(_rounded(numbers, precision), precision)},', 1)
-    rows = (indented(f'{braced(_rounded(row, precision), precision)},', 2) for row in numbers)
-    return '\n'.join([f'    .{name} = {{', *rows, '    },'])
-
-
-def _rounded(numbers: Array, precision: str) -> Array:
-    return np.asarray(numbers, DTYPES[precision]).astype(float)

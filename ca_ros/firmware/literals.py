@@ -62,11 +62,15 @@ def _problem(firmware: Firmware, fault: int) -> str:
         letters = re.findall(r'\[CA_([MN])\]', dimensions)
         array = np.reshape(numbers, [sizes[letter][0] for letter in letters])
         array = array[tuple(slice(sizes[letter][1]) for letter in letters)]
-        if len(letters) == 2:
-            rows = (indented(f'{braced(row, precision)},', 3) for row in array)
-            lines += [f'        .{name} = {{', *rows, '        },']
-        else:
-            text = braced(array if letters else [array.item()], precision)
-            value = text if letters else text[1:-1]
-            lines.append(indented(f'.{name} = {value},', 2))
+        lines.append(field(name, array, precision, 2))
     return '\n'.join(lines)
+
+
+def field(name: str, array: np.ndarray, precision: str | None, depth: int) -> str:
+    """Return the initialiser of a field of a structure: a number, an array or a matrix."""
+    if array.ndim < 2:
+        value = braced(np.atleast_1d(array), precision)
+        return indented(f'.{name} = {value if array.ndim else value[1:-1]},', depth)
+    rows = (indented(f'{braced(row, precision)},', depth + 1) for row in array)
+    space = ' ' * 4 * depth
+    return '\n'.join([f'{space}.{name} = {{', *rows, f'{space}}},'])

@@ -137,7 +137,6 @@ class AllocatorNode(HealthNode):
         return OK if status is Status.EXACT else WARN, status.name
 
     def values(self) -> dict[str, object]:
-        """Return the values of the diagnostics by name."""
         ranks = {'p50': 50, 'p99': 99, 'max': 100} if self._latencies else {}
         latencies = np.array(self._latencies) / 1e3
         return {

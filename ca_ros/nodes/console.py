@@ -1,6 +1,7 @@
-"""Standard streams that never block a node."""
+"""Standard streams that never block a node, and the signals that end it."""
 
 import os
+import signal
 import stat
 import sys
 from contextlib import suppress
@@ -37,3 +38,9 @@ def never_wait() -> None:
                 own = os.open(f'/proc/self/fd/{stream}', os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
                 os.dup2(own, stream)
                 os.close(own)
+
+
+def ending_signals() -> list[int]:
+    """Return SIGINT, SIGTERM and, unless it is ignored (nohup), SIGHUP."""
+    hang_up = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
+    return [signal.SIGINT, signal.SIGTERM, *hang_up]

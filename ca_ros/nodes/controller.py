@@ -114,7 +114,6 @@ class ControllerNode(HealthNode):
         return STALE, f'no {SAME_STAMP if unequal else "state"} yet'
 
     def values(self) -> dict[str, object]:
-        """Return the values of the diagnostics by name."""
         return {**super().values(), 'unallocated [N, N m]': self._components() or 'nothing'}
 
     @property

@@ -20,7 +20,7 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 
 from ca_ros import arguments
 from ca_ros.arguments import full_name, renamed
-from ca_ros.nodes.console import never_wait, replace_closed
+from ca_ros.nodes.console import ending_signals, never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
@@ -35,7 +35,6 @@ from ca_ros.settings import (
     table,
 )
 from ca_ros.settings import renamed as present_names
-from ca_ros.signals import ending_signals
 from ca_ros.vehicle.files import NoSectionError, find, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle
 

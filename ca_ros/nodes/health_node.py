@@ -71,7 +71,6 @@ class HealthNode(VehicleNode):
         return accept(vehicle, 'drop')
 
     def values(self) -> dict[str, object]:
-        """Return the values of the diagnostics by name."""
         found = super().values()
         if self.audit is not None and self._reported is not None:
             shares = ', '.join(f'{share:.3g}' for share in self.audit.vehicle.health)

@@ -56,7 +56,6 @@ class ProblemAllocatorNode(AllocatorNode):
         return rows_of(found[0].axes), allocator_of(settings.allocation, found[0])
 
     def adopt(self, built: tuple[Any, Allocator]) -> None:
-        """Use this method from the next command on."""
         self._rows, self.method = built
         problem = self.method.problem
         self._wrenches = np.zeros((6, problem.n))

@@ -37,7 +37,6 @@ class ViewerNode(VehicleNode):
     vehicle: Vehicle
 
     def start(self) -> None:
-        """Begin to listen."""
         super().start()
         n = self.vehicle.n
         self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n)
@@ -61,11 +60,9 @@ class ViewerNode(VehicleNode):
         self.create_subscription(topic.kind, topic.path, receive, requested('realtime'))
 
     def build(self, settings: ViewerSettings) -> Vehicle:
-        """Return the vehicle."""
         return Vehicle.from_settings(settings.vehicle, settings.rotors)
 
     def adopt(self, built: Vehicle) -> None:
-        """Show this vehicle."""
         self.vehicle = built
 
     def state(self) -> tuple[bytes, str]:

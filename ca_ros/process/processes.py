@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, cast
 
-from ca_ros.signals import ending_signals
+from ca_ros.nodes.console import ending_signals
 
 PR_SET_PDEATHSIG = 1  # from <sys/prctl.h>
 

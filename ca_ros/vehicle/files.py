@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -51,19 +52,14 @@ def config_directory() -> Path:
     )
 
 
-def shipped_vehicles() -> dict[str, Path]:
-    """Return the shipped parameter files of vehicles by name."""
-    return {file.stem: file for file in sorted(config_directory().glob('*.yaml'))}
+def shipped(folder: str) -> dict[str, Path]:
+    """Return the shipped files of a folder by name."""
+    return {file.stem: file for file in sorted((config_directory() / folder).glob('*.yaml'))}
 
 
-def shipped_tilting() -> dict[str, Path]:
-    """Return the shipped parameter files of vehicles with rotors that tilt by name."""
-    return {file.stem: file for file in sorted((config_directory() / 'tilting').glob('*.yaml'))}
-
-
-def shipped_problems() -> dict[str, Path]:
-    """Return the shipped files of problems without a vehicle by name."""
-    return {file.stem: file for file in sorted((config_directory() / 'problems').glob('*.yaml'))}
+shipped_vehicles = partial(shipped, '')
+shipped_tilting = partial(shipped, 'tilting')  # vehicles with rotors that tilt
+shipped_problems = partial(shipped, 'problems')  # without a vehicle
 
 
 def find(name: str | Path) -> Path:
@@ -71,13 +67,12 @@ def find(name: str | Path) -> Path:
     path = Path(name).expanduser()
     if path.is_file():
         return path
-    shipped = shipped_vehicles() | shipped_tilting() | shipped_problems()
-    if str(name) in shipped:
-        return shipped[str(name)]
+    vehicles, problems = shipped_vehicles() | shipped_tilting(), shipped_problems()
+    if found := (vehicles | problems).get(str(name)):
+        return found
     raise ParameterError(
-        f'{name}: neither a file nor a shipped vehicle '
-        f'({", ".join(shipped_vehicles() | shipped_tilting())}) '
-        f'nor a shipped problem ({", ".join(shipped_problems())})'
+        f'{name}: neither a file nor a shipped vehicle ({", ".join(vehicles)}) nor a shipped '
+        f'problem ({", ".join(problems)})'
     )
 
 

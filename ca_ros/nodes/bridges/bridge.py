@@ -33,7 +33,6 @@ class Bridge(VehicleNode):
         raise NotImplementedError
 
     def build(self, settings: BridgeNodeSettings) -> Vehicle:
-        """Return the vehicle."""
         return Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
 
     def adopt(self, built: Vehicle) -> None:
