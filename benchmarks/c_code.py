@@ -29,9 +29,7 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
         f'{int(Status.PRIORITIZED)}',
         braced([axes.index(axis) for group in groups for axis in group]),
         braced([i for i, group in enumerate(groups) for _ in group]),
-        braced([int(axis in keeps) for axis in axes]),
-        braced(problem.reference, precision),
-        '0',
+        braced([int(axis in keeps) for axis in axes]), braced(problem.reference, precision), '0',
         '1e-9',
     )
     arrays = {

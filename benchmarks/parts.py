@@ -56,12 +56,8 @@ def drawn(
 
 
 def time_calls(
-    problem: AllocationProblem,
-    calls: Mapping[str, Call],
-    sets: Mapping[str, Array],
-    sizes: Sizes,
-    seed: int,
-    part: str = 'calls',
+    problem: AllocationProblem, calls: Mapping[str, Call], sets: Mapping[str, Array], sizes: Sizes,
+    seed: int, part: str = 'calls',
 ) -> pd.DataFrame:
     """Return rows of `measure` for each set of wrenches."""
     parts = []

@@ -21,10 +21,8 @@ from ca_ros.vehicle.settings import AXES, RingSettings
 from ca_ros.vehicle.vehicle import Vehicle
 
 WAYPOINTS = (
-    Waypoint.of(1.0, 1.0, 1.0, np.pi / 4.0),
-    Waypoint.of(15.0, -10.0, 6.0, -2.0 * np.pi / 3.0),
-    Waypoint.of(-20.0, 15.0, -10.0, np.pi / 3.0),
-    Waypoint.of(20.0, -15.0, 10.0, -np.pi / 2.0),
+    Waypoint.of(1.0, 1.0, 1.0, np.pi / 4.0), Waypoint.of(15.0, -10.0, 6.0, -2.0 * np.pi / 3.0),
+    Waypoint.of(-20.0, 15.0, -10.0, np.pi / 3.0), Waypoint.of(20.0, -15.0, 10.0, -np.pi / 2.0),
 )
 """The paper's waypoint, and three far away, of the flight of `flown`."""
 

@@ -199,12 +199,8 @@ class Allocator(ABC):
         return self._batch(demands, thrusts, status, level, violation)
 
     def _batch(
-        self,
-        demands: Array,
-        thrusts: Array,
-        status: Array | IntArray | None = None,
-        levels: Array | None = None,
-        violations: Array | None = None,
+        self, demands: Array, thrusts: Array, status: Array | IntArray | None = None,
+        levels: Array | None = None, violations: Array | None = None,
         preference: tuple[Array, Array] | None = None,
     ) -> AllocationBatch:
         """Return the result for demands (N, m); without a status, compute it from the thrusts."""
@@ -212,13 +208,9 @@ class Allocator(ABC):
         if status is None:
             status = np.where(self._judge(demands, thrusts), Status.EXACT, Status.INEXACT)
         return AllocationBatch(
-            self.problem,
-            demands,
-            thrusts,
-            status.astype(np.int8),
+            self.problem, demands, thrusts, status.astype(np.int8),
             np.ones(n) if levels is None else levels,
-            np.zeros(n) if violations is None else violations,
-            preference,
+            np.zeros(n) if violations is None else violations, preference,
         )
 
     def _judge(self, demands: Array, thrusts: Array, share: float = 1.0) -> BoolArray:

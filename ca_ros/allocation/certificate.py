@@ -69,11 +69,8 @@ def _size(number: float | Array) -> str:
 
 
 def certify(
-    problem: AllocationProblem,
-    demand: Array,
-    thrusts: Array,
-    preference: tuple[Array, Array] | None = None,
-    bounds: tuple[Array, Array] | None = None,
+    problem: AllocationProblem, demand: Array, thrusts: Array,
+    preference: tuple[Array, Array] | None = None, bounds: tuple[Array, Array] | None = None,
 ) -> Certificate:
     """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m].
 
@@ -108,11 +105,8 @@ def certify(
 
 
 def _certify_within(
-    problem: AllocationProblem,
-    demand: Array,
-    thrusts: Array,
-    preference: tuple[Array, Array] | None,
-    bounds: tuple[Array, Array],
+    problem: AllocationProblem, demand: Array, thrusts: Array,
+    preference: tuple[Array, Array] | None, bounds: tuple[Array, Array],
 ) -> Certificate:
     if thrusts.ndim > 1:
         rows = [

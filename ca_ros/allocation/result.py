@@ -139,14 +139,8 @@ class Allocation(Answer):
     _explain: Callable[[Allocation], tuple[float, Limits]] | None = field(default=None, repr=False)
 
     def __init__(
-        self,
-        problem: AllocationProblem,
-        demand: Array,
-        thrusts: Array,
-        status: Status,
-        level: float = 1.0,
-        violation: float = 0.0,
-        preference: tuple[Array, Array] | None = None,
+        self, problem: AllocationProblem, demand: Array, thrusts: Array, status: Status,
+        level: float = 1.0, violation: float = 0.0, preference: tuple[Array, Array] | None = None,
         bounds: tuple[Array, Array] | None = None,
         _explain: Callable[[Allocation], tuple[float, Limits]] | None = None,
     ) -> None:

@@ -108,11 +108,7 @@ class SequentialDesaturation(Allocator):
         return self._along('thrust', thrusts, raised=False)
 
     def _along(
-        self,
-        axis: str,
-        thrusts: Array,
-        raised: bool = True,
-        limits: list[float] | None = None,
+        self, axis: str, thrusts: Array, raised: bool = True, limits: list[float] | None = None,
         margin: float = 0.0,
     ) -> Array:
         """Return thrusts moved along the column of an axis, twice, the second time half as far."""

@@ -53,9 +53,7 @@ class SlewLimited(Allocator):
     """
 
     def __init__(
-        self,
-        allocator: Allocator,
-        rates: ArrayLike | None = None,
+        self, allocator: Allocator, rates: ArrayLike | None = None,
         braking: ArrayLike | None = None,
     ) -> None:
         self.allocator, self.problem = allocator, allocator.problem

@@ -40,11 +40,8 @@ class Recorder(Node):
     """
 
     def __init__(
-        self,
-        links: Iterable[str] = LINK_NAMES,
-        foreign: Collection[str] = (),
-        node_name: str = 'recorder',
-        **kwargs: Any,
+        self, links: Iterable[str] = LINK_NAMES, foreign: Collection[str] = (),
+        node_name: str = 'recorder', **kwargs: Any,
     ) -> None:
         super().__init__(node_name, **kwargs)
         self._links = links

@@ -66,10 +66,7 @@ class Session:
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        commands: Mapping[str, Sequence[str]],
-        interrupts: list[int],
+        self, plan: Plan, commands: Mapping[str, Sequence[str]], interrupts: list[int],
         bag: Bag | None,
     ) -> None:
         self._plan, self._interrupts, self._bag = plan, interrupts, bag

@@ -35,12 +35,8 @@ class Timeline:
     """
 
     def __init__(
-        self,
-        recorder: Recorder,
-        trajectory: Trajectory,
-        failures: RotorFailures,
-        parameters: Mapping[str, Mapping[str, Any]],
-        n: int,
+        self, recorder: Recorder, trajectory: Trajectory, failures: RotorFailures,
+        parameters: Mapping[str, Mapping[str, Any]], n: int,
     ) -> None:
         self._recorder, self._trajectory, self._failures = recorder, trajectory, failures
         common = combined(parameters)

@@ -73,10 +73,7 @@ class Case:
 
     @classmethod
     def load(
-        cls,
-        name: str,
-        changes: Sequence[str] = (),
-        methods: Sequence[str] = (),
+        cls, name: str, changes: Sequence[str] = (), methods: Sequence[str] = (),
         flying: bool = False,
     ) -> Case:
         """Read the file of a vehicle or problem and apply changes; a ParameterError if wrong.

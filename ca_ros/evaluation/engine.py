@@ -59,11 +59,8 @@ def chunk_size(total: int, least: int) -> int:
 
 
 def compute(
-    task: Callable[[int], Any],
-    count: int,
-    options: argparse.Namespace,
-    methods: Sequence[str] = (),
-    **bar: Any,
+    task: Callable[[int], Any], count: int, options: argparse.Namespace,
+    methods: Sequence[str] = (), **bar: Any,
 ) -> list[Any]:
     """Return the results of chunks in the order of their numbers, whatever computed them.
 

@@ -205,11 +205,8 @@ class Firmware:
         size = len(demands)
         work: Any = np.empty((size, 2), np.int32)
         self.kernels[fault].allocate_batch(
-            demands,
-            np.empty((size, self.problem.n), self.dtype),
-            np.empty(size, np.int8),
-            np.empty(size, self.dtype),
-            work,
+            demands, np.empty((size, self.problem.n), self.dtype), np.empty(size, np.int8),
+            np.empty(size, self.dtype), work,
         )
         steps, pivots = work.max(axis=0).tolist()
         return steps, pivots

@@ -48,15 +48,9 @@ class Change:
 
 
 def fly(
-    controller: Controller,
-    allocator: Allocator,
-    body: RigidBody | Plant,
-    waypoint: Waypoint,
-    duration: float,
-    time_step: float | None = None,
-    state: Array | None = None,
-    changes: Iterable[Change] = (),
-    detection: Detection | None = None,
+    controller: Controller, allocator: Allocator, body: RigidBody | Plant, waypoint: Waypoint,
+    duration: float, time_step: float | None = None, state: Array | None = None,
+    changes: Iterable[Change] = (), detection: Detection | None = None,
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
@@ -117,10 +111,6 @@ def fly(
     flown = np.array(states)
     nanoseconds = np.arange(len(flown)) * step_ns
     return Flight(
-        nanoseconds / 1e9,
-        flown[:, POSITION],
-        flown[:, ATTITUDE],
-        np.array(velocities),
-        flown[:, ANGULAR_VELOCITY],
-        np.array(commands),
+        nanoseconds / 1e9, flown[:, POSITION], flown[:, ATTITUDE], np.array(velocities),
+        flown[:, ANGULAR_VELOCITY], np.array(commands),
     )

@@ -55,9 +55,7 @@ class Controller:
     """
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        settings: ControllerSettings,
+        self, vehicle: Vehicle, settings: ControllerSettings,
         priorities: PrioritiesSettings | None = None,
     ) -> None:
         priorities = PrioritiesSettings() if priorities is None else priorities
@@ -93,13 +91,8 @@ class Controller:
             raise ParameterError(f'{place}{error}') from None
 
     def wrench(
-        self,
-        position: Array,
-        attitude: Array,
-        velocity: Array,
-        angular_velocity: Array,
-        waypoint: Waypoint,
-        time: int | None = None,
+        self, position: Array, attitude: Array, velocity: Array, angular_velocity: Array,
+        waypoint: Waypoint, time: int | None = None,
     ) -> Array:
         """Return the wrench (m,) that leads to a waypoint [N, N m]: `demand`, prioritized.
 
@@ -131,11 +124,7 @@ class Controller:
         return served
 
     def demand(
-        self,
-        position: Array,
-        attitude: Array,
-        velocity: Array,
-        angular_velocity: Array,
+        self, position: Array, attitude: Array, velocity: Array, angular_velocity: Array,
         waypoint: Waypoint,
     ) -> Array:
         """Return the wanted wrench (m,), admissible or not [N, N m].

@@ -46,10 +46,8 @@ def turn(quaternion: Array, rotation: Array) -> Array:
     x, y, z, w = quaternion.tolist()
     turned = np.array(
         [
-            w * i + x * real + y * k - z * j,
-            w * j - x * k + y * real + z * i,
-            w * k + x * j - y * i + z * real,
-            w * real - x * i - y * j - z * k,
+            w * i + x * real + y * k - z * j, w * j - x * k + y * real + z * i,
+            w * k + x * j - y * i + z * real, w * real - x * i - y * j - z * k,
         ]
     )
     return turned / hypot(*turned.tolist())

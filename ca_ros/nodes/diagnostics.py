@@ -11,10 +11,7 @@ from ca_ros.nodes.qos import COMMAND
 from ca_ros.nodes.topics import DIAGNOSTICS
 
 OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
+    DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 )
 
 SEVERITY = (OK, STALE, WARN, ERROR)

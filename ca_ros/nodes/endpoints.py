@@ -38,9 +38,7 @@ def faults(
 
 
 def mismatch(
-    other: TopicEndpointInfo,
-    own: Publisher | Subscription,
-    offered: QoSProfile,
+    other: TopicEndpointInfo, own: Publisher | Subscription, offered: QoSProfile,
     requested: QoSProfile,
 ) -> str | None:
     """Return why a publisher and a subscription cannot match; None if they can.

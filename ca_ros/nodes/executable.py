@@ -129,11 +129,8 @@ def _parameter_files(ros: Sequence[str]) -> str:
 
 
 def run(
-    name: str,
-    node_class: type[ParameterNode],
-    description: str,
-    argv: Sequence[str] | None = None,
-    parse: Parse = parse,
+    name: str, node_class: type[ParameterNode], description: str,
+    argv: Sequence[str] | None = None, parse: Parse = parse,
 ) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 

@@ -187,10 +187,7 @@ class Executor(executors.Executor):
         self._clients = [x for node in nodes for x in node.clients]
         self._waitables = [x for node in nodes for x in node.waitables]
         self._wait_set = WaitSet(
-            len(self._subscriptions),
-            1,
-            len(self._timers),
-            len(self._clients),
+            len(self._subscriptions), 1, len(self._timers), len(self._clients),
             len(self._services),
             sum(waitable.get_num_entities().num_events for waitable in self._waitables),
             self.context.handle,

@@ -97,13 +97,8 @@ def answers_nothing(message: Float64MultiArray) -> bool:
 
 
 def state_messages(
-    position: Array,
-    attitude: Array,
-    velocity: Array,
-    angular_velocity: Array,
-    time: Time,
-    world: str,
-    body: str,
+    position: Array, attitude: Array, velocity: Array, angular_velocity: Array, time: Time,
+    world: str, body: str,
 ) -> tuple[PoseStamped, TwistStamped]:
     """Return a pose in the world frame and a velocity in the body frame."""
     pose = PoseStamped(header=Header(stamp=time, frame_id=world))

@@ -24,12 +24,8 @@ from ca_ros.settings import ParameterError, Settings, check_given, table
 from ca_ros.vehicle.files import find
 
 COMPONENTS = (
-    ('force_x', 'surge'),
-    ('force_y', 'sway'),
-    ('force_z', 'heave', 'thrust'),
-    ('torque_x', 'roll'),
-    ('torque_y', 'pitch'),
-    ('torque_z', 'yaw'),
+    ('force_x', 'surge'), ('force_y', 'sway'), ('force_z', 'heave', 'thrust'),
+    ('torque_x', 'roll'), ('torque_y', 'pitch'), ('torque_z', 'yaw'),
 )
 """The names of axes for each component of a wrench; their units are those of the problem."""
 

@@ -54,13 +54,8 @@ class Stalls:
 
 
 def subscribe(
-    node: Node,
-    topic: Topic,
-    mode: str,
-    receive: Callable[[Any], None],
-    read: Callable[[bytes], Any] | None,
-    drop: Callable[[str, str], None],
-    counts: Counter[str],
+    node: Node, topic: Topic, mode: str, receive: Callable[[Any], None],
+    read: Callable[[bytes], Any] | None, drop: Callable[[str, str], None], counts: Counter[str],
     stalls: Stalls,
 ) -> Subscription:
     """Subscribe to a stream in a mode, 'realtime' or 'lockstep'.

@@ -108,9 +108,7 @@ class VehicleNode(ParameterNode):
         self._logged_audit = report
 
     def subscribe_stream(
-        self,
-        topic: Topic,
-        receive: Callable[[Any], None],
+        self, topic: Topic, receive: Callable[[Any], None],
         read: Callable[[bytes], Any] | None = None,
     ) -> None:
         """Subscribe to a stream that should have one publisher; see `ca_ros.nodes.stream`."""

@@ -44,10 +44,8 @@ class ViewerNode(VehicleNode):
         self._new = False
         self._markers = self.publish_stream(topics.MARKERS, COMMAND)
         for topic, receive in (
-            (topics.POSE, self._receive_pose),
-            (topics.SPEED_COMMAND, self._receive_speeds),
-            (topics.SATURATION, self._receive_saturation),
-            (topics.WRENCH, self._receive_demand),
+            (topics.POSE, self._receive_pose), (topics.SPEED_COMMAND, self._receive_speeds),
+            (topics.SATURATION, self._receive_saturation), (topics.WRENCH, self._receive_demand),
             (topics.ALLOCATED_WRENCH, self._receive_served),
             (topics.DIAGNOSTICS, self._receive_diagnostics),
             (topics.WAYPOINT, self._receive_waypoint),

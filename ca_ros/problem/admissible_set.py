@@ -221,11 +221,8 @@ class AdmissibleSet:
         return self._serve(serve, u)[0]
 
     def prioritize(
-        self,
-        u: ArrayLike,
-        order: Sequence[Sequence[str]] | None = None,
-        thrust_deviation: str = THRUST_DEVIATION,
-        airmode_limit: Numbers = 1.0,
+        self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None,
+        thrust_deviation: str = THRUST_DEVIATION, airmode_limit: Numbers = 1.0,
     ) -> Array:
         """Bring a wrench into the set by giving up the less important axes first.
 
@@ -264,11 +261,8 @@ class AdmissibleSet:
         return self.prioritize_levels(u, order, thrust_deviation, airmode_limit)[0]
 
     def prioritize_levels(
-        self,
-        u: ArrayLike,
-        order: Sequence[Sequence[str]] | None = None,
-        thrust_deviation: str = THRUST_DEVIATION,
-        airmode_limit: Numbers = 1.0,
+        self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None,
+        thrust_deviation: str = THRUST_DEVIATION, airmode_limit: Numbers = 1.0,
     ) -> tuple[Array, Array]:
         """Like `prioritize`, but also return the share (..., m) of its demand that each axis gets.
 
@@ -304,9 +298,7 @@ class AdmissibleSet:
         return start
 
     def check_order(
-        self,
-        order: Sequence[Sequence[str]] | None,
-        thrust_deviation: str = THRUST_DEVIATION,
+        self, order: Sequence[Sequence[str]] | None, thrust_deviation: str = THRUST_DEVIATION,
         airmode_limit: Numbers = 1.0,
     ) -> AnyPrioritization:
         """Return the prioritization of an order; raise a ValueError if an argument is wrong."""

@@ -183,13 +183,9 @@ class Prioritization:
     """
 
     def __init__(
-        self,
-        problem: AllocationProblem,
-        groups: Sequence[Sequence[int]],
-        reference: Array | None = None,
-        thrust_deviation: str = THRUST_DEVIATION,
-        begin: Array | None = None,
-        airmode_limit: Sequence[float] = AIRMODE,
+        self, problem: AllocationProblem, groups: Sequence[Sequence[int]],
+        reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
+        begin: Array | None = None, airmode_limit: Sequence[float] = AIRMODE,
     ) -> None:
         self._problem = problem
         self._first, *self._later = (list(group) for group in groups)

@@ -105,14 +105,9 @@ class AllocationProblem:
     """What the error of a set without volume recommends."""
 
     def __init__(
-        self,
-        matrix: ArrayLike,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        axes: Sequence[str] | None = None,
-        effector_names: Sequence[str] | None = None,
-        reference: ArrayLike | None = None,
-        effector_kind: str = 'effectors',
+        self, matrix: ArrayLike, lower: ArrayLike, upper: ArrayLike,
+        axes: Sequence[str] | None = None, effector_names: Sequence[str] | None = None,
+        reference: ArrayLike | None = None, effector_kind: str = 'effectors',
         effector_unit: str = '',
     ) -> None:
         gamma = numbers('matrix', matrix)

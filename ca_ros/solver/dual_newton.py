@@ -75,11 +75,7 @@ class DualNewton:
     """
 
     def __init__(
-        self,
-        matrix: Array,
-        lower: Array,
-        upper: Array,
-        weights: Array | None = None,
+        self, matrix: Array, lower: Array, upper: Array, weights: Array | None = None,
         preferred: Array | None = None,
     ) -> None:
         n = len(lower)

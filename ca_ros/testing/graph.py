@@ -121,11 +121,8 @@ class Graph(GraphProcesses):
         return parameters
 
     def spin_until(
-        self,
-        condition: Callable[[], object],
-        what: str,
-        repeat: Callable[[], object] | None = None,
-        deadline: float = DEADLINE,
+        self, condition: Callable[[], object], what: str,
+        repeat: Callable[[], object] | None = None, deadline: float = DEADLINE,
     ) -> None:
         """Let the nodes work until a condition holds; `what` describes it in errors.
 

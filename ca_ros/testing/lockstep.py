@@ -34,11 +34,8 @@ class Lockstep:
     """
 
     def __init__(
-        self,
-        graph: Graph,
-        vehicle: str = 'hexarotor',
-        nodes: Sequence[str] = ('simulator', 'allocator'),
-        ros_arguments: Sequence[str] = (),
+        self, graph: Graph, vehicle: str = 'hexarotor',
+        nodes: Sequence[str] = ('simulator', 'allocator'), ros_arguments: Sequence[str] = (),
     ) -> None:
         self._graph, self._samples = graph, Samples()
         self._wrenches: dict[int, WrenchStamped] = {}

@@ -69,13 +69,9 @@ def read(text: str) -> dict[str, float]:
 
 
 def from_px4(
-    given: Mapping[str, float],
-    mass: float,
-    speeds: tuple[float, float],
-    thrust_coefficient: float,
-    moment_constant: float | None = None,
-    inertia: Sequence[float] | None = None,
-    name: str = 'multirotor',
+    given: Mapping[str, float], mass: float, speeds: tuple[float, float],
+    thrust_coefficient: float, moment_constant: float | None = None,
+    inertia: Sequence[float] | None = None, name: str = 'multirotor',
 ) -> str:
     """Return the text of a parameter file.
 
@@ -154,10 +150,8 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
     for motor, i in enumerate(rows):
         ratio = vehicle.torque_coefficient[i] / vehicle.thrust_coefficient[i]
         values = (
-            *FLIP * vehicle.arms[i],
-            *FLIP * vehicle.rotor_axes[i],
-            DEFAULTS['CT'] * full[i] / full.max(),
-            -vehicle.spins[i] * ratio,
+            *FLIP * vehicle.arms[i], *FLIP * vehicle.rotor_axes[i],
+            DEFAULTS['CT'] * full[i] / full.max(), -vehicle.spins[i] * ratio,
         )
         for name, value in zip(KINDS, values, strict=True):
             found[f'CA_ROTOR{motor}_{name}'] = float(value) + 0.0

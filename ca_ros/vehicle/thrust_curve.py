@@ -189,11 +189,7 @@ class ThrustCurve:
 
 
 def rotor_speeds(
-    thrusts: Array,
-    forwards: Array,
-    backwards: Array,
-    low: Array,
-    high: Array,
+    thrusts: Array, forwards: Array, backwards: Array, low: Array, high: Array,
     inverse: Callable[[Array], Array] = np.sqrt,
 ) -> Array:
     """Return the speeds (..., n) for thrusts (..., n) [N], clipped to their bounds, Eq. (11).

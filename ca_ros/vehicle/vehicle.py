@@ -390,10 +390,8 @@ class Vehicle:
         factors = self.thrust_per_squared_speed, self.reverse_thrust_per_squared_speed
         rounding = BOUND_ROUNDING * np.maximum(1.0, self.thrust_max)
         columns = (
-            *(np.where(k_f > 0.0, k_f, 1.0) for k_f in factors),
-            self.thrust_min - rounding,
-            self.thrust_max + rounding,
-            *self.speed_limits,
+            *(np.where(k_f > 0.0, k_f, 1.0) for k_f in factors), self.thrust_min - rounding,
+            self.thrust_max + rounding, *self.speed_limits,
         )
         return [tuple(row) for row in np.column_stack(columns).tolist()]
 

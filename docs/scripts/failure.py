@@ -57,10 +57,8 @@ def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> O
         return Outcome()
     late = flight.position[flight.time >= SETTLED]
     return Outcome(
-        float(np.linalg.norm(late - GOAL.position, axis=1).max()),
-        float(flight.tilt.max()),
-        float(-flight.position[:, 2].min()),
-        float(np.abs(flight.angular_velocity[-1, 2])),
+        float(np.linalg.norm(late - GOAL.position, axis=1).max()), float(flight.tilt.max()),
+        float(-flight.position[:, 2].min()), float(np.abs(flight.angular_velocity[-1, 2])),
         flight.position_error(GOAL),
     )
 

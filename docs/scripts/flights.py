@@ -49,11 +49,8 @@ MANOEUVRES = {
 }
 
 TURNS = (
-    (0.0, goal(1.5, 1.5, 0, 90)),
-    (1.2, goal(3.0, -1.5, 1, -90)),
-    (2.4, goal(4.5, 1.5, 0, 90)),
-    (3.6, goal(6.0, -1.5, 1, -90)),
-    (4.8, goal(7.5, 0, 0, 0)),
+    (0.0, goal(1.5, 1.5, 0, 90)), (1.2, goal(3.0, -1.5, 1, -90)), (2.4, goal(4.5, 1.5, 0, 90)),
+    (3.6, goal(6.0, -1.5, 1, -90)), (4.8, goal(7.5, 0, 0, 0)),
 )
 """Times [s] and waypoints of a slalom; each waypoint is left before it is reached."""
 

@@ -36,11 +36,8 @@ def fill(name: str, **contents: str) -> None:
 
 
 def telling(
-    name: str,
-    titles: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    shown: Callable[[Sequence[str]], bool],
-    words: int = 1,
+    name: str, titles: Sequence[str], rows: Sequence[Sequence[str]],
+    shown: Callable[[Sequence[str]], bool], words: int = 1,
 ) -> str:
     """Return the table of the rows that a page shows; write the table of all to `out/NAME.md`."""
     folder = DOCS.parent / 'out'

@@ -66,11 +66,7 @@ def sampled(
     noise, extent = rng.standard_normal((count, m)), problem.extent
     axes = np.eye(m)[rng.integers(m, size=count)]
     return np.vstack([
-        given_by(anything),
-        given_by(at_bounds),
-        facets,
-        edges,
-        vertices,
+        given_by(anything), given_by(at_bounds), facets, edges, vertices,
         problem.center + (1.0 + powers(-13.0, -3.0)) * (some - problem.center),
         vertices + powers(-13.0, -3.0) * noise * extent,
         start + rng.uniform(1.0, 3.0, (count, 1)) * (some - start),
@@ -88,11 +84,9 @@ def mutated(problem: AllocationProblem, pool: Array, rng: np.random.Generator) -
     axes = np.eye(m)[rng.integers(m, size=size)]
     noise = rng.standard_normal((size, m)) * 10.0 ** rng.uniform(-14.0, 0.5, (size, 1))
     return np.vstack([
-        pool + noise * problem.extent,
-        pool + axes * noise * problem.extent,
+        pool + noise * problem.extent, pool + axes * noise * problem.extent,
         problem.center + (1.0 + noise[:, :1]) * (pool - problem.center),
-        pool + rng.uniform(-0.5, 1.5, (size, 1)) * (other - pool),
-        np.where(axes, other, pool),
+        pool + rng.uniform(-0.5, 1.5, (size, 1)) * (other - pool), np.where(axes, other, pool),
     ])  # fmt: skip
 
 

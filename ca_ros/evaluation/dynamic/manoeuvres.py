@@ -47,9 +47,7 @@ def unlimited(controller: Controller) -> Controller:
 
 
 def upset(
-    tilt: float = 0.0,
-    towards: float = 0.0,
-    turn: ArrayLike = (0.0, 0.0, 0.0),
+    tilt: float = 0.0, towards: float = 0.0, turn: ArrayLike = (0.0, 0.0, 0.0),
     velocity: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Array:
     """Return a state: tilted [degrees] towards an azimuth [degrees], rotating and moving."""

@@ -44,10 +44,7 @@ def at_bounds(speeds: Array, problem: VehicleProblem) -> tuple[BoolArray, BoolAr
 
 
 def sample_errors(
-    flight: Flight,
-    controller: Controller,
-    waypoint: Waypoint,
-    changes: Sequence[Change] = (),
+    flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = (),
     vehicle: Vehicle | None = None,
 ) -> pd.DataFrame:
     """Compare the commanded wrenches of a flight with the delivered ones.
@@ -137,10 +134,7 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
 
 
 def _legs(
-    flight: Flight,
-    controller: Controller,
-    vehicle: Vehicle,
-    waypoint: Waypoint,
+    flight: Flight, controller: Controller, vehicle: Vehicle, waypoint: Waypoint,
     changes: Sequence[Change],
 ) -> Iterator[tuple[slice, Controller, Vehicle, Waypoint]]:
     """Yield the samples between changes, controller, vehicle as it physically is, and waypoint."""

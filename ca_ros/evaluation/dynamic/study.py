@@ -133,9 +133,7 @@ def _fly_manoeuvres(
 
 
 def _fly(
-    case: Case,
-    allocators: Mapping[str, Allocator],
-    changes: Mapping[str, Sequence[Change]],
+    case: Case, allocators: Mapping[str, Allocator], changes: Mapping[str, Sequence[Change]],
     options: argparse.Namespace,
 ) -> dict[str, Flight]:
     """Return the flights by method."""
@@ -155,11 +153,8 @@ def _fly(
 
 
 def _write(
-    case: Case,
-    flights: Mapping[str, Flight],
-    changes: Mapping[str, Sequence[Change]],
-    detected: Mapping[str, Sequence[float]],
-    options: argparse.Namespace,
+    case: Case, flights: Mapping[str, Flight], changes: Mapping[str, Sequence[Change]],
+    detected: Mapping[str, Sequence[float]], options: argparse.Namespace,
 ) -> str:
     """Write all files; return dynamic.md."""
     goal = options.goals.last

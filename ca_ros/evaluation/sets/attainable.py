@@ -58,11 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def plot(
-    sets: Mapping[str, AdmissibleSet],
-    axes: Sequence[str],
-    at: Array | None = None,
-    projection: bool = False,
-    width: float = WIDTHS['page'],
+    sets: Mapping[str, AdmissibleSet], axes: Sequence[str], at: Array | None = None,
+    projection: bool = False, width: float = WIDTHS['page'],
 ) -> Figure:
     """Plot admissible sets: a section of two axes is a filled polygon, of three axes a body.
 
@@ -79,10 +76,7 @@ def plot(
 
 
 def _plot(
-    sets: Mapping[str, AdmissibleSet],
-    axes: Sequence[str],
-    at: Array,
-    projection: bool,
+    sets: Mapping[str, AdmissibleSet], axes: Sequence[str], at: Array, projection: bool,
     width: float,
 ) -> tuple[Figure, dict[str, Polytope]]:
     """Return the figure, whose title says what is fixed, and what it shows."""
@@ -160,10 +154,7 @@ def _at(problem: AllocationProblem, axes: Sequence[str], options: argparse.Names
 
 
 def draw(
-    polytopes: Mapping[str, Polytope],
-    reference: Array,
-    labels: Sequence[str],
-    words: str = '',
+    polytopes: Mapping[str, Polytope], reference: Array, labels: Sequence[str], words: str = '',
     width: float = WIDTHS['page'],
 ) -> Figure:
     """Plot polytopes of two axes as filled polygons, or of three axes as bodies.

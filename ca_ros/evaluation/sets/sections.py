@@ -42,11 +42,8 @@ class Section:
         """Return the section along two axes."""
         names, reference = admissible.problem.axes, admissible.reference
         return cls(
-            [names.index(axis) for axis in pair],
-            reference,
-            admissible.section(pair).vertices,
-            labels(admissible.problem, pair),
-            fixed(admissible.problem, pair, reference),
+            [names.index(axis) for axis in pair], reference, admissible.section(pair).vertices,
+            labels(admissible.problem, pair), fixed(admissible.problem, pair, reference),
         )
 
     def grid(self, steps: int) -> tuple[Array, Array]:

@@ -85,10 +85,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _write(
-    case: Case,
-    allocators: Mapping[str, Allocator],
-    parts: Sequence[tuple[list[pd.DataFrame], dict[str, Summary]]],
-    options: argparse.Namespace,
+    case: Case, allocators: Mapping[str, Allocator],
+    parts: Sequence[tuple[list[pd.DataFrame], dict[str, Summary]]], options: argparse.Namespace,
 ) -> str:
     """Write all files; return static.md."""
     rows = pd.concat([rows for kept, _ in parts for rows in kept], ignore_index=True)

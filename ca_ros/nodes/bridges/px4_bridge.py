@@ -74,10 +74,7 @@ class Px4Bridge(Bridge):
     def _convert(self, speeds: Float64MultiArray) -> Any:
         options, time = self.settings.bridge, speeds_stamp(speeds)
         found = px4.controls(
-            np.array(speeds.data),
-            self.vehicle,
-            self.order,
-            options.px4_output,
+            np.array(speeds.data), self.vehicle, self.order, options.px4_output,
             options.px4_thrust_factor,
         )
         if time is not None:
