@@ -92,6 +92,25 @@ def test_rotors_with_rates_go_no_further_than_they_reach(graph):
         last = client.ask(numbers)
         assert last.tobytes() == expected.tobytes()
     assert client.diagnose()[0].message == 'RATE_LIMITED'
+    # A second wrench with the stamp of the last one is answered from the same command.
+    client.sent -= 1
+    client.speeds.clear()
+    assert client.ask(numbers).tobytes() == last.tobytes()
+
+
+def test_wrenches_without_stamps_count_from_their_arrival(graph):
+    graph.start(
+        'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p',
+        'rotors.acceleration_max:=300.0', '-p', 'mode:=realtime')
+    client = AllocatorClient(graph)
+
+    def hovers():
+        client.command.publish(wrench(HOVER, 0, 'base_link'))
+        return client.speeds and abs(client.speeds[-1].data[0] - HOVER_SPEED) < 1e-9
+
+    graph.spin_until(hovers, 'the speeds of hover')
+    # From 40 rad/s at 300 rad/s^2.
+    assert len({message.data[0] for message in client.speeds}) > 3
 
 
 # Parameters

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
 from ca_ros.allocation.settings import allocator_of
-from ca_ros.allocation.slew import allocate_next
+from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
@@ -62,10 +62,13 @@ class AllocatorNode(HealthNode):
     def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
         self._answer: Allocation | None = None
-        self._newest = 0
+        # Before the first command, at 0 in lockstep, the rotors have all the time that counts.
+        self._newest = -round(1e9 * PERIOD_MAX)
         self._held: WrenchCommand | None = None
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
+        # The command before that of the newest moment [ns], and its moment.
+        self._moment, self._before = self._newest, (self._last, self._newest)
         self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
 
@@ -199,7 +202,11 @@ class AllocatorNode(HealthNode):
             return
         try:
             u = [wrench[row] for row in self._rows]
-            answer = allocate_next(self.method, u, self._last, time, self._newest)
+            if (moment := self._counted(time)) != self._moment:
+                # A second wrench with the same stamp replaces the first.
+                self._before = self._last, self._moment
+            last, before = self._before
+            answer = allocate_next(self.method, u, last, moment, before)
             if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
@@ -216,11 +223,16 @@ class AllocatorNode(HealthNode):
         else:
             self._command(speeds, time)
             self._watchdog.feed()
-            self._newest = time
+            self._newest, self._moment = time, moment
             self.counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         self.counts[status.name.lower()] += 1
         self._report(command, answer)
+
+    def _counted(self, time: int) -> int:
+        """Return when a wrench counts as commanded [ns]: without a stamp, when it arrives."""
+        stamped = time or self.mode == 'lockstep'
+        return time if stamped else self.get_clock().now().nanoseconds
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""
