@@ -11,8 +11,7 @@ from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.problem.problem import AllocationProblem
 
-WRONG = 1e-6
-"""Largest error of a right answer: of the wrench [N, N m], the bounds [N] and the norm [N]."""
+WRONG = 1e-6  # largest error of a right answer: wrench [N, N m], bounds [N] and norm [N]
 
 
 class AnswerError(CaRosError):

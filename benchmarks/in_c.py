@@ -30,9 +30,7 @@ COMPILERS = ('cc', 'gcc', 'clang')
 OPTIONS = ['-std=c99', '-O3', '-ffp-contract=off', '-fPIC', '-shared', '-Wl,-Bsymbolic']
 """Those of setup.py; with -Bsymbolic the code calls its own OSQP, not the Python package's."""
 
-NAMES = ('clipped_pinv', 'exact', 'daqp_reused', 'osqp')
-"""The contenders, functions of `contenders.c`."""
-
+NAMES = ('clipped_pinv', 'exact', 'daqp_reused', 'osqp')  # functions of `contenders.c`
 DAQP = '0.11.0'  # the version of DAQP whose structures `contenders.c` knows
 
 

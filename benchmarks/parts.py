@@ -28,8 +28,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import read
 from ca_ros.vehicle.vehicle import Vehicle
 
-ROTORS, TILT = 16, float(np.radians(25.0))
-"""Rotors of the vehicles of set-ups, and their tilt where they control six axes [rad]."""
+ROTORS, TILT = 16, float(np.radians(25.0))  # of set-ups; their tilt for six axes [rad]
 
 SETS = {
     'uniform': 'uniform by volume in the admissible set',

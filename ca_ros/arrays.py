@@ -7,8 +7,7 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int8]
 
-FLOAT = np.dtype(float)
-"""The only object that is the type of arrays of floats in this machine's byte order."""
+FLOAT = np.dtype(float)  # the one object that is the type of floats in this machine's byte order
 
 
 def floats(values: ArrayLike) -> Array:

@@ -34,9 +34,7 @@ Numbers = Annotated[ArrayLike, float]  # the type of a setting that is one numbe
 Words = Annotated[Sequence[str], str]  # the type of a setting that is several words
 REQUIRED = object()  # the default of a setting that a file must have
 
-LARGEST, SMALLEST = 1e9, 1e-30
-"""Greatest number, and least positive one; products of others could overflow."""
-
+LARGEST, SMALLEST = 1e9, 1e-30  # positive numbers; products of others could overflow
 WEIGHTS_MAX = 1e4  # greatest ratio of two weights
 
 INDENT = '    '

@@ -14,8 +14,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings, setting
 from ca_ros.vehicle.vehicle import Vehicle
 
-WEAK = 1e-9
-"""Rotors with a smaller share of thrust, relative to the greatest, do not limit the throttle."""
+WEAK = 1e-9  # relative share of thrust below which a rotor does not limit the throttle
 
 
 @dataclass(frozen=True, kw_only=True)

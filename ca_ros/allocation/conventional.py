@@ -15,8 +15,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
 from ca_ros.vehicle.vehicle import Vehicle
 
-STEPS_PER_ROTOR = 10
-"""Iteration limit of the active-set method, in case rounding errors make it cycle."""
+STEPS_PER_ROTOR = 10  # limit of the active-set method, in case rounding makes it cycle
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,10 +54,7 @@ class Answer:
     def speeds(self) -> Array:
         """Rotor speeds (n,), within their bounds to the last bit [rad/s], Eq. (11).
 
-        Raises
-        ------
-        TypeError
-            If the problem has no vehicle.
+        Raises a TypeError if the problem has no vehicle.
         """
         return vehicle_of(self.problem).speeds(self.problem.sizes(self.thrusts))
 
@@ -65,10 +62,7 @@ class Answer:
     def angles(self) -> Array:
         """Servo angles (k,) of a vehicle whose rotors tilt, within their limits [rad].
 
-        Raises
-        ------
-        TypeError
-            If the problem has no such vehicle.
+        Raises a TypeError if the problem has no such vehicle.
         """
         if isinstance(self.problem, TiltingVehicleProblem):
             return self.problem.angles(self.thrusts)
@@ -173,18 +167,9 @@ class Allocation(Answer):
 
 @dataclass(frozen=True, eq=False)
 class AllocationBatch(Answer):
-    """The thrusts for N demanded wrenches; the properties have a leading N, too.
+    """The thrusts for N demanded wrenches; attributes and properties have a leading N.
 
-    Attributes
-    ----------
-    problem : AllocationProblem
-    demand : (N, m) array
-    thrusts : (N, n) array
-    status : (N,) int8 array
-        Values of `Status`.
-    level, violation : (N,) arrays
-    preference : tuple of two (n,) arrays, or None
-    bounds : tuple of two (N, n) arrays, or None
+    `status` has the values of `Status` as int8; `problem` and `preference` are those of all.
     """
 
     problem: AllocationProblem

@@ -15,14 +15,9 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings, setting
 from ca_ros.vehicle.vehicle import Vehicle
 
-WEAK = 0.2
-"""Rotors whose normalised entry of a mixer column is smaller do not decide how far it is used."""
-
-YAW_MARGIN = 0.15
-"""How far beyond its range a rotor may go before yaw is reduced, as a share of the range."""
-
-FOLD_MIN = 1e-3
-"""Least relief of the worst saturation for which yaw is mixed early, as a share of the range."""
+WEAK = 0.2  # rotors with a smaller normalised entry of a mixer column do not decide its use
+YAW_MARGIN = 0.15  # how far a rotor may exceed its range before yaw is reduced, as a share
+FOLD_MIN = 1e-3  # least relief of the worst saturation for early yaw, as a share of the range
 
 
 @dataclass(frozen=True, kw_only=True)

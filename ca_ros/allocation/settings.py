@@ -78,8 +78,7 @@ class VehicleMethodSettings(MethodSettings, PrioritizedAxesSettings):
     exact: ExactSettings
 
 
-VehicleAllocation = with_methods(VehicleMethodSettings)
-"""The settings ``allocation.*`` of a vehicle."""
+VehicleAllocation = with_methods(VehicleMethodSettings)  # ``allocation.*`` of a vehicle
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,9 +14,7 @@ from ca_ros.vehicle.settings import MovingVehicleSettings
 
 VEHICLE = table(MovingVehicleSettings)
 
-REFERENCE_ORDER = ('allocator', 'controller', 'simulator')
-"""The others are compared with the first of these nodes that declares a parameter."""
-
+REFERENCE_ORDER = ('allocator', 'controller', 'simulator')  # the first that has it is the standard
 Parameters = Mapping[str, Mapping[str, Any]]  # values by node and name
 
 

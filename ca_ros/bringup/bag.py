@@ -22,12 +22,8 @@ RECORDED: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOP
 
 OPTIONAL = {topic.path for topic in topics.TOPICS if topic.optional}
 
-LOOP = tuple(topic.path for topic in topics.STREAMS)
-"""The topics that have a stamped message for each step."""
-
-STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)
-"""`LOOP`, and the allocator's results for each command."""
-
+LOOP = tuple(topic.path for topic in topics.STREAMS)  # one stamped message for each step
+STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)  # and results of commands
 INFINITE = (9223372036, 854775807)  # RMW_DURATION_INFINITE [s, ns]
 
 

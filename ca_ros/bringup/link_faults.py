@@ -19,8 +19,7 @@ Message = TypeVar('Message')
 
 # ROS would read the words nan and inf as numbers.
 _OF_A_NUMBER = ('not_a_number', 'infinite', 'huge', 'sign')
-CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')
-"""Kinds of damage: a number is replaced, an array changes its length, the frame is replaced."""
+CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')  # kinds of damage to number, array and frame
 
 LINK_CORRUPTIONS: dict[str, tuple[str, ...]] = {
     topic.name: (*_OF_A_NUMBER, 'length' if topic.kind is Float64MultiArray else 'frame')

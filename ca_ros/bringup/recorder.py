@@ -28,8 +28,7 @@ from ca_ros.settings import table
 
 LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
 
-PARAMETERS_MAX = 5.0
-"""Longest wait for a program's service of parameters, after everything else is there [s]."""
+PARAMETERS_MAX = 5.0  # longest wait for a program's parameters, when all else is there [s]
 
 
 class Recorder(Node):

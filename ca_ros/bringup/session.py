@@ -29,9 +29,7 @@ from ca_ros.process.deadline import Deadline
 from ca_ros.process.processes import Processes
 from ca_ros.vehicle.vehicle import Vehicle
 
-PROGRESS_TIMEOUT = 60.0
-"""Time without progress after which the start or the flight is given up [s]."""
-
+PROGRESS_TIMEOUT = 60.0  # time without progress after which a start or flight is given up [s]
 NOTICE = 10.0  # period of the lines that say what a flight waits for [s]
 LOOK_AROUND = 0.5  # time to discover other nodes before the start, and between later checks [s]
 

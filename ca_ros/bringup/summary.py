@@ -19,8 +19,7 @@ from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 ANNOUNCED = 1.0  # time in which an announced failure takes effect in real time [s]
 RECENT = 1.0  # time of the flight that shows whether the vehicle approaches its waypoint [s]
 
-POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)
-"""How far from the waypoint the flight may end [m, rad]."""
+POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)  # at the end of a flight [m, rad]
 
 
 def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tuple[str, bool]:

@@ -37,11 +37,8 @@ from ca_ros.errors import CaRosError
 from ca_ros.evaluation.result_files import versions
 from ca_ros.kernel import chosen
 
-CHUNKS_MAX = 500
-"""Greatest number of chunks of a study: Dask's cost per chunk, some milliseconds, is small."""
-
-ARRIVAL, NEWS = 30.0, 10.0
-"""How long to wait for the first worker of a cluster, and between two lines of progress [s]."""
+CHUNKS_MAX = 500  # of a study: Dask's cost per chunk, some milliseconds, is small
+ARRIVAL, NEWS = 30.0, 10.0  # wait for a cluster's first worker, time between two lines [s]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

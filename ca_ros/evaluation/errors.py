@@ -15,8 +15,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 VIOLATION = 1e-9  # thrusts that are further outside their bounds than this violate them [N]
 FORCES = ('force_x', 'force_y', 'thrust')  # the axes in N; the others are in N m
 
-COLUMNS = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}
-"""Columns of a vehicle's axes whose column has another name."""
+COLUMNS = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}  # columns that are not named as axes
 
 ERRORS = {
     'force_error': 'force error [N]',

@@ -11,11 +11,8 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 
-NOTED = 0.01
-"""A smaller reversal or excess of an axis counts as none, as a share of half its range."""
-
-STEPS, STEP = 1000, 0.3
-"""Steps of `least_energy`, and the weight of a step's energy; thrusts relative to the greatest."""
+NOTED = 0.01  # share of half an axis's range from which reversal or excess counts
+STEPS, STEP = 1000, 0.3  # of `least_energy`, and the weight of a step's energy
 
 
 def axis_groups(axes: tuple[str, ...]) -> dict[str, list[int]]:

@@ -7,8 +7,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 
-BLOCK = 1000
-"""Samples are drawn in blocks, each with its own seed: sample i depends on seed and i alone."""
+BLOCK = 1000  # samples of one seed, so that sample i depends on seed and i alone
 
 SAMPLINGS = {
     'volume': 'drawn uniformly by volume in the admissible set',
@@ -18,8 +17,7 @@ SAMPLINGS = {
     'times the distance of its boundary; none is attainable',
 }
 
-DEPTHS = (1e-3, 1e-6, 1e-9)
-"""Distances from the boundary in `near_boundary`, relative to the distance from the centre."""
+DEPTHS = (1e-3, 1e-6, 1e-9)  # of `near_boundary`, relative to the distance from the centre
 
 def gauge(admissible: AdmissibleSet, wrenches: Array) -> Array:
     """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""

@@ -23,8 +23,7 @@ from ca_ros.vehicle.validation import ABSURD
 
 DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float64}
 
-LIMIT = {'single': 1e12, 'double': ABSURD}
-"""CA_ABSURD of the kernel: beyond it a wrench is invalid."""
+LIMIT = {'single': 1e12, 'double': ABSURD}  # CA_ABSURD of the kernel: an invalid wrench is larger
 
 
 @dataclass(frozen=True, eq=False)

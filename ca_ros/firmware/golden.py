@@ -11,8 +11,7 @@ from ca_ros.problem.problem import AllocationProblem
 
 SIZE = 12  # number of wrenches of each kind for each fault
 
-BEYOND = 3.0
-"""Greatest distance of a wrench from the centre, relative to the distance of the boundary."""
+BEYOND = 3.0  # greatest distance of a wrench from the centre over that of the boundary
 
 
 def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:

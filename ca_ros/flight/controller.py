@@ -19,13 +19,11 @@ from ca_ros.settings import ParameterError, table
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
-LIFT_MIN = 0.3
-"""Least vertical force over the weight: the vehicle does not turn over to descend faster."""
+LIFT_MIN = 0.3  # least vertical force over the weight, lest it turns over to descend
 
 UP = np.array([0.0, 0.0, 1.0])
 
-HEADING_ERROR_MAX = 0.5
-"""Limit of the heading error [rad]: a half turn demands no more torque than this error."""
+HEADING_ERROR_MAX = 0.5  # limit [rad]: a half turn demands no more torque than this
 
 
 class Controller:

@@ -23,5 +23,4 @@ def rk4(derivative: Derivative, state: Array, step: float) -> Array:
     return state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
-INTEGRATORS = {'euler': euler, 'rk4': rk4}
-"""The integrators by the value of `simulator.integrator`."""
+INTEGRATORS = {'euler': euler, 'rk4': rk4}  # by the value of `simulator.integrator`

@@ -20,8 +20,7 @@ from ca_ros.flight.wind import Wind
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
-MEASURED = ('position', 'velocity', 'attitude', 'angular_velocity')
-"""What noise and bias are for, in the order of a state."""
+MEASURED = ('position', 'velocity', 'attitude', 'angular_velocity')  # as in a state
 
 
 def body_of(vehicle: Vehicle, settings: PlantSettings) -> RigidBody:

@@ -37,12 +37,8 @@ from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.validation import ABSURD
 
-ACKNOWLEDGED_MAX = 2.0
-"""Time to wait at the end for the motors to acknowledge the last command [s]."""
-
-EXPLAINED_MAX = 10000
-"""Choices of rotors up to which answers are explained: more would take milliseconds."""
-
+ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last command [s]
+EXPLAINED_MAX = 10000  # choices of rotors up to which answers are explained, in time
 LATENCIES = 5000  # number of latest latencies that the percentiles cover
 LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
 REPEATS = 5  # repeats of the last command, since best-effort delivery is not acknowledged

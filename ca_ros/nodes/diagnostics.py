@@ -14,8 +14,7 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 )
 
-SEVERITY = (OK, STALE, WARN, ERROR)
-"""The levels from best to worst.  The worst is published: faults outrank missing data."""
+SEVERITY = (OK, STALE, WARN, ERROR)  # from best to worst: faults outrank missing data
 
 
 class DiagnosticsPublisher:

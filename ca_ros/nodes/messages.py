@@ -19,8 +19,7 @@ NO_STAMP = 'no stamp'  # label of rotor speeds that answer no command
 
 DIGITS = re.compile('[0-9]{1,19}')
 
-HEADER, NUMBERS = Struct('<iII'), Struct('<6d')
-"""Stamp and length of the frame, and the numbers, of a serialized WrenchStamped."""
+HEADER, NUMBERS = Struct('<iII'), Struct('<6d')  # stamp, length of the frame; six numbers
 
 
 class WrenchCommand(NamedTuple):

@@ -2,8 +2,7 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-LOCKSTEP_DEPTH = 2000
-"""Number of steps that a recorder may lag behind in lockstep without losing messages."""
+LOCKSTEP_DEPTH = 2000  # steps that a recorder may lag behind in lockstep without a loss
 
 
 def offered(mode: str) -> QoSProfile:
@@ -18,8 +17,7 @@ def requested(mode: str) -> QoSProfile:
     return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-COMMAND = QoSProfile(depth=1)
-"""QoS of rare messages that must arrive, such as waypoints and diagnostics."""
+COMMAND = QoSProfile(depth=1)  # of rare messages that must arrive, such as waypoints
 
 STANDING = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """QoS of messages that later subscribers get, too, if they ask for it.

@@ -18,13 +18,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
-RCLError: type[Exception] = rclpy_implementation.RCLError
-"""An error of ROS, such as an argument that cannot be parsed."""
+RCLError: type[Exception] = rclpy_implementation.RCLError  # such as a wrong argument
 
 RCLInvalidROSArgsError: type[Exception] = rclpy_implementation.RCLInvalidROSArgsError
 
-RMWError: type[Exception] = rclpy_implementation.RMWError
-"""An error of the middleware, such as bytes that are not a message."""
+RMWError: type[Exception] = rclpy_implementation.RMWError  # such as bytes without a message
 
 WaitSet: Callable[..., Any] = rclpy_implementation.WaitSet
 

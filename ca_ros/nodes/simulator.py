@@ -33,13 +33,10 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 STATE_REPEAT = 0.2  # time after which the node publishes an unanswered state again in lockstep [s]
 
-BACKLOG = LOCKSTEP_DEPTH // 4
-"""Number of steps after which the node waits for its subscribers in lockstep."""
-
+BACKLOG = LOCKSTEP_DEPTH // 4  # steps after which it waits for its subscribers in lockstep
 CATCH_UP_MAX = 2.0  # longest wait for the subscribers [s]: one that was killed never acknowledges
 
-BEHIND_MAX = 0.5
-"""Greatest lag behind the clock that the simulation catches up with in real time [s]."""
+BEHIND_MAX = 0.5  # greatest lag behind the clock that is caught up with in real time [s]
 
 
 class SimulatorNode(VehicleNode):

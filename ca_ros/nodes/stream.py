@@ -21,8 +21,7 @@ _Taken = tuple[bytes, dict[str, Any]]  # a serialized message and the informatio
 SIZE_MAX = 16384  # largest message of a stream [bytes]: 2000 rotor speeds
 STALL_MIN = 0.1  # time in which the process did nothing that counts as a stall [s]
 
-SETTLING = 0.05
-"""Time after a stall in which the middleware hands over what the kernel has kept meanwhile [s]."""
+SETTLING = 0.05  # time after a stall until the middleware has handed over all that came [s]
 
 
 class Stalls:

@@ -76,13 +76,11 @@ DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray)
 ROSOUT = Topic('/rosout', Log)
 MARKERS = MarkerArray and Topic('~/markers', MarkerArray, 'viewer', optional=True)
 
-BATTERY = 'battery'
-"""sensor_msgs/BatteryState, which only vehicles with `rotors.speed_max_per_volt` need."""
+BATTERY = 'battery'  # sensor_msgs/BatteryState, for `rotors.speed_max_per_volt` alone
 
 TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))
 """A bag records all of them."""
 
 STREAMS = tuple(topic for topic in TOPICS if topic.stream)
 
-LINKS = tuple(topic for topic in STREAMS if topic.subscribers)
-"""The streams that join controller, allocator and simulator."""
+LINKS = tuple(topic for topic in STREAMS if topic.subscribers)  # they join the three nodes

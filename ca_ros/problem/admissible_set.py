@@ -27,8 +27,7 @@ from ca_ros.solver.polytope import Polytope, ordered, section, vertices_of
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
 
-REACHED = 1e-9
-"""How far a reference may be outside the set, relative to its distance from the centre."""
+REACHED = 1e-9  # how far outside a reference may be, over its distance from the centre
 
 
 class AdmissibleSet:

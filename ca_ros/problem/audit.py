@@ -26,8 +26,7 @@ from ca_ros.solver.zonotope import facet_normals
 from ca_ros.vehicle.settings import AxesSettings
 from ca_ros.vehicle.vehicle import Vehicle
 
-STATED_CHOICES_MAX = 2000
-"""Facet candidates up to which the audit states the hover margin: they take a millisecond."""
+STATED_CHOICES_MAX = 2000  # facet candidates up to which the hover margin is stated: 1 ms
 
 ROUNDED = 1e-8, 2e-3
 """Angles between facets that are parallel except for three to eight digits of a file [rad].

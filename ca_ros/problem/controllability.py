@@ -16,8 +16,7 @@ from ca_ros.problem.vectored_priorities import prioritization_of
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.vehicle import Vehicle
 
-EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')
-"""The axes that can be given up so that the rotors can control the others, in this order."""
+EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')  # what is given up, in this order
 
 INDEPENDENCE_MIN = 0.05
 """Least sine of the angle between the row of one axis (`unit_rows`) and the span of the others.
@@ -25,8 +24,7 @@ INDEPENDENCE_MIN = 0.05
 At 0.05 a command along the axis takes twenty times the thrusts that it would take alone.
 """
 
-DEPENDENT = 1e-6
-"""Singular value of rows of length 1 below which their pseudo-inverse has too few digits."""
+DEPENDENT = 1e-6  # singular value below which a pseudo-inverse has too few digits
 
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:

@@ -16,8 +16,7 @@ from ca_ros.solver.dual_newton import AIM, sum_rounding
 from ca_ros.solver.simplex import ZERO, Simplex
 from ca_ros.vehicle.settings import AXES, AxesSettings
 
-INSIDE = 0.99
-"""Greatest share of the way from the middle of the set to its boundary where a line may begin."""
+INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
 
 ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 """The default order: groups of axes, the most important first."""
@@ -31,8 +30,7 @@ REST = 1e-9  # distance from the reference, as a share of an axis's range, that 
 LAG = 1e-3  # least weight of an axis in its group, as a share of its range
 LAG_RATIO = 1e-6  # least weight of an axis in its group, relative to the greatest
 
-DOUBT = 10.0
-"""A demand counts as served within DOUBT times the error estimate of the simplex method."""
+DOUBT = 10.0  # error estimates of the simplex method within which a demand is served
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,11 +22,8 @@ from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 
 EXACT_TOLERANCE = 1e-12  # residual of an exact allocation, relative to max(1, |u|)
 
-UNITS_MIN = 1e-6
-"""Least range of an axis, and least share of the greatest range, where errors are judged."""
-
-REFERENCE_ROUNDING = 1e-12
-"""Distance of the reference to the boundary that counts as inside, as a share of the range."""
+UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
+REFERENCE_ROUNDING = 1e-12  # share of the range from which a reference is inside
 
 
 def lengths(vectors: Array) -> Array:
@@ -64,16 +61,10 @@ class AllocationProblem:
 
     Attributes
     ----------
-    axes : tuple of str
-        Names of the m components of u.
-    effector_names : tuple of str
-        Names of the n effectors.
+    axes, effector_names, effector_kind, lower, upper, reference
+        As above; the bounds are (n,) arrays.
     gamma : (m, n) array
         The control allocation matrix, B [N, N m per N for a vehicle].
-    lower, upper : (n,) arrays
-        Bounds of the effectors [N].
-    reference : (m,) array
-        The u from which demands are counted [N, N m].
     resting_thrusts : (n,) array
         Of each effector the value nearest to zero: what a rejected u gets [N].
     middle, half_range : (n,) arrays

@@ -11,18 +11,12 @@ from ca_ros.arrays import Array, BoolArray
 
 STEPS = 50  # limit of Newton's iteration; the tests have not seen more than 20 steps
 
-SINGULAR_MIN = 1e-8
-"""Singular value of the free rows of `basis` below which the free rotors do not span an axis."""
-
-STEEP = 2e4
-"""Multipliers above this, in units of the greatest thrust, indicate almost parallel facets."""
-
+SINGULAR_MIN = 1e-8  # of the free rows of `basis`, below which they do not span an axis
+STEEP = 2e4  # size of multipliers, over the greatest thrust, that shows almost parallel facets
 SOFT = 0.05  # multiple of `STEEP` at which a relaxed solution uses the whole slack
 SAME = 1e-7  # change of a thrust, in units of the greatest thrust, for which no slack is used
 
-IMAGE_ROUNDING = 16 * 2.2e-16
-"""Rounding error of thrusts that are computed from y, as a share of |y|."""
-
+IMAGE_ROUNDING = 16 * 2.2e-16  # of thrusts computed from y, as a share of |y|
 CHANGED = 1e-10  # difference of thrusts that counts as a change of the active set
 STILL = 1e-12  # share of the fastest rate below which a rotor does not move along a step
 EXACT_SUM = 4 * 2.2e-16  # rounding error of A f that counts as exact, as a share of |A| |f|

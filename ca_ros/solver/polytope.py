@@ -11,14 +11,9 @@ import numpy as np
 from ca_ros.arrays import Array, IntArray, constant
 from ca_ros.solver.zonotope import PARALLEL, Zonotope, facet_normals
 
-MERGED = 1e-11
-"""Distance of two vertices, relative to the size of the polytope, below which they are one."""
-
-ON_BOUNDARY = 1e-12
-"""Distance from a half-space, relative to the size of the polytope, that is rounding."""
-
-ON_FACET = 1e-9
-"""Distance of a vertex from a facet, relative to the size of the polytope, that is rounding."""
+MERGED = 1e-11  # distance over the polytope's size below which vertices are one
+ON_BOUNDARY = 1e-12  # the same, from a half-space, that is rounding
+ON_FACET = 1e-9  # the same, from a facet, that is rounding
 
 
 @dataclass(frozen=True, eq=False)

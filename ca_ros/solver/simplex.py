@@ -10,8 +10,7 @@ ZERO = 1e-8  # rate below which a variable does not depend on another; rates are
 SLACK = 1e-12  # distance by which rounding may move a variable out of its bounds
 RATE_MIN = 1e-9  # rate below which a variable does not block a move
 
-PIVOTS_PER_VARIABLE = 8
-"""Limit of the pivots of one push, per variable; the tests need one at most."""
+PIVOTS_PER_VARIABLE = 8  # limit of one push; the tests need one at most
 
 
 class Simplex:

@@ -13,16 +13,13 @@ from ca_ros.arrays import Array, BoolArray, constant
 
 IndexArray = NDArray[np.intp]
 
-PARALLEL = 1e-10
-"""Share of a segment's length below which its component along a normal is rounding."""
-
+PARALLEL = 1e-10  # share of a segment along a normal that is rounding
 SPANNING_MIN = 1e-9  # least singular value of unit vectors that span
 SPAN_ROUNDING = 1e-12  # relative size below which a component that should be zero is rounding
 
 TILES_MAX = 1_000_000
 
-CHOICES_MAX = 1_000_000
-"""Greatest number of choices of m - 1 generators that facets are looked for among."""
+CHOICES_MAX = 1_000_000  # of m - 1 generators that facets are looked for among
 
 
 class Zonotope:

@@ -9,11 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-DOMAINS = range(1, 102)
-"""The domains for which DDS has ports on every machine, without 0, the default of ROS."""
-
-FIRST_PORT, PORTS = 7400, 250
-"""The ports of domain d begin at FIRST_PORT + PORTS d (OMG DDSI-RTPS 2.5, section 9.6.1.1)."""
+DOMAINS = range(1, 102)  # those with ports on every machine, without ROS's default
+FIRST_PORT, PORTS = 7400, 250  # of domain d: FIRST_PORT + PORTS d (DDSI-RTPS 2.5, 9.6.1.1)
 
 
 def claim() -> tuple[int, IO[str]]:

@@ -20,9 +20,7 @@ from ca_ros.process.deadline import Deadline
 from ca_ros.testing.parameters import Parameters
 from ca_ros.testing.processes import DEADLINE, GraphProcesses
 
-FIRST_PAUSE, LAST_PAUSE = 0.25, 2.0
-"""Pauses between the repetitions of a message that may have been lost [s]."""
-
+FIRST_PAUSE, LAST_PAUSE = 0.25, 2.0  # between repetitions of what may have been lost [s]
 LETTING_GO_MAX = 0.3  # longest wait until DDS knows that the processes have ended [s]
 LENGTH = 500  # length of a message in a report
 

@@ -24,9 +24,7 @@ from ca_ros.testing.executables import executable
 
 DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))  # time limit of a wait [s]
 
-MARK = 'CA_ROS_TEST_GRAPH'
-"""A variable that marks the processes of a graph, and the processes that they start."""
-
+MARK = 'CA_ROS_TEST_GRAPH'  # a variable of all processes of a graph, and of their children
 LINES = 50  # number of lines of the output of a process that a report shows
 
 STREAMS = 'stdout', 'stderr'

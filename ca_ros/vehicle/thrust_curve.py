@@ -12,8 +12,7 @@ from ca_ros.arrays import Array, constant
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.settings import ThrustCurveSettings
 
-APART_MAX = 2.0
-"""Greatest ratio of the thrusts at full speed by the curve and by k_f: beyond, a unit is wrong."""
+APART_MAX = 2.0  # ratio of full thrusts by curve and k_f; beyond, a unit is wrong
 
 NONE: Array = constant(np.zeros(0))
 

@@ -13,8 +13,7 @@ from ca_ros.vehicle.settings import RotorSettings
 
 FIXED = 1e-9  # range of a tilt angle below which a rotor is fixed [rad]
 
-ROUNDING = 1e-6
-"""How far the limits in a file may be beyond half a circle, or short of a circle [rad]."""
+ROUNDING = 1e-6  # how far limits may be off half a circle or a circle [rad]
 
 
 @dataclass(frozen=True, eq=False)

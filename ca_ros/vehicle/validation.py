@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, floats
 from ca_ros.settings import ParameterError, repeated
 
-ABSURD = 1e100
-"""Greatest number that a wrench may have; larger ones are errors of the caller [N, N m]."""
+ABSURD = 1e100  # greatest number of a wrench; larger ones are the caller's error [N, N m]
 
 
 def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:

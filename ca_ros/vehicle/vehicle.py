@@ -33,11 +33,8 @@ from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds
 EFFECTORS_MAX = 1000  # greatest number of rotors; more would need hours to list what they can do
 HEALTH_MIN = 1e-9  # a rotor whose health is below this counts as lost
 
-SQUARE = ThrustCurve()
-"""Thrusts of k_f w^2, and throttles that are the shares of the greatest thrust."""
-
-BOUND_ROUNDING = 1e-9
-"""How far a thrust may be out of bounds, over the upper bound or 1 N, the greater of both."""
+SQUARE = ThrustCurve()  # k_f w^2, with throttles that are shares of the thrust
+BOUND_ROUNDING = 1e-9  # how far a thrust may be out, over its bound or 1 N
 
 
 @dataclass(frozen=True, eq=False)

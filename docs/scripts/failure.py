@@ -20,9 +20,7 @@ from ca_ros.problem.audit import audit
 START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)
 """The waypoint at which the rotor is lost, and the next waypoint, 2 m away."""
 
-LOST, SENT, SETTLED, END = 1.0, 3.0, 15.0, 75.0
-"""Times of the loss, of the next waypoint, at which it has to be reached, and of the end [s]."""
-
+LOST, SENT, SETTLED, END = 1.0, 3.0, 15.0, 75.0  # loss, next waypoint, reached by, end [s]
 THERE = 0.05  # greatest distance from the waypoint [m]
 DRAG = 5e-4  # rotational drag of six cylindrical arms, see the page [N m s^2/rad^2]
 

@@ -18,9 +18,7 @@ from ca_ros.flight.waypoint import Waypoint
 
 GOAL = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)  # the waypoint of the paper's flight
 
-DURATION, HELD = 20.0, 5.0
-"""Time of a flight, and its end in which the vehicle has to stay at the waypoint [s]."""
-
+DURATION, HELD = 20.0, 5.0  # of a flight, and its end at the waypoint [s]
 THERE = 0.01  # greatest distance from the waypoint in that time [m]
 GAINS = 0.0, 0.5, 1.0  # values of `controller.integral_gain` [1/s]
 

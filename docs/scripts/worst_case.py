@@ -32,8 +32,7 @@ CHUNK = 60_000  # wrenches of one call of the kernel
 POOL = 1000  # worst wrenches that the search mutates
 
 
-HUGE = {'single': 11.0, 'double': 90.0}
-"""Decimal exponent of the largest wrenches, in units of the extent."""
+HUGE = {'single': 11.0, 'double': 90.0}  # decimal exponents of the largest wrenches
 
 
 def sampled(

@@ -25,9 +25,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 STEADY = 1.0  # the last second of a flight counts as the steady state [s]
 SETTLED = 0.02  # share of the step within which a quantity has settled
 
-RECOVERED = 0.3
-"""Greatest distance from the waypoint at the end for a flight to count as recovered [m]."""
-
+RECOVERED = 0.3  # greatest distance from the waypoint at the end of a recovery [m]
 AT_BOUND = 1e-3  # share of a rotor's range of speeds within which it is at a bound
 
 

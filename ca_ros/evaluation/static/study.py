@@ -28,11 +28,8 @@ from ca_ros.problem.admissible_set import AdmissibleSet
 
 SINGLE_MAX = 10_000  # up to this number of samples each call is timed; of more samples, each batch
 
-CHUNK, BATCH = 100, 10_000
-"""Number of samples that each method allocates in turn, one by one or in a batch."""
-
-KEPT = 10_000
-"""Number of samples, the first ones, that plots and the metrics of `wrench_metrics` are of."""
+CHUNK, BATCH = 100, 10_000  # samples that a method allocates in turn: one by one, in a batch
+KEPT = 10_000  # the first samples, for the plots and the metrics of `wrench_metrics`
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -24,24 +24,17 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.flight.rigid_body import rotation_matrix
-from ca_ros.nodes.bridges.motors import ordered
+from ca_ros.nodes.bridges.motors import ordered, sound_speeds
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.thrust_curve import to_thrust
 from ca_ros.vehicle.vehicle import Vehicle
 
-NED, BODY_FRD = 1, 3
-"""VehicleOdometry.POSE_FRAME_NED and VELOCITY_FRAME_NED, and VELOCITY_FRAME_BODY_FRD."""
-
+NED, BODY_FRD = 1, 3  # of POSE_FRAME and VELOCITY_FRAME in VehicleOdometry
 CONTROLS = 12  # ActuatorMotors.NUM_CONTROLS
 
-FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
-"""From forward-right-down to forward-left-up and back, force before torque."""
-
-CT, SMALL = 6.5, 1e-3
-"""PX4's default of CA_ROTOR*_CT, and the greatest share of a motor that it takes as zero."""
-
-APART = 20_000
-"""Greatest difference of the samples of a thrust and a torque that are used together [us]."""
+FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # between FRD and FLU, force before torque
+CT, SMALL = 6.5, 1e-3  # PX4's default of CA_ROTOR*_CT, and the share of a motor that is zero to it
+APART = 20_000  # greatest difference of the samples of a thrust and its torque [us]
 
 
 def world(ned: Sequence[float]) -> Array:
@@ -155,8 +148,7 @@ def controls(
     The result: NaN, which stops a motor, for rotors at speed zero and for motors that are not
     there.
     """
-    if speeds.shape != (vehicle.n,):
-        raise ValueError(f'{len(speeds)} rotor speeds for {vehicle.n} rotors')
+    sound_speeds(speeds, vehicle)
     if not np.all((speeds >= 0.0) & (speeds <= vehicle.speed_max)):
         raise ValueError(f'rotor speeds out of bounds: {speeds} rad/s')
     if output == 'thrust':

@@ -24,8 +24,7 @@ from ca_ros.nodes.qos import COMMAND
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
-FRESH, BEAT = 0.2, 0.1
-"""Greatest age of a command for which offboard mode is kept alive, and how often it is [s]."""
+FRESH, BEAT = 0.2, 0.1  # age of a command that keeps offboard mode alive, and how often [s]
 
 
 class Px4Bridge(Bridge):
