@@ -36,7 +36,7 @@ def ordered(values: Array, order: Sequence[int]) -> Array:
     return values[np.array(order) - 1] if order else values
 
 
-def sound_speeds(speeds: Sequence[float], vehicle: Vehicle) -> Array:
+def sound_speeds(speeds: Sequence[float] | Array, vehicle: Vehicle) -> Array:
     """Return rotor speeds as an array (n,) [rad/s].
 
     Raises a ValueError if there is not one finite speed for each rotor.
