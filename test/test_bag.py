@@ -184,16 +184,29 @@ def _number(recording, topic, path):
 
 # Bags that are not to be had, or not to be finished
 
-def test_an_interrupted_flight_leaves_a_bag_that_can_be_read(graph, tmp_path):
+def test_an_interrupt_ends_all_in_its_namespace_and_leaves_a_bag_that_can_be_read(
+        graph, tmp_path):
     process = graph.start(
         'bringup', '--mode', 'lockstep', '--duration', '1e6', '--namespace', 'uav1',
         '--out', str(tmp_path), '--bag', str(tmp_path / 'bag'))
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
     graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.1, 'a flight')
+    own = {f'/uav1/{topic}' for topic in (*LOOP, 'command/pose')}
+
+    def topics():
+        return {name for name, _ in graph.node.get_topic_names_and_types()}
+
+    graph.spin_until(lambda: own <= topics(), f'topics {own}')
+    # The bag listens to the clock.
+    common = {'/rosout', '/parameter_events', '/diagnostics', '/clock'}
+    assert {name for name in topics() - common if not name.startswith('/uav1/')} == set()
+    assert len(graph.alive()) == 4
     process.send_signal(signal.SIGINT)
     out, err = graph.outlive(process)
     assert process.returncode == 130, out + err
     assert 'Traceback' not in err
+    assert 'SIGINT' in err
+    assert graph.alive() == []
     recording = Recording(tmp_path / 'bag')
     heights = [each.pose.position.z for each in recording.messages['/uav1/local_position/pose']]
     assert max(heights) > 0.1

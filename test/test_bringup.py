@@ -13,13 +13,13 @@ from matplotlib import image
 
 from ca_ros import Vehicle
 from ca_ros.bringup import session
-from ca_ros.bringup.agreement import differences
+from ca_ros.bringup.agreement import DisagreementError, check, differences
 from ca_ros.bringup.bringup import write_results
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.session import Flown
 from ca_ros.commands import NODES
+from ca_ros.nodes.settings import DECLARED
 from ca_ros.testing import DEADLINE
-from ca_ros.vehicle.files import find
 from nodes import fly_in_real_time, fly_offline, read
 from strategies import file_values, length
 
@@ -68,30 +68,33 @@ def write(path, content):
 
 def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    x8 = {'ros__parameters': file_values('x8')}
-    keyed = write(tmp_path / 'keyed.yaml', {'/a/*': x8})
+    x8 = file_values('x8')
+    keyed = write(tmp_path / 'keyed.yaml', {'/a/*': {'ros__parameters': x8}} | {
+        f'/a/{node}': {'ros__parameters': values} for node, values in {
+            'simulator': {'vehicle.mass': 1.1 * x8['vehicle.mass']},
+            'controller': {'controller.speed_max': 2.0, 'vehicle.gravity': 9.8}}.items()})
     # As `ros2 param dump` writes it.
     dump = write(tmp_path / 'dump.yaml', {'/b/allocator': {'ros__parameters': {
-        'start_type_description_service': True, 'use_sim_time': False, **file_values('x8')}}})
-    other = write(tmp_path / 'other.yaml', {'/c/allocator': {'ros__parameters': {
-        'mode': 'realtime', 'allocation.method': 'exact'}}})
+        'start_type_description_service': True, 'use_sim_time': False, **x8}}})
     short = ('--duration', '0.1')
     flights = [
         graph.start('bringup', *short, *arguments) for arguments in (
             ('--ros-args', '--params-file', keyed, '-r', '__ns:=/a', '-p', 'mode:=lockstep'),
             ('--vehicle', dump, '--namespace', 'b', '--mode', 'lockstep', '--out', 'b',
-             '--figures', 'pdf', '--figure-width', 'column'),
-            ('--mode', 'lockstep', '--namespace', '/c', '--ros-args',
-             '--params-file', str(find('x8')), '--params-file', other))]
+             '--figures', 'pdf', '--figure-width', 'column'))]
     said = [graph.outlive(flight) for flight in flights]
-    assert [flight.returncode for flight in flights] == [1, 1, 1], said
-    for out, err in said[:2]:
+    assert [flight.returncode for flight in flights] == [1, 1], said
+    for out, err in said:
         assert out.startswith('flight of 0.10 s (lockstep, 11 samples'), out + err
         assert 'within bounds' in out
+        assert 'MISSED' in out
         assert 'no --vehicle' not in err
-    assert said[2][1].splitlines()[-1] == (
-        'bringup: mode of the allocator is realtime, not lockstep: '
-        'see the parameter files and the ROS arguments')
+    warned = [
+        [line for line in err.splitlines() if line.startswith('bringup: ')] for _, err in said]
+    assert warned == [[
+        'bringup: warning: the nodes have different vehicles: '
+        'the controller differs from the allocator in vehicle.gravity; '
+        'the simulator differs from the allocator in vehicle.mass'], []]
     # A folder for what was flown without --out, and none for what was not.
     assert (tmp_path / 'b' / 'flight.csv').is_file()
     # A column has 88 mm: 249.4 points.
@@ -112,31 +115,16 @@ def test_only_parameters_that_both_nodes_declare_are_compared():
     assert differences(parameters) == 'the simulator differs from the allocator in vehicle.name'
 
 
-def test_it_warns_of_nodes_with_different_vehicles_and_refuses_different_modes(graph, tmp_path):
-    hexarotor = {'ros__parameters': file_values('hexarotor') | {'mode': 'lockstep'}}
-    changes = {
-        '/a/simulator': {'vehicle.mass': 1.1, 'rotors.health': [0.9] + [1.0] * 5},
-        '/a/controller': {'controller.speed_max': 2.0, 'vehicle.gravity': 9.8},
-        '/b/simulator': {'mode': 'realtime'}}
-    file = write(tmp_path / 'different.yaml', {'/**': hexarotor} | {
-        name: {'ros__parameters': values} for name, values in changes.items()})
-    flights = [
-        graph.start(
-            'bringup', '--duration', '0.1', '--out', str(tmp_path / name), '--vehicle', file,
-            '--namespace', name) for name in ('a', 'b')]
-    said = [graph.outlive(flight) for flight in flights]
-    assert [flight.returncode for flight in flights] == [1, 1], said
-    (out, err), (_, refused) = said
-    [line] = [line for line in err.splitlines() if line.startswith('bringup: ')]
-    assert line == (
-        'bringup: warning: the nodes have different vehicles: '
-        'the controller differs from the allocator in vehicle.gravity; '
-        'the simulator differs from the allocator in vehicle.mass, rotors.health')
-    assert out.startswith('flight of 0.10 s (lockstep, 11 samples')
-    assert 'MISSED' in out
-    assert refused.splitlines()[-1] == (
-        'bringup: mode of the simulator is realtime, not lockstep: '
-        'see the parameter files and the ROS arguments')
+@pytest.mark.parametrize('node', ['allocator', 'simulator'])
+def test_a_node_in_another_mode_is_refused(node):
+    parameters = {
+        name: file_values('hexarotor', kind=DECLARED[name]) | {'mode': 'lockstep'}
+        for name in NODES}
+    check(parameters, {'mode': 'lockstep'})
+    parameters[node]['mode'] = 'realtime'
+    said = f'mode of the {node} is realtime, not lockstep: see the parameter files and the ROS arg'
+    with pytest.raises(DisagreementError, match=said):
+        check(parameters, {'mode': 'lockstep'})
 
 
 @pytest.mark.parametrize(('node', 'topic'), [
@@ -191,26 +179,6 @@ def fly_on(graph, *arguments):
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
     graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.01, 'a flight')
     return flight
-
-
-def test_an_interrupt_ends_all_in_the_namespace_in_which_it_flies(graph, tmp_path):
-    flight = fly_on(graph, '--out', str(tmp_path))
-    def topics():
-        return {name for name, _ in graph.node.get_topic_names_and_types()}
-
-    own = {f'/uav1/{name}' for name in (
-        'command/pose', 'command/wrench', 'command/motor_speed', 'motor_speed',
-        'local_position/pose', 'local_position/velocity_body')}
-    graph.spin_until(lambda: own <= topics(), f'topics {own}')
-    common = {'/rosout', '/parameter_events', '/diagnostics'}
-    assert {name for name in topics() - common if not name.startswith('/uav1/')} == set()
-    assert len(graph.alive()) == 4
-    flight.send_signal(signal.SIGINT)
-    out, err = graph.outlive(flight)
-    assert flight.returncode == 130, out + err
-    assert 'Traceback' not in err
-    assert 'SIGINT' in err
-    assert graph.alive() == []
 
 
 @pytest.mark.parametrize(('number', 'code'), [
