@@ -45,8 +45,8 @@ fault = $(or \
   $(if $(ROS_DISTRO)$(filter Linux_x86_64,$(shell uname -sm | tr ' ' _)),,\
     rclpy has wheels for x86-64 Linux only: install ROS 2 Jazzy here and source it))
 
-# Tests of nodes mostly wait for messages, so two run on each processor.
-workers = $(shell expr 2 '*' $$(nproc))
+# Tests of nodes wait for messages now and then: three for two processors.
+workers = $(shell expr 3 "*" $$(nproc) / 2)
 
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600

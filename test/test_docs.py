@@ -22,7 +22,7 @@ PAGES = sorted(
     for pattern in ('*.md', 'docs/*.md', 'examples/*.md') for path in ROOT.glob(pattern))
 
 STUDIES = {f'docs/{page}.md' for page in (
-    'failure', 'performance', 'reproduction', 'studies')}
+    'failure', 'performance', 'plant_effects', 'px4', 'reproduction', 'studies', 'tilting')}
 """Pages whose commands are README's with other arguments, for `make test-all`."""
 
 NOT_HERE = {

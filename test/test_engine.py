@@ -78,7 +78,7 @@ def test_where_there_is_no_terminal_lines_tell_of_progress(tmp_path, monkeypatch
     assert capsys.readouterr().err.splitlines()[-1] == '12 of 12 chunks'
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_worker_process_is_reported(tmp_path):
     options = Namespace(workers=2, scheduler=None)
     with pytest.raises(CaRosError, match='a worker was killed'):

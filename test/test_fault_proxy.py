@@ -161,8 +161,8 @@ def test_bringup_flies_through_faults_in_one_command(graph, tmp_path, faults, de
         diagnostics.clear()
         process = graph.start(
             'bringup', '--faults', f'{faults} delay:={delay / factor} seed:=3',
-            '--namespace', 'uav1', '--duration', '6', '--out', str(tmp_path),
-            '--waypoint', '0', '0', '0.3', '--heading', '0',
+            '--namespace', 'uav1', '--duration', '3', '--out', str(tmp_path),
+            '--waypoint', '0', '0', '0', '--heading', '0',
             '--ros-args', '-p', 'command_timeout:=1000.0',
             '-p', f'simulator.real_time_factor:={factor}')
         graph.spin_until(

@@ -182,6 +182,7 @@ def test_in_lockstep_no_step_is_lost(graph, tmp_path):
     assert shared_memory(graph) <= before
 
 
+@pytest.mark.long
 def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypatch):
     # As a user would start it: all that keeps Fast DDS from using it is bringup itself.
     monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS')

@@ -97,12 +97,11 @@ REFUSED = [
 @pytest.mark.slow
 @pytest.mark.parametrize('node', ['allocator', 'controller', 'simulator'])
 def test_a_wrong_value_ends_the_start_with_one_line_that_names_it(tmp_path, node):
-    # One in six, and so about one of each parameter.
     wrong = [
         ('vehicle.mass', math.nan, ''), ('rotors.positions', [0.0, math.inf, *[0.0] * 16], ''),
         ('command_timeout', 0.0, ''), *((name, 1.0, word) for name, word in UNKNOWN.items())]
     if node == 'allocator':
-        wrong += WRONG[::length(6, 1)]
+        wrong += WRONG[::length(24, 1)]
     refused = REFUSED if node != 'simulator' else []
     answers = starts(tmp_path, node, [*({name: value} for name, value, _ in wrong), *refused])
     for name, _, word in wrong:

@@ -217,7 +217,7 @@ def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
     assert (tmp_path / 'flight.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_vehicle_that_starts_without_a_rotor_is_judged_by_what_it_has(graph, tmp_path):
     process = graph.start(
         'bringup', '--mode', 'lockstep', '--duration', '1', '--out', str(tmp_path),

@@ -27,7 +27,7 @@ from strategies import length
 
 clarabel = pytest.importorskip('clarabel', reason="needs the extra 'test'")
 
-WRENCHES = int(environ.get('VECTORED_WRENCHES', '40'))
+WRENCHES = int(environ.get('VECTORED_WRENCHES', length('12', '40')))
 """Attainable wrenches for each problem; 10 000 take half an hour, most of it in Clarabel."""
 
 SETS = [
@@ -329,7 +329,7 @@ def test_any_command_is_reached_within_the_rates(name):
     vehicle, rng = Vehicle.load(name), np.random.default_rng(6)
     limited = TiltLimited(vehicle, 500.0, 2.0)
     low, high = vehicle.tilts.limits
-    for _ in range(10):
+    for _ in range(length(3, 10)):
         speeds = rng.uniform(*vehicle.speed_limits)
         angles = rng.uniform(low, high)
         if vehicle.tilts.gimbal.any():
