@@ -9,10 +9,14 @@ import pytest
 
 from ca_ros import Vehicle
 from ca_ros.bringup import summary
+from ca_ros.bringup.served import served
 from ca_ros.bringup.session import Flown
 from ca_ros.bringup.summary import summarize
+from ca_ros.evaluation.cases import Case
+from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from nodes import GOAL, fly_offline
 from strategies import file_values
@@ -95,6 +99,29 @@ def test_rotors_that_a_timeout_stops_are_within_bounds():
     assert bounds(flight, timeouts=timeouts) == 'OUT OF'
     slow = flight_of([[250.0] * 6, [0.0] * 5 + [20.0]])
     assert bounds(slow, timeouts=timeouts, stops=True) == 'OUT OF'
+
+
+def test_what_was_cut_and_why_is_said():
+    goal = Trajectory.to(Waypoint.of(*GOAL))
+    whole = served(SHORT, goal, RotorFailures())
+    assert whole.cuts == ()
+    np.testing.assert_array_equal(whole.shares, 1.0)
+    # Equal speeds of all rotors make no torque.
+    still = replace(SHORT.flight, speeds=np.full_like(SHORT.flight.speeds, 255.7))
+    found = served(replace(SHORT, flight=still), goal, RotorFailures())
+    assert all('limited by the method' in text for text in found.cuts)
+    np.testing.assert_allclose(found.shares[0, 1:], 0.0, atol=1e-9)
+    # Motors that take seconds.
+    slow = PARAMETERS | {'rotors.acceleration_max': 200.0}
+    vehicle = Vehicle.from_parameters(slow)
+    case = Case.load('hexarotor', ['rotors.acceleration_max:=200.0'])
+    flight = fly(
+        case.controller(), case.allocator('exact'), case.plant(), goal.first, 0.5)
+    flown = replace(SHORT, flight=flight, parameters=slow, vehicle=vehicle)
+    cuts = served(flown, goal, RotorFailures()).cuts
+    text, _ = summarize(flown, goal.first, RotorFailures(), cuts)
+    why = r'to 0 %, limited by rotors 1, 2, 4, 5 at their rate\n'
+    assert re.search(rf'\n  cut           roll for 0\.17 s, at 0\.\d\d s {why}', text), text
 
 
 def test_timeouts_are_counted_and_hint_at_a_slow_machine():

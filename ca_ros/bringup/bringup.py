@@ -20,6 +20,7 @@ from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.plan import Plan
 from ca_ros.bringup.plots import draw_flight
+from ca_ros.bringup.served import Served, served
 from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError
@@ -71,9 +72,12 @@ def _bringup(plan: Plan, out: Path) -> int:
         return 1
     try:
         flown = Session(plan, nodes, interrupts, bag).fly()
-        summary, reached = summarize(flown, plan.trajectory.last, plan.failures)
+        foreign = 'controller' in plan.replacements
+        shares = None if foreign else served(flown, plan.trajectory, plan.failures)
+        cuts = () if shares is None else shares.cuts
+        summary, reached = summarize(flown, plan.trajectory.last, plan.failures, cuts)
         print(summary)
-        write_results(plan, out, flown)
+        write_results(plan, out, flown, shares)
     except (CaRosError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
@@ -101,7 +105,7 @@ def _prepare(plan: Plan, out: Path) -> tuple[dict[str, list[str]], Bag | None]:
     return nodes, Bag(plan.bag) if plan.bag else None
 
 
-def write_results(plan: Plan, out: Path, flown: Flown) -> None:
+def write_results(plan: Plan, out: Path, flown: Flown, shares: Served | None = None) -> None:
     """Write flight.csv and, if matplotlib is installed, the plot."""
     files = [out / 'flight.csv']
     with naming(files[0]):
@@ -109,7 +113,7 @@ def write_results(plan: Plan, out: Path, flown: Flown) -> None:
     try:
         moments = plan.failures.moments(flown.detected.values())
         way, width = plan.trajectory, plan.figure_width
-        figure = draw_flight(flown.flight, flown.vehicle, way, width, moments)
+        figure = draw_flight(flown.flight, flown.vehicle, way, width, moments, shares)
         for form in plan.figures:
             with naming(out / f'flight.{form}'):
                 files += save(figure, out / 'flight', [form])

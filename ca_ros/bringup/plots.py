@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ca_ros.bringup.served import Served
+
 
 def draw_flight(
     flight: Flight,
@@ -26,16 +28,19 @@ def draw_flight(
     trajectory: Trajectory,
     width: float = WIDTHS['page'],
     moments: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    served: Served | None = None,
 ) -> Figure:
     """Plot position, attitude and rotor speeds over time; waypoints and bounds are dashed.
 
-    The figure has a width [mm]; lines mark the moments, see `ca_ros.figures.mark`.
+    If the served shares of the demands are known, they are the last row.  The figure has a width
+    [mm]; lines mark the moments, see `ca_ros.figures.mark`.
     """
     import matplotlib
 
     with matplotlib.rc_context(style(width)):
-        figure, body = sheet(7.0)
-        position, attitude, speeds = body.subplots(3, 1, sharex=True)
+        figure, body = sheet(7.0 if served is None else 9.0)
+        rows = body.subplots(3 if served is None else 4, 1, sharex=True)
+        position, attitude, speeds = rows[:3]
         mark(position, moments)
         _lines(position, flight.time, flight.position, ('x', 'y', 'z'), 'position [m]')
         goals, headings = trajectory.goals(flight.time)
@@ -50,11 +55,14 @@ def draw_flight(
         attitude.plot(flight.time, np.degrees(headings), **DASHED)
         names = [f'rotor {i + 1}' for i in range(vehicle.n)]
         _lines(speeds, flight.time, flight.speeds, names, 'rotor speed [rad/s]')
-        for axes in (attitude, speeds):
+        if served is not None:
+            _lines(rows[3], flight.time, 100.0 * served.shares, served.axes, 'served [%]')
+            rows[3].set_ylim(-5.0, 105.0)
+        for axes in rows[1:]:
             mark(axes, moments)
         for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
             speeds.axhline(bound, **DASHED)
-        speeds.set_xlabel('time [s]')
+        rows[-1].set_xlabel('time [s]')
         speeds.set_xlim(flight.time[0], flight.time[-1])
     return figure
 
@@ -63,7 +71,7 @@ def _lines(
     axes: Axes,
     time: Array,
     values: Array,
-    names: list[str] | tuple[str, ...],
+    names: Sequence[str],
     label: str,
 ) -> None:
     for i, name in enumerate(names):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,10 +23,12 @@ RECENT = 1.0  # time of the flight that shows whether the vehicle approaches its
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)  # at the end of a flight [m, rad]
 
 
-def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tuple[str, bool]:
+def summarize(
+    flown: Flown, waypoint: Waypoint, failures: RotorFailures, cuts: Sequence[str] = ()
+) -> tuple[str, bool]:
     """Return the summary of a flight, and whether the waypoint was reached.
 
-    Where yaw is lost, the position alone decides.
+    Where yaw is lost, the position alone decides.  `cuts` are those of `Served`.
     """
     flight, mode = flown.flight, flown.parameters['mode']
     vehicle = flown.vehicle
@@ -48,6 +51,7 @@ def summarize(flown: Flown, waypoint: Waypoint, failures: RotorFailures) -> tupl
         f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,',
         f'                {span}, {inside} bounds',
     ]
+    lines += [f'  cut           {text}' for text in cuts]
     lines += _failures(flown, failures)
     weak = ', '.join(
         f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
