@@ -86,11 +86,9 @@ def run(options: argparse.Namespace, sizes: Sizes) -> tuple[pd.DataFrame, pd.Dat
     results = summarize(table[table['part'] != 'node'], BASELINE)
     peers = {name: each.about for name, each in contenders.items() if name in calls}
     facts: dict[str, Any] = {
-        'vehicle': f'`{case.name}`, seed {options.seed}, {sizes}',
-        'machine': listed(machine()),
+        'vehicle': f'`{case.name}`, seed {options.seed}, {sizes}', 'machine': listed(machine()),
         'load': f'{load:.2f} before, {os.getloadavg()[0]:.2f} after, on {os.cpu_count()} cores',
-        'versions': listed(versions()),
-        'C': compiler,
+        'versions': listed(versions()), 'C': compiler,
         'absent': listed({**absent, **absent_in_c}, ': ') or 'nothing',
         **{f'`{name}`': about for name, about in peers.items() if about},
         'time': f'{time.perf_counter() - start:.0f} s in all',

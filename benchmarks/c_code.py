@@ -33,10 +33,8 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
         '1e-9',
     )
     arrays = {
-        f'matrix[{m}][{n}]': problem.gamma,
-        f'inverse[{n}][{m}]': np.linalg.pinv(problem.gamma),
-        f'lower[{n}]': problem.lower,
-        f'upper[{n}]': problem.upper,
+        f'matrix[{m}][{n}]': problem.gamma, f'inverse[{n}][{m}]': np.linalg.pinv(problem.gamma),
+        f'lower[{n}]': problem.lower, f'upper[{n}]': problem.upper,
     }
     kind = {'double': 'double', 'single': 'float'}[precision]
     lines = [

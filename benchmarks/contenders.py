@@ -71,14 +71,11 @@ POLICIES = {
 """The policies of the exact allocator other than prioritize, its default, by name."""
 
 CONTENDERS: dict[str, Contender] = {
-    BASELINE: Contender(_clipped_pinv),
-    'osqp': peer('osqp', peers.osqp),
+    BASELINE: Contender(_clipped_pinv), 'osqp': peer('osqp', peers.osqp),
     'osqp_polished': peer('osqp', peers.osqp, eps_abs=1e-5, eps_rel=1e-5, polishing=True),
-    'daqp': peer('daqp', peers.daqp),
-    'daqp_reused': peer('daqp', peers.daqp_reused),
+    'daqp': peer('daqp', peers.daqp), 'daqp_reused': peer('daqp', peers.daqp_reused),
     'daqp_hierarchical': peer('daqp', peers.daqp_hierarchical),
-    'quadprog': peer('quadprog', peers.quadprog),
-    'piqp': peer('piqp', peers.piqp),
+    'quadprog': peer('quadprog', peers.quadprog), 'piqp': peer('piqp', peers.piqp),
     'proxqp': peer('proxsuite', peers.proxqp, eps_abs=1e-9, eps_rel=0.0, max_iter=100),
     'clarabel': peer('clarabel', peers.clarabel, max_threads=1, presolve_enable=False),
     'highs': peer('highspy', peers.highs, threads=1),

@@ -111,9 +111,7 @@ def _build(
     sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}', '-DCA_FIXED']
     parts = [*sizes, f'-I{folder}', f'-I{KERNEL}', str(SOURCE), *sources, *generated]
     done = subprocess.run(
-        [compiler, *OPTIONS, *parts, '-lm', '-o', str(library)],
-        capture_output=True,
-        text=True,
+        [compiler, *OPTIONS, *parts, '-lm', '-o', str(library)], capture_output=True, text=True,
         check=False,
     )
     if done.returncode:

@@ -172,9 +172,7 @@ def _parse(
         for name, field in table(declared).items()
     )
     parser = argparse.ArgumentParser(
-        prog=prog,
-        description=description,
-        epilog=f'parameters:\n{lines}\n\n{GUIDE}',
+        prog=prog, description=description, epilog=f'parameters:\n{lines}\n\n{GUIDE}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     own, ros = split(argv)

@@ -143,9 +143,7 @@ def corrupted(numbers: list[float], corruption: str, place: float) -> list[float
     i = int(place * len(numbers))
     value = numbers[i]
     wrong = {
-        'not_a_number': nan,
-        'infinite': copysign(inf, value),
-        'huge': copysign(HUGE, value),
+        'not_a_number': nan, 'infinite': copysign(inf, value), 'huge': copysign(HUGE, value),
         'sign': -value,
     }[corruption]
     return [*numbers[:i], wrong, *numbers[i + 1 :]]

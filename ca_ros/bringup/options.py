@@ -50,14 +50,10 @@ def parse(argv: Sequence[str]) -> Plan:
     given = vars(options)
     chosen = {'mode': options.mode, 'allocation.method': options.method}
     return Plan(
-        trajectory=trajectory_of(options),
-        failures=failures_of(options),
-        vehicle=file,
-        parameters={name: value for name, value in chosen.items() if value},
-        namespace=namespace,
+        trajectory=trajectory_of(options), failures=failures_of(options), vehicle=file,
+        parameters={name: value for name, value in chosen.items() if value}, namespace=namespace,
         replacements={node: given[name] for name, node in REPLACEMENTS.items() if given[name]},
-        ros=ros,
-        **{name: given[name] for name in SAME},
+        ros=ros, **{name: given[name] for name in SAME},
     )
 
 

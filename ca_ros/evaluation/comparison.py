@@ -125,9 +125,6 @@ def hierarchical(problem: AllocationProblem) -> Callable[[Array], Any]:
 
 
 FOR_COMPARISON: dict[str, type[Allocator]] = {
-    'osqp_default': PlainOsqp,
-    'osqp_tight': TightOsqp,
-    'daqp_hierarchical': HierarchicalDaqp,
-    'direct_about_hover': DirectAboutHover,
-    'fixed_pseudo_inverse': FixedPseudoInverse,
+    'osqp_default': PlainOsqp, 'osqp_tight': TightOsqp, 'daqp_hierarchical': HierarchicalDaqp,
+    'direct_about_hover': DirectAboutHover, 'fixed_pseudo_inverse': FixedPseudoInverse,
 }

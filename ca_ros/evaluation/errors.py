@@ -75,12 +75,10 @@ def evaluate(
     status = np.broadcast_to(parts[2].astype(np.int8).ravel(), outside.shape)
     return pd.DataFrame(
         {
-            'method': name,
-            **dict(zip(columns(problem), demands.T, strict=True)),
+            'method': name, **dict(zip(columns(problem), demands.T, strict=True)),
             **{f'f_{i + 1}': column for i, column in enumerate(thrusts.T)},
             'violated': (violation > VIOLATION).astype(np.int8),
-            **errors(problem, demands, thrusts),
-            'time': np.broadcast_to(times, outside.shape),
+            **errors(problem, demands, thrusts), 'time': np.broadcast_to(times, outside.shape),
             'status': pd.Categorical.from_codes(status, [each.name for each in Status]),
             'violation': violation,
         }

@@ -66,12 +66,8 @@ def facts(
             for each in value if isinstance(value, list) else [value]:
                 words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]
     return {
-        'command': [*words, *more],
-        'vehicle': case.name,
-        'changes': case.changes,
-        'parameters': case.parameters,
-        'versions': versions(),
-        'machine': machine(),
+        'command': [*words, *more], 'vehicle': case.name, 'changes': case.changes,
+        'parameters': case.parameters, 'versions': versions(), 'machine': machine(),
     }
 
 

@@ -64,11 +64,8 @@ def listed(values: Mapping[str, Any], between: str = ' ') -> str:
 def render(template: str, **values: Any) -> str:
     """Return a document: a file of the folder templates, filled with values."""
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('ca_ros.evaluation'),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=jinja2.PackageLoader('ca_ros.evaluation'), undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True,
     )
     environment.filters |= {'number': number, 'listed': listed}
     return environment.get_template(template).render(values)

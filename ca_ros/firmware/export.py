@@ -29,11 +29,8 @@ DETECTOR_FILES = (
 )
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
 TEMPLATES = {
-    'vehicle.h': '{name}.h',
-    'vehicle.c': '{name}.c',
-    'golden.h': 'golden.h',
-    'vehicle.mk': 'vehicle.mk',
-    'README.md': 'README.md',
+    'vehicle.h': '{name}.h', 'vehicle.c': '{name}.c', 'golden.h': 'golden.h',
+    'vehicle.mk': 'vehicle.mk', 'README.md': 'README.md',
 }
 HEADERS = ('errno', 'float', 'limits', 'math', 'stdio', 'stdlib', 'string', 'time')
 TAKEN = {
@@ -100,20 +97,12 @@ def _numbers(firmware: Firmware, name: str) -> dict[str, str]:
         return '\n'.join(literals.indented(f'{literals.braced(v, precision)},', 1) for v in values)
 
     return {
-        'n': str(problem.n),
-        'm': str(len(problem.axes)),
-        'count': str(len(firmware.faults)),
+        'n': str(problem.n), 'm': str(len(problem.axes)), 'count': str(len(firmware.faults)),
         'problems': literals.problems(firmware),
         'axes': '\n'.join(f'    {literals.braced(row)},' for row in rows),
-        'thrust_coefficient': table(0),
-        'reverse_coefficient': table(1),
-        'speed_min': table(2),
-        'speed_max': table(3),
-        'curve': _curve(firmware),
-        'rates': '',
-        'rates_header': '',
-        'rates_golden': '',
-        **_rates(firmware, name),
+        'thrust_coefficient': table(0), 'reverse_coefficient': table(1), 'speed_min': table(2),
+        'speed_max': table(3), 'curve': _curve(firmware), 'rates': '', 'rates_header': '',
+        'rates_golden': '', **_rates(firmware, name),
         'speeds': 'ca_speeds' if firmware.curve.square else 'curve_speeds',
         'vectors': golden.vectors(firmware),
     }

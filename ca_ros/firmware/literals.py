@@ -37,12 +37,8 @@ def indented(text: str, depth: int) -> str:
     """Return an initialiser as lines of code."""
     first = ' ' * 4 * depth
     return fill(
-        text,
-        WIDTH,
-        initial_indent=first,
-        subsequent_indent=f'{first}    ',
-        break_long_words=False,
-        break_on_hyphens=False,
+        text, WIDTH, initial_indent=first, subsequent_indent=f'{first}    ',
+        break_long_words=False, break_on_hyphens=False,
     )
 
 

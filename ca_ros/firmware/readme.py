@@ -15,11 +15,7 @@ from ca_ros.problem.controllability import unit
 SAMPLE = 3333  # number of wrenches of each kind and fault for which steps are counted
 
 FORWARD_RIGHT_DOWN = {
-    'force_x': 'F_x',
-    'force_y': '-F_y',
-    'thrust': '-F_z',
-    'roll': 'M_x',
-    'pitch': '-M_y',
+    'force_x': 'F_x', 'force_y': '-F_y', 'thrust': '-F_z', 'roll': 'M_x', 'pitch': '-M_y',
     'yaw': '-M_z',
 }
 """The components of a wrench in terms of those in the frame of autopilots."""

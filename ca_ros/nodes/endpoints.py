@@ -57,9 +57,7 @@ def _explicit(profile: QoSProfile) -> QoSProfile:
     """Return the policies that decide about a match; unset durations (zero) become infinite."""
     lease = profile.liveliness_lease_duration
     return QoSProfile(
-        depth=1,
-        reliability=profile.reliability,
-        durability=profile.durability,
+        depth=1, reliability=profile.reliability, durability=profile.durability,
         deadline=profile.deadline if profile.deadline.nanoseconds else Infinite,
         liveliness=profile.liveliness,
         liveliness_lease_duration=lease if lease.nanoseconds else Infinite,

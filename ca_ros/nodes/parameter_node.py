@@ -37,10 +37,8 @@ def descriptor(field: Field) -> ParameterDescriptor:
     """Return what ROS tells of a setting; tools show a slider if both of its ends are finite."""
     low, high = 0.0 if field.positive else field.minimum, field.maximum
     found = ParameterDescriptor(
-        description=field.description,
-        additional_constraints=field.range(),
-        read_only=not field.mutable,
-        dynamic_typing=True,
+        description=field.description, additional_constraints=field.range(),
+        read_only=not field.mutable, dynamic_typing=True,
     )
     if isfinite(low) and isfinite(high):
         if int in field.kinds:

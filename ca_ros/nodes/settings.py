@@ -96,8 +96,7 @@ class HealthSettings(Settings):
     await_health: bool = setting(
         False, 'in mode lockstep, answer a state only with the rotor_health of its stamp')
     battery_timeout: float = setting(
-        5.0,
-        'time without a sound voltage on battery after which a warning begins; the last one '
+        5.0, 'time without a sound voltage on battery after which a warning begins; the last one '
         'holds; 0: no warning. Only with rotors.speed_max_per_volt', unit='s', minimum=0.0,
         mutable=True, rebuild=False)
 
@@ -177,8 +176,7 @@ class BridgeSettings(Settings):
         'what PX4 gets. thrust: the share of the greatest thrust, of which PX4 makes its output '
         'by THR_MDL_FAC; throttle: the control whose output is the throttle')
     px4_thrust_factor: float = setting(
-        0.0, 'THR_MDL_FAC as it is set in PX4, for px4_output: throttle', minimum=0.0,
-        maximum=1.0)
+        0.0, 'THR_MDL_FAC as it is set in PX4, for px4_output: throttle', minimum=0.0, maximum=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -241,10 +241,7 @@ def audit(vehicle: Vehicle) -> Audit:
         # The caller accepts or refuses the vehicle by this audit; allocators must not refuse it.
         independent.vehicle = replace(independent.vehicle, lost_axes='drop')
     return Audit(
-        full=full,
-        independent=independent,
-        controllable=hovering,
-        hovers=full.hovers,
+        full=full, independent=independent, controllable=hovering, hovers=full.hovers,
         keeps_hovering=hovering.hovers,
     )
 

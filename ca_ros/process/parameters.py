@@ -19,10 +19,8 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 FIRST_PAUSE, LAST_PAUSE = 0.5, 2.0  # pauses between the repetitions of a call [s]
 
 SERVICES = {
-    ListParameters: 'list_parameters',
-    GetParameters: 'get_parameters',
-    SetParameters: 'set_parameters',
-    SetParametersAtomically: 'set_parameters_atomically',
+    ListParameters: 'list_parameters', GetParameters: 'get_parameters',
+    SetParameters: 'set_parameters', SetParametersAtomically: 'set_parameters_atomically',
 }
 
 Answer = TypeVar('Answer')

@@ -38,10 +38,7 @@ def start(command: Sequence[str], **options: Any) -> Process:
             signal.raise_signal(signal.SIGTERM)
 
     return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        start_new_session=True,
-        preexec_fn=end_with_parent,
+        command, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=end_with_parent,
         **options,
     )
 

@@ -196,10 +196,8 @@ def _intersection(planes: Array, slacks: Array) -> Array:
     k = planes.shape[1]
     # The centre of the largest ball that fits into it.
     ball = linprog(
-        np.append(np.zeros(k), -1.0),
-        A_ub=np.column_stack([planes, np.ones(len(planes))]),
-        b_ub=slacks,
-        bounds=[(None, None)] * k + [(0.0, None)],
+        np.append(np.zeros(k), -1.0), A_ub=np.column_stack([planes, np.ones(len(planes))]),
+        b_ub=slacks, bounds=[(None, None)] * k + [(0.0, None)],
     )
     if not ball.success or ball.x[-1] <= PARALLEL:
         return np.empty((0, k))

@@ -119,11 +119,8 @@ class GraphProcesses:
                 if stream not in options
             }
             process = self._children.start(
-                str(len(self._started)),
-                [str(executable(name)), *arguments],
-                env=os.environ | self._settings | {MARK: self._mark},
-                **streams,
-                **options,
+                str(len(self._started)), [str(executable(name)), *arguments],
+                env=os.environ | self._settings | {MARK: self._mark}, **streams, **options,
             )
         self._exit_codes[process] = exit_codes
         return process

@@ -121,13 +121,9 @@ def from_px4(
         f"From PX4's parameters; the rotors are in its order{note}.",
         {'name': f"'{name}'", 'mass': mass, 'inertia': inertia},
         {
-            'positions': places,
-            'axes': axes,
-            'spins': ['ccw' if each > 0.0 else 'cw' for each in km],
-            'thrust_coefficient': thrust,
-            'torque_coefficient': torque,
-            'speed_min': speeds[0],
-            'speed_max': speeds[1],
+            'positions': places, 'axes': axes,
+            'spins': ['ccw' if each > 0.0 else 'cw' for each in km], 'thrust_coefficient': thrust,
+            'torque_coefficient': torque, 'speed_min': speeds[0], 'speed_max': speeds[1],
         },
     )
 

@@ -102,8 +102,7 @@ class RotorSettings(Settings):
     """The rotors of a vehicle."""
 
     positions: Numbers = setting(
-        0.0,
-        'x, y, z of each rotor in the body frame, forward-left-up; 0: rotors.ring has them',
+        0.0, 'x, y, z of each rotor in the body frame, forward-left-up; 0: rotors.ring has them',
         unit='m')
     ring: RingSettings = RingSettings()
     axes: Numbers = setting(

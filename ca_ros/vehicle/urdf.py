@@ -153,18 +153,13 @@ def run(options: argparse.Namespace) -> None:
         text = parameter_text(
             f'From {options.file.name}: the rotors are {", ".join(options.rotors)}.',
             {
-                'name': f"'{model.name}'",
-                'mass': model.mass,
-                'center_of_mass': model.center,
+                'name': f"'{model.name}'", 'mass': model.mass, 'center_of_mass': model.center,
                 'inertia': model.inertia.ravel(),
             },
             {
-                'positions': model.positions,
-                'axes': model.axes,
-                'spins': options.spins,
+                'positions': model.positions, 'axes': model.axes, 'spins': options.spins,
                 'thrust_coefficient': options.thrust_coefficient,
-                'torque_coefficient': options.torque_coefficient,
-                'speed_min': options.speed_min,
+                'torque_coefficient': options.torque_coefficient, 'speed_min': options.speed_min,
                 'speed_max': options.speed_max,
             },
         )

@@ -17,9 +17,7 @@ def filled(text: str, mark: str, content: str) -> str:
     """Return a page with the text between `<!-- MARK -->` and `<!-- end of MARK -->` replaced."""
     new, count = re.subn(
         rf'(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)',
-        lambda match: f'{match[1]}\n{content}\n\n{match[2]}',
-        text,
-        flags=re.DOTALL,
+        lambda match: f'{match[1]}\n{content}\n\n{match[2]}', text, flags=re.DOTALL,
     )
     if count != 1:
         raise ValueError(f'expected one place that is marked for {mark}, got {count}')

@@ -90,9 +90,7 @@ def fresh(text: str) -> str:
     """Return a page with its generated parts replaced."""
     text = re.sub(
         r'(<!-- prints -->\n```python\n(.*?)```\n\n```text\n)(.*?)(```)',
-        lambda match: match[1] + printed(match[2]) + match[4],
-        text,
-        flags=re.DOTALL,
+        lambda match: match[1] + printed(match[2]) + match[4], text, flags=re.DOTALL,
     )
     contents = {node: partial(parameters, node) for node in TABLES} | {'methods': methods}
     for mark, content in contents.items():

@@ -117,10 +117,7 @@ def rotor_lost_of(rng: np.random.Generator, n: int) -> Manoeuvre:
 
 
 MANOEUVRES: dict[str, Callable[[np.random.Generator, int], Manoeuvre]] = {
-    'upsets': upset_of,
-    'spins': spin_of,
-    'slalom': slalom_of,
-    'rotor_lost': rotor_lost_of,
+    'upsets': upset_of, 'spins': spin_of, 'slalom': slalom_of, 'rotor_lost': rotor_lost_of
 }
 """By the names of ``dynamic_study --manoeuvres``."""
 

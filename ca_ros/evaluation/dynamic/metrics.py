@@ -74,10 +74,8 @@ def sample_errors(
             'force_error': np.linalg.norm(residual[:, forces], axis=1),
             'torque_error': np.linalg.norm(residual[:, ~forces], axis=1),
             'margin': _margin(vehicle, axes, commanded),
-            'thrusts_squared': np.square(thrusts).sum(axis=1),
-            'energy': energy(thrusts),
-            'goal_height': float(goal.position[2]),
-            'movable': movable.sum(),
+            'thrusts_squared': np.square(thrusts).sum(axis=1), 'energy': energy(thrusts),
+            'goal_height': float(goal.position[2]), 'movable': movable.sum(),
             'at_bound': (low | high)[:, movable].sum(axis=1),
         }
         parts.append(pd.DataFrame(columns))

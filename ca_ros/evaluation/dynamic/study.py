@@ -123,9 +123,7 @@ def _fly_manoeuvres(
         rows.append({**row, **flown(case, method, drawn)})
     found = pd.DataFrame(rows)
     text = render(
-        'manoeuvres.md',
-        table=summary(found),
-        recovered=RECOVERED,
+        'manoeuvres.md', table=summary(found), recovered=RECOVERED,
         **(about := facts(case, 'dynamic_study', options)),
     )
     write(options.out / 'manoeuvres', found, about, text, options.tables)

@@ -64,10 +64,6 @@ def document(found: Metrics) -> str:
         for name, own in found['methods'].items()
     ]
     return render(
-        'dynamic.md',
-        **found,
-        table=made,
-        beyond=table(['method', *BEYOND], beyond),
-        height_error=HEIGHT_ERROR,
-        recovered=RECOVERED,
+        'dynamic.md', **found, table=made, beyond=table(['method', *BEYOND], beyond),
+        height_error=HEIGHT_ERROR, recovered=RECOVERED,
     )

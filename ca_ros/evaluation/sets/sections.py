@@ -13,12 +13,8 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 
 AXES = {
-    'force_x': ('force x', 'N'),
-    'force_y': ('force y', 'N'),
-    'thrust': ('thrust', 'N'),
-    'roll': (r'$\tau_x$', 'N m'),
-    'pitch': (r'$\tau_y$', 'N m'),
-    'yaw': (r'$\tau_z$', 'N m'),
+    'force_x': ('force x', 'N'), 'force_y': ('force y', 'N'), 'thrust': ('thrust', 'N'),
+    'roll': (r'$\tau_x$', 'N m'), 'pitch': (r'$\tau_y$', 'N m'), 'yaw': (r'$\tau_z$', 'N m'),
 }
 """Name and unit of each axis."""
 

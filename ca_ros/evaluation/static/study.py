@@ -130,9 +130,7 @@ def _metrics(
             if name in own
         },
         'time': {
-            'mean': float(time.mean()),
-            'max': float(time.max()),
-            'median': float(np.median(time)),
+            'mean': float(time.mean()), 'max': float(time.max()), 'median': float(np.median(time)),
             'p99': float(np.percentile(time, 99)),
         },
         'status': own['status'],

@@ -21,11 +21,8 @@ UNITS = {'force_error': ' N', 'torque_error': ' N m', 'error': ''}
 def document(found: Metrics) -> str:
     """Return static.md for a study as in static.json."""
     return render(
-        'static.md',
-        **found,
-        about=SAMPLINGS[found['sampling']],
-        table=table(_titles(found), _rows(found)),
-        beyond=beyond(found['methods']),
+        'static.md', **found, about=SAMPLINGS[found['sampling']],
+        table=table(_titles(found), _rows(found)), beyond=beyond(found['methods']),
         observations=[] if paper.applies(found) else list(_observations(found)),
         differences=_differences(found) if paper.applies(found) else [],
     )

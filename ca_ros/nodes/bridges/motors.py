@@ -76,14 +76,10 @@ def motor_models(vehicle: Vehicle) -> str:
         )
         thrust, torque = vehicle.thrust_coefficient[i], vehicle.torque_coefficient[i]
         values = {
-            'jointName': f'rotor_{i + 1}_joint',
-            'linkName': f'rotor_{i + 1}',
-            'motorNumber': i,
-            'motorType': 'velocity',
-            'commandSubTopic': GAZEBO_TOPIC,
+            'jointName': f'rotor_{i + 1}_joint', 'linkName': f'rotor_{i + 1}', 'motorNumber': i,
+            'motorType': 'velocity', 'commandSubTopic': GAZEBO_TOPIC,
             'turningDirection': 'cw' if vehicle.spins[i] > 0.0 else 'ccw',
-            'maxRotVelocity': f'{vehicle.speed_max[i]:.9g}',
-            'motorConstant': f'{thrust:.9g}',
+            'maxRotVelocity': f'{vehicle.speed_max[i]:.9g}', 'motorConstant': f'{thrust:.9g}',
             'momentConstant': f'{torque / thrust:.9g}',
         }
         for name, value in values.items():
