@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,7 +16,6 @@ from ca_ros.nodes.markers import View, markers
 from ca_ros.nodes.messages import pose_arrays, wrench_numbers
 from ca_ros.nodes.qos import COMMAND, requested
 from ca_ros.nodes.settings import ViewerSettings
-from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -50,12 +48,9 @@ class ViewerNode(VehicleNode):
             (topics.DIAGNOSTICS, self._receive_diagnostics),
             (topics.WAYPOINT, self._receive_waypoint),
         ):
-            self._listen(topic, receive)
+            self.create_subscription(topic.kind, topic.path, receive, requested('realtime'))
         self.create_timer(PERIOD, self._draw, clock=self.steady)
         self.start_diagnostics('view')
-
-    def _listen(self, topic: Topic, receive: Any) -> None:
-        self.create_subscription(topic.kind, topic.path, receive, requested('realtime'))
 
     def build(self, settings: ViewerSettings) -> Vehicle:
         return Vehicle.from_settings(settings.vehicle, settings.rotors)

@@ -166,19 +166,13 @@ class AllocationProblem:
         self.center = constant(self.gamma @ self.middle)
         self.extent = constant(np.abs(self.gamma * self.half_range).sum(axis=1))
 
-    def _like(
-        self, gamma: Array, lower: Array, upper: Array, reference: Array
-    ) -> AllocationProblem:
-        """Return a problem with the same names and other numbers."""
+    def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
+        """Return the problem with other bounds (n,) [N]."""
         other = AllocationProblem.__new__(AllocationProblem)
         other.axes, other.effector_names = self.axes, self.effector_names
         other.effector_kind, other.unit = self.effector_kind, self.unit
-        other._fill(gamma, lower, upper, reference)
+        other._fill(self.gamma, lower, upper, self.reference)
         return other
-
-    def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
-        """Return the problem with other bounds (n,) [N]."""
-        return self._like(self.gamma, lower, upper, self.reference)
 
     @cached_property
     def simplex(self) -> Simplex:
