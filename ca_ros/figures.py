@@ -42,11 +42,8 @@ INCH = 25.4
 WIDTHS = {'column': 88.0, 'page': 181.0}
 """Widths [mm] of figures in one and in two columns, as for IEEE."""
 
-NARROWEST, WIDEST = 80.0, 500.0
-"""Bounds of the width [mm]: in less, labels would overlap."""
-
-PIXELS = 1400
-"""Least width of a PNG file."""
+NARROWEST, WIDEST = 80.0, 500.0  # bounds of the width [mm]: in less, labels would overlap
+PIXELS = 1400  # least width of a PNG file
 
 FORMATS: dict[str, dict[str, None]] = {
     'png': {},

@@ -35,8 +35,7 @@ OTHERS = [
 FAILED: dict[str, Any] = {'color': 'black', 'linestyle': ':', 'linewidth': 0.8}
 """The style of the moments of failures."""
 
-DASH = 1.8
-"""Length of the dashes that take turns, in widths of the line."""
+DASH = 1.8  # length of the dashes that take turns, in widths of the line
 
 
 def styles(methods: Sequence[str], coinciding: bool = False) -> dict[str, dict[str, Any]]:

@@ -22,15 +22,8 @@ Rebuild = Callable[[Array], tuple[Controller, Allocator]]
 class Detection:
     """A detector, and what a closed loop does when it finds a failure.
 
-    Parameters
-    ----------
-    detector : Detector
-    rebuild : callable
-        Takes the health of the rotors (n,); returns the controller and the allocator for it.
-
-    Attributes
-    ----------
-    found : _Found
+    `rebuild`: takes the health of the rotors (n,); returns the controller and the allocator for
+    it.
     """
 
     def __init__(self, detector: Detector, rebuild: Rebuild) -> None:

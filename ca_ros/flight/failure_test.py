@@ -10,11 +10,8 @@ from scipy.special import chdtri
 
 from ca_ros.arrays import Array
 
-EXPLAINED = 0.7
-"""Least share of what is seen that a failure explains."""
-
-NEAR = 4.0
-"""Windows whose score is this many standard deviations below the best are as likely."""
+EXPLAINED = 0.7  # least share of what is seen that a failure explains
+NEAR = 4.0  # windows whose score is this many standard deviations below the best are as likely
 
 
 LEVER = 0.6
@@ -26,23 +23,15 @@ shorter lever may be a load, too."""
 class Finding:
     """What a test finds.
 
-    Attributes
-    ----------
-    score : float
-        Twice the logarithm of the likelihood ratio of the likeliest rotor against no failure.
-    rotor : int
-        The likeliest rotor.
-    probabilities : (n,) array
-        That each rotor, and no other, has failed.
-    named : tuple of int
-        Rotors that have failed with the wanted certainty.
-    lost : (len(named),) array
-        Share of the thrust of a sound rotor that each has lost.
-    window : int
-        The shortest likely one.
-    shares, errors : (n,) arrays
-        In the longest window, the share that each rotor alone would have lost, which may be
-        negative, and its standard deviation.
+    - `score`: twice the logarithm of the likelihood ratio of the likeliest rotor against no
+      failure
+    - `rotor`: the likeliest rotor
+    - `probabilities` (n,): that each rotor, and no other, has failed
+    - `named`: rotors that have failed with the wanted certainty
+    - `lost`: share of the thrust of a sound rotor that each has lost
+    - `window`: the shortest likely one
+    - `shares` and `errors` (n,): in the longest window, the share that each rotor alone would have
+      lost, which may be negative, and its standard deviation
     """
 
     score: float
@@ -67,14 +56,9 @@ class FailureTest:
     odds of the wanted certainty.  If no single rotor explains what is seen, all pairs are tested
     whose loss cannot be a load.
 
-    Parameters
-    ----------
-    wrenches : (6, n) array
-        Force and torque per thrust of each rotor.
-    tests : float
-        Tests in an hour.
-    false_alarms, certainty, least_loss
-        See `DetectorSettings`.
+    - `wrenches` (6, n): force and torque per thrust of each rotor
+    - `tests`: tests in an hour
+    - `false_alarms`, `certainty` and `least_loss`: see `DetectorSettings`
     """
 
     def __init__(
@@ -91,13 +75,9 @@ class FailureTest:
     def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:
         """Test windows.
 
-        Parameters
-        ----------
-        lacked, variance : (T, 6) arrays
-            The unexplained impulse of each window, and its variance.
-        given : (T, n) array
-            The integral of the thrust of each rotor, as if it were sound [N s].
-        health : (n,) array
+        - `lacked` and `variance` (T, 6): the unexplained impulse of each window, and its variance
+        - `given` (T, n): the integral of the thrust of each rotor, as if it were sound [N s]
+        - `health` (n,)
         """
         weights = 1.0 / variance
         products = -((weights * lacked) @ self._wrenches) * given

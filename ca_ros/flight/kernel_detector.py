@@ -13,21 +13,15 @@ from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.vehicle import Vehicle
 
-EVIDENCE = ('', 'motion', 'rotor speed')
-"""The words for an enum ca_evidence."""
+EVIDENCE = ('', 'motion', 'rotor speed')  # the words for an enum ca_evidence
 
 
 class KernelDetector:
     """`FailureDetector` in C (ca_ros/kernel/detector.c): the same to rounding, and faster.
 
-    Parameters
-    ----------
-    module : extension module
-        ``ca_ros.kernel._detector``, or ``_detector_single`` for single precision.
-    model : (N,) array
-        As `packed` returns it.
-    vehicle, settings
-        As of `FailureDetector`.
+    - `module`: ``ca_ros.kernel._detector``, or ``_detector_single`` for single precision
+    - `model` (N,): as `packed` returns it
+    - `vehicle` and `settings`: as of `FailureDetector`
     """
 
     def __init__(
@@ -95,13 +89,8 @@ def load(name: str = '_detector') -> Any:
 def packed(detector: FailureDetector, fields: dict[str, int], n_max: int) -> Array:
     """Return the numbers of a detector's model, those of each field one after the other.
 
-    Parameters
-    ----------
-    detector : FailureDetector
-    fields : dict
-        The number of numbers of each field of `ca_detector_model`.
-    n_max : int
-        Rotors for which the fields have place.
+    `fields`: the number of numbers of each field of `ca_detector_model`.  `n_max`: rotors for
+    which the fields have place.
     """
     n, model = detector.vehicle.n, detector.model()
     rows = []

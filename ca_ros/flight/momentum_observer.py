@@ -41,25 +41,13 @@ class MomentumObserver:
 
     States that arrive too late, after a newer one, are ignored.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-    gain : float
-        L [1/s].
-
-    Attributes
-    ----------
-    gain : float
-        May change between two states; with 0 the estimate stays.
-    estimate : (6,) array
-        Force in the world frame before torque in the body frame [N, N m].
-    step : float
-        Time between the last two states [s]; 0 if the last one was ignored, or the vehicle stands.
-    impulse : (6,) array
-        The integral of d over the last step [N s, N m s].
-    counts : Counter
-        How many states were ignored as 'late', because of a 'step' of their stamps by seconds, or
-        because of a 'jump' of the velocity.
+    - `gain`: L [1/s]; it may change between two states; with 0 the estimate stays
+    - `estimate` (6,): force in the world frame before torque in the body frame [N, N m]
+    - `step`: time between the last two states [s]; 0 if the last one was ignored, or the vehicle
+      stands
+    - `impulse` (6,): the integral of d over the last step [N s, N m s]
+    - `counts`: how many states were ignored as 'late', because of a 'step' of their stamps by
+      seconds, or because of a 'jump' of the velocity
     """
 
     def __init__(self, vehicle: Vehicle, gain: float) -> None:
@@ -99,14 +87,9 @@ class MomentumObserver:
         a step back of seconds, which the next state confirms, the estimate starts again from
         zero; after a step forward it continues.
 
-        Parameters
-        ----------
-        time : int
-            [ns]
-        velocity : (3,) array
-            In the world frame [m/s].
-        angular_velocity : (3,) array
-            In the body frame [rad/s].
+        - `time`: [ns]
+        - `velocity` (3,): in the world frame [m/s]
+        - `angular_velocity` (3,): in the body frame [rad/s]
         """
         self.step = 0.0
         momentum = np.concatenate([self._mass * velocity, self._inertia @ angular_velocity])
@@ -144,12 +127,8 @@ class MomentumObserver:
     def expect(self, force: Array, torque: Array, angular_velocity: Array) -> None:
         """Set what the rotors do from this state on.
 
-        Parameters
-        ----------
-        force : (3,) array
-            In the world frame [N].
-        torque, angular_velocity : (3,) arrays
-            In the body frame [N m, rad/s].
+        `force` (3,): in the world frame [N].  `torque` and `angular_velocity` (3,): in the body
+        frame [N m, rad/s].
         """
         gyroscopic = cross(angular_velocity, self._inertia @ angular_velocity)
         self._wrench = np.concatenate([force, torque - gyroscopic])

@@ -19,16 +19,12 @@ from numpy.typing import NDArray
 
 from ca_ros.arrays import Array, IntArray
 
-ROTORS_MAX = 32
-"""Greatest number of rotors of the extension modules."""
+ROTORS_MAX = 32  # greatest number of rotors of the extension modules
 
 AXES_MAX = 6
 
-FOUR = 4
-"""Number of axes of the extension module for exactly four."""
-
-INVALID = 5
-"""The status of a wrench that is not finite."""
+FOUR = 4  # number of axes of the extension module for exactly four
+INVALID = 5  # the status of a wrench that is not finite
 
 
 class Kernel(Protocol):
@@ -58,11 +54,8 @@ class Kernel(Protocol):
     ) -> tuple[int, float, int, int] | None:
         """Write the thrusts (n,) for u (m,); `bounds` are narrower bounds of this call, (n,) each.
 
-        Returns
-        -------
-        tuple or None
-            None for an exact answer; otherwise the status, the level, and how many steps of
-            Newton's method and pivots of the simplex method it took.
+        The result: none for an exact answer; otherwise the status, the level, and how many steps
+        of Newton's method and pivots of the simplex method it took.
         """
 
     def allocate_batch(
@@ -103,10 +96,7 @@ class Kernel(Protocol):
 def load(name: str = 'double') -> type[Kernel] | None:
     """Return the class of an extension module; None if it cannot be imported.
 
-    Parameters
-    ----------
-    name : 'double', 'single' or 'double_4'
-        The precision; 'double_4' is for exactly four axes.
+    `name` ('double', 'single' or 'double_4'): the precision; 'double_4' is for exactly four axes.
     """
     try:
         kernel: type[Kernel] = import_module(f'ca_ros.kernel._{name}').Kernel

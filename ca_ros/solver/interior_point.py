@@ -9,33 +9,20 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.solver.convex_sets import ConvexSets
 
-GROWTH = 30.0
-"""Factor by which the weight of the cost grows from one centre to the next."""
-
-CENTERED = 0.2
-"""Newton decrement at which a point counts as a centre."""
-
-STEPS = 300
-"""Limit of Newton's iteration; the tests have not seen half of it."""
-
-BACK = 0.9
-"""Greatest share of the way to the boundary that one step goes."""
+GROWTH = 30.0  # factor by which the weight of the cost grows from one centre to the next
+CENTERED = 0.2  # newton decrement at which a point counts as a centre
+STEPS = 300  # limit of Newton's iteration; the tests have not seen half of it
+BACK = 0.9  # greatest share of the way to the boundary that one step goes
 
 
-ROUNDING = 1e-15
-"""Distance from the boundary that rounding errors make; the method ends before it."""
+ROUNDING = 1e-15  # distance from the boundary that rounding errors make; the method ends before it
 
 
 class Minimum(NamedTuple):
     """The result of `minimize`.
 
-    Attributes
-    ----------
-    point : (n,) array
-        Inside the sets, with ``matrix @ point = goal`` to rounding.
-    multipliers : (m,) array
-        Of the equations.
-    steps : int
+    `point` (n,): inside the sets, with ``matrix @ point = goal`` to rounding.  `multipliers` (m,):
+    of the equations.
     """
 
     point: Array
@@ -58,21 +45,12 @@ def minimize(
     The method follows the centres of ``weight cost(x) + barrier(x)`` while the weight grows.  At
     a centre the cost is at most ``complexity / weight`` greater than its least value.
 
-    Parameters
-    ----------
-    sets : ConvexSets
-    matrix, goal : (m, n) and (m,) arrays
-        A and b.
-    cost : (n,) array
-        c.
-    start : (n,) array
-        Inside the sets; it need not satisfy the equations.
-    gap : float
-        By how much the cost may exceed the least one.
-    curvature : (n,) array, optional
-        d, not negative; by default zeros.
-    weight : float
-        Of the cost, at first.
+    - `matrix` and `goal` (m, n): a and b
+    - `cost` (n,): c
+    - `start` (n,): inside the sets; it need not satisfy the equations
+    - `gap`: by how much the cost may exceed the least one
+    - `curvature` (n,): d, not negative; by default zeros
+    - `weight`: of the cost, at first
     """
     bound = sets.upper > sets.lower
     if not bound.all():

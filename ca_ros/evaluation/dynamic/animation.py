@@ -22,20 +22,11 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
 
-FRAMES_PER_SECOND = 12.5
-"""GIF files store the duration of a frame in hundredths of a second."""
-
-LEAD = 1.0
-"""Time before the first failure at which the animation starts [s]."""
-
-ACROSS = 4
-"""Number of methods side by side; more stand in further rows."""
-
-ERROR_SHOWN = 0.01
-"""Least upper end of the scale of the torque error [N m]."""
-
-PAUSE = 1.5
-"""Time for which the last frame is shown [s]."""
+FRAMES_PER_SECOND = 12.5  # GIF files store the duration of a frame in hundredths of a second
+LEAD = 1.0  # time before the first failure at which the animation starts [s]
+ACROSS = 4  # number of methods side by side; more stand in further rows
+ERROR_SHOWN = 0.01  # least upper end of the scale of the torque error [N m]
+PAUSE = 1.5  # time for which the last frame is shown [s]
 
 TITLES = {
     'pseudo_inverse': 'clipped pseudo-inverse',

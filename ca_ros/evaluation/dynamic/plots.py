@@ -37,8 +37,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 ALIKE = 0.01
 """Greatest difference of curves that look like one, as a share of the height of a panel."""
 
-AFTER = 5.0
-"""How long the plot of failures goes on after the last moment [s]."""
+AFTER = 5.0  # how long the plot of failures goes on after the last moment [s]
 
 
 def draw(

@@ -22,11 +22,8 @@ from ca_ros.evaluation.wrench_sets import gauge
 from ca_ros.figures import COLORS, WIDTHS, across, inches, label_decades, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 
-SHOWN = 10_000
-"""Number of samples, the first ones, whose errors and violations are drawn."""
-
-ERROR_MIN = 1e-18
-"""Smaller errors, zero among them, are drawn here [N, N m]."""
+SHOWN = 10_000  # number of samples, the first ones, whose errors and violations are drawn
+ERROR_MIN = 1e-18  # smaller errors, zero among them, are drawn here [N, N m]
 
 CELLS, BINS = 500, 20
 

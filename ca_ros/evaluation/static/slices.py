@@ -19,8 +19,7 @@ from ca_ros.evaluation.sets.sections import Section, sections
 from ca_ros.figures import COLORS, across, sheet
 from ca_ros.problem.admissible_set import AdmissibleSet
 
-COMMANDS = 13
-"""Number of commands along each axis of a section."""
+COMMANDS = 13  # number of commands along each axis of a section
 
 OUTSIDE, BEYOND = 24, 1.3
 """Number of commands outside, and how far: their distance from the middle over the boundary's."""
