@@ -51,7 +51,7 @@ def _meaning(name: str, field: settings.Field) -> str:
     elif not all(re.search(rf'\b{choice}\b', text) for choice in field.choices):
         text += f'; one of {", ".join(field.choices)}'
     elif not field.choices:
-        text = re.sub(r'(?<!Eq)\. .*', '', text)
+        text = re.sub(r'(?<!Eq)\. .*|; (?!0:)[^;]*', '', text)
     allowed = '' if str in field.kinds else field.range()
     return f'{text}{unit}{f", {allowed}" if "[" in allowed else ""}'.replace('|', '\\|')
 
