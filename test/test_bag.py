@@ -17,7 +17,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 
 from ca_ros.bringup.bag import LOOP, RECORDED, Bag
-from ca_ros.nodes.topics import EFFECTORS
+from ca_ros.nodes.topics import EFFECTORS, TILT_COMMAND, TILTS
 from ca_ros.testing import Graph
 
 pytest.importorskip('rosbags', reason="needs the extra 'bag'")
@@ -29,6 +29,9 @@ pytestmark = pytest.mark.slow
 SWITCHES = (
     'simulator.publish_clock', 'simulator.publish_odometry', 'publish_throttle', 'publish_pwm')
 """Parameters that switch optional topics on."""
+
+ELSEWHERE = EFFECTORS.name, TILT_COMMAND.name, TILTS.name
+"""Topics of problems without a vehicle and of rotors that tilt."""
 
 LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'
 DURATION = 1.5
@@ -83,11 +86,10 @@ def test_every_topic_is_there_with_its_type_and_count(flight):
     expected = {
         topic if topic.startswith('/') else f'/{topic}':
         f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
-        for topic, kind in RECORDED.items() if topic != EFFECTORS.name}
+        for topic, kind in RECORDED.items() if topic not in ELSEWHERE}
     assert recording.types == expected
     counts = {topic: len(messages) for topic, messages in recording.messages.items()}
-    # Only problems without a vehicle have it.
-    counts[f'/{EFFECTORS.name}'] = 0
+    counts |= {f'/{name}': 0 for name in ELSEWHERE}
     noted = {
         entry['topic_metadata']['name']: entry['message_count']
         for entry in recording.metadata['topics_with_message_count']}

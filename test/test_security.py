@@ -97,14 +97,17 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         word for option, name in REPLACEMENTS.items()
         for word in (f'--{option}', str(executable(name)))]
     bringup = graph.start(
-        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--detect', '--view', *foreign,
+        'bringup', '--duration', '1e6', '--fail', '1@1e5', '--view', *foreign,
         '--namespace', namespace, '--out', str(tmp_path), '--ros-args',
         '-p', 'simulator.publish_clock:=true',
         '-p', 'simulator.publish_odometry:=true', '-p', 'publish_throttle:=true',
-        '-p', 'publish_pwm:=true', '-p', 'rotors.speed_max_per_volt:=30.0')
-    graph.start(
-        'ros2_control_bridge', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}',
-        '--enclave', f'{namespace.rstrip("/")}/ros2_control_bridge')
+        '-p', 'publish_pwm:=true', '-p', 'rotors.speed_max_per_volt:=30.0',
+        '-p', 'rotors.tilt_axes:=[1.0, 0.0, 0.0]', '-p', 'rotors.tilt_max:=0.3')
+    # These take no rotors that tilt.
+    for name in ('ros2_control_bridge', 'monitor'):
+        graph.start(
+            name, '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}',
+            '--enclave', f'{namespace.rstrip("/")}/{name}')
     seen = {}
 
     def agree():

@@ -64,7 +64,7 @@ def test_announced_failure_of_one_servo_or_rotor(failure):
     assert np.abs(flight.position[-1] - [0.3, 0.0, 0.0]).max() < 0.1
     after = flight.speeds[flight.time > 1.0]
     if failure == 'servo':
-        np.testing.assert_array_equal(after[:, vehicle.n + 1], 0.5)
+        np.testing.assert_array_equal(flight.angles[flight.time > 1.0, 1], 0.5)
     else:
         assert (after[:, 1] == 0.0).all()
 

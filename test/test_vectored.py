@@ -258,7 +258,7 @@ def test_margin_and_sections_are_bounded_from_both_sides():
 
 def test_other_methods_name_what_they_cannot_take():
     problem = PROBLEMS['random 1']
-    with pytest.raises(ParameterError, match='exact takes both'):
+    with pytest.raises(ParameterError, match='exact, pseudo_inverse, '):
         make_allocator('direct', problem)
     with pytest.raises(TypeError, match='vectors in sets'):
         AdmissibleSet(problem).volume  # noqa: B018

@@ -112,7 +112,8 @@ class Allocator(ABC):
         if isinstance(self.problem, VectoredProblem) and not self.takes_vectors:
             raise ParameterError(
                 f'{type(self).__name__} takes effectors that are numbers within bounds, not '
-                'vectors in sets such as rotors that tilt: exact takes both'
+                'vectors in sets such as rotors that tilt: exact, pseudo_inverse, '
+                'weighted_pseudo_inverse and weighted_least_squares take both'
             )
 
     @classmethod

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.result import Allocation
+from ca_ros.allocation.reach import reached
+from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
@@ -38,10 +39,12 @@ class TiltLimited:
     vehicle : Vehicle
         With rotors that tilt.
     speed_rate : float or (n,) array
-        Greatest rate of the rotor speeds, positive [rad/s^2].
+        Greatest rate at which the rotor speeds grow, positive [rad/s^2].
     tilt_rate : float or (k,) array
         Greatest rate of each servo, positive [rad/s].
     settings : ExactSettings, optional
+    braking : float or (n,) array, optional
+        Greatest rate at which the rotor speeds shrink; by default as `speed_rate`.
 
     Raises
     ------
@@ -55,15 +58,18 @@ class TiltLimited:
         speed_rate: ArrayLike,
         tilt_rate: ArrayLike,
         settings: ExactSettings | None = None,
+        braking: ArrayLike | None = None,
     ) -> None:
         if vehicle.tilts is None:
             raise ParameterError('vehicle: no rotor tilts; SlewLimited takes this vehicle')
         self.vehicle, self._tilts = vehicle, vehicle.tilts
         self.settings = ExactSettings() if settings is None else settings
         self.speed_rate = numbers('speed_rate', speed_rate, vehicle.n)
+        self.braking = self.speed_rate if braking is None else numbers(
+            'braking', braking, vehicle.n)
         self.tilt_rate = numbers('tilt_rate', tilt_rate, len(self._tilts.rotors))
-        if not ((self.speed_rate > 0.0).all() and (self.tilt_rate > 0.0).all()):
-            raise ParameterError('speed_rate, tilt_rate: expected positive numbers')
+        if not all((each > 0.0).all() for each in (self.speed_rate, self.braking, self.tilt_rate)):
+            raise ParameterError('speed_rate, braking, tilt_rate: expected positive numbers')
 
     def allocate(
         self, u: ArrayLike, speeds: ArrayLike, angles: ArrayLike, period: float
@@ -75,7 +81,7 @@ class TiltLimited:
         u : (m,) array
             As in `Allocator.allocate`.
         speeds, angles : (n,) and (k,) arrays
-            The last command [rad/s, rad], within the limits.
+            The last command [rad/s, rad]; beyond a limit it counts as the limit.
         period : float
             Time since then, positive [s].
 
@@ -86,8 +92,13 @@ class TiltLimited:
         """
         last = numbers('speeds', speeds, self.vehicle.n)
         turned = numbers('angles', angles, len(self._tilts.rotors))
+        turned = np.minimum(np.maximum(turned, self._tilts.limits[0]), self._tilts.limits[1])
         problem = TiltingVehicleProblem(self.vehicle, self._windows(last, turned, period))
         problem.near = turned
+        if not problem.has_volume:
+            # The period is too short for any change.
+            held = problem.clip(problem.middle)
+            return Allocation(problem, problem.check(u), held, Status.INEXACT)
         answer = Exact.made(problem, self.settings).allocate(u)
         if (problem.sizes(answer.thrusts) <= 1e-9 * self.vehicle.thrust_max).any():
             slopes = problem.least_norm.solve(
@@ -100,11 +111,11 @@ class TiltLimited:
         self, speeds: Array, angles: Array, period: float
     ) -> list[tuple[ConvexSet, Array]]:
         """Return the set of each rotor for the next step, and its directions."""
-        vehicle, tilts, change = self.vehicle, self._tilts, self.speed_rate * period
+        vehicle, tilts = self.vehicle, self._tilts
         low, high = vehicle.speed_limits
         last = np.minimum(np.maximum(speeds, low), high)
-        least = vehicle.thrusts(np.maximum(last - change, low))
-        most = vehicle.thrusts(np.minimum(last + change, high))
+        ends = reached(last, period, self.speed_rate, self.braking, low, high)
+        least, most = map(vehicle.thrusts, ends)
         present, directions = vehicle.thrusts(last), tilts.directions(angles)
         found: list[tuple[ConvexSet, Array]] = []
         for i in range(vehicle.n):

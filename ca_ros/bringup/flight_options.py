@@ -27,8 +27,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add('--trajectory', type=Path, metavar='FILE', help=about)
     health = 'to this health (0: lost); may be repeated'
     about = f'break a rotor (1 is the first) at a time of the flight [s], {health}'
+    about += '; an angle, such as 0.4rad, instead of the health: its servo sticks there'
     fail: Any = {'type': shown(RotorFailure.parse), 'action': 'append', 'default': []}
-    add('--fail', **fail, metavar='ROTOR@TIME[=HEALTH]', help=about)
+    add('--fail', **fail, metavar='ROTOR@TIME[=HEALTH|=ANGLErad]', help=about)
     about = 'time from a failure to its announcement to allocator and controller, or never'
     add('--announce', type=_delay, default=ANNOUNCE, metavar='SECONDS', help=about)
     about = 'detect rotor failures from the motion; with --announce never nobody else names them'
@@ -78,7 +79,11 @@ def trajectory_words(options: argparse.Namespace) -> list[str]:
 
 def failure_words(failures: RotorFailures) -> list[str]:
     """Return the options that name these failures, for a command line."""
-    texts = [f'{each.rotor}@{each.time!r}={each.health!r}' for each in failures.failures]
+    texts = [
+        f'{each.rotor}@{each.time!r}='
+        + (f'{each.health!r}' if each.angle is None else f'{each.angle!r}rad')
+        for each in failures.failures
+    ]
     announce = 'never' if failures.announce is None else repr(failures.announce)
     return [word for text in texts for word in ('--fail', text)] + (
         ['--announce', announce] if texts else []

@@ -30,7 +30,7 @@ def draw_flight(
     moments: Mapping[str, Sequence[float]] = MappingProxyType({}),
     served: Served | None = None,
 ) -> Figure:
-    """Plot position, attitude and rotor speeds over time; waypoints and bounds are dashed.
+    """Plot position, attitude, rotor speeds and any tilt angles; waypoints and bounds are dashed.
 
     If the served shares of the demands are known, they are the last row.  The figure has a width
     [mm]; lines mark the moments, see `ca_ros.figures.mark`.
@@ -38,8 +38,10 @@ def draw_flight(
     import matplotlib
 
     with matplotlib.rc_context(style(width)):
-        figure, body = sheet(7.0 if served is None else 9.0)
-        rows = body.subplots(3 if served is None else 4, 1, sharex=True)
+        tilts = vehicle.tilts
+        count = 3 + (tilts is not None) + (served is not None)
+        figure, body = sheet(1.0 + 2.0 * count)
+        rows = body.subplots(count, 1, sharex=True)
         position, attitude, speeds = rows[:3]
         mark(position, moments)
         _lines(position, flight.time, flight.position, ('x', 'y', 'z'), 'position [m]')
@@ -55,9 +57,14 @@ def draw_flight(
         attitude.plot(flight.time, np.degrees(headings), **DASHED)
         names = [f'rotor {i + 1}' for i in range(vehicle.n)]
         _lines(speeds, flight.time, flight.speeds, names, 'rotor speed [rad/s]')
+        if tilts is not None:
+            angles = [names[rotor] for rotor in tilts.rotors]
+            _lines(rows[3], flight.time, np.degrees(flight.angles), angles, 'tilt angle [deg]')
+            for limit in np.unique(tilts.limits):
+                rows[3].axhline(np.degrees(limit), **DASHED)
         if served is not None:
-            _lines(rows[3], flight.time, 100.0 * served.shares, served.axes, 'served [%]')
-            rows[3].set_ylim(-5.0, 105.0)
+            _lines(rows[-1], flight.time, 100.0 * served.shares, served.axes, 'served [%]')
+            rows[-1].set_ylim(-5.0, 105.0)
         for axes in rows[1:]:
             mark(axes, moments)
         for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):

@@ -73,7 +73,7 @@ class Recorder(Node):
         self.samples = Samples()
         receivers: dict[Topic, Callable[[Any], None]] = {
             topics.SPEED_COMMAND: self._receive_command,
-            **{topic: partial(self.samples.add, topic.name) for topic in SAMPLED},
+            **{topic: partial(self.samples.add, topic.name) for topic in (*SAMPLED, topics.TILTS)},
         }
         self._streams = [
             (self.create_subscription(topic.kind, topic.name, receive, quality), receive)

@@ -32,14 +32,16 @@ def summarize(
     """
     flight, mode = flown.flight, flown.parameters['mode']
     vehicle = flown.vehicle
+    posed = flown.parameters.get('controller.attitude') == 'pose'
     error, heading_error = flight.position_error(waypoint), flight.heading_error(waypoint)
     end = round(flight.time[-1] * 1e9)
-    last = vehicle.with_health(failures.physical(vehicle.health, end))
+    last = _known(flown, failures, end, told=False)
     lost = audit(last).lost
     reached = error <= POSITION_TOLERANCE
     if 'yaw' in lost:
         away = f'{1e3 * error:.1f} mm away; the heading is given up'
     else:
+        heading_error = flight.attitude_error(waypoint) if posed else heading_error
         reached = reached and heading_error <= HEADING_TOLERANCE
         away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
     speeds, inside = flight.speeds, 'within' if _within_bounds(flown, failures) else 'OUT OF'
@@ -51,6 +53,9 @@ def summarize(
         f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,',
         f'                {span}, {inside} bounds',
     ]
+    if vehicle.tilts is not None:
+        ends = ', '.join(f'{angle:.3f}' for angle in flight.angles[-1])
+        lines.append(f'  tilt angles   {ends} rad at the end')
     lines += [f'  cut           {text}' for text in cuts]
     lines += _failures(flown, failures)
     weak = ', '.join(
@@ -58,6 +63,8 @@ def summarize(
         for i, health in enumerate(last.health)
         if health < 1.0
     )
+    if last.tilts is not None and (stuck := last.tilts.stuck_rotors):
+        weak = ', '.join(filter(None, [weak, *(f'servo of rotor {i + 1} stuck' for i in stuck)]))
     if weak:
         axes = f'; lost axes: {", ".join(lost)}' if lost else ''
         lines.append(f'  at the end    {weak}{axes}')
@@ -74,6 +81,8 @@ def _failures(flown: Flown, failures: RotorFailures) -> list[str]:
         if each.time > flown.flight.time[-1]:
             continue
         what = 'lost' if each.health < HEALTH_MIN else f'at {100.0 * each.health:g} %'
+        if each.angle is not None:
+            what = f'stuck at {each.angle:g} rad'
         told = []
         if each.rotor in flown.detected:
             told.append(f'detected at {flown.detected[each.rotor]:.2f} s')
@@ -136,16 +145,19 @@ def _within_bounds(flown: Flown, failures: RotorFailures) -> bool:
     """Return whether each rotor kept its bounds as known at the time: 0 for a lost rotor."""
     flight, vehicle = flown.flight, flown.vehicle
     times = np.round(flight.time * 1e9)
-    inside = np.ones(flight.speeds.shape, dtype=bool)
     before = vehicle
+    commands = flight.speeds
+    if vehicle.tilts is not None:
+        commands = np.column_stack([flight.speeds, flight.angles])
+    inside = np.ones(commands.shape, dtype=bool)
     for start in [0, *failures.times()]:
-        believed = vehicle.with_health(failures.believed(vehicle.health, start))
+        believed = _known(flown, failures, start, told=True)
         later = times >= start
-        inside[later] = _inside(flight.speeds[later], believed)
+        inside[later] = _inside(commands[later], believed)
         if flown.parameters['mode'] == 'realtime':
             # Speeds that were commanded before the announcement may arrive after it.
             early = later & (times < start + ANNOUNCED * 1e9)
-            inside[early] |= _inside(flight.speeds[early], before)
+            inside[early] |= _inside(commands[early], before)
         before = believed
     for rotor in flown.detected:
         # What is detected is applied after it is recorded.
@@ -155,6 +167,15 @@ def _within_bounds(flown: Flown, failures: RotorFailures) -> bool:
     return bool(inside.all())
 
 
-def _inside(speeds: Array, vehicle: Vehicle) -> BoolArray:
+def _inside(commands: Array, vehicle: Vehicle) -> BoolArray:
     low, high = vehicle.speed_limits
-    return (speeds >= low) & (speeds <= high)
+    if vehicle.tilts is not None:
+        low, high = map(np.concatenate, zip((low, high), vehicle.tilts.limits, strict=True))
+    return (commands >= low) & (commands <= high)
+
+
+def _known(flown: Flown, failures: RotorFailures, time: int, told: bool) -> Vehicle:
+    """Return the vehicle at a time of flight [ns], as it is or as it is announced."""
+    vehicle, pairs = flown.vehicle, flown.parameters.get('rotors.stuck_servos', 0.0)
+    health, stuck = failures.values(vehicle.health, pairs, time, told)
+    return vehicle.with_health(health).with_stuck_servos(stuck)

@@ -18,6 +18,10 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.parameters import ParameterClient
 from ca_ros.settings import repeated
+from ca_ros.vehicle.vehicle import Vehicle
+
+CHANGED = 'rotors.health', 'rotors.stuck_servos'
+"""What failures change."""
 
 TIMEOUT = 60.0  # time limit for a node to accept a parameter [s]
 
@@ -30,20 +34,22 @@ class Timeline:
     same.  In real time it does not wait.
 
     The recorder sends the waypoints, and is the node of the clients; the parameters are by node
-    and name; the vehicle has n rotors.  Raises a CaRosError if it does not have the rotors that
+    and name.  Raises a CaRosError if the vehicle does not have the rotors and servos that
     fail, or the simulator lacks a parameter.
     """
 
     def __init__(
         self, recorder: Recorder, trajectory: Trajectory, failures: RotorFailures,
-        parameters: Mapping[str, Mapping[str, Any]], n: int,
+        parameters: Mapping[str, Mapping[str, Any]], vehicle: Vehicle,
     ) -> None:
         self._recorder, self._trajectory, self._failures = recorder, trajectory, failures
         common = combined(parameters)
-        failures.check(n)
+        failures.check(vehicle)
         self._lockstep = common['mode'] == 'lockstep'
         self._times = sorted({*failures.times(), *trajectory.times[1:]})
         needed = ['rotors.health'] if failures.times() else []
+        if any(each.angle is not None for each in failures.failures):
+            needed.append('rotors.stuck_servos')
         if self._lockstep and self._times:
             needed += ['simulator.hold_at', 'simulator.time_step']
         if lacking := [name for name in needed if name not in parameters['simulator']]:
@@ -52,14 +58,17 @@ class Timeline:
                 'trajectories need'
             )
         self._health = {
-            name: repeated('rotors.health', parameters[name]['rotors.health'], n)
+            name: repeated('rotors.health', parameters[name]['rotors.health'], vehicle.n)
             for name in NODES
             if 'rotors.health' in parameters[name]
+        }
+        self._stuck = {
+            name: parameters[name].get('rotors.stuck_servos', 0.0) for name in self._health
         }
         for name in (name for name in NODES if failures.times() and name not in self._health):
             text = f'the {name} does not declare rotors.health: it is not told of rotor failures'
             print(f'bringup: warning: {text}', file=sys.stderr)
-        self._set_to = {name: health.tolist() for name, health in self._health.items()}
+        self._set_to = {name: self._values(name, -1) for name in self._health}
         self._ahead = round(common.get('simulator.time_step', 0.0) * 1e9) if self._lockstep else 0
         services = [SetParameters] if self._times else []
         self._clients = {name: ParameterClient(recorder, name, *services) for name in self._health}
@@ -79,15 +88,19 @@ class Timeline:
             if time in self._trajectory.times[1:]:
                 self._send(self._trajectory.at(time), spin)
             for name in self._health:
-                own = name == 'simulator'
-                happens = self._failures.physical if own else self._failures.believed
-                health = happens(self._health[name], time).tolist()
-                if health != self._set_to[name]:
-                    self._set(name, 'rotors.health', health, spin)
-                    self._set_to[name] = health
+                values = self._values(name, time)
+                for parameter, value in values.items():
+                    if value != self._set_to[name][parameter]:
+                        self._set(name, parameter, value, spin)
+                self._set_to[name] = values
         if due and self._lockstep:
             hold = self._times[0] / 1e9 if self._times else 0.0
             self._set('simulator', 'simulator.hold_at', hold, spin)
+
+    def _values(self, name: str, time: int) -> dict[str, list[float]]:
+        """Return the parameters of a node that failures change, at a time of flight [ns]."""
+        given = self._health[name], self._stuck[name], time, name != 'simulator'
+        return dict(zip(CHANGED, self._failures.values(*given), strict=True))
 
     def _send(self, waypoint: Waypoint, spin: Callable[[], None]) -> None:
         self._recorder.send(waypoint)

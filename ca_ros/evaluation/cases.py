@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
 from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
-from ca_ros.arrays import Array
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
@@ -27,6 +26,7 @@ from ca_ros.problem.files import read_problem
 from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of
 from ca_ros.settings import (
     Field,
+    Numbers,
     ParameterError,
     check_given,
     flat,
@@ -114,42 +114,47 @@ class Case:
             raise TypeError(f'{self.name} is not a vehicle')
         return self.settings
 
-    def audited(self, health: Array) -> Vehicle:
-        """Return the vehicle with other rotor health (n,), and the axes it can then control."""
+    def audited(self, health: ArrayLike, stuck: Numbers | None = None) -> Vehicle:
+        """Return the vehicle with other rotor health (n,), and the axes it can then control.
+
+        `stuck` replaces `rotors.stuck_servos`.
+        """
         given = self.flown
         vehicle = Vehicle.from_settings(given.vehicle, given.rotors, given.allocation)
-        return audit(vehicle.with_health(health)).vehicle
+        servos = given.rotors.stuck_servos if stuck is None else stuck
+        return audit(vehicle.with_health(health).with_stuck_servos(servos)).vehicle
 
     def controller(self, vehicle: Vehicle | None = None) -> Controller:
         """Return the controller for a vehicle; by default for `self.vehicle`."""
         return Controller.from_settings(vehicle or self.vehicle, self.flown)
 
-    def body(self, health: Array | None = None) -> RigidBody:
-        """Return the rigid body, optionally with other rotor health (n,)."""
-        vehicle = self.vehicle if health is None else self.audited(health)
+    def body(self, health: ArrayLike | None = None, stuck: Numbers | None = None) -> RigidBody:
+        """Return the rigid body, optionally with other rotor health (n,) and stuck servos."""
+        vehicle = self.vehicle if health is None else self.audited(health, stuck)
         return body_of(vehicle, self.flown.simulator)
 
     def plant(self) -> Plant:
         """Return the plant, with all effects of the parameters ``simulator.*``."""
         return Plant(self.body(), self.flown.simulator)
 
-    def told(self, method: str, health: Array) -> tuple[Controller, Allocator]:
-        """Return the controller and the allocator of a method that know of rotor health (n,)."""
-        vehicle = self.audited(health)
+    def told(
+        self, method: str, health: ArrayLike, stuck: Numbers | None = None
+    ) -> tuple[Controller, Allocator]:
+        """Return controller and allocator that know of rotor health (n,) and stuck servos."""
+        vehicle = self.audited(health, stuck)
         return self.controller(vehicle), self.allocator(method, vehicle)
 
     def failing(self, method: str, failures: RotorFailures) -> list[Change]:
         """Return the changes of a method's closed loop that rotor failures cause."""
-        changes = []
-        physical = believed = self.vehicle.health
+        health, pairs, changes = self.vehicle.health, self.flown.rotors.stuck_servos, []
+        # No failure has happened at this time.
+        before = [failures.values(health, pairs, -1, told) for told in (False, True)]
         for time in failures.times():
-            before = physical, believed
-            physical = failures.physical(self.vehicle.health, time)
-            believed = failures.believed(self.vehicle.health, time)
-            known = np.array_equal(believed, before[1])
-            new = (None, None) if known else self.told(method, believed)
-            body = None if np.array_equal(physical, before[0]) else self.body(physical)
+            now = [failures.values(health, pairs, time, told) for told in (False, True)]
+            new = (None, None) if now[1] == before[1] else self.told(method, *now[1])
+            body = None if now[0] == before[0] else self.body(*now[0])
             changes.append(Change(time, new[0], new[1], body))
+            before = now
         return changes
 
     def detector(self) -> Detector:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.reach import reached
 from ca_ros.allocation.result import Status
 from ca_ros.allocation.settings import VehicleMethodSettings, full_names
-from ca_ros.allocation.slew import PERIOD_MAX, rates_of, reached
+from ca_ros.allocation.slew import PERIOD_MAX, rates_of
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load

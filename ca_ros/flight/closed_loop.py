@@ -54,7 +54,8 @@ def fly(
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
-    The samples have the measured states and the commanded rotor speeds.  Raises a
+    The samples have the measured states and the commanded rotor speeds and tilt angles.
+    Raises a
     FloatingPointError if the flight diverges because the gains or the steps are too large, or a
     ValueError if a time step is given for a plant.
 
@@ -96,8 +97,7 @@ def fly(
         except ValueError as error:
             time = step * time_step
             raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
-        n = plant.body.vehicle.n
-        last = commands[-1][:n] if commands else plant.body.vehicle.idle_speeds
+        last = commands[-1] if commands else plant.body.vehicle.idle_command
         now = step * step_ns
         # Before the first command the rotors have all the time that counts.
         before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
@@ -112,5 +112,5 @@ def fly(
     nanoseconds = np.arange(len(flown)) * step_ns
     return Flight(
         nanoseconds / 1e9, flown[:, POSITION], flown[:, ATTITUDE], np.array(velocities),
-        flown[:, ANGULAR_VELOCITY], np.array(commands),
+        flown[:, ANGULAR_VELOCITY], *np.split(np.array(commands), [plant.body.vehicle.n], axis=1),
     )

@@ -13,6 +13,7 @@ from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 BLOCK = 0.0095
@@ -93,6 +94,7 @@ class FailureDetector:
         self.vehicle = vehicle
         self._start_rotors()
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
+        refuse_tilts(vehicle.tilts, 'failure detector')
         self._wrenches = rotor_wrenches(vehicle)
         self._squares = self._wrenches**2
         tests = 3600.0 / BLOCK * len(WINDOWS)

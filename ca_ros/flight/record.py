@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ class Flight:
     - `attitude` (K, 4): quaternions x, y, z, w, body to world
     - `velocity` and `angular_velocity` (K, 3): body frame [m/s, rad/s]
     - `speeds` (K, n): rotor speeds from each sample to the next [rad/s]
+    - `angles` (K, k): the same of tilt angles, of a vehicle whose rotors tilt [rad]
     """
 
     time: Array
@@ -35,6 +36,7 @@ class Flight:
     velocity: Array
     angular_velocity: Array
     speeds: Array
+    angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def euler(self) -> Array:
@@ -66,6 +68,10 @@ class Flight:
         """Return the final angle between the heading and that of a waypoint [rad]."""
         return abs(float(difference(self.heading[-1], waypoint.heading)))
 
+    def attitude_error(self, waypoint: Waypoint) -> float:
+        """Return the final angle of the rotation to the attitude of a waypoint [rad]."""
+        return 2.0 * float(np.arccos(min(1.0, abs(self.attitude[-1] @ waypoint.attitude))))
+
     def columns(self) -> dict[str, Array]:
         """Return the columns of `write_csv` by name, (K,) each."""
         tables = {
@@ -75,6 +81,7 @@ class Flight:
             tuple(f'speed_{i + 1}' for i in range(self.speeds.shape[1])): self.speeds,
             ('heading', 'tilt'): np.column_stack([self.heading, self.tilt]),
             ('qx', 'qy', 'qz', 'qw'): self.attitude,
+            tuple(f'angle_{i + 1}' for i in range(self.angles.shape[1])): self.angles,
             ('vx', 'vy', 'vz'): self.velocity,
             ('wx', 'wy', 'wz'): self.angular_velocity,
         }

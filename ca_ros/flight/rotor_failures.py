@@ -1,4 +1,4 @@
-"""Rotor failures in flight: when they happen, and when they are announced."""
+"""Failures of rotors and servos in flight: when they happen, and when they are announced."""
 
 from __future__ import annotations
 
@@ -9,39 +9,47 @@ from dataclasses import dataclass
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.settings import ParameterError
+from ca_ros.settings import Numbers, ParameterError
+from ca_ros.vehicle.vehicle import Vehicle
 
 LATEST = 1e6  # latest time of a failure or an announcement [s]
 ANNOUNCE = 0.1  # default time from a failure to its announcement [s]
 
-FAILURE = re.compile(r'(?P<rotor>[0-9]+)@(?P<time>[^=]+)(=(?P<health>.+))?')
+FAILURE = re.compile(r'(?P<rotor>[0-9]+)@(?P<time>[^=]+)(=((?P<angle>.+)rad|(?P<health>.+)))?')
 
 
 @dataclass(frozen=True)
 class RotorFailure:
-    """A rotor that fails.
+    """A rotor that fails, or whose servo sticks.
 
     - `rotor`: number of the rotor, from 1
     - `time`: time of flight at which it fails [s]
     - `health`: thrust delivered over thrust expected after the failure: 0 if the rotor is lost
+    - `angle`: angle at which the servo sticks [rad]; None: the rotor fails
     """
 
     rotor: int
     time: float
     health: float = 0.0
+    angle: float | None = None
 
     @classmethod
     def parse(cls, text: str) -> RotorFailure:
-        """Read ``ROTOR@TIME`` or ``ROTOR@TIME=HEALTH``; a ValueError names what is wrong."""
+        """Read ``ROTOR@TIME``, ``ROTOR@TIME=HEALTH``, or ``ROTOR@TIME=ANGLErad`` of a servo.
+
+        Raises a ValueError that names what is wrong.
+        """
         found = FAILURE.fullmatch(text)
         try:
             if found is None:
                 raise ValueError
             rotor, time = int(found['rotor']), float(found['time'])
             health = float(found['health'] or 0.0)
+            angle = None if found['angle'] is None else float(found['angle'])
         except ValueError:
             raise ValueError(
-                f'{text!r}: expected ROTOR@TIME or ROTOR@TIME=HEALTH, such as 1@2.5 or 1@2.5=0.4'
+                f'{text!r}: expected ROTOR@TIME or ROTOR@TIME=HEALTH, such as 1@2.5 or 1@2.5=0.4, '
+                'or the angle of a servo that sticks, such as 1@2.5=0.4rad'
             ) from None
         if rotor < 1:
             raise ValueError(f'{text!r}: rotors are numbered from 1 on')
@@ -49,11 +57,14 @@ class RotorFailure:
             raise ValueError(f'{text!r}: expected a time from 0 to {LATEST:g} s')
         if not 0.0 <= health <= 1.0:
             raise ValueError(f'{text!r}: expected a health in [0, 1]')
-        return cls(rotor, time, health)
+        return cls(rotor, time, health, angle)
 
     def __str__(self) -> str:
         """Return the failure as on a command line."""
-        return f'{self.rotor}@{self.time:g}' + (f'={self.health:g}' if self.health else '')
+        share = f'={self.health:g}' if self.health else ''
+        return f'{self.rotor}@{self.time:g}' + (
+            share if self.angle is None else f'={self.angle:g}rad'
+        )
 
 
 @dataclass(frozen=True)
@@ -77,11 +88,16 @@ class RotorFailures:
                 )
             seen.add(key)
 
-    def check(self, rotors: int) -> None:
-        """Raise a ParameterError if a failing rotor has a number above the number of rotors."""
+    def check(self, vehicle: Vehicle) -> None:
+        """Raise a ParameterError if the vehicle has not the rotors and servos that fail."""
         for failure in self.failures:
-            if failure.rotor > rotors:
-                raise ParameterError(f'--fail {failure}: the vehicle has {rotors} rotors')
+            if failure.rotor > vehicle.n:
+                raise ParameterError(f'--fail {failure}: the vehicle has {vehicle.n} rotors')
+            if failure.angle is not None:
+                try:
+                    vehicle.with_stuck_servo(failure.rotor, failure.angle)
+                except ParameterError as error:
+                    raise ParameterError(f'--fail {failure}: {error}') from None
 
     def times(self) -> list[int]:
         """Return the times of flight of all failures and announcements, in order [ns]."""
@@ -103,12 +119,31 @@ class RotorFailures:
         """Return the announced health (n,) at a time of flight [ns] from that at the start."""
         return health if self.announce is None else self._after(health, time, self.announce)
 
+    def values(
+        self, health: Array, pairs: Numbers, time: int, told: bool
+    ) -> tuple[list[float], list[float]]:
+        """Return `rotors.health` and `rotors.stuck_servos` at a time of flight [ns].
+
+        They come from those at the start, and are the actual ones, or if `told` the announced
+        ones.
+        """
+        shares = (self.believed if told else self.physical)(health, time).tolist()
+        stuck = [] if pairs in (0.0, [0.0]) else np.ravel(pairs).tolist()
+        if not told or self.announce is not None:
+            for each in self._past(time, (self.announce or 0.0) if told else 0.0):
+                stuck += [] if each.angle is None else [float(each.rotor), each.angle]
+        return shares, stuck or [0.0]
+
     def _after(self, health: Array, time: int, delay: float) -> Array:
         after = np.array(health, dtype=float)
-        for each in sorted(self.failures, key=lambda failure: failure.time):
-            if _ns(each.time + delay) <= time:
+        for each in self._past(time, delay):
+            if each.angle is None:
                 after[each.rotor - 1] = each.health
         return after
+
+    def _past(self, time: int, delay: float) -> list[RotorFailure]:
+        ordered = sorted(self.failures, key=lambda failure: failure.time)
+        return [each for each in ordered if _ns(each.time + delay) <= time]
 
 
 def _ns(seconds: float) -> int:

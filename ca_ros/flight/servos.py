@@ -18,10 +18,7 @@ class Servos:
     """
 
     def __init__(self, time_constant: float, rate: float, vehicle: Vehicle) -> None:
-        angles = np.zeros(0)
-        if vehicle.tilts is not None:
-            low, high = vehicle.tilts.limits
-            angles = np.minimum(np.maximum(0.0, low), high)
+        angles = np.zeros(0) if vehicle.tilts is None else vehicle.tilts.resting
         self._n, self._rate, self._lag = vehicle.n, rate, MotorLag(time_constant)
         self.initial = np.concatenate([np.zeros(vehicle.n), angles])
 

@@ -16,6 +16,9 @@ from ca_ros.settings import ParameterError
 
 COLUMNS = ('t', 'x', 'y', 'z', 'heading')
 
+QUATERNION = ('qx', 'qy', 'qz', 'qw')
+"""The columns of an attitude, which may replace the heading."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -36,7 +39,8 @@ class Trajectory:
     def read(cls, path: Path) -> Trajectory:
         """Read a CSV file with the columns t [s], x, y, z [m] and heading [rad].
 
-        Raises a ParameterError that names the file and the fault.
+        Without a heading, `QUATERNION` has the attitude, body to world.  Raises a ParameterError
+        that names the file and the fault.
         """
         try:
             # Spreadsheets may begin a file with a byte order mark.
@@ -44,18 +48,26 @@ class Trajectory:
                 rows = list(csv.DictReader(file, strict=True, skipinitialspace=True))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ParameterError(f'{path}: {error}') from None
+        posed = bool(rows) and 'heading' not in rows[0]
+        names = (*COLUMNS[:4], *QUATERNION) if posed and 'qw' in rows[0] else COLUMNS
         try:
-            table = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
+            table = np.array([[float(row[name]) for name in names] for row in rows])
         except (KeyError, TypeError, ValueError):
             raise ParameterError(
-                f'{path}: expected a header and rows of numbers, {", ".join(COLUMNS)}'
+                f'{path}: expected a header and rows of numbers, {", ".join(names)}'
             ) from None
         if len(table) == 0 or not (np.isfinite(table).all() and np.abs(table).max() <= 1e6):
             raise ParameterError(f'{path}: expected at least one row, of numbers up to 1e6')
         times = np.round(table[:, 0] * 1e9).astype(int).tolist()
         if times[0] != 0 or sorted(set(times)) != times:
             raise ParameterError(f'{path}: expected times that begin at 0 and ascend')
-        return cls(tuple(times), tuple(Waypoint.of(*row) for row in table[:, 1:].tolist()))
+        if names is COLUMNS:
+            return cls(tuple(times), tuple(Waypoint.of(*row) for row in table[:, 1:].tolist()))
+        sizes = np.linalg.norm(table[:, 4:], axis=1)
+        if not sizes.all():
+            raise ParameterError(f'{path}: expected attitudes other than 0, 0, 0, 0')
+        attitudes = table[:, 4:] / sizes[:, None]
+        return cls(tuple(times), tuple(map(Waypoint, table[:, 1:4], attitudes)))
 
     def __str__(self) -> str:
         """Return where the trajectory ends, in words."""

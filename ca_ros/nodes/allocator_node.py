@@ -16,12 +16,13 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
 from ca_ros.allocation.settings import allocator_of
-from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
+from ca_ros.allocation.slew import PERIOD_MAX, allocate_next, within_rates
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.health_node import HealthNode
 from ca_ros.nodes.messages import (
+    TILT_ANGLE,
     WrenchCommand,
     fill_speeds,
     read_wrench,
@@ -31,7 +32,7 @@ from ca_ros.nodes.messages import (
 )
 from ca_ros.nodes.settings import AllocatorSettings, CommandSettings
 from ca_ros.nodes.watchdog import TICK, fallback
-from ca_ros.problem.vehicle_problem import vehicle_of
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.settings import AXES
@@ -47,6 +48,8 @@ REPEATS = 5  # repeats of the last command, since best-effort delivery is not ac
 class AllocatorNode(HealthNode):
     """Answers each command/wrench with command/motor_speed, and publishes the residual.
 
+    If rotors tilt, command/tilt_angle has the angles of their servos with the same stamp.
+
     When commands cease, the node publishes the timeout action until commands return.
     """
 
@@ -61,10 +64,12 @@ class AllocatorNode(HealthNode):
         # Before the first command, at 0 in lockstep, the rotors have all the time that counts.
         self._newest = -round(1e9 * PERIOD_MAX)
         self._held: WrenchCommand | None = None
+        self._asked: tuple[WrenchCommand, Allocator] | None = None
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
         # The command before that of the newest moment [ns], and its moment.
         self._moment, self._before = self._newest, (self._last, self._newest)
+        self._angles: Publisher | None = None
         self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
 
@@ -72,6 +77,9 @@ class AllocatorNode(HealthNode):
         """Create the method, and begin to answer."""
         super().start()
         self._speeds = self.publish_stream(self.topic)
+        if len(self._last) > self._n:
+            self._angles = self.publish_stream(topics.TILT_COMMAND)
+            self._angles_message = speeds_message(self._last[self._n :], None, TILT_ANGLE)
         self.publish_others()
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
         self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
@@ -88,14 +96,17 @@ class AllocatorNode(HealthNode):
             (self.settings.publish_pwm, topics.PWM, 'pulse width [us]', 'pulses'),
         ):
             if wanted:
-                message = speeds_message(self._last, None, label)
+                message = speeds_message(self._last[: self._n], None, label)
                 self._others.append((self.publish_stream(topic), message, convert))
 
     def build(self, settings: AllocatorSettings) -> tuple[Any, Allocator]:
         """Create the method for the axes that the rotors can control; in flight no code loads."""
         self.check_loaded(settings.allocation.method)
         report = self.audited(settings)
-        return report, allocator_of(settings.allocation, report.independent)
+        method = allocator_of(settings.allocation, report.independent)
+        # This refuses methods that cannot keep the rates.
+        within_rates(method)
+        return report, method
 
     def check_loaded(self, method: str) -> None:
         """Raise a ParameterError if a method in flight would load code."""
@@ -115,10 +126,13 @@ class AllocatorNode(HealthNode):
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
         self._lost = vehicle.lost
         # The action hold repeats the last speeds: idle before the first answer, zero if lost.
-        if not self.counts['served']:
-            self._last = fallback('idle', vehicle, self._last)
-        self._last = np.where(vehicle.speed_limits[1] > 0.0, self._last, 0.0)
-        self._message = speeds_message(self._last, None)
+        last, self._n = self._last if self.counts['served'] else vehicle.idle_command, vehicle.n
+        speeds, angles = np.split(last, [vehicle.n])
+        if vehicle.tilts is not None:
+            low, high = vehicle.tilts.limits
+            angles = np.minimum(np.maximum(angles, low), high)
+        speeds = np.where(vehicle.speed_limits[1] > 0.0, speeds, 0.0)
+        self._last, self._message = np.concatenate([speeds, angles]), speeds_message(speeds, None)
         self.use_settings()
 
     def use_settings(self) -> None:
@@ -199,27 +213,23 @@ class AllocatorNode(HealthNode):
             self.drop(*fault)
             return
         try:
-            u = [wrench[row] for row in self._rows]
-            if (moment := self._counted(time)) != self._moment:
-                # A second wrench with the same stamp replaces the first.
-                self._before = self._last, self._moment
-            last, before = self._before
-            answer = allocate_next(self.method, u, last, moment, before)
+            moment = self._counted(time)
+            answer = self._allocate(command, moment)
             if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
             # Speeds out of bounds never reach the motors, even if a method returns them.
-            speeds = self.commands(answer)
+            found = self.commands(answer)
         except Exception:
             # A method may be anybody's, and one command must not end a flight.
             self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
             self._refuse('only commands that the method fails to answer')
             return
-        self._answer = answer
+        self._answer, self._asked = answer, (command, self.method)
         if status is Status.REJECTED:
             self._refuse('only rejected commands')
         else:
-            self._command(speeds, time)
+            self._command(found, time)
             self._watchdog.feed()
             self._newest, self._moment = time, moment
             self.counts['served'] += 1
@@ -231,6 +241,17 @@ class AllocatorNode(HealthNode):
         """Return when a wrench counts as commanded [ns]: without a stamp, when it arrives."""
         stamped = time or self.mode == 'lockstep'
         return time if stamped else self.get_clock().now().nanoseconds
+
+    def _allocate(self, command: WrenchCommand, moment: int) -> Allocation:
+        """Return the answer to a wrench; in lockstep the same one if the wrench comes again."""
+        if self.mode == 'lockstep' and self._asked == (command, self.method) and self._answer:
+            return self._answer
+        u = [command.wrench[row] for row in self._rows]
+        if moment != self._moment:
+            # A second wrench with the same stamp replaces the first.
+            self._before = self._last, self._moment
+        last, before = self._before
+        return allocate_next(self.method, u, last, moment, before)
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""
@@ -257,32 +278,42 @@ class AllocatorNode(HealthNode):
         return None
 
     def commands(self, answer: Allocation) -> Array:
-        """Return what is published of an answer (n,): rotor speeds [rad/s]."""
-        return answer.speeds
+        """Return what is published of an answer: rotor speeds, tilt angles [rad/s, rad]."""
+        return answer.command
 
     def at_rest(self, action: str) -> Array:
-        """Return the rotor speeds (n,) of a timeout action [rad/s]."""
+        """Return the rotor speeds and tilt angles of a timeout action [rad/s, rad]."""
         return fallback(action, vehicle_of(self.method.problem), self._last)
 
     def fall_back(self, action: str) -> None:
         """Publish the timeout action."""
         self._command(self.at_rest(action), None)
 
-    def _command(self, speeds: Array, time: int | None) -> None:
-        """Publish speeds that answer a wrench with a stamp [ns], or none."""
-        self._last = speeds
+    def _command(self, command: Array, time: int | None) -> None:
+        """Publish speeds and angles that answer a wrench with a stamp [ns], or none."""
+        self._last, speeds = command, command[: self._n]
+        if self._angles is not None:
+            angles = command[self._n :]
+            self._angles.publish(fill_speeds(self._angles_message, angles, time))
         self._speeds.publish(fill_speeds(self._message, speeds, time))
         if self._others:
             vehicle = vehicle_of(self.method.problem)
             for publisher, message, convert in self._others:
                 publisher.publish(fill_speeds(message, getattr(vehicle, convert)(speeds), time))
 
+    def _produced(self, answer: Allocation) -> Array:
+        """Return force and torque (6,) of an answer [N, N m]."""
+        if isinstance(answer.problem, TiltingVehicleProblem):
+            # With rates, the directions are those of this answer.
+            return answer.problem.wrenches @ answer.thrusts
+        return self._wrenches @ answer.thrusts
+
     def _report(self, command: WrenchCommand, answer: Allocation) -> None:
         """Publish the allocated wrench, residual and saturation that have subscribers."""
         allocated = self._allocated.get_subscription_count()
         residual = self._residual.get_subscription_count()
         if allocated or residual:
-            given = self._wrenches @ answer.thrusts
+            given = self._produced(answer)
             if allocated:
                 self._allocated.publish(wrench_message(given, command.header))
             if residual:

@@ -58,6 +58,8 @@ class ControllerNode(HealthNode):
         self._standing: Subscription | None = None
         self._open = False
         self._tilt = 0.0
+        self._asked: tuple[Any, ...] = ()
+        self._served = np.zeros(len(AXES))
 
     def start(self) -> None:
         """Create the controller, and begin to answer."""
@@ -104,7 +106,8 @@ class ControllerNode(HealthNode):
     def state(self) -> tuple[bytes, str]:
         """Return the level of the last answer, or what the node waits for."""
         if self._watchdog.awake:
-            if self._tilt > self.settings.controller.tilt_max + TILT_ERROR:
+            settings = self.settings.controller
+            if settings.attitude == 'tilt' and self._tilt > settings.tilt_max + TILT_ERROR:
                 return WARN, f'tilt of {degrees(self._tilt):.0f} degrees, beyond what is commanded'
             cut = self.controller.unallocated.any()
             return (WARN, 'the demand is not attainable and cut') if cut else (OK, 'under way')
@@ -194,7 +197,11 @@ class ControllerNode(HealthNode):
         state = *pose_arrays(self._pose), *twist_arrays(self._velocity)
         try:
             time = nanoseconds(self._pose.header.stamp)
-            wrench = self._six(self.controller.wrench(*state, self._waypoint, time))
+            asked = time, self._waypoint, self.controller, *(part.tobytes() for part in state)
+            if self.mode == 'realtime' or self._asked != asked:
+                self._served = self._six(self.controller.wrench(*state, self._waypoint, time))
+            # In lockstep a state that comes again has the same answer, which may take long.
+            self._asked, wrench = asked, self._served
         except ValueError as error:
             if first:
                 self.drop('state', f'state: {error}')

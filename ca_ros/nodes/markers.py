@@ -30,14 +30,16 @@ DISC = 0.42  # radius of a rotor as a share of the least distance between two
 class View:
     """What is known of a flight.
 
-    `speeds` [rad/s] and `saturation` have an entry for each rotor; wrenches are six numbers,
-    forces before torques [N, N m].  `path` are the places where the vehicle was [m].
+    `speeds` [rad/s] and `saturation` have an entry for each rotor, `angles` [rad] one for each
+    servo; wrenches are six numbers, forces before torques [N, N m].  `path` are the places where
+    the vehicle was [m].
     """
 
     position: Array
     attitude: Array
     speeds: Array
     saturation: Sequence[int]
+    angles: Array | None = None
     waypoint: Array | None = None
     demand: Array | None = None
     served: Array | None = None
@@ -57,7 +59,10 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
     size = float(np.linalg.norm(vehicle.arms, axis=1).max())
     turn = rotation_matrix(view.attitude)
     center, hubs = view.position, view.position + vehicle.arms @ turn.T
-    axes = vehicle.rotor_axes @ turn.T
+    axes = vehicle.rotor_axes
+    if vehicle.tilts is not None and view.angles is not None:
+        axes = vehicle.tilts.directions(view.angles)
+    axes = axes @ turn.T
     thrusts = vehicle.thrusts(view.speeds) / np.abs(vehicle.thrust_max).max(initial=1e-9)
     found: list[Marker] = []
 

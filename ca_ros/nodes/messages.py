@@ -15,6 +15,7 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ca_ros.arrays import Array
 
+TILT_ANGLE = 'tilt angle [rad]'  # label of the angles of servos
 NO_STAMP = 'no stamp'  # label of rotor speeds that answer no command
 
 DIGITS = re.compile('[0-9]{1,19}')

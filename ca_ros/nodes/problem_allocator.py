@@ -54,7 +54,7 @@ class ProblemAllocatorNode(AllocatorNode):
     def adopt(self, built: tuple[Any, Allocator]) -> None:
         self._rows, self.method = built
         problem = self.method.problem
-        self._wrenches = np.zeros((6, problem.n))
+        self._n, self._wrenches = problem.n, np.zeros((6, problem.n))
         self._wrenches[self._rows] = problem.gamma
         self._lost = np.zeros(problem.n, dtype=bool)
         if not self.counts['served']:

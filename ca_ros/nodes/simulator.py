@@ -18,6 +18,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import (
+    TILT_ANGLE,
     answers_nothing,
     speeds_message,
     speeds_stamp,
@@ -28,7 +29,6 @@ from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
-from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 STATE_REPEAT = 0.2  # time after which the node publishes an unanswered state again in lockstep [s]
@@ -62,7 +62,7 @@ class SimulatorNode(VehicleNode):
         """Create the plant, and begin to simulate."""
         super().start()
         lockstep = self.mode == 'lockstep'
-        self._command = np.zeros(self.plant.body.vehicle.n)
+        self._command, self._n = self.plant.speeds, self.plant.body.vehicle.n
         self._step_ns = self.plant.time_step_ns
         self._period_ns = round(self._step_ns / self.settings.simulator.real_time_factor)
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
@@ -75,7 +75,9 @@ class SimulatorNode(VehicleNode):
         self._speeds = self.publish_stream(topics.SPEEDS)
         self._measured = self.publish_stream(topics.MEASURED_SPEEDS)
         self.create_service(Trigger, '~/reset', self._reset)
-        self.subscribe_stream(topics.SPEED_COMMAND, self._receive)
+        if (tilts := self.plant.body.vehicle.tilts) is not None:
+            self._angles = self.publish_stream(topics.TILTS)
+        self.subscribe_commands(self._receive, tilts)
         period = STATE_REPEAT if lockstep else self._period_ns / 1e9
         turn = self._repeat if lockstep else self._catch_up
         self._timer = self.create_timer(period, turn, clock=self.steady)
@@ -84,7 +86,6 @@ class SimulatorNode(VehicleNode):
     def build(self, settings: SimulatorSettings) -> Plant:
         """Create the plant in its initial state."""
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
-        refuse_tilts(vehicle.tilts, 'nodes')
         return Plant(body_of(vehicle, settings.simulator), settings.simulator)
 
     def adopt(self, built: Plant) -> None:
@@ -95,6 +96,14 @@ class SimulatorNode(VehicleNode):
         self._greatest = vehicle.speed_max * (1.0 + 1e-9)
         # Rotors may stop, whatever their least speed.
         self._least = np.minimum(vehicle.speed_min, 0.0) * (1.0 + 1e-9)
+        self._what, self._expected = 'rotor speeds', f'{vehicle.n}'
+        if vehicle.tilts is not None:
+            # A servo that sticks may be commanded.
+            low, high = vehicle.tilts.sound.limits
+            self._what = 'rotor speeds and tilt angles'
+            self._least = np.concatenate([self._least, low - 1e-9])
+            self._greatest = np.concatenate([self._greatest, high + 1e-9])
+            self._expected += f' and {len(low)}'
         self._watchdog.timeout = self.settings.command_timeout
         self._hold_ns = round(self.settings.simulator.hold_at * 1e9)
         if self._held:
@@ -110,27 +119,28 @@ class SimulatorNode(VehicleNode):
         """Turn the rotors at the speeds of a timeout action."""
         self._command = fallback(action, self.plant.body.vehicle, self._command)
 
-    def _receive(self, command: Float64MultiArray) -> None:
+    def _receive(self, command: Float64MultiArray, *angles: Float64MultiArray) -> None:
         self.counts['received'] += 1
-        speeds = np.array(command.data)
-        n = self.plant.body.vehicle.n
-        if speeds.shape != (n,):
-            self.drop('length', f'{len(speeds)} rotor speeds: expected {n}')
-        elif not np.isfinite(speeds).all():
-            self.drop('numbers', f'rotor speeds {speeds}: expected finite numbers')
-        elif not (speeds >= self._least).all():
-            self.drop('sign', f'rotor speeds {speeds}: expected at least {self._least} rad/s')
-        elif not (speeds <= self._greatest).all():
-            self.drop('bounds', f'rotor speeds {speeds}: expected up to {self._greatest} rad/s')
+        parts, what = [command.data, *(each.data for each in angles)], self._what
+        numbers = np.concatenate(parts)
+        if len(parts[0]) != self._n or numbers.shape != self._least.shape:
+            given = ' and '.join(str(len(part)) for part in parts)
+            self.drop('length', f'{given} {what}: expected {self._expected}')
+        elif not np.isfinite(numbers).all():
+            self.drop('numbers', f'{what} {numbers}: expected finite numbers')
+        elif not (numbers >= self._least).all():
+            self.drop('sign', f'{what} {numbers}: expected at least {self._least} rad/s')
+        elif not (numbers <= self._greatest).all():
+            self.drop('bounds', f'{what} {numbers}: expected up to {self._greatest} rad/s')
         elif self.mode == 'realtime':
             if self._resting:
                 if answers_nothing(command):
                     self.drop('rest', 'a timeout action before the first command')
                     return
                 self._skip(self.steady.now().nanoseconds)
-            self._follow(speeds)
+            self._follow(numbers)
         elif speeds_stamp(command) == self._time:
-            self._follow(speeds)
+            self._follow(numbers)
             self._repeats, self._discarded, self._fault = 0, '', ''
             self._step()
             if self._time % (BACKLOG * self._step_ns) == 0:
@@ -145,8 +155,8 @@ class SimulatorNode(VehicleNode):
                 found = speeds_stamp(command)
                 self._discarded = 'no stamp' if found is None else f'stamp {found}'
 
-    def _follow(self, speeds: Array) -> None:
-        self._command, self._resting = speeds, False
+    def _follow(self, command: Array) -> None:
+        self._command, self._resting = command, False
         self._watchdog.feed()
         self.counts['served'] += 1
 
@@ -156,7 +166,7 @@ class SimulatorNode(VehicleNode):
         In lockstep the time starts at zero again.
         """
         self.plant = self.plant.restarted()
-        self._command = np.zeros(self.plant.body.vehicle.n)
+        self._command = self.plant.speeds
         self._resting, self._watchdog = True, Watchdog(self._watchdog.timeout)
         if self.mode == 'lockstep':
             self._time = 0
@@ -175,7 +185,7 @@ class SimulatorNode(VehicleNode):
             self.warn_throttled('stamp', self._fault)
         self._repeats, self._discarded = self._repeats + 1, ''
         if self._resting:
-            self._speeds.publish(speeds_message(self._command, self._time))
+            self._publish_command()
         self._publish()
 
     def _catch_up(self) -> None:
@@ -203,7 +213,7 @@ class SimulatorNode(VehicleNode):
         return steps
 
     def _step(self) -> None:
-        self._speeds.publish(speeds_message(self._command, self._time))
+        self._publish_command()
         try:
             self.plant.step(self._command)
         except FloatingPointError as error:
@@ -211,8 +221,14 @@ class SimulatorNode(VehicleNode):
                 self.get_logger().error(f'{error}: the state is held')
         self._time += self._step_ns
         if self._measured.get_subscription_count():
-            self._measured.publish(speeds_message(self.plant.speeds, self._time))
+            self._measured.publish(speeds_message(self.plant.speeds[: self._n], self._time))
         self._publish()
+
+    def _publish_command(self) -> None:
+        speeds, angles = np.split(self._command, [self._n])
+        if len(angles):
+            self._angles.publish(speeds_message(angles, self._time, TILT_ANGLE))
+        self._speeds.publish(speeds_message(speeds, self._time))
 
     def _publish(self) -> None:
         self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time

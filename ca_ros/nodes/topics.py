@@ -28,7 +28,7 @@ class Topic:
 
     The name is absolute, or relative to the namespace or to the publisher (``~/``).  A `stream`
     has one message for each step of the loop, with the stamp of the step.  An `optional` topic has
-    a publisher only if a parameter asks for it.
+    a publisher only if a parameter asks for it, or if rotors tilt.
     """
 
     name: str
@@ -54,6 +54,10 @@ WRENCH = Topic('command/wrench', WrenchStamped, 'controller', ('allocator',), st
 SPEED_COMMAND = Topic(
     'command/motor_speed', Float64MultiArray, 'allocator', ('simulator',), stream=True
 )
+TILT_COMMAND = Topic(
+    'command/tilt_angle', Float64MultiArray, 'allocator', ('simulator',), stream=True,
+    optional=True,
+)
 THROTTLE = Topic('command/throttle', Float64MultiArray, 'allocator', optional=True)
 PWM = Topic('command/pwm', Float64MultiArray, 'allocator', optional=True)
 EFFECTORS = Topic('command/effectors', Float64MultiArray, 'allocator', optional=True)
@@ -62,6 +66,7 @@ ROTOR_HEALTH = Topic(
 )
 MEASURED_SPEEDS = Topic('motor_speed/measured', Float64MultiArray, 'simulator', optional=True)
 SPEEDS = Topic('motor_speed', Float64MultiArray, 'simulator', stream=True)
+TILTS = Topic('tilt_angle', Float64MultiArray, 'simulator', stream=True, optional=True)
 POSE = Topic('local_position/pose', PoseStamped, 'simulator', ('controller',), stream=True)
 VELOCITY = Topic(
     'local_position/velocity_body', TwistStamped, 'simulator', ('controller',), stream=True
@@ -81,6 +86,6 @@ BATTERY = 'battery'  # sensor_msgs/BatteryState, for `rotors.speed_max_per_volt`
 TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))
 """A bag records all of them."""
 
-STREAMS = tuple(topic for topic in TOPICS if topic.stream)
+STREAMS = tuple(topic for topic in TOPICS if topic.stream and not topic.optional)
 
 LINKS = tuple(topic for topic in STREAMS if topic.subscribers)  # they join the three nodes

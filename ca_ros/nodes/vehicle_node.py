@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from math import inf
 from time import monotonic
 from typing import Any, ClassVar
@@ -15,9 +16,12 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
+from std_msgs.msg import Float64MultiArray
 
+from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, SEVERITY, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import faults
+from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.qos import offered
 from ca_ros.nodes.settings import FileSettings
@@ -26,7 +30,7 @@ from ca_ros.nodes.topics import Topic
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.settings import Settings, repeated
-from ca_ros.vehicle.tilts import refuse_tilts
+from ca_ros.vehicle.tilts import Tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -82,10 +86,10 @@ class VehicleNode(ParameterNode):
         if self.audit is None:
             given = settings.vehicle, settings.rotors, settings.allocation
             self._declared = Vehicle.from_settings(*given)
-            refuse_tilts(self._declared.tilts, 'nodes')
             return accept(self._declared)
-        # In a running node only health and voltage change; lost axes are dropped, not refused.
-        vehicle = self._declared
+        # In a running node only health, servos and voltage change; lost axes are dropped, not
+        # refused.
+        vehicle = self._declared.with_stuck_servos(settings.rotors.stuck_servos)
         health = repeated('rotors.health', settings.rotors.health, vehicle.n)
         return accept(vehicle.with_health(health), 'drop')
 
@@ -114,6 +118,26 @@ class VehicleNode(ParameterNode):
         """Subscribe to a stream that should have one publisher; see `ca_ros.nodes.stream`."""
         given = self.drop, self.counts, self._stalls
         self._streams.append(subscribe(self, topic, self.mode, receive, read, *given))
+
+    def subscribe_commands(self, receive: Callable[..., None], tilts: Tilts | None) -> None:
+        """Subscribe to rotor speeds; if rotors tilt, to pairs of speeds and angles by stamp."""
+        if tilts is None:
+            self.subscribe_stream(topics.SPEED_COMMAND, receive)
+            return
+        waiting: dict[str, Float64MultiArray] = {}
+
+        def join(own: str, other: str, message: Float64MultiArray) -> None:
+            if own in waiting:
+                self.counts['without the other part'] += 1
+                self.warn_throttled('part', f'{own} without {other} of the same stamp: not used')
+            waiting[own] = message
+            if other in waiting and speeds_stamp(waiting[other]) == speeds_stamp(message):
+                receive(*[waiting.pop(name) for name in names])
+
+        pair = topics.SPEED_COMMAND, topics.TILT_COMMAND
+        names = [topic.name for topic in pair]
+        for topic, other in zip(pair, reversed(names), strict=True):
+            self.subscribe_stream(topic, partial(join, topic.name, other))
 
     def publish_stream(self, topic: Topic, quality: QoSProfile | None = None) -> Publisher:
         """Create the publisher of a topic; it should be the only one."""
@@ -166,8 +190,14 @@ class VehicleNode(ParameterNode):
         """Return the values of the diagnostics by name."""
         if self.audit is None:
             return dict(self.counts)
-        lost = np.flatnonzero(self.audit.vehicle.lost) + 1
-        return {'lost rotors': ', '.join(map(str, lost)) or 'none', **self.counts}
+        vehicle, found = self.audit.vehicle, dict[str, object]()
+        for name, rotors in (
+            ('lost rotors', np.flatnonzero(vehicle.lost).tolist()),
+            ('stuck servos', None if vehicle.tilts is None else vehicle.tilts.stuck_rotors),
+        ):
+            if rotors is not None:
+                found[name] = ', '.join(f'{i + 1}' for i in rotors) or 'none'
+        return {**found, **self.counts}
 
     @property
     def missing(self) -> str:

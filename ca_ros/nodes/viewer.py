@@ -37,7 +37,11 @@ class ViewerNode(VehicleNode):
     def start(self) -> None:
         super().start()
         n = self.vehicle.n
-        self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n)
+        tilts = self.vehicle.tilts
+        angles = None if tilts is None else tilts.resting
+        self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n, angles)
+        if tilts is not None:
+            self._listen(topics.TILT_COMMAND, self._receive_angles)
         self._pose: PoseStamped | None = None
         self._new = False
         self._markers = self.publish_stream(topics.MARKERS, COMMAND)
@@ -78,6 +82,12 @@ class ViewerNode(VehicleNode):
         speeds = np.array(message.data)
         if speeds.shape == self._view.speeds.shape and np.isfinite(speeds).all():
             self._view.speeds = speeds
+
+    def _receive_angles(self, message: Float64MultiArray) -> None:
+        angles = np.array(message.data)
+        assert self._view.angles is not None
+        if angles.shape == self._view.angles.shape and np.isfinite(angles).all():
+            self._view.angles = angles
 
     def _receive_saturation(self, message: Int8MultiArray) -> None:
         if len(message.data) == self.vehicle.n:

@@ -53,7 +53,11 @@ class Watchdog:
 
 
 def fallback(action: str, vehicle: Vehicle, last: Array) -> Array:
-    """Return rotor speeds (n,) [rad/s]: idle, the nearest to zero; stop, zero; hold, the last."""
+    """Return rotor speeds (n,) [rad/s]: idle, the nearest to zero; stop, zero; hold, the last.
+
+    Tilt angles, which follow the speeds in `last`, stay.
+    """
     if action == 'hold':
         return last
-    return vehicle.idle_speeds if action == 'idle' else np.zeros(vehicle.n)
+    speeds = vehicle.idle_speeds if action == 'idle' else np.zeros(vehicle.n)
+    return np.concatenate([speeds, last[vehicle.n :]])

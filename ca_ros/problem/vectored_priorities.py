@@ -206,6 +206,10 @@ class VectoredPrioritization:
         for row, each in costs.items():
             cost[problem.n + len(start) + held.index(row)] = each * problem.extent[row]
         values = problem.gamma[held] @ state.point / extent
+        # Rounding may have put the point on the end of a range.
+        low, high = np.array(list(state.ranges.values())).T / extent
+        inner = np.minimum(np.maximum(values, 0.9 * low + 0.1 * high), 0.1 * low + 0.9 * high)
+        values = np.where((values > low) & (values < high), values, inner)
         begin = np.concatenate([state.point, start, values])
         goals = np.concatenate([np.zeros(len(held)), goal])
         found = minimize(sets, wide, goals, cost, begin, 0.1 * YIELD).point

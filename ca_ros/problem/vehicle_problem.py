@@ -73,8 +73,9 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
 
     `vehicle`: with `tilts`.
 
-    `wanted` (n, 3): directions of rotors without thrust; None: the middles of their sets.  `near`
-    (k,): of equivalent servo angles, those nearest to these count [rad].
+    `wrenches` (6, n): force and torque per unit of each component [N/N, N m/N].  `wanted` (n, 3):
+    directions of rotors without thrust; None: the middles of their sets.  `near` (k,): of
+    equivalent servo angles, those nearest to these count [rad].
     """
 
     wanted: Array | None = None
@@ -92,9 +93,9 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         self.effector_names = tuple(component_names(names, self.sets.sets))
         owners = [i for i, (each, _) in enumerate(self.windows) for _ in range(each.size)]
         self.directions = np.concatenate([rows for _, rows in self.windows])
-        columns = thrust_wrenches(vehicle, owners, self.directions)
+        self.wrenches = thrust_wrenches(vehicle, owners, self.directions)
         self._fill(
-            columns[[AXES.index(axis) for axis in vehicle.axes]],
+            self.wrenches[[AXES.index(axis) for axis in vehicle.axes]],
             self.sets.lower,
             self.sets.upper,
             np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]),

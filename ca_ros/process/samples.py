@@ -10,9 +10,9 @@ from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.nodes.messages import pose_arrays, stamp_of, twist_arrays
-from ca_ros.nodes.topics import POSE, SPEEDS, VELOCITY
+from ca_ros.nodes.topics import POSE, SPEEDS, TILTS, VELOCITY
 
-SAMPLED = (POSE, VELOCITY, SPEEDS)  # the topics of a sample
+SAMPLED = (POSE, VELOCITY, SPEEDS)  # the topics of a sample; if rotors tilt, also `TILTS`
 
 COLUMNS = ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds')
 
@@ -30,16 +30,17 @@ class Samples:
         self.last: int | None = None
         self._samples: dict[int, dict[str, Array]] = {}
         self._rotors: int | None = None
+        self._columns: tuple[str, ...] = COLUMNS
 
     def add(self, topic: str, message: Any) -> None:
-        """Add a message of one of the topics in `SAMPLED`; ignore speeds without a stamp.
+        """Add a message of one of these topics; ignore speeds and angles without a stamp.
 
         Raises a CaRosError if its stamp is earlier than the one before, or its numbers are not
         finite or not as many as the vehicle has rotors.
         """
         if (time := stamp_of(message)) is None:
             return
-        parts = _parts(message)
+        parts = _parts(topic, message)
         if time < (before := self.newest.get(topic, time)):
             times = f'stamp {time / 1e9:g} s after {before / 1e9:g} s'
             raise CaRosError(f'{topic}: {times}: expected ascending')
@@ -54,7 +55,7 @@ class Samples:
             self._check_rotors(parts['speeds'])
             if parts['speeds'].any():
                 self.begin(time)
-        if self.start is not None and len(sample) == len(COLUMNS):
+        if self.start is not None and self._is_complete(sample):
             self.last = time if self.last is None else max(time, self.last)
 
     def begin(self, time: int) -> None:
@@ -62,9 +63,13 @@ class Samples:
         if self.start is None:
             self.start = time
 
-    def expect(self, rotors: int) -> None:
-        """Refuse messages with another number of rotor speeds, also those of the past."""
+    def expect(self, rotors: int, tilts: bool = False) -> None:
+        """Refuse messages with another number of rotor speeds, also those of the past.
+
+        With `tilts`, a sample has tilt angles, too.
+        """
         self._rotors = rotors
+        self._columns = (*COLUMNS, 'angles') if tilts else COLUMNS
         for sample in self._samples.values():
             if 'speeds' in sample:
                 self._check_rotors(sample['speeds'])
@@ -76,11 +81,15 @@ class Samples:
 
     def any_complete(self) -> bool:
         """Return whether a state and rotor speeds have had the same stamp."""
-        return any(len(sample) == len(COLUMNS) for sample in self._samples.values())
+        return any(map(self._is_complete, self._samples.values()))
+
+    def _is_complete(self, sample: dict[str, Array]) -> bool:
+        return sample.keys() >= {*self._columns}
 
     def answered(self, time: int) -> bool:
         """Return whether there are rotor speeds with a stamp [ns], after the start."""
-        return self.start is not None and 'speeds' in self._samples.get(time, {})
+        sample = self._samples.get(time, {})
+        return self.start is not None and {'speeds', *self._columns[5:]} <= sample.keys()
 
     def state(self, time: int) -> tuple[Array, Array, Array, Array]:
         """Return the state with a stamp [ns]: see `Flight`."""
@@ -99,17 +108,17 @@ class Samples:
         stamps = sorted(
             time
             for time, sample in self._samples.items()
-            if start <= time <= end and len(sample) == len(COLUMNS)
+            if start <= time <= end and self._is_complete(sample)
         )
         found = [self._samples[time] for time in stamps]
-        columns = {name: np.array([sample[name] for sample in found]) for name in COLUMNS}
+        columns = {name: np.array([sample[name] for sample in found]) for name in self._columns}
         return Flight((np.array(stamps) - origin) / 1e9, **columns)
 
 
-def _parts(message: Any) -> dict[str, Array]:
+def _parts(topic: str, message: Any) -> dict[str, Array]:
     """Return what a message adds to a sample."""
     if isinstance(message, SPEEDS.kind):
-        return {'speeds': np.array(message.data)}
+        return {'angles' if topic == TILTS.name else 'speeds': np.array(message.data)}
     names, arrays = COLUMNS[2:4], twist_arrays
     if isinstance(message, POSE.kind):
         names, arrays = COLUMNS[:2], pose_arrays

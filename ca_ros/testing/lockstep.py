@@ -14,10 +14,11 @@ from ca_ros.arrays import Array
 from ca_ros.flight.record import Flight
 from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.qos import offered
-from ca_ros.nodes.topics import POSE, VELOCITY, WRENCH
+from ca_ros.nodes.topics import POSE, TILTS, VELOCITY, WRENCH
 from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.testing.graph import Graph
 from ca_ros.testing.messages import six, wrench
+from ca_ros.vehicle.vehicle import Vehicle
 
 ROWS = 11  # number of states in the table of a report
 
@@ -38,8 +39,10 @@ class Lockstep:
         nodes: Sequence[str] = ('simulator', 'allocator'), ros_arguments: Sequence[str] = (),
     ) -> None:
         self._graph, self._samples = graph, Samples()
+        model = Vehicle.load(vehicle)
+        self._samples.expect(model.n, model.tilts is not None)
         self._wrenches: dict[int, WrenchStamped] = {}
-        for topic in (*SAMPLED, WRENCH):
+        for topic in (*SAMPLED, TILTS, WRENCH):
             receive: Any = partial(self._samples.add, topic.name)
             if topic is WRENCH:
                 receive = self._receive_wrench

@@ -148,6 +148,12 @@ class RotorSettings(Settings):
     health: Numbers = setting(
         1.0, 'share of its thrust that a rotor still produces: 1 healthy, 0 (or below 1e-9) lost',
         minimum=0.0, maximum=1.0, mutable=True)
+    tilt_rate_max: Numbers = setting(
+        0.0, 'greatest rate of the tilt angles that are commanded: of all rotors, or of each; 0: '
+        'no limit', unit='rad/s', minimum=0.0)
+    stuck_servos: Numbers = setting(
+        0.0, 'servos that stick: number of the rotor, from 1, and angle [rad], one pair after the '
+        'other; 0: none', mutable=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

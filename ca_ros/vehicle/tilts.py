@@ -29,6 +29,8 @@ class Tilts:
     - `gimbal` (n,): half angle of the cone of a rotor on a gimbal, or zero [rad]
     - `nominal` (n, 3): d
     - `driven` (n,): which rotors have servos, also if they are stuck
+    - `rate_max` (n,): greatest rates that are commanded [rad/s]; 0: no limit
+    - `unstuck`: the servos before the first one stuck, or None
     """
 
     axes: Array
@@ -37,6 +39,26 @@ class Tilts:
     gimbal: Array
     nominal: Array
     driven: BoolArray
+    rate_max: Array
+    unstuck: Tilts | None = None
+
+    @property
+    def sound(self) -> Tilts:
+        """The same servos, none of them stuck."""
+        return self.unstuck or self
+
+    @property
+    def stuck_rotors(self) -> list[int]:
+        """The rotors, from 0, whose servos stick."""
+        whole = self.sound
+        apart = (self.lower != whole.lower) | (self.upper != whole.upper)
+        return np.flatnonzero(apart).tolist()
+
+    @property
+    def resting(self) -> Array:
+        """The angle of each servo that is nearest to zero [rad]."""
+        low, high = self.limits
+        return np.minimum(np.maximum(0.0, low), high)
 
     @property
     def rotors(self) -> list[int]:
@@ -93,15 +115,12 @@ class Tilts:
         """
         if not 0 <= rotor < len(self.driven) or not self.driven[rotor] or self.gimbal[rotor]:
             raise ParameterError(f'rotor: {rotor + 1} has no single servo that may stick')
-        if not self.lower[rotor] <= angle <= self.upper[rotor]:
-            raise ParameterError(
-                f'angle: expected {self.lower[rotor]:g} to {self.upper[rotor]:g} rad, '
-                f'got {angle:g}'
-            )
+        low, high = float(self.sound.lower[rotor]), float(self.sound.upper[rotor])
+        if not low <= angle <= high:
+            raise ParameterError(f'angle: expected {low:g} to {high:g} rad, got {angle:g}')
         held = np.arange(len(self.driven)) == rotor
-        return replace(
-            self, lower=np.where(held, angle, self.lower), upper=np.where(held, angle, self.upper)
-        )
+        lower, upper = (np.where(held, angle, ends) for ends in (self.lower, self.upper))
+        return replace(self, lower=lower, upper=upper, unstuck=self.sound)
 
     @property
     def _second(self) -> list[bool]:
@@ -113,7 +132,8 @@ def refuse_tilts(tilts: Tilts | None, taker: str) -> None:
     """Raise a `ParameterError` if rotors of a vehicle tilt, which the `taker` cannot command."""
     if tilts is not None:
         raise ParameterError(
-            f'rotors.tilt_max, rotors.gimbal: {taker} take fixed rotors only; expected no tilts'
+            f'rotors.tilt_max, rotors.gimbal: the {taker} takes fixed rotors only; expected none '
+            'that tilts'
         )
 
 
@@ -127,7 +147,10 @@ def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts |
     lower = repeated('rotors.tilt_min', rotors.tilt_min, n)
     upper = repeated('rotors.tilt_max', rotors.tilt_max, n)
     gimbal = repeated('rotors.gimbal', rotors.gimbal, n)
+    rate_max = repeated('rotors.tilt_rate_max', rotors.tilt_rate_max, n)
     if not (lower.any() or upper.any() or gimbal.any()):
+        if rate_max.any():
+            raise ParameterError('rotors.tilt_rate_max: expected 0, since no rotor tilts')
         return None
     given = np.asarray(rotors.tilt_axes, float)
     if given.size not in (3, 3 * n):
@@ -168,4 +191,4 @@ def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts |
                 'least 0, and 0 for a whole circle: other thrusts are not a convex set'
             )
     driven = (gimbal > 0.0) | (upper - lower > FIXED)
-    return Tilts(axes, lower, upper, gimbal, np.array(nominal), driven)
+    return Tilts(axes, lower, upper, gimbal, np.array(nominal), driven, rate_max)

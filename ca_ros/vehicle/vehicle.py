@@ -222,6 +222,7 @@ class Vehicle:
             acceleration_max=up if up.any() else None,
             deceleration_max=down if down.any() else None,
         )
+        vehicle = vehicle.with_stuck_servos(rotors.stuck_servos)
         return vehicle.at_voltage(rotors.battery_voltage) if rotors.battery_voltage else vehicle
 
     def with_health(self, health: ArrayLike) -> Vehicle:
@@ -257,6 +258,36 @@ class Vehicle:
         if self.tilts is None:
             raise ParameterError('rotor: no rotor of this vehicle tilts')
         return replace(self, tilts=self.tilts.stuck(rotor - 1, angle))
+
+    def with_stuck_servos(self, pairs: ArrayLike) -> Vehicle:
+        """Return the same vehicle with these servos stuck, and no others.
+
+        Parameters
+        ----------
+        pairs : (2 k,) array, or 0 for none
+            Number of the rotor, from 1, and angle [rad], one pair after the other.
+        """
+        flat = np.ravel(np.asarray(pairs, dtype=float))
+        sound = self if self.tilts is None else replace(self, tilts=self.tilts.sound)
+        if flat.tolist() == [0.0]:
+            return sound
+        if len(flat) % 2 or (flat[::2] % 1.0).any():
+            raise ParameterError(
+                f'rotors.stuck_servos: expected pairs of a rotor and an angle, got {flat.tolist()}'
+            )
+        try:
+            for rotor, angle in flat.reshape(-1, 2).tolist():
+                sound = sound.with_stuck_servo(int(rotor), angle)
+        except ParameterError as error:
+            raise ParameterError(f'rotors.stuck_servos: {error}') from None
+        return sound
+
+    @property
+    def idle_command(self) -> Array:
+        """The idle speeds, and after them the tilt angles nearest to zero [rad/s, rad]."""
+        if self.tilts is None:
+            return self.idle_speeds
+        return np.concatenate([self.idle_speeds, self.tilts.resting])
 
     @property
     def n(self) -> int:

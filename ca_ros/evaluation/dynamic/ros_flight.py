@@ -69,6 +69,7 @@ def read_flight(path: Path) -> Flight:
     # The parser of pandas may be off in the last bit.
     rows = pd.read_csv(path, dtype=str).astype(float)
     speeds = [name for name in rows if name.startswith('speed_')]
+    angles = [name for name in rows if name.startswith('angle_')]
     names = (['x', 'y', 'z'], ['qx', 'qy', 'qz', 'qw'], ['vx', 'vy', 'vz'], ['wx', 'wy', 'wz'])
-    columns = (rows[chosen].to_numpy() for chosen in (*names, speeds))
+    columns = (rows[chosen].to_numpy() for chosen in (*names, speeds, angles))
     return Flight(rows['t'].to_numpy(), *columns)

@@ -56,7 +56,7 @@ def _study(options: argparse.Namespace) -> None:
         print(f'written: manoeuvres.csv, .json and .md in {options.out}')
         return
     failures = failures_of(options)
-    failures.check(case.vehicle.n)
+    failures.check(case.vehicle)
     options.goals = goals = trajectory_of(options)
     changes = {name: [*case.failing(name, failures), *goals.changes()] for name in allocators}
     if options.ros:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.publisher import Publisher
 
@@ -12,6 +12,7 @@ from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.qos import requested
 from ca_ros.nodes.settings import BridgeNodeSettings
 from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -20,6 +21,7 @@ class Bridge(VehicleNode):
 
     declared = BridgeNodeSettings
     settings: BridgeNodeSettings
+    takes_tilts: ClassVar[bool] = False
     vehicle: Vehicle
 
     def start(self) -> None:
@@ -33,7 +35,10 @@ class Bridge(VehicleNode):
         raise NotImplementedError
 
     def build(self, settings: BridgeNodeSettings) -> Vehicle:
-        return Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+        if not self.takes_tilts:
+            refuse_tilts(vehicle.tilts, f'{self.get_name()} (unlike actuators_bridge)')
+        return vehicle
 
     def adopt(self, built: Vehicle) -> None:
         """Use the vehicle, and the order of the motors."""
@@ -44,17 +49,17 @@ class Bridge(VehicleNode):
         """Return whether anything was passed on."""
         return (OK, 'passes on') if self.counts['served'] else (STALE, 'nothing to pass on yet')
 
-    def passes(self, convert: Callable[[Any], Any], *publishers: Publisher) -> Any:
+    def passes(self, convert: Callable[..., Any], *publishers: Publisher) -> Any:
         """Return a callback that converts messages and publishes the result, or each of several.
 
         `convert` raises a ValueError for a message that it cannot convert, and returns None for
         one that needs no answer.
         """
 
-        def receive(message: Any) -> None:
+        def receive(*messages: Any) -> None:
             self.counts['received'] += 1
             try:
-                found = convert(message)
+                found = convert(*messages)
             except ValueError as error:
                 self.drop('content', str(error))
                 return

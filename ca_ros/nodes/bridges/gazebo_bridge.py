@@ -24,6 +24,7 @@ from ca_ros.nodes.messages import pose_arrays, twist_arrays
 class GazeboBridge(ActuatorsBridge):
     """Publishes Actuators.velocity, and pose and body velocity of an odometry."""
 
+    takes_tilts = False
     target = GAZEBO_TOPIC
 
     def connect(self) -> None:
@@ -32,9 +33,11 @@ class GazeboBridge(ActuatorsBridge):
         publishers = self.publish_stream(topics.POSE), self.publish_stream(topics.VELOCITY)
         self.listen(Odometry, 'odometry', self.passes(self._state, *publishers))
 
-    def fields(self, speeds: Float64MultiArray) -> dict[str, list[float]]:
+    def fields(
+        self, speeds: Float64MultiArray, *angles: Float64MultiArray
+    ) -> dict[str, list[float]]:
         """Return the fields of Actuators; Gazebo takes no negative speed."""
-        found = super().fields(speeds)
+        found = super().fields(speeds, *angles)
         if any(speed < 0.0 for values in found.values() for speed in values):
             raise ValueError(f'rotor speeds {found}: Gazebo takes none that is negative')
         return found

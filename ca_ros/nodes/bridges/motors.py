@@ -49,6 +49,23 @@ def sound_speeds(speeds: Sequence[float] | Array, vehicle: Vehicle) -> Array:
     return found
 
 
+def servo_angles(angles: Sequence[float], vehicle: Vehicle, order: Sequence[int]) -> Array:
+    """Return tilt angles (k,) [rad], in the order of the motors as in `ordered`.
+
+    Raises
+    ------
+    ValueError
+        If there is not one angle for each servo, within its limits.
+    """
+    assert vehicle.tilts is not None
+    found, rotors = np.asarray(angles, dtype=float), vehicle.tilts.rotors
+    low, high = vehicle.tilts.sound.limits
+    if found.shape != low.shape or not ((found >= low) & (found <= high)).all():
+        raise ValueError(f'tilt angles {found}: expected {len(low)}, from {low} to {high} rad')
+    places = [k for motor in order for k, rotor in enumerate(rotors) if rotor == motor - 1]
+    return found[places] if order else found
+
+
 def joint_velocities(speeds: Sequence[float], vehicle: Vehicle) -> Array:
     """Return the velocity of each rotor's joint (n,), counter-clockwise seen from above [rad/s].
 
