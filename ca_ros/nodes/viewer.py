@@ -40,8 +40,6 @@ class ViewerNode(VehicleNode):
         tilts = self.vehicle.tilts
         angles = None if tilts is None else tilts.resting
         self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n, angles)
-        if tilts is not None:
-            self._listen(topics.TILT_COMMAND, self._receive_angles)
         self._pose: PoseStamped | None = None
         self._new = False
         self._markers = self.publish_stream(topics.MARKERS, COMMAND)
@@ -51,6 +49,7 @@ class ViewerNode(VehicleNode):
             (topics.ALLOCATED_WRENCH, self._receive_served),
             (topics.DIAGNOSTICS, self._receive_diagnostics),
             (topics.WAYPOINT, self._receive_waypoint),
+            *([] if tilts is None else [(topics.TILT_COMMAND, self._receive_angles)]),
         ):
             self.create_subscription(topic.kind, topic.path, receive, requested('realtime'))
         self.create_timer(PERIOD, self._draw, clock=self.steady)
