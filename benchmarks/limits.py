@@ -57,8 +57,7 @@ def _limits(
     yield '`exact` over hierarchical DAQP', 0.5, over('daqp_hierarchical', *SETS)
     yield '`exact` over OSQP', 1.0, over('osqp', *SETS)
     growth = {
-        f'{n}, {kind}': over('daqp_reused', kind, part='rotors', n=n)[kind]
-        for kind in SETS
+        f'{n}, {kind}': over('daqp_reused', kind, part='rotors', n=n)[kind] for kind in SETS
         for n in sizes.rotors
     }
     yield '`exact` over reused DAQP, all numbers of rotors', 0.5, growth

@@ -139,8 +139,7 @@ def rounds(jobs: Jobs, repetitions: int, seed: int) -> pd.DataFrame:
                 job()
                 times[key].append((perf_counter() - start) / units)
     return pd.DataFrame(
-        {**key._asdict(), 'repetition': i, 'time': time}
-        for key, own in times.items()
+        {**key._asdict(), 'repetition': i, 'time': time} for key, own in times.items()
         for i, time in enumerate(own)
     )
 
@@ -169,8 +168,7 @@ def summarize(rows: pd.DataFrame, baseline: str) -> pd.DataFrame:
     rows['ratio'] = rows['time'] / rows['unit']
     own = rows.groupby(list(Key._fields), sort=False)
     columns = {
-        f'{name}{end}': own[name].quantile(share)
-        for name in ('time', 'ratio')
+        f'{name}{end}': own[name].quantile(share) for name in ('time', 'ratio')
         for end, share in (('_low', 0.25), ('', 0.5), ('_high', 0.75))
     }
     columns |= {name: own[name].median() for name in PERCENTILES}

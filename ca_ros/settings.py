@@ -46,8 +46,7 @@ RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
     'problem.effectors': ('problem.effector_names', {}),
     'allocation.exact.slack': ('allocation.exact.residual_slack', {}),
     **{
-        name: (name, SWITCH)
-        for name in (
+        name: (name, SWITCH) for name in (
             'allocation.betaflight_mixer.airmode',
             'simulator.publish_clock',
             'simulator.publish_odometry',

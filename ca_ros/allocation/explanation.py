@@ -44,8 +44,7 @@ class Explanation:
     def limits(self) -> dict[str, str]:
         """What limits each axis that is not served in full, in words by the name of the axis."""
         return {
-            axis: self._words(k)
-            for k, axis in enumerate(self.problem.axes)
+            axis: self._words(k) for k, axis in enumerate(self.problem.axes)
             if self.served[k] < 1.0
         }
 

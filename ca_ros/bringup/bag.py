@@ -75,8 +75,7 @@ class Bag:
     def missing(self) -> list[str]:
         """Return the topics that have no publisher yet, except optional ones."""
         return [
-            topic
-            for topic, subscription in self._subscriptions.items()
+            topic for topic, subscription in self._subscriptions.items()
             if topic not in OPTIONAL and not subscription.get_publisher_count()
         ]
 

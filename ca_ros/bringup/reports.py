@@ -30,8 +30,7 @@ class Reports(DiagnosticsReader):
         """Return the stamps [ns] at which the monitor found failures, by rotor, from 1."""
         return {
             int(key.removeprefix(FOUND).partition(' ')[0]): int(value)
-            for status in self._of('monitor')
-            for key, value in status.values.items()
+            for status in self._of('monitor') for key, value in status.values.items()
             if key.startswith(FOUND)
         }
 

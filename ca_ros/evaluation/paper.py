@@ -73,7 +73,6 @@ def why(found: Mapping[str, Any], method: str) -> str:
 
 def _as_shipped(parameters: Mapping[str, Any], *groups: str) -> bool:
     return all(
-        parameters.get(name) == value
-        for name, value in flat(load('hexarotor')).items()
+        parameters.get(name) == value for name, value in flat(load('hexarotor')).items()
         if name.startswith(groups) or name == 'allocation.axes'
     )

@@ -27,8 +27,7 @@ STYLES: dict[str, tuple[str, Any, float]] = {
 """Colour, dashes, and the width where curves coincide: each narrower than those below it."""
 
 OTHERS = [
-    (color, dashes, 1.4)
-    for dashes in ((0, (6, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 3)))
+    (color, dashes, 1.4) for dashes in ((0, (6, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 3)))
     for color in (COLORS[3], COLORS[4], COLORS[0])
 ]
 

@@ -96,9 +96,7 @@ class ParameterNode(Node, metaclass=_Starting):
             self.declare_parameter(name, values[name], descriptor(field), ignore_override=True)
         # Files from `ros2 param dump` also have rclpy's own parameters.
         self.unknown = [
-            name
-            for name in given
-            if not (name in known or self.has_parameter(name))
+            name for name in given if not (name in known or self.has_parameter(name))
             and not name.startswith('qos_overrides.')
         ]
 

@@ -128,8 +128,7 @@ def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
         ways = np.diag(problem.extent)
         ends = [[problem.reach(problem.hover, sign * way) for sign in (-1.0, 1.0)] for way in ways]
         return {
-            axis: (-low * size, high * size)
-            for axis, (low, high), size in zip(
+            axis: (-low * size, high * size) for axis, (low, high), size in zip(
                 problem.axes, ends, problem.extent.tolist(), strict=True
             )
         }

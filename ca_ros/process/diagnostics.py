@@ -26,8 +26,7 @@ def statuses(arrays: Iterable[DiagnosticArray], node: str) -> list[Status]:
     """Return all statuses of a node in messages, or those of one subject, ``'node: subject'``."""
     return [
         Status(status.level, status.message, {pair.key: pair.value for pair in status.values})
-        for array in arrays
-        for status in array.status
+        for array in arrays for status in array.status
         if f'{status.name}: '.startswith(f'{node.lstrip("/")}: ')
     ]
 

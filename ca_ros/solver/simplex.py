@@ -116,8 +116,7 @@ class Simplex:
                 self.doubt += sum(
                     abs(rate)
                     * min((upper[x] - value[x] if rate * left > 0.0 else value[x] - lower[x]), 2.0)
-                    for rate, x in rates
-                    if abs(rate) <= ZERO
+                    for rate, x in rates if abs(rate) <= ZERO
                 )
                 return False
             blocked, reached = self._move(k, left / self._rates[r][k], goal, v)
@@ -135,8 +134,7 @@ class Simplex:
             r = self._basic.index(v)
             # A thrust whose bounds have met is the last choice.
             sizes = [
-                abs(rate)
-                if self.lower[x] < self.upper[x]
+                abs(rate) if self.lower[x] < self.upper[x]
                 else 1e-6 * abs(rate) * (x < self._thrusts)
                 for rate, x in zip(self._rates[r], self._nonbasic, strict=True)
             ]

@@ -80,8 +80,7 @@ class GraphProcesses:
         excused = [p for p in wrong if blocked(p.returncode, self.output(p)[1])]
         faults += [
             f'{self._name(process)}, exit code {process.returncode} after SIGINT: expected '
-            f'{" or ".join(map(str, self._exit_codes[process]))}'
-            for process in wrong
+            f'{" or ".join(map(str, self._exit_codes[process]))}' for process in wrong
             if process not in excused
         ]
         faults += [
@@ -115,8 +114,7 @@ class GraphProcesses:
         with ExitStack() as files:
             streams = {
                 stream: files.enter_context(self._log(len(self._started), stream).open('wb'))
-                for stream in STREAMS
-                if stream not in options
+                for stream in STREAMS if stream not in options
             }
             process = self._children.start(
                 str(len(self._started)), [str(executable(name)), *arguments],

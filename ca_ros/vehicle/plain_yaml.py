@@ -59,8 +59,7 @@ class PlainLoader(yaml.SafeLoader):
 
 PLAIN = ('str', 'int', 'float', 'bool', 'null', 'seq', 'map')
 PlainLoader.yaml_constructors = {
-    tag: constructor
-    for tag, constructor in yaml.SafeLoader.yaml_constructors.items()
+    tag: constructor for tag, constructor in yaml.SafeLoader.yaml_constructors.items()
     if tag is None or tag.rpartition(':')[2] in PLAIN
 }
 PlainLoader.yaml_implicit_resolvers = {

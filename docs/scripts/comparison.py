@@ -48,8 +48,7 @@ def outcomes(label: str, vehicles: Sequence[str]) -> Outcomes:
     """Return the outcomes of all flights of a contender by vehicle and manoeuvre."""
     method, changes = CONTENDERS[label]
     return {
-        (title, manoeuvre): outcome
-        for name in vehicles
+        (title, manoeuvre): outcome for name in vehicles
         for title, case in both_masses(name, changes, [method])
         for manoeuvre, outcome in compared(case, method)
     }

@@ -177,8 +177,7 @@ def _write(path: Path, frames: Sequence[Image.Image]) -> None:
     palette = Image.new('P', (1, 1))
     colors = [
         [round(255.0 * (1.0 - share * (1.0 - part))) for part in to_rgb(color)]
-        for color, steps in SHADES.items()
-        for share in np.arange(steps + 1) / steps
+        for color, steps in SHADES.items() for share in np.arange(steps + 1) / steps
     ]
     palette.putpalette([part for color in colors for part in color])
     first, *others = (

@@ -62,8 +62,7 @@ def table(vehicle: Vehicle) -> str:
     widths = [max(map(len, column)) for column in columns]
     return '\n'.join(
         '  '.join(f'{word:{width}}' for word, width in zip(row[:-1], widths, strict=False))
-        + f'  {row[-1]}'
-        for row in rows
+        + f'  {row[-1]}' for row in rows
     )
 
 

@@ -125,8 +125,7 @@ def _metrics(
         # None for a method that had no thrusts to saturate.
         'violation_max': worst if isfinite(worst) else None,
         **{
-            name: {'mean': own[name]['sum'] / samples, 'max': own[name]['max']}
-            for name in ERRORS
+            name: {'mean': own[name]['sum'] / samples, 'max': own[name]['max']} for name in ERRORS
             if name in own
         },
         'time': {

@@ -91,8 +91,7 @@ def _differences(found: Metrics) -> list[str]:
         unit = ROWS['pseudo_inverse'].time[0]
         ratios = ', '.join(
             f'`{name}` {ours["time"]["median"] / base["time"]["median"]:.2g} '
-            f'(paper {ROWS[name].time[0] / unit:.0f})'
-            for name, ours in known.items()
+            f'(paper {ROWS[name].time[0] / unit:.0f})' for name, ours in known.items()
         )
         lines.append(
             'Times: another machine and another language, so compare ratios. In units of the '
