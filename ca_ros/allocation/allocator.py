@@ -25,6 +25,7 @@ P = ParamSpec('P')
 S = TypeVar('S')
 A = TypeVar('A')
 
+Subject = Vehicle | AllocationProblem  # what an allocator is for
 HEADING = re.compile(r'^(?=\w+\n---)', re.MULTILINE)  # where a section of a docstring begins
 
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.named_axes import check_axes, mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings, setting
-from ca_ros.vehicle.vehicle import Vehicle
 
 WEAK = 1e-9  # relative share of thrust below which a rotor does not limit the throttle
 
@@ -54,9 +52,7 @@ class BetaflightMixer(Allocator):
     guarantees = 'the bounds, and the direction of the torques with equal, parallel rotors'
 
     @takes_settings(BetaflightMixerSettings)
-    def __init__(
-        self, problem: Vehicle | AllocationProblem, settings: BetaflightMixerSettings
-    ) -> None:
+    def __init__(self, problem: Subject, settings: BetaflightMixerSettings) -> None:
         super().__init__(problem)
         check_axes('betaflight_mixer', self.problem)
         self.airmode = settings.airmode

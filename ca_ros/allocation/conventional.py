@@ -7,13 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
-from ca_ros.vehicle.vehicle import Vehicle
 
 STEPS_PER_ROTOR = 10  # limit of the active-set method, in case rounding makes it cycle
 
@@ -49,9 +48,7 @@ class Conventional(Allocator):
     solves = 'quadratic program: min |f - f_ref|^2_Q + |Gamma f - u|^2 within the bounds'
 
     @takes_settings(ConventionalSettings)
-    def __init__(
-        self, problem: Vehicle | AllocationProblem, settings: ConventionalSettings
-    ) -> None:
+    def __init__(self, problem: Subject, settings: ConventionalSettings) -> None:
         super().__init__(problem)
         n = self.problem.n
         self.weight = _weight(settings.weight, n)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings
 from ca_ros.solver.simplex import Simplex
-from ca_ros.vehicle.vehicle import Vehicle
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
 
@@ -37,7 +35,7 @@ class Direct(Allocator):
     guarantees = 'the bounds, and the direction of u'
 
     @takes_settings(Settings)
-    def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
+    def __init__(self, problem: Subject, settings: Settings) -> None:
         super().__init__(problem)
         # Fractional parts of multiples of the golden ratio are far from each other.
         self.cost = 1.0 + np.arange(1, self.problem.n + 1) * GOLDEN % 1.0

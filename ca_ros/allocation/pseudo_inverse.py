@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.result import Allocation, AllocationBatch
 from ca_ros.arrays import Array
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings
-from ca_ros.vehicle.vehicle import Vehicle
 
 
 class PseudoInverse(Allocator):
@@ -24,7 +22,7 @@ class PseudoInverse(Allocator):
     takes_vectors = True
 
     @takes_settings(Settings)
-    def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
+    def __init__(self, problem: Subject, settings: Settings) -> None:
         super().__init__(problem)
         # Without the columns of lost rotors, the others produce the whole wrench.
         lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)

@@ -6,16 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.allocation.weighted_pseudo_inverse import (
     WeightedPseudoInverseSettings,
     weighted_inverse,
 )
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
+from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.settings import repeated, setting
-from ca_ros.vehicle.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,9 +49,7 @@ class RedistributedPseudoInverse(Allocator):
     )
 
     @takes_settings(RedistributedPseudoInverseSettings)
-    def __init__(
-        self, problem: Vehicle | AllocationProblem, settings: RedistributedPseudoInverseSettings
-    ) -> None:
+    def __init__(self, problem: Subject, settings: RedistributedPseudoInverseSettings) -> None:
         super().__init__(problem)
         self.weights = repeated('weights', settings.weights, self.problem.n)
         self.iterations = settings.iterations

@@ -7,13 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.named_axes import check_axes, mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings, setting
-from ca_ros.vehicle.vehicle import Vehicle
 
 WEAK = 0.2  # rotors with a smaller normalised entry of a mixer column do not decide its use
 YAW_MARGIN = 0.15  # how far a rotor may exceed its range before yaw is reduced, as a share
@@ -61,9 +59,7 @@ class SequentialDesaturation(Allocator):
     )
 
     @takes_settings(SequentialDesaturationSettings)
-    def __init__(
-        self, problem: Vehicle | AllocationProblem, settings: SequentialDesaturationSettings
-    ) -> None:
+    def __init__(self, problem: Subject, settings: SequentialDesaturationSettings) -> None:
         super().__init__(problem)
         check_axes('sequential_desaturation', self.problem)
         self.airmode = settings.airmode

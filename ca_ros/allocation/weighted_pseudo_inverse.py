@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation.allocator import takes_settings
+from ca_ros.allocation.allocator import Subject, takes_settings
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Numbers, Settings, check_ratio, repeated, setting
-from ca_ros.vehicle.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +41,7 @@ class WeightedPseudoInverse(PseudoInverse):
     solves = 'f = sat(W^-1 (Gamma W^-1)^+ u), W the `weights` of the rotors'
 
     @takes_settings(WeightedPseudoInverseSettings)
-    def __init__(
-        self, problem: Vehicle | AllocationProblem, settings: WeightedPseudoInverseSettings
-    ) -> None:
+    def __init__(self, problem: Subject, settings: WeightedPseudoInverseSettings) -> None:
         super().__init__(problem)
         self.weights = repeated('weights', settings.weights, self.problem.n)
         self.inverse = weighted_inverse(self._columns, self.weights)

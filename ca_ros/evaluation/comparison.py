@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ca_ros.allocation import Allocation, AllocationProblem, Allocator, Status
+from ca_ros.allocation.allocator import Subject
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
 from ca_ros.problem.prioritization import default_order
-from ca_ros.vehicle.vehicle import Vehicle
 
 
 class FixedPseudoInverse(PseudoInverse):
@@ -23,7 +23,7 @@ class FixedPseudoInverse(PseudoInverse):
     The share of a lost rotor is lost and not given to the others.
     """
 
-    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+    def __init__(self, problem: Subject) -> None:
         super().__init__(problem)
         self.inverse = np.linalg.pinv(self.problem.gamma)
 
@@ -34,7 +34,7 @@ class DirectAboutHover(Allocator):
     From zero, which rotors that cannot stop cannot produce, it has no answer to many wrenches.
     """
 
-    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+    def __init__(self, problem: Subject) -> None:
         super().__init__(problem)
         whole, reference = self.problem, self.problem.reference
         self._still = Exact(problem).allocate(reference).thrusts
@@ -63,7 +63,7 @@ class PlainOsqp(Saturated):
 
     SETTINGS: ClassVar[dict[str, Any]] = {'warm_starting': False}
 
-    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+    def __init__(self, problem: Subject) -> None:
         super().__init__(problem)
         try:
             self._solver, self._solve = osqp_program(self.problem, **self.SETTINGS)
@@ -88,7 +88,7 @@ class TightOsqp(PlainOsqp):
 class HierarchicalDaqp(Saturated):
     """The hierarchical program of DAQP, see `hierarchical`; a ValueError without the package."""
 
-    def __init__(self, problem: Vehicle | AllocationProblem) -> None:
+    def __init__(self, problem: Subject) -> None:
         super().__init__(problem)
         try:
             self._solve = hierarchical(self.problem)
