@@ -6,17 +6,17 @@ import sys
 
 import pytest
 
-from strategies import LONG  # and Hypothesis' profile, where nothing else imports it
-
-# Before rclpy and the messages are imported, which read some of it only then.
+# Before numpy, rclpy and the messages are imported, which read some of it only then.
 os.environ |= {
+    # Several processes share the processors.
+    'OPENBLAS_NUM_THREADS': '1',
     'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'ROS_PYTHON_CHECK_FIELDS': '1',
-    # Several tests share a processor.
     'CA_ROS_TEST_DEADLINE': '240',
 }
 
+from strategies import LONG
 
 # Otherwise each process of the tests compiles all that it imports, if the installer has not.
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)

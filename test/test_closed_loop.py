@@ -38,10 +38,9 @@ def flights():
 
 def test_both_engines_of_exact_fly_alike(flights, monkeypatch):
     monkeypatch.setenv('CA_ROS_KERNEL', 'numpy')
-    other = fly_with('exact', 10.0)
-    np.testing.assert_allclose(
-        flights['exact'].position, other.position, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(flights['exact'].speeds, other.speeds, rtol=0.0, atol=1e-6)
+    other, flight = fly_with('exact', 2.0), flights['exact']
+    np.testing.assert_allclose(flight.position[:201], other.position, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(flight.speeds[:201], other.speeds, rtol=0.0, atol=1e-6)
 
 
 @every_method

@@ -38,7 +38,7 @@ NOT_HERE = {
 
 SHORT = {
     'bringup': '"$@" --duration 1 --waypoint 0 0 0 --heading 0',
-    'dynamic_study': '"$@" --duration 1',
+    'dynamic_study': '"$@" --duration 0.2',
     'mypy': '"$@" ca_ros/errors.py',
     'static_study': '"$@" --samples 50',
 }

@@ -6,7 +6,6 @@ import re
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, FaultSettings, corrupted
@@ -99,14 +98,6 @@ def test_the_fates_are_those_of_the_seed(graph):
     assert counts['received'] - counts['dropped'] + counts['duplicated'] == counts['passed']
     assert proxy.status().level == DiagnosticStatus.WARN
     assert 'drop 0.2' in proxy.status().message
-
-
-def test_arrays_get_a_wrong_length(graph):
-    proxy = Proxy(
-        graph, Float64MultiArray, 'command/motor_speed', corrupt=1.0, corruptions='length')
-    proxy.send([Float64MultiArray(data=[255.0] * 6)] * 20)
-    graph.spin_until(lambda: len(proxy.received) == 20, 'all messages')
-    assert {len(message.data) for message in proxy.received} == {5, 7}
 
 
 def test_a_link_is_cut_and_mended_and_wrong_values_change_nothing(graph):
