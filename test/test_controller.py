@@ -1,6 +1,5 @@
 """The controller: signs, equilibrium, and an admissible wrench whatever the state."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,16 +11,12 @@ from ca_ros import AdmissibleSet
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    NULL_STATE,
-    RigidBody,
     heading,
     tilt,
 )
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS, PrioritiesSettings
-from strategies import FLEET, HEXAROTOR, length, settings_of
+from strategies import FLEET, HEXAROTOR, settings_of
 
 SETTINGS = settings_of({})
 CONTROLLER = Controller.from_settings(HEXAROTOR, SETTINGS)
@@ -113,34 +108,6 @@ def test_the_acceleration_is_the_wanted_one():
     turn = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
     turn += np.cross([0.0, 0.0, omega[2]], [omega[0], omega[1], 0.0])
     np.testing.assert_allclose(turn, -np.array(gains.attitude_damping) * omega, atol=1e-12)
-
-
-@pytest.mark.parametrize('spin', length([-20.0], [5.0, -20.0]))
-def test_a_tilt_is_taken_back_in_the_same_way_while_the_body_spins(spin):
-    def tilts(spin):
-        state, body = NULL_STATE.copy(), RigidBody(HEXAROTOR)
-        state[ATTITUDE] = attitude(0.2, 0.0, 0.0)
-        state[12] = spin
-        found = []
-        for _ in range(1000):
-            # The wrench before it is made admissible: yaw alone could not stop the spin at once.
-            u = free.wrench(
-                np.zeros(3), state[ATTITUDE], np.zeros(3), state[ANGULAR_VELOCITY],
-                Waypoint.of(0.0, 0.0, 0.0, 0.0))
-            torque = np.array([u[ROLL], u[PITCH], 0.0])
-            omega = state[ANGULAR_VELOCITY]
-            rate = body.derivative(state, np.zeros(6))
-            rate[ANGULAR_VELOCITY] = np.linalg.solve(
-                HEXAROTOR.inertia, torque - np.cross(omega, HEXAROTOR.inertia @ omega))
-            state = state + 1e-3 * rate
-            state[ATTITUDE] /= np.linalg.norm(state[ATTITUDE])
-            found.append(tilt(state[ATTITUDE]))
-        return np.array(found)
-
-    # Rotors without limits.
-    strong = replace(HEXAROTOR, speed_min=np.zeros(6), speed_max=np.full(6, 1e4))
-    free = Controller(strong, SETTINGS.controller)
-    np.testing.assert_allclose(tilts(spin), tilts(0.0), atol=0.01)
 
 
 # Tilt and heading are two things

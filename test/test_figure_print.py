@@ -8,7 +8,6 @@ import pytest
 pytest.importorskip('matplotlib')
 pytest.importorskip('pandas')
 
-import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 
@@ -117,11 +116,3 @@ def test_a_figure_of_one_column_is_readable_and_has_no_type_3_font(
         straight = [each for each in found if each[0].get_rotation() % 90.0 == 0.0]
         for (text, extent), (other, its) in combinations(straight, 2):
             assert apart(extent, its), f'{file.name}: {text.get_text()!r}, {other.get_text()!r}'
-
-
-def test_fonts_of_type_3_would_be_found(tmp_path):
-    with matplotlib.rc_context({'pdf.fonttype': 3}):
-        figure = Figure()
-        figure.text(0.5, 0.5, 'text')
-        figure.savefig(tmp_path / 'figure.pdf')
-    assert b'/Type3' in (tmp_path / 'figure.pdf').read_bytes()
