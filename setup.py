@@ -24,8 +24,8 @@ studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
 exact = ('exact', 'least_norm', 'priorities', 'module')
-# The detector of rotor failures.
-detector = ('detector', 'detector_module')
+# The detector of rotor failures, and the allocator of rotors that tilt.
+detector, vectored = (('detector', 'detector_module'), ('vectored', 'vectored_module'))
 kernels = [
     Extension(
         f'{package}.kernel._{name}',
@@ -43,6 +43,8 @@ kernels = [
         ('single', exact, [('CA_FLOAT', None)]),
         ('detector', detector, []),
         ('detector_single', detector, [('CA_FLOAT', None)]),
+        ('vectored', vectored, []),
+        ('vectored_single', vectored, [('CA_FLOAT', None)]),
     )
 ]
 

@@ -81,6 +81,7 @@ class Exact(Allocator):
         self._engine: Any
         if isinstance(problem, VectoredProblem):
             self._engine = VectoredEngine(problem, settings)
+            self.engine = self._engine.engine
         elif kernel:
             self._engine = kernel_for(kernel, problem, settings)
         else:

@@ -101,9 +101,7 @@ class TiltLimited:
             return Allocation(problem, problem.check(u), held, Status.INEXACT)
         answer = Exact.made(problem, self.settings).allocate(u)
         if (problem.sizes(answer.thrusts) <= 1e-9 * self.vehicle.thrust_max).any():
-            slopes = problem.least_norm.solve(
-                answer.wrench[None], np.atleast_1d(problem.tolerance(answer.wrench))
-            ).multipliers[0]
+            slopes = problem.least_norm.solve(answer.wrench[None]).multipliers[0]
             problem.wanted = problem.forces(slopes @ problem.gamma)
         return answer
 

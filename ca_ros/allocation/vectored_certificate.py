@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.supported_set import attainable_set_of
 from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.solver.sets_newton import SetsNewton
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,10 @@ def certify_vectors(
     preference: tuple[Array, Array] | None = None,
 ) -> VectoredCertificate:
     """Return the certificate of vectors (..., n) for demands (..., m)."""
-    solver = SetsNewton(problem.gamma, problem.sets, *(preference or (None, None)))
+    solver = sets_newton(problem.gamma, problem.sets, *(preference or (None, None)))
     wrenches = vectors @ problem.gamma.T
     rows = wrenches.reshape(-1, wrenches.shape[-1])
-    found = solver.solve(rows, problem.tolerance(rows))
+    found = solver.solve(rows)
     multipliers = found.multipliers.reshape(wrenches.shape)
     return VectoredCertificate(
         demand=demand,

@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ca_ros.allocation.exact_settings import ExactSettings, Serving
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
+from ca_ros.kernel.vectored import KernelNewton, fields_of, sets_newton
 from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_priorities import VectoredPrioritization, refuse_limits
-from ca_ros.solver.interior_point import minimize
-from ca_ros.solver.sets_newton import SetsNewton
 
-COST_GAP = 1e-10
-"""By how much the cost may exceed the least one near the boundary, as a share of its scale."""
+INSIDE = 0.99  # greatest share of the way from the middle to the boundary where lines begin
 
 
 class VectoredEngine:
-    """The NumPy implementation of `exact` on a `VectoredProblem`.
+    """`exact` on a `VectoredProblem`: in C where it is built, except for the priorities.
 
     Newton's method answers attainable wrenches.  On the boundary of the attainable set there may
-    be no finite multipliers; there, and outside, an interior-point method finds the wrench to
-    serve, and the vectors of least cost if Newton's method does not.
+    be no finite multipliers; there, and for `scale`, the answer is the end of the line to the
+    demand, see `ca_ros.solver.sets_newton`.
     """
 
     def __init__(self, problem: VectoredProblem, settings: ExactSettings) -> None:
@@ -34,81 +33,106 @@ class VectoredEngine:
         self._problem, self._settings = problem, settings
         settings.groups(problem.axes)
         refuse_limits(airmode_limits(settings.airmode_limit))
-        preference = settings.preference(problem) or (None, None)
-        self._solver = SetsNewton(problem.gamma, problem.sets, *preference)
+        self._solver = sets_newton(
+            problem.gamma, problem.sets, *(settings.preference(problem) or ())
+        )
+        self.engine = self._solver.engine
 
     @cached_property
     def _serving(self) -> Serving:
         return self._settings.serving(self._problem)
 
     @cached_property
-    def _line(self) -> VectoredPrioritization:
-        """The last attainable point on a line to a demand."""
-        serving = self._serving
-        rows = [list(range(len(self._problem.axes)))]
-        begin = serving.reference if serving.on_reference else None
-        return VectoredPrioritization(self._problem, rows, serving.reference, begin=begin)
+    def _begin(self) -> Array:
+        """An attainable wrench (m,), where lines to demands begin."""
+        serving, middle = self._serving, self._problem.gamma @ self._problem.middle
+        if serving.on_reference:
+            return serving.reference
+        way = serving.reference - middle
+        if not way.any():
+            return middle
+        reached = self._solver.line(middle, way, 1.0 / INSIDE).length
+        return np.asarray(middle + min(1.0, INSIDE * reached) * way, float)
 
     @cached_property
     def _serve(self) -> VectoredPrioritization:
-        if self._settings.status is not Status.PRIORITIZED:
-            return self._line
         axes, serving = self._problem.axes, self._serving
         rows = [[axes.index(axis) for axis in group] for group in serving.groups]
         return VectoredPrioritization(
             self._problem, rows, serving.reference, serving.thrust_deviation
         )
 
+    @cached_property
+    def fields(self) -> dict[str, Array | float]:
+        """The fields of ``ca_vectored`` in C."""
+        return fields_of(
+            self._solver,
+            slack=self._settings.residual_slack,
+            policy=float(self._settings.status),
+            reference=self._serving.reference,
+            begin=self._begin,
+            on_reference=float(self._serving.on_reference),
+            resting=self._problem.resting_thrusts,
+        )
+
+    @cached_property
+    def _kernel(self) -> Any:
+        solver = self._solver
+        return solver.with_fields(self.fields) if isinstance(solver, KernelNewton) else None
+
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
         """Write the vectors for u; see `ca_ros.kernel.Kernel.allocate`."""
-        status, level = np.empty(1, np.int8), np.empty(1)
-        demand = self._problem.check(u)
-        self.allocate_batch(demand[None], thrusts[None], status, level, None)
-        return None if status[0] == Status.EXACT else (int(status[0]), float(level[0]), 0, 0)
+        if self._kernel is not None:
+            answer: tuple[int, float, int, int] | None = self._kernel.allocate(u, thrusts)
+            if answer is None or answer[0] != Status.PRIORITIZED:
+                return answer
+            thrusts[:], level = self._prioritized(u)
+            return int(Status.PRIORITIZED), level, *answer[2:]
+        thrusts[:], status, level = self._answer(self._problem.check(u))
+        return None if status == Status.EXACT else (int(status), level, 0, 0)
 
     def allocate_batch(
         self, wrenches: Array, thrusts: Array, status: IntArray, levels: Array, work: None
     ) -> None:
         """Write vectors, status and levels for wrenches; see `Kernel.allocate_batch`."""
-        problem = self._problem
-        tolerance = problem.tolerance(wrenches)
-        found = self._solver.solve(wrenches, tolerance)
-        thrusts[:], status[:], levels[:] = found.points, Status.EXACT, 1.0
-        missed = lengths(wrenches - found.points @ problem.gamma.T)
-        size = tolerance / EXACT_TOLERANCE
-        near = ~found.unattainable & (missed <= self._settings.residual_slack * size)
-        for i in np.flatnonzero(~(found.attained | near)):
-            slack = float(self._settings.residual_slack * size[i])
-            answer = self._other(wrenches[i], bool(found.unattainable[i]), slack)
-            thrusts[i], status[i], levels[i] = answer
+        if self._kernel is not None:
+            self._kernel.allocate_batch(wrenches, thrusts, status, levels, None)
+            for i in np.flatnonzero(status == Status.PRIORITIZED):
+                thrusts[i], levels[i] = self._prioritized(wrenches[i])
+            return
+        for i, u in enumerate(wrenches):
+            thrusts[i], status[i], levels[i] = self._answer(u)
 
-    def _other(self, u: Array, unattainable: bool, slack: float) -> tuple[Array, int, float]:
-        """Return the vectors, status and level of a wrench that Newton's method cannot serve."""
-        problem, status = self._problem, self._settings.status
-        if not unattainable:
-            served = self._line(u)
-            missed = float(lengths(u - served.wrenches))
-            if served.reached or missed <= slack:
-                return self._least(served.wrenches, served.thrusts), Status.EXACT, 1.0
+    def _answer(self, u: Array) -> tuple[Array, int, float]:
+        """Return vectors, status and level for a wrench: ``ca_vectored_allocate`` in NumPy."""
+        problem, status, begin = self._problem, self._settings.status, self._begin
+        found = self._solver.solve(u[None])
+        slack = self._settings.residual_slack * float(problem.tolerance(u)) / EXACT_TOLERANCE
+        unattainable = bool(found.unattainable[0])
+
+        def near(points: Array) -> bool:
+            return bool(not unattainable and lengths(u - problem.gamma @ points) <= slack)
+
+        if found.attained[0] or near(found.points[0]):
+            return found.points[0], Status.EXACT, 1.0
+        if not unattainable or status is Status.SCALED:
+            line = self._solver.line(begin, u - begin, 1.0)
+            if problem.is_exact(u, line.point) or near(line.point):
+                return line.point, Status.EXACT, 1.0
         if status is Status.REJECTED:
             return problem.resting_thrusts, status, 0.0
-        served = self._serve(u)
-        return (
-            self._least(served.wrenches, served.thrusts), status, float(served.levels.min())
-        )
+        if status is Status.PRIORITIZED:
+            return self._prioritized(u)[0], status, self._prioritized(u)[1]
+        level, way = line.length, u - self._serving.reference
+        if not self._serving.on_reference:
+            served = problem.gamma @ line.point - self._serving.reference
+            shares = np.divide(served, way, out=np.ones_like(way), where=way != 0.0)
+            level = float(np.clip(shares, 0.0, 1.0).min())
+        return line.point, status, level
 
-    def _least(self, u: Array, point: Array) -> Array:
-        """Return the vectors of least cost for an attainable wrench, from some that give it."""
-        problem, solver = self._problem, self._solver
-        found = solver.solve(u[None], np.atleast_1d(problem.tolerance(u)))
-        if found.attained[0] or not (problem.sets.slacks(point) > 0.0).all():
-            return np.asarray(found.points[0] if found.attained[0] else point, float)
-        scale = max(1.0, float(solver.cost(point)))
-        curvature = solver.weights**2 / scale
-        least = minimize(
-            problem.sets, problem.gamma, problem.gamma @ point, -curvature * solver.preferred,
-            point, COST_GAP, curvature,
-        ).point
-        least = problem.clip(least)
-        better = lengths(u - problem.gamma @ least) <= problem.tolerance(u)
-        return least if better and solver.cost(least) < solver.cost(point) else point
+    def _prioritized(self, u: Array) -> tuple[Array, float]:
+        """Return the vectors of least cost for the wrench that the priorities serve, and the level."""
+        served = self._serve(u)
+        found = self._solver.solve(served.wrenches[None])
+        points = found.points[0] if found.attained[0] else served.thrusts
+        return points, float(served.levels.min())

@@ -11,6 +11,7 @@ import numpy as np
 from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
+from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import (
@@ -23,7 +24,6 @@ from ca_ros.settings import (
     setting,
 )
 from ca_ros.solver.convex_sets import ConvexSets, Interval
-from ca_ros.solver.sets_newton import SetsNewton
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -108,7 +108,7 @@ class WeightedLeastSquares(Allocator):
             # What the wrench misses is one more effector for each axis, as good as unbounded.
             slack = np.diag(1.0 / np.maximum(self._scale, FREE))
             ends = [Interval(-1e9, 1e9)] * len(problem.axes)
-            self._newton = SetsNewton(
+            self._newton = sets_newton(
                 np.hstack([problem.gamma, slack]),
                 ConvexSets([*problem.sets.sets, *ends]),
                 np.concatenate([self.wu, np.ones(len(ends))]),
@@ -117,7 +117,7 @@ class WeightedLeastSquares(Allocator):
 
     def _allocate(self, u: Array) -> Allocation:
         if isinstance(self.problem, VectoredProblem):
-            found = self._newton.solve(u[None], np.atleast_1d(self.problem.tolerance(u)))
+            found = self._newton.solve(u[None])
             thrusts = found.points[0, : self.problem.n]
         else:
             thrusts = self._solve(u)

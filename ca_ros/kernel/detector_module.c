@@ -1,16 +1,7 @@
 /* The detector of rotor failures as a Python module. Numbers come and go as buffers of double. */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "module.h"
 
 #include "detector.h"
-
-/* The name of the module comes from setup.py. */
-#define TEXT(name) #name
-#define TEXT_OF(name) TEXT(name)
-#define JOIN(a, b) a##b
-#define JOIN_OF(a, b) JOIN(a, b)
-#define NAME TEXT_OF(CA_MODULE)
-#define INIT JOIN_OF(PyInit_, CA_MODULE)
 
 typedef struct {
     PyObject_HEAD
@@ -23,27 +14,16 @@ static int rotors(const object *self)
     return (int)self->model.rotors;
 }
 
-/* Copy `count` numbers from an array, or to it. */
-static int copy(PyObject *array, int count, ca_real *numbers, int to)
+/* Copy numbers of the rotors to an array of doubles. */
+static PyObject *copy_to(const object *self, const ca_real *numbers, PyObject *array)
 {
     Py_buffer view;
-    const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (to ? PyBUF_WRITABLE : 0);
-    if (PyObject_GetBuffer(array, &view, flags) < 0)
-        return 0;
-    const int fits = view.format[0] == 'd' && !view.format[1] &&
-                     view.len == (Py_ssize_t)(sizeof(double) * (size_t)count);
-    double *given = view.buf;
-    for (int i = 0; fits && i < count; i++) {
-        if (to)
-            given[i] = (double)numbers[i];
-        else
-            numbers[i] = (ca_real)given[i];
-    }
+    if (!get(array, &view, 'd', rotors(self), NULL, 1))
+        return NULL;
+    for (int i = 0; i < rotors(self); i++)
+        ((double *)view.buf)[i] = (double)numbers[i];
     PyBuffer_Release(&view);
-    if (!fits)
-        PyErr_Format(PyExc_TypeError, "expected a contiguous array of %d numbers of type 'd'",
-                     count);
-    return fits;
+    Py_RETURN_NONE;
 }
 
 /* Get a time and the arrays that follow it, of the given sizes. */
@@ -58,7 +38,7 @@ static int take(const object *self, PyObject *const *arguments, Py_ssize_t count
     if (PyErr_Occurred())
         return 0;
     for (int k = 0; k < arrays; numbers += sizes[k], k++)
-        if (!copy(arguments[k + 1], sizes[k], numbers, 0))
+        if (!copy_from(arguments[k + 1], sizes[k], numbers))
             return 0;
     return 1;
 }
@@ -97,7 +77,7 @@ static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t co
 static PyObject *announce(object *self, PyObject *array)
 {
     ca_real health[CA_N];
-    if (!copy(array, rotors(self), health, 0))
+    if (!copy_from(array, rotors(self), health))
         return NULL;
     ca_detector_announce(&self->detector, health);
     Py_RETURN_NONE;
@@ -112,16 +92,12 @@ static PyObject *reset(object *self, PyObject *unused)
 
 static PyObject *health(object *self, PyObject *array)
 {
-    if (!copy(array, rotors(self), self->detector.health, 1))
-        return NULL;
-    Py_RETURN_NONE;
+    return copy_to(self, self->detector.health, array);
 }
 
 static PyObject *certainty(object *self, PyObject *array)
 {
-    if (!copy(array, rotors(self), self->detector.certainty, 1))
-        return NULL;
-    Py_RETURN_NONE;
+    return copy_to(self, self->detector.certainty, array);
 }
 
 static PyObject *status(object *self, PyObject *unused)
@@ -153,7 +129,7 @@ static int initialise(object *self, PyObject *arguments, PyObject *keywords)
     (void)keywords;
     if (!PyArg_ParseTuple(arguments, "O", &array))
         return -1;
-    if (!copy(array, (int)(sizeof model / sizeof(ca_real)), (ca_real *)&model, 0))
+    if (!copy_from(array, (int)(sizeof model / sizeof(ca_real)), (ca_real *)&model))
         return -1;
     if (!(model.rotors >= 1 && model.rotors <= CA_N)) {
         PyErr_Format(PyExc_ValueError, "expected 1 to %d rotors", CA_N);
@@ -164,7 +140,6 @@ static int initialise(object *self, PyObject *arguments, PyObject *keywords)
     return 0;
 }
 
-#define METHOD(name, flags, text) {#name, (PyCFunction)(void (*)(void))name, flags, text}
 static PyMethodDef methods[] = {
     METHOD(command, METH_FASTCALL, "command(time, speeds): see detector.h"),
     METHOD(measure, METH_FASTCALL, "measure(time, speeds): return whether the health has changed"),
@@ -194,11 +169,8 @@ static PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = NAME, .m_size = -1
 
 PyMODINIT_FUNC INIT(void)
 {
-    PyObject *self, *fields;
-    if (PyType_Ready(&detector_type) < 0 || !(self = PyModule_Create(&module)))
-        return NULL;
-    fields = PyDict_New();
-    int done = fields != NULL;
+    PyObject *self = module_of(&module, &detector_type), *fields = PyDict_New();
+    int done = self && fields;
 #define ADD(name, dimensions)                                                                     \
     if (done) {                                                                                   \
         PyObject *size = PyLong_FromSize_t(sizeof(((ca_detector_model *)0)->name) /               \
@@ -207,12 +179,8 @@ PyMODINIT_FUNC INIT(void)
         Py_XDECREF(size);                                                                         \
     }
     CA_DETECTOR_FIELDS(ADD)
-    Py_INCREF(&detector_type);
-    if (!done || PyModule_AddObject(self, "FIELDS", fields) < 0 ||
-        PyModule_AddObject(self, "Detector", (PyObject *)&detector_type) < 0 ||
-        PyModule_AddIntConstant(self, "N", CA_N) < 0) {
-        Py_DECREF(self);
-        return NULL;
-    }
+    if (!done || PyModule_AddObjectRef(self, "FIELDS", fields) < 0)
+        Py_CLEAR(self);
+    Py_XDECREF(fields);
     return self;
 }

@@ -2,25 +2,9 @@
  *
  * `Kernel` holds one problem. Numbers come and go as buffers of double or, with CA_FLOAT, of float.
  */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-#include <structmember.h>
+#include "module.h"
 
 #include "exact.h"
-
-/* The name of the module comes from setup.py. */
-#define TEXT(name) #name
-#define TEXT_OF(name) TEXT(name)
-#define JOIN(a, b) a##b
-#define JOIN_OF(a, b) JOIN(a, b)
-#define NAME TEXT_OF(CA_MODULE)
-#define INIT JOIN_OF(PyInit_, CA_MODULE)
-
-#ifdef CA_FLOAT
-#define FORMAT 'f'
-#else
-#define FORMAT 'd'
-#endif
 
 typedef struct {
     PyObject_HEAD
@@ -35,27 +19,6 @@ static int ready(const kernel *self)
     return self->problem.n > 0;
 }
 
-/* Get a contiguous buffer of `count` numbers, or of a multiple of it if `rows` is given. */
-static int get(PyObject *object, Py_buffer *view, char format, Py_ssize_t count, Py_ssize_t *rows,
-               int writable)
-{
-    const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
-    if (PyObject_GetBuffer(object, view, flags) < 0)
-        return 0;
-    const Py_ssize_t numbers = view->itemsize ? view->len / view->itemsize : 0;
-    const int fits = rows ? numbers % count == 0 && (*rows < 0 || numbers / count == *rows)
-                          : numbers == count && view->ndim == 1;
-    if (view->format[0] != format || view->format[1] || !fits) {
-        PyBuffer_Release(view);
-        PyErr_Format(PyExc_TypeError, "expected a contiguous array of %zd numbers of type '%c'",
-                     count, format);
-        return 0;
-    }
-    if (rows)
-        *rows = numbers / count;
-    return 1;
-}
-
 static PyObject *answer_of(const ca_answer *answer)
 {
     return Py_BuildValue("(idii)", answer->status, (double)answer->level, answer->steps,
@@ -65,17 +28,14 @@ static PyObject *answer_of(const ca_answer *answer)
 /* Copy the problem with the bounds lower and upper. */
 static int narrow(const kernel *self, PyObject *const *arguments, ca_problem *moved)
 {
-    Py_buffer lower, upper;
-    if (!get(arguments[0], &lower, FORMAT, self->problem.n, NULL, 0))
+    const char formats[2] = {FORMAT, FORMAT};
+    const Py_ssize_t widths[2] = {self->problem.n, self->problem.n};
+    Py_buffer bounds[2];
+    if (!get_all(arguments, 2, bounds, formats, widths, NULL, 2))
         return 0;
-    if (!get(arguments[1], &upper, FORMAT, self->problem.n, NULL, 0)) {
-        PyBuffer_Release(&lower);
-        return 0;
-    }
     *moved = self->problem;
-    const int fault = ca_set_bounds(moved, lower.buf, upper.buf);
-    PyBuffer_Release(&upper);
-    PyBuffer_Release(&lower);
+    const int fault = ca_set_bounds(moved, bounds[0].buf, bounds[1].buf);
+    release(2, bounds);
     if (fault)
         PyErr_SetString(PyExc_ValueError,
                         "bounds: a number is missing, or a lower bound is above its upper bound");
@@ -89,7 +49,7 @@ PyDoc_STRVAR(allocate_doc,
 
 static PyObject *allocate(kernel *self, PyObject *const *arguments, Py_ssize_t count)
 {
-    Py_buffer u, thrusts;
+    Py_buffer views[2];
     ca_problem moved;
     if (!ready(self))
         return NULL;
@@ -99,16 +59,13 @@ static PyObject *allocate(kernel *self, PyObject *const *arguments, Py_ssize_t c
     }
     if (count == 4 && !narrow(self, arguments + 2, &moved))
         return NULL;
-    if (!get(arguments[0], &u, FORMAT, self->problem.m, NULL, 0))
+    const char formats[2] = {FORMAT, FORMAT};
+    const Py_ssize_t widths[2] = {self->problem.m, self->problem.n};
+    if (!get_all(arguments, 2, views, formats, widths, NULL, 1))
         return NULL;
-    if (!get(arguments[1], &thrusts, FORMAT, self->problem.n, NULL, 1)) {
-        PyBuffer_Release(&u);
-        return NULL;
-    }
     const ca_answer answer =
-        ca_allocate(count == 4 ? &moved : &self->problem, u.buf, thrusts.buf);
-    PyBuffer_Release(&thrusts);
-    PyBuffer_Release(&u);
+        ca_allocate(count == 4 ? &moved : &self->problem, views[0].buf, views[1].buf);
+    release(2, views);
     if (answer.status == CA_EXACT)
         Py_RETURN_NONE;
     return answer_of(&answer);
@@ -126,7 +83,6 @@ static PyObject *explain(kernel *self, PyObject *const *arguments, Py_ssize_t co
     Py_buffer views[6];
     ca_problem moved;
     ca_explanation found;
-    int taken = 0;
     if (!ready(self))
         return NULL;
     if (count != 6 && count != 8) {
@@ -136,24 +92,19 @@ static PyObject *explain(kernel *self, PyObject *const *arguments, Py_ssize_t co
     }
     if (count == 8 && !narrow(self, arguments + 6, &moved))
         return NULL;
-    while (taken < 6 &&
-           get(arguments[taken], &views[taken], formats[taken], widths[taken], NULL, taken > 1))
-        taken++;
-    if (taken == 6) {
-        ca_explain(count == 8 ? &moved : &self->problem, views[0].buf, views[1].buf, &found);
-        for (int k = 0; k < m; k++) {
-            ((ca_real *)views[2].buf)[k] = found.served[k];
-            ((ca_real *)views[4].buf)[k] = found.airmode[k];
-            for (int i = 0; i < n; i++)
-                ((ca_real *)views[3].buf)[k * n + i] = found.gain[k][i];
-        }
+    if (!get_all(arguments, 6, views, formats, widths, NULL, 2))
+        return NULL;
+    ca_explain(count == 8 ? &moved : &self->problem, views[0].buf, views[1].buf, &found);
+    for (int k = 0; k < m; k++) {
+        ((ca_real *)views[2].buf)[k] = found.served[k];
+        ((ca_real *)views[4].buf)[k] = found.airmode[k];
         for (int i = 0; i < n; i++)
-            ((int *)views[5].buf)[i] = found.limit[i];
+            ((ca_real *)views[3].buf)[k * n + i] = found.gain[k][i];
     }
-    const int done = taken == 6;
-    while (taken)
-        PyBuffer_Release(&views[--taken]);
-    return done ? PyFloat_FromDouble((double)found.margin) : NULL;
+    for (int i = 0; i < n; i++)
+        ((int *)views[5].buf)[i] = found.limit[i];
+    release(6, views);
+    return PyFloat_FromDouble((double)found.margin);
 }
 
 PyDoc_STRVAR(allocate_batch_doc,
@@ -169,7 +120,6 @@ static PyObject *allocate_batch(kernel *self, PyObject *const *arguments, Py_ssi
     const Py_ssize_t widths[5] = {m, n, 1, 1, 2};
     Py_buffer views[5];
     Py_ssize_t rows = -1;
-    int taken = 0;
     if (!ready(self))
         return NULL;
     if (count != 5) {
@@ -177,30 +127,24 @@ static PyObject *allocate_batch(kernel *self, PyObject *const *arguments, Py_ssi
         return NULL;
     }
     const int given = arguments[4] == Py_None ? 4 : 5;
-    while (taken < given && get(arguments[taken], &views[taken], formats[taken], widths[taken],
-                                &rows, taken > 0))
-        taken++;
-    if (taken == given) {
-        const ca_real *wrenches = views[0].buf;
-        ca_real *thrusts = views[1].buf, *levels = views[3].buf;
-        signed char *status = views[2].buf;
-        int *work = given == 5 ? views[4].buf : NULL;
-        Py_BEGIN_ALLOW_THREADS
-        for (Py_ssize_t i = 0; i < rows; i++) {
-            const ca_answer answer = ca_allocate(problem, wrenches + i * m, thrusts + i * n);
-            status[i] = (signed char)answer.status;
-            levels[i] = answer.level;
-            if (work) {
-                work[2 * i] = answer.steps;
-                work[2 * i + 1] = answer.pivots;
-            }
-        }
-        Py_END_ALLOW_THREADS
-    }
-    while (taken)
-        PyBuffer_Release(&views[--taken]);
-    if (PyErr_Occurred())
+    if (!get_all(arguments, given, views, formats, widths, &rows, 1))
         return NULL;
+    const ca_real *wrenches = views[0].buf;
+    ca_real *thrusts = views[1].buf, *levels = views[3].buf;
+    signed char *status = views[2].buf;
+    int *work = given == 5 ? views[4].buf : NULL;
+    Py_BEGIN_ALLOW_THREADS
+    for (Py_ssize_t i = 0; i < rows; i++) {
+        const ca_answer answer = ca_allocate(problem, wrenches + i * m, thrusts + i * n);
+        status[i] = (signed char)answer.status;
+        levels[i] = answer.level;
+        if (work) {
+            work[2 * i] = answer.steps;
+            work[2 * i + 1] = answer.pivots;
+        }
+    }
+    Py_END_ALLOW_THREADS
+    release(given, views);
     Py_RETURN_NONE;
 }
 
@@ -341,8 +285,7 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
             fault = ca_set_up(&self->problem, (int)n, (int)m, views[0].buf, views[1].buf,
                               views[2].buf, &options);
         }
-        while (taken)
-            PyBuffer_Release(&views[--taken]);
+        release(taken, views);
     }
     if (!PyErr_Occurred() && fault)
         PyErr_SetString(PyExc_ValueError, FAULTS[fault]);
@@ -350,12 +293,11 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
 }
 
 static PyMethodDef methods[] = {
-    {"allocate", (PyCFunction)(void (*)(void))allocate, METH_FASTCALL, allocate_doc},
-    {"allocate_batch", (PyCFunction)(void (*)(void))allocate_batch, METH_FASTCALL,
-     allocate_batch_doc},
-    {"explain", (PyCFunction)(void (*)(void))explain, METH_FASTCALL, explain_doc},
-    {"margin", (PyCFunction)(void (*)(void))margin, METH_O, margin_doc},
-    {"fields", (PyCFunction)(void (*)(void))fields, METH_NOARGS, fields_doc},
+    METHOD(allocate, METH_FASTCALL, allocate_doc),
+    METHOD(allocate_batch, METH_FASTCALL, allocate_batch_doc),
+    METHOD(explain, METH_FASTCALL, explain_doc),
+    METHOD(margin, METH_O, margin_doc),
+    METHOD(fields, METH_NOARGS, fields_doc),
     {NULL, NULL, 0, NULL}};
 
 static PyTypeObject kernel_type = {
@@ -372,15 +314,5 @@ static PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = NAME, .m_size = -1
 
 PyMODINIT_FUNC INIT(void)
 {
-    PyObject *self;
-    if (PyType_Ready(&kernel_type) < 0 || !(self = PyModule_Create(&module)))
-        return NULL;
-    Py_INCREF(&kernel_type);
-    if (PyModule_AddObject(self, "Kernel", (PyObject *)&kernel_type) < 0 ||
-        PyModule_AddIntConstant(self, "N", CA_N) < 0 ||
-        PyModule_AddIntConstant(self, "M", CA_M) < 0) {
-        Py_DECREF(self);
-        return NULL;
-    }
-    return self;
+    return module_of(&module, &kernel_type);
 }

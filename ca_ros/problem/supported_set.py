@@ -67,7 +67,7 @@ class SupportedSet:
     def contains(self, u: Array, tolerance: float = 0.0) -> BoolArray:
         """Tell which wrenches (..., m) are in the set or at most `tolerance` away from it."""
         problem, rows = self.problem, u.reshape(-1, u.shape[-1])
-        found = problem.least_norm.solve(rows, problem.tolerance(rows))
+        found = problem.least_norm.solve(rows)
         inside = found.attained.copy()
         for i in np.flatnonzero(~inside):
             most = max(tolerance, float(problem.tolerance(rows[i])))
@@ -79,7 +79,7 @@ class SupportedSet:
         problem, found, count = self.problem, [np.zeros((0, len(self._all)))], 0
         while count < size:
             drawn = problem.center + problem.extent * rng.uniform(-1, 1, (DRAWS, len(self._all)))
-            kept = drawn[problem.least_norm.solve(drawn, problem.tolerance(drawn)).attained]
+            kept = drawn[problem.least_norm.solve(drawn).attained]
             found.append(kept)
             count += len(kept)
         return np.concatenate(found)[:size]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, IntArray, constant
+from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.settings import Numbers, repeated
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
@@ -142,11 +143,11 @@ class VectoredProblem(AllocationProblem):
     @cached_property
     def least_norm(self) -> SetsNewton:  # type: ignore[override]
         """The quadratic program of `exact` over the sets."""
-        return SetsNewton(self.gamma, self.sets)
+        return sets_newton(self.gamma, self.sets)
 
     def attains(self, u: Array) -> bool:
         """Tell whether a wrench (m,) is attainable, up to `tolerance` and rounding errors."""
-        found = self.least_norm.solve(u[None], np.atleast_1d(self.tolerance(u)))
+        found = self.least_norm.solve(u[None])
         return bool(found.attained[0])
 
     def attains_unbounded(self, u: Array) -> bool:

@@ -76,6 +76,19 @@ class Sector:
         inner = across if end < self.half_angle else self.least * tan(end)
         return self.radius * cos(end), across, self.least, inner if self.least else 0.0
 
+    @property
+    def fields(self) -> tuple[float, ...]:
+        """The numbers of the set for `ConvexSets.fields`."""
+        angle = min(self.half_angle, pi / 2)
+        cosine = cos(angle) if angle < pi / 2 - 1e-12 else 0.0
+        # The flank goes from `least` to the arc; it is empty if `least` cuts all of it off.
+        begin = self.least / cosine if cosine else self.radius * (self.least > 0.0)
+        end_along, end_across, _, inner = self.corners
+        return (
+            self.size, self.least, self.radius, float(self.half_angle == pi), cosine, sin(angle),
+            min(begin, self.radius), end_along, end_across, inner,
+        )
+
 
 ConvexSet = Interval | Sector
 
@@ -219,6 +232,16 @@ class ConvexSets:
             np.put_along_axis(wide, np.broadcast_to(place[:, None, :], rows.shape), rows, axis=2)
             roots.append(wide.reshape(count * each, self.n))
         return gradient, np.concatenate(roots)
+
+    def fields(self) -> dict[str, Array | float]:
+        """Return the fields of the sets in ``ca_vectored``, in C: see `ca_ros/kernel/vectored.h`."""
+        rows = [
+            (1, each.lower, each.upper, *[0.0] * 7) if isinstance(each, Interval) else each.fields
+            for each in self.sets
+        ]
+        names = 'size least radius full cosine sine flank end_along end_across inner'.split()
+        columns = np.array(rows, float).T
+        return {'sets': len(rows), 'components': self.n, **dict(zip(names, columns, strict=True))}
 
     @property
     def length_limits(self) -> tuple[Array, Array]:

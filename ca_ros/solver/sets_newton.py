@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,41 +10,46 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.solver.convex_sets import ConvexSets
 from ca_ros.solver.dual_newton import AIM, sum_rounding
 
-STEPS = 60
-"""Limit of Newton's iteration."""
-
-TRIALS = 60
-"""Limit of the evaluations in one line search."""
-
-FLAT = 1e-9
-"""Curvature of the dual, relative to its greatest, that counts as none."""
-
-ACCEPTED = 0.5
-"""Share of the slope at the begin of a line that may remain at its end."""
+TOLERANCE = 1e-12  # residual of a wrench that is met, relative to max(1, |u|)
+STEPS = 60  # limit of Newton's iteration
+TRIALS = 60  # limit of the evaluations in one search along a way
+FLAT = 1e-9  # curvature of the dual that counts as none, relative to its greatest
+DAMPING = 0.01  # of the steps for a line, so that they are not much longer than y
+PULLS = 20  # limit of the pulls along one line
+GROWTH = 4.0  # of the pull
+PULL_MAX = 1e7  # in units of the greatest deviation
+GAP = 2e-10  # by which a line may be too short, as a share of it
 
 
 class SetsSolution(NamedTuple):
     """The result of `SetsNewton.solve`; every field has a leading K.
 
-    Attributes
-    ----------
-    points : (K, n) array
-        In the sets; of all iterates those with the least |A x - u|.
-    multipliers : (K, m) array
-        y with ``points = P(x_p + W^-2 A^T y)``, to rounding.
-    attained : (K,) array of bool
-        Whether |A x - u| is within the tolerance, or the rounding error of A x.
-    unattainable : (K,) array of bool
-        Whether a plane proves that |A x - u| exceeds the tolerance for all x in the sets.
-    steps : (K,) array of int
-        Newton steps.
+    - `points` (K, n): in the sets; of all iterates those with the least |A x - u|
+    - `multipliers` (K, m): y with ``points = P(x_p + W^-2 A^T y)``, to rounding
+    - `attained` (K,): whether |A x - u| is within the tolerance, or the rounding error of A x
+    - `unattainable` (K,): whether a plane proves that |A x - u| exceeds the tolerance for all x
     """
 
     points: Array
     multipliers: Array
     attained: BoolArray
     unattainable: BoolArray
-    steps: Array
+
+
+class Line(NamedTuple):
+    """How far a line ``begin + t way`` goes inside the attainable set.
+
+    - `point` (n,): in the sets; of least cost for the last wrench of the line
+    - `length`: t of that wrench
+    - `most`: no attainable wrench of the line has a greater t, by the normal and the support
+      function of the sets
+    - `normal` (m,): of a plane that touches the set where the line ends
+    """
+
+    point: Array
+    length: float
+    most: float
+    normal: Array
 
 
 class SetsNewton:
@@ -54,18 +59,16 @@ class SetsNewton:
     the sets.  Boxes have the clip in its place: see `ca_ros.solver.dual_newton`.  The remaining
     equation ``A x(y) = u`` is the gradient of a concave function, the dual.  Newton's method with
     a generalized derivative of P solves it, from the pseudo-inverse on, with a line search on the
-    slope of the dual.  It solves many wrenches side by side.
+    slope of the dual.  This is the reference of `ca_ros/kernel/vectored.c`.
 
-    Parameters
-    ----------
-    matrix : (m, n) array
-        A, with rank m.
-    sets : ConvexSets
-    weights : (n,) array, optional
-        The diagonal of W, positive and the same for all components of a set; by default ones.
-    preferred : (n,) array, optional
-        x_p, by default zeros.
+    - `matrix` (m, n): A, with rank m
+    - `sets`
+    - `weights` (n,): the diagonal of W, positive and the same for all components of a set; by
+      default ones
+    - `preferred` (n,): x_p, by default zeros
     """
+
+    engine = 'NumPy'
 
     def __init__(
         self,
@@ -77,10 +80,11 @@ class SetsNewton:
         self.matrix, self.sets = matrix, sets
         self.weights = np.ones(sets.n) if weights is None else weights
         self.preferred = np.zeros(sets.n) if preferred is None else preferred
-        basis, triangle = np.linalg.qr((matrix / self.weights).T)
-        self._basis, self._back = basis, triangle.T
-        self._coordinates = np.linalg.inv(triangle.T)
-        self._rates = basis / self.weights[:, None]
+        self.basis, triangle = np.linalg.qr((matrix / self.weights).T)
+        self.coordinates = np.linalg.inv(triangle.T)
+        self.rates = self.basis / self.weights[:, None]
+        ends = np.abs([sets.lower - self.preferred, sets.upper - self.preferred])
+        self.greatest = float((self.weights * ends).max())
 
     def least_norm(self, multipliers: Array) -> Array:
         """Return the points (..., n) with the least cost for multipliers (..., m)."""
@@ -88,94 +92,139 @@ class SetsNewton:
             self.preferred + multipliers @ self.matrix / self.weights**2
         )
 
-    def cost(self, points: Array) -> Array:
-        """Return half of |W (x - x_p)|^2 (...) of points (..., n)."""
-        deviations = self.weights * (points - self.preferred)
-        return np.asarray(0.5 * np.einsum('...i,...i->...', deviations, deviations), float)
-
     def gap(self, u: Array, points: Array, multipliers: Array) -> Array:
         """Return the duality gap (...): points cost at most this more than any others for u."""
         least = self.least_norm(multipliers)
         missed = u - least @ self.matrix.T
-        dual = self.cost(least) + np.einsum('...i,...i->...', multipliers, missed)
-        return np.asarray(self.cost(points) - dual, float)
+        costs = [0.5 * ((self.weights * (x - self.preferred)) ** 2).sum(-1)
+                 for x in (points, least)]
+        return np.asarray(costs[0] - costs[1] - (multipliers * missed).sum(-1), float)
 
-    def within(self, left: Array, tolerance: Array, points: Array, share: float) -> BoolArray:
-        """Tell (K,) whether residuals (K, m) are within a share of the tolerance or rounding."""
-        size = np.sqrt(np.einsum('ki,ki->k', left, left))
-        return np.asarray(
-            size <= share * np.maximum(tolerance, sum_rounding(self.matrix, points))
-        )
+    def solve(self, wrenches: Array) -> SetsSolution:
+        """Find the points of least cost that produce wrenches (K, m)."""
+        rows = [self._solve(u, self.coordinates @ (u - self.matrix @ self.preferred))
+                for u in wrenches]
+        if not rows:
+            none = np.zeros(0, bool)
+            return SetsSolution(np.zeros((0, self.sets.n)), wrenches, none, none)
+        return SetsSolution(*map(np.array, zip(*rows, strict=True)))
 
-    def solve(self, wrenches: Array, tolerance: Array) -> SetsSolution:
-        """Find the points of least cost that produce wrenches.
+    def line(self, begin: Array, way: Array, end: float = np.inf) -> Line:
+        """Go as far as possible along ``begin + t way``, at most to t = end.
 
-        Parameters
-        ----------
-        wrenches : (K, m) array
-        tolerance : (K,) array
-            Goal for |A x - u|.
+        The points minimise the cost less a pull times t.  While the pull grows, t goes to its
+        greatest value, and the multipliers go to the normal there, along a path with the slope
+        `tangent`.
+
+        - `begin`, `way` (m,): `begin` is attainable
         """
-        count = len(wrenches)
-        y = (wrenches - self.matrix @ self.preferred) @ self._coordinates.T
-        best_y, best = y.copy(), np.full(count, np.inf)
-        proven, steps = np.zeros(count, bool), np.zeros(count, int)
-        running = np.arange(count)
+        y = self.coordinates @ way
+        size = float(np.linalg.norm(y))
+        e, pull, bounds = y / size, self.greatest, list[tuple[float, Array]]()
+        y = pull * e
+        for _ in range(PULLS):
+            goal = TOLERANCE * max(self.greatest, pull / 1000.0)
+            y = self._newton(begin, y, goal, e)[0]
+            points, rate = self._at(y)
+            length = float(e @ self.coordinates @ (self.matrix @ points - begin)) / size
+            if length >= end:
+                found = self._solve(begin + end * way, y)
+                return Line(found[0], end, end, found[1])
+            bend = self._curvature(rate)
+            tangent = e + _beside(bend, e, -bend @ e, 0.0)
+            for normal in (tangent @ self.coordinates, y @ self.coordinates):
+                most = float(self.sets.support(normal @ self.matrix) - normal @ begin)
+                bounds.append((most / float(normal @ way), normal))
+            most, normal = min(bounds, key=lambda bound: bound[0])
+            if most - length <= GAP * length or pull >= PULL_MAX * self.greatest:
+                break
+            y = y + (GROWTH - 1.0) * pull * tangent
+            pull *= GROWTH
+        return Line(points, max(length, 0.0), most, normal)
+
+    def _solve(self, u: Array, y: Array) -> tuple[Array, Array, bool, bool]:
+        """Solve for one wrench, from multipliers y of the basis on."""
+        tolerance = TOLERANCE * max(1.0, float(np.linalg.norm(u)))
+        y, attained, beyond = self._newton(u, y, tolerance)
+        return self._at(y)[0], y @ self.coordinates, attained, beyond and not attained
+
+    def _at(self, y: Array) -> tuple[Array, Array]:
+        return self.sets.project_with_derivative(self.preferred + self.rates @ y)
+
+    def _curvature(self, rate: Array) -> Array:
+        return np.asarray(self.basis.T @ rate @ self.basis, float)
+
+    def _newton(
+        self, u: Array, y: Array, tolerance: float, e: Array | None = None
+    ) -> tuple[Array, bool, bool]:
+        """Return the multipliers for u, whether it is met, and whether a plane excludes it.
+
+        With e, a unit vector, the wrench is free along it, and y stays as great along it.
+        """
+
+        def missed(y: Array) -> tuple[Array, float, Array, Array]:
+            points, rate = self._at(y)
+            left = u - self.matrix @ points
+            slope = self.coordinates @ left
+            if e is not None:
+                slope = left = slope - float(slope @ e) * e
+            return slope, float(np.linalg.norm(left)), rate, points
+
+        best, least, nearest = y, np.inf, self.preferred
         for step in range(STEPS):
-            u, now = wrenches[running], y[running]
-            points, rate = self.sets.project_with_derivative(self.preferred + now @ self._rates.T)
-            left = u - points @ self.matrix.T
-            size = np.sqrt(np.einsum('ki,ki->k', left, left))
-            better = size < best[running]
-            best[running[better]], best_y[running[better]] = size[better], now[better]
-            steps[running] = step
-            done = self.within(left, tolerance[running], points, AIM)
-            proven[running] = ~done & self._beyond(u, now, tolerance[running])
-            going = ~(done | proven[running])
-            running, now, left = running[going], now[going], left[going]
-            if not len(running):
+            slope, size, rate, points = missed(y)
+            if size < least:
+                best, least, nearest = y, size, points
+            if self._within(size, tolerance, points, AIM):
+                return y, True, False
+            if step > 3 and e is None and self._beyond(u, y, tolerance):
+                return best, self._within(least, tolerance, nearest, 1.0), True
+            bend = self._curvature(rate)
+            if e is None:
+                way = _solved(bend, slope)
+            else:
+                damping = DAMPING * float(np.linalg.norm(slope) / np.linalg.norm(y))
+                way = _beside(bend, e, slope, damping)
+            first = float(slope @ way)
+            if not first > 0.0:
                 break
-            curvature = np.einsum('im,kij,jl->kml', self._basis, rate[going], self._basis,
-                                  optimize=True)
-            slopes = left @ self._coordinates.T
-            values, axes = np.linalg.eigh(curvature)
-            shares = np.einsum('kml,km->kl', axes, slopes)
-            floor = np.maximum(values, FLAT * np.maximum(values[:, -1:], FLAT))
-            way = np.einsum('kml,kl->km', axes, shares / floor)
-            y[running] = self._search(wrenches[running], now, way, slopes)
-        points = self.sets.project(self.preferred + best_y @ self._rates.T)
-        left = wrenches - points @ self.matrix.T
-        attained = self.within(left, tolerance, points, 1.0)
-        return SetsSolution(
-            points, best_y @ self._coordinates, attained, proven & ~attained, steps
-        )
+            y = self._search(y, way, first, lambda y: missed(y)[0])
+        return best, self._within(least, tolerance, nearest, 1.0), False
 
-    def _search(self, u: Array, y: Array, way: Array, slopes: Array) -> Array:
-        """Return y (K, m) moved along a way until the slope of the dual has fallen enough."""
-        first = np.einsum('km,km->k', slopes, way)
-        length = np.ones(len(y))
-        low, high = np.zeros(len(y)), np.full(len(y), np.inf)
-        open_ = np.arange(len(y))
+    def _search(self, y: Array, way: Array, first: float, slope: Any) -> Array:
+        """Return y moved along a way until the slope of the dual has fallen by half."""
+        length, low, high = 1.0, 0.0, np.inf
         for _ in range(TRIALS):
-            at = y[open_] + length[open_, None] * way[open_]
-            points = self.sets.project(self.preferred + at @ self._rates.T)
-            left = (u[open_] - points @ self.matrix.T) @ self._coordinates.T
-            slope = np.einsum('km,km->k', left, way[open_])
-            limit = ACCEPTED * first[open_]
-            up, down = slope > limit, slope < -limit
-            low[open_[up]], high[open_[down]] = length[open_[up]], length[open_[down]]
-            open_ = open_[up | down]
-            if not len(open_):
+            now = float(slope(y + length * way) @ way)
+            if now > first / 2.0:
+                low = length
+            elif now < -first / 2.0:
+                high = length
+            else:
                 break
-            middle = 0.5 * (low[open_] + high[open_])
-            length[open_] = np.where(np.isfinite(middle), middle, 4.0 * low[open_])
-        return y + length[:, None] * way
+            length = 4.0 * low if high == np.inf else (low + high) / 2.0
+        return y + length * way
 
-    def _beyond(self, u: Array, y: Array, tolerance: Array) -> BoolArray:
-        """Tell (K,) whether a plane normal to the multipliers y of `_basis` excludes wrenches."""
-        normals = y @ self._coordinates
-        heights = np.einsum('km,km->k', normals, u)
-        most = self.sets.support(normals @ self.matrix)
-        size = np.sqrt(np.einsum('km,km->k', normals, normals))
-        rounding = 1e-14 * (np.abs(heights) + np.abs(most))
-        return np.asarray(heights - most > tolerance * size + rounding)
+    def _within(self, size: float, tolerance: float, points: Array, share: float) -> bool:
+        return size <= share * max(tolerance, float(sum_rounding(self.matrix, points)))
+
+    def _beyond(self, u: Array, y: Array, tolerance: float) -> bool:
+        """Tell whether a plane normal to the multipliers y of the basis excludes a wrench."""
+        normal = y @ self.coordinates
+        height, most = float(normal @ u), float(self.sets.support(normal @ self.matrix))
+        rounding = 1e-14 * (abs(height) + abs(most))
+        return height - most > tolerance * float(np.linalg.norm(normal)) + rounding
+
+
+def _solved(bend: Array, slope: Array) -> Array:
+    """Return the way with ``bend way = slope``, with small curvatures raised."""
+    values, axes = np.linalg.eigh(bend)
+    floor = np.maximum(values, FLAT * max(float(values[-1]), FLAT))
+    return np.asarray(axes @ (axes.T @ slope / floor), float)
+
+
+def _beside(bend: Array, e: Array, slope: Array, damping: float) -> Array:
+    """Return the same for a way normal to e, a unit vector."""
+    normal = np.linalg.svd(e[None])[2][1:]
+    less = normal @ bend @ normal.T + damping * np.eye(len(normal))
+    return np.asarray(normal.T @ _solved(less, normal @ slope), float)

@@ -1,0 +1,117 @@
+"""The exact allocator of vectors in convex sets in C, as an extension module that may be missing.
+
+`vectored.h` is its public header, and `vectored_module.c` binds it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib import import_module
+from os import environ
+from typing import Any
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.solver.convex_sets import ConvexSets
+from ca_ros.solver.sets_newton import Line, SetsNewton, SetsSolution
+
+
+def load(name: str = 'vectored') -> Any:
+    """Return an extension module, 'vectored' or 'vectored_single'; None if it is not built."""
+    try:
+        return import_module(f'ca_ros.kernel._{name}')
+    except ImportError:
+        return None
+
+
+def chosen(components: int, axes: int) -> Any:
+    """Return the module for a problem; None if NumPy is to do its work (`CA_ROS_KERNEL`)."""
+    module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else load()
+    fits = module is not None and components <= module.N and axes <= module.M
+    return module if fits else None
+
+
+def padded(module: Any, fields: Mapping[str, Array | float]) -> dict[str, tuple[str, str, Array]]:
+    """Return the fields of `ca_vectored` in their order: name to (type, dimensions, numbers).
+
+    The numbers have the size that the module has for them; zeros fill them up.
+    """
+    found = {}
+    for name, dimensions in module.FIELDS.items():
+        shape = [getattr(module, letter) for letter in re.findall(r'\[CA_([MN])\]', dimensions)]
+        numbers = np.zeros(shape)
+        given = np.asarray(fields[name], float)
+        numbers[tuple(slice(size) for size in given.shape)] = given
+        found[name] = 'ca_real', dimensions, numbers
+    return found
+
+
+def made(module: Any, fields: Mapping[str, Array | float]) -> Any:
+    """Return a `Vectored` of an extension module."""
+    parts = [numbers.ravel() for _, _, numbers in padded(module, fields).values()]
+    return module.Vectored(np.concatenate(parts))
+
+
+def fields_of(newton: SetsNewton, **policy: Array | float) -> dict[str, Array | float]:
+    """Return the fields of `ca_vectored` for a solver; without a policy it only solves."""
+    m, n = newton.matrix.shape
+    none: dict[str, Array | float] = {
+        'slack': 0.0, 'policy': 0.0, 'reference': np.zeros(m), 'begin': np.zeros(m),
+        'on_reference': 1.0, 'resting': np.zeros(n),
+    }
+    return none | newton.sets.fields() | {
+        'axes': m,
+        'matrix': newton.matrix,
+        'weight': newton.weights,
+        'preferred': newton.preferred,
+        'basis': newton.basis,
+        'rates': newton.rates,
+        'coordinates': newton.coordinates,
+        'start': newton.coordinates @ newton.matrix @ newton.preferred,
+        'greatest': newton.greatest,
+    } | policy
+
+
+class KernelNewton(SetsNewton):
+    """`SetsNewton` in C: the same to rounding, and faster."""
+
+    engine = 'C'
+
+    def __init__(self, module: Any, *given: Any) -> None:
+        super().__init__(*given)
+        self._module = module
+        self._kernel = self.with_fields(fields_of(self))
+
+    def with_fields(self, fields: Mapping[str, Array | float]) -> Any:
+        """Return a `Vectored` of the extension module."""
+        return made(self._module, fields)
+
+    def solve(self, wrenches: Array) -> SetsSolution:
+        """Find the points of least cost that produce wrenches (K, m)."""
+        size, (m, n) = len(wrenches), self.matrix.shape
+        points, multipliers = np.empty((size, n)), np.empty((size, m))
+        status, levels = np.empty(size, np.int8), np.empty(size)
+        wrenches = np.ascontiguousarray(wrenches, float)
+        if size:
+            self._kernel.solve_batch(wrenches, points, status, levels, multipliers)
+        return SetsSolution(points, multipliers, status == 0, status < 0)
+
+    def line(self, begin: Array, way: Array, end: float = np.inf) -> Line:
+        """Go as far as possible along ``begin + t way``; see `SetsNewton.line`."""
+        point, normal = np.empty(self.sets.n), np.empty(len(begin))
+        begin, way = np.ascontiguousarray(begin, float), np.ascontiguousarray(way, float)
+        return Line(point, *self._kernel.line(begin, way, point, normal, end), normal)
+
+
+def sets_newton(
+    matrix: Array,
+    sets: ConvexSets,
+    weights: Array | None = None,
+    preferred: Array | None = None,
+) -> SetsNewton:
+    """Return a `SetsNewton`: in C where it is built and large enough."""
+    module = chosen(sets.n, len(matrix))
+    given = matrix, sets, weights, preferred
+    return SetsNewton(*given) if module is None else KernelNewton(module, *given)
