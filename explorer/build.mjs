@@ -7,7 +7,7 @@ import {build} from 'esbuild';
 
 const here = import.meta.dirname, root = join(here, '..'), kernel = join(root, 'ca_ros', 'kernel');
 const page = process.argv[2] ?? join(root, 'ca_ros', 'explorer.html'), folder = mkdtempSync(join(tmpdir(), 'explorer-'));
-const parts = readdirSync(kernel).filter((name) => /\.c$/.test(name) && !/^exact|^detector|module/.test(name));
+const parts = readdirSync(kernel).filter((name) => /\.c$/.test(name) && !/^exact|^detector|^vectored|module/.test(name));
 try {
   execFileSync('clang', ['--target=wasm32', '-std=c99', '-O2', '-ffreestanding', '-nostdlib', '-ffp-contract=off',
     '-mbulk-memory', '-fvisibility=hidden', '-Wall', '-Wextra', '-Werror', `-I${here}/freestanding`, `-I${kernel}`,

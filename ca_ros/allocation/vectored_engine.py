@@ -97,11 +97,12 @@ class VectoredEngine:
         """Write vectors, status and levels for wrenches; see `Kernel.allocate_batch`."""
         if self._kernel is not None:
             self._kernel.allocate_batch(wrenches, thrusts, status, levels, None)
-            for i in np.flatnonzero(status == Status.PRIORITIZED):
+            for i in np.flatnonzero(status == Status.PRIORITIZED).tolist():
                 thrusts[i], levels[i] = self._prioritized(wrenches[i])
             return
         for i, u in enumerate(wrenches):
-            thrusts[i], status[i], levels[i] = self._answer(u)
+            thrusts[i], found, levels[i] = self._answer(u)
+            status[i] = found
 
     def _answer(self, u: Array) -> tuple[Array, int, float]:
         """Return vectors, status and level for a wrench: ``ca_vectored_allocate`` in NumPy."""
@@ -122,7 +123,8 @@ class VectoredEngine:
         if status is Status.REJECTED:
             return problem.resting_thrusts, status, 0.0
         if status is Status.PRIORITIZED:
-            return self._prioritized(u)[0], status, self._prioritized(u)[1]
+            points, level = self._prioritized(u)
+            return points, status, level
         level, way = line.length, u - self._serving.reference
         if not self._serving.on_reference:
             served = problem.gamma @ line.point - self._serving.reference
@@ -131,7 +133,7 @@ class VectoredEngine:
         return line.point, status, level
 
     def _prioritized(self, u: Array) -> tuple[Array, float]:
-        """Return the vectors of least cost for the wrench that the priorities serve, and the level."""
+        """Return vectors of least cost for the wrench that the priorities serve, and the level."""
         served = self._serve(u)
         found = self._solver.solve(served.wrenches[None])
         points = found.points[0] if found.attained[0] else served.thrusts

@@ -102,7 +102,8 @@ class KernelNewton(SetsNewton):
         """Go as far as possible along ``begin + t way``; see `SetsNewton.line`."""
         point, normal = np.empty(self.sets.n), np.empty(len(begin))
         begin, way = np.ascontiguousarray(begin, float), np.ascontiguousarray(way, float)
-        return Line(point, *self._kernel.line(begin, way, point, normal, end), normal)
+        length, most = self._kernel.line(begin, way, point, normal, end)
+        return Line(point, length, most, normal)
 
 
 def sets_newton(

@@ -234,12 +234,12 @@ class ConvexSets:
         return gradient, np.concatenate(roots)
 
     def fields(self) -> dict[str, Array | float]:
-        """Return the fields of the sets in ``ca_vectored``, in C: see `ca_ros/kernel/vectored.h`."""
+        """Return the fields of the sets in ``ca_vectored``, see `ca_ros/kernel/vectored.h`."""
         rows = [
             (1, each.lower, each.upper, *[0.0] * 7) if isinstance(each, Interval) else each.fields
             for each in self.sets
         ]
-        names = 'size least radius full cosine sine flank end_along end_across inner'.split()
+        names = ['size', 'least', 'radius', 'full', 'cosine', 'sine', 'flank', 'end_along', 'end_across', 'inner']
         columns = np.array(rows, float).T
         return {'sets': len(rows), 'components': self.n, **dict(zip(names, columns, strict=True))}
 
