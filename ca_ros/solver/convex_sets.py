@@ -240,8 +240,8 @@ class ConvexSets:
             for each in self.sets
         ]
         names = ['size', 'least', 'radius', 'full', 'cosine', 'sine', 'flank', 'end_along', 'end_across', 'inner']
-        columns = np.array(rows, float).T
-        return {'sets': len(rows), 'components': self.n, **dict(zip(names, columns, strict=True))}
+        columns = zip(names, np.array(rows, float).T, strict=True)
+        return {'sets': len(rows), 'components': self.n, **dict(columns)}
 
     @property
     def length_limits(self) -> tuple[Array, Array]:
