@@ -239,7 +239,10 @@ class ConvexSets:
             (1, each.lower, each.upper, *[0.0] * 7) if isinstance(each, Interval) else each.fields
             for each in self.sets
         ]
-        names = ['size', 'least', 'radius', 'full', 'cosine', 'sine', 'flank', 'end_along', 'end_across', 'inner']
+        names = (
+            'size', 'least', 'radius', 'full', 'cosine', 'sine', 'flank', 'end_along',
+            'end_across', 'inner',
+        )
         columns = zip(names, np.array(rows, float).T, strict=True)
         return {'sets': len(rows), 'components': self.n, **dict(columns)}
 
