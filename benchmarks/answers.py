@@ -62,8 +62,7 @@ class Answers:
 def faults(worst: Mapping[str, Any]) -> str:
     """Return what is wrong with answers, '' if nothing is, from the result of `Answers.worst`."""
     found = {
-        'wrench': worst['error'] > WRONG,
-        'bounds': worst['violation'] > WRONG,
+        'wrench': worst['error'] > WRONG, 'bounds': worst['violation'] > WRONG,
         'norm': worst['norm_excess'] > WRONG,
         f'no answer to {worst["failures"]:.0f}': worst['failures'] > 0,
     }

@@ -47,8 +47,7 @@ RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
     'allocation.exact.slack': ('allocation.exact.residual_slack', {}),
     **{
         name: (name, SWITCH) for name in (
-            'allocation.betaflight_mixer.airmode',
-            'simulator.publish_clock',
+            'allocation.betaflight_mixer.airmode', 'simulator.publish_clock',
             'simulator.publish_odometry',
         )
     },

@@ -23,9 +23,7 @@ from ca_ros.solver.dual_newton import AIM, DualNewton, Solution
 
 
 def kernel_for(
-    kernel: type[Kernel],
-    problem: AllocationProblem,
-    settings: ExactSettings,
+    kernel: type[Kernel], problem: AllocationProblem, settings: ExactSettings,
     dtype: type[np.floating] = np.float64,
 ) -> Kernel:
     """Return a kernel for a problem.
@@ -45,20 +43,14 @@ def kernel_for(
         for array in (problem.gamma, problem.lower, problem.upper, serving.reference)
     )
     return kernel(
-        gamma,
-        lower,
-        upper,
-        start,
+        gamma, lower, upper, start,
         order=[axes.index(axis) for group in serving.groups for axis in group],
         group=[i for i, group in enumerate(serving.groups) for _ in group],
-        keep_sense=[int(axis in keeps) for axis in axes],
-        policy=int(settings.status),
-        on_reference=serving.on_reference,
-        slack=settings.residual_slack,
+        keep_sense=[int(axis in keeps) for axis in axes], policy=int(settings.status),
+        on_reference=serving.on_reference, slack=settings.residual_slack,
         weight=preference and np.ascontiguousarray(preference[0], dtype),
         preferred=preference and np.ascontiguousarray(preference[1], dtype),
-        thrust=axes.index('thrust') if 'thrust' in axes else -1,
-        airmode=serving.airmode_limit,
+        thrust=axes.index('thrust') if 'thrust' in axes else -1, airmode=serving.airmode_limit,
         impaired=problem.impaired.tolist(),
     )
 
@@ -93,14 +85,8 @@ class NumpyEngine:
         return None if same else self._problem.bounded(lower, upper)
 
     def explain(
-        self,
-        u: Array,
-        thrusts: Array,
-        served: Array,
-        gain: Array,
-        airmode: Array,
-        limit: NDArray[np.int32],
-        *bounds: Array,
+        self, u: Array, thrusts: Array, served: Array, gain: Array, airmode: Array,
+        limit: NDArray[np.int32], *bounds: Array,
     ) -> float:
         """Write why thrusts are the answer to u; see `Kernel.explain`."""
         within = self._within(*bounds)

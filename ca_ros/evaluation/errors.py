@@ -18,8 +18,7 @@ FORCES = ('force_x', 'force_y', 'thrust')  # the axes in N; the others are in N 
 COLUMNS = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}  # columns that are not named as axes
 
 ERRORS = {
-    'force_error': 'force error [N]',
-    'torque_error': 'torque error [N m]',
+    'force_error': 'force error [N]', 'torque_error': 'torque error [N m]',
     'error': 'error of all axes',
 }
 """Titles of the errors: force and torque of a vehicle, one of a problem without a vehicle."""

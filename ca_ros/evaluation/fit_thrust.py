@@ -45,8 +45,7 @@ def summary(found: StandFit) -> list[str]:
 
     lines = [
         f'{len(found.speeds)} points up to {top:.4g} N at {found.speeds[-1]:.4g} rad/s',
-        line('k_f w^2', *found.error(found.square)),
-        line('curve', *found.error(found.curve)),
+        line('k_f w^2', *found.error(found.square)), line('curve', *found.error(found.curve)),
     ]
     if found.throttles is not None:
         worst = found.expo_error(found.expo)

@@ -109,8 +109,7 @@ def metrics(problem: AllocationProblem, demands: Array, thrusts: Array) -> dict[
 def cells(own: Mapping[str, Any]) -> dict[str, str]:
     """Return the metrics of a method as cells of a table, by the titles of the columns [%]."""
     shares = {
-        'axis reversed [%]': own['reversed'],
-        'axis exceeded [%]': own['exceeded'],
+        'axis reversed [%]': own['reversed'], 'axis exceeded [%]': own['exceeded'],
         **{f'{name} lost [%]': share for name, share in own['lost'].items()},
     }
     if 'energy_excess' in own:

@@ -25,8 +25,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 KERNEL_FILES = ('detector.h', 'detector.c')
 TEMPLATES = {
-    'detector_constants.h': '{name}_detector.h',
-    'detector_constants.c': '{name}_detector.c',
+    'detector_constants.h': '{name}_detector.h', 'detector_constants.c': '{name}_detector.c',
     'golden_flight.h': 'golden_flight.h',
 }
 FIXED = ('check_detector.c',)

@@ -47,12 +47,8 @@ def replay(detector: Detector, flight: Flight) -> _Found:
     """Return what a detector finds in a recorded flight, as it did in the flight itself."""
     found: _Found = []
     samples = zip(
-        np.round(flight.time * 1e9).astype(int).tolist(),
-        flight.attitude,
-        flight.velocity,
-        flight.angular_velocity,
-        flight.speeds,
-        strict=True,
+        np.round(flight.time * 1e9).astype(int).tolist(), flight.attitude, flight.velocity,
+        flight.angular_velocity, flight.speeds, strict=True,
     )
     for time, attitude, velocity, angular_velocity, speeds in samples:
         if detector.observe(time, attitude, velocity, angular_velocity):

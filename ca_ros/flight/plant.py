@@ -33,8 +33,7 @@ def body_of(vehicle: Vehicle, settings: PlantSettings) -> RigidBody:
     thrust = repeated('simulator.thrust_factor', settings.thrust_factor, vehicle.n)
     torque = repeated('simulator.torque_factor', settings.torque_factor, vehicle.n)
     simulated = replace(
-        vehicle,
-        mass=vehicle.mass * settings.mass_factor,
+        vehicle, mass=vehicle.mass * settings.mass_factor,
         thrust_coefficient=vehicle.thrust_coefficient * thrust,
         thrust_coefficient_reverse=vehicle.thrust_coefficient_reverse * thrust,
         torque_coefficient=vehicle.torque_coefficient * torque,
@@ -138,10 +137,8 @@ def initial_state(settings: PlantSettings) -> Array:
     attitude = np.array(settings.initial_attitude, dtype=float)
     return np.concatenate(
         [
-            triple(settings.initial_position),
-            triple(settings.initial_velocity),
-            attitude / hypot(*attitude.tolist()),
-            triple(settings.initial_angular_velocity),
+            triple(settings.initial_position), triple(settings.initial_velocity),
+            attitude / hypot(*attitude.tolist()), triple(settings.initial_angular_velocity),
         ]
     )
 

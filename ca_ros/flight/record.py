@@ -75,15 +75,13 @@ class Flight:
     def columns(self) -> dict[str, Array]:
         """Return the columns of `write_csv` by name, (K,) each."""
         tables = {
-            ('t',): self.time[:, None],
-            ('x', 'y', 'z'): self.position,
+            ('t',): self.time[:, None], ('x', 'y', 'z'): self.position,
             ('roll', 'pitch', 'yaw'): self.euler,
             tuple(f'speed_{i + 1}' for i in range(self.speeds.shape[1])): self.speeds,
             ('heading', 'tilt'): np.column_stack([self.heading, self.tilt]),
             ('qx', 'qy', 'qz', 'qw'): self.attitude,
             tuple(f'angle_{i + 1}' for i in range(self.angles.shape[1])): self.angles,
-            ('vx', 'vy', 'vz'): self.velocity,
-            ('wx', 'wy', 'wz'): self.angular_velocity,
+            ('vx', 'vy', 'vz'): self.velocity, ('wx', 'wy', 'wz'): self.angular_velocity,
         }
         pairs = tables.items()
         return {name: table[:, i] for names, table in pairs for i, name in enumerate(names)}

@@ -21,10 +21,7 @@ from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
 POSITION, VELOCITY, ATTITUDE, ANGULAR_VELOCITY = (
-    slice(0, 3),
-    slice(3, 6),
-    slice(6, 10),
-    slice(10, 13),
+    slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 )
 
 NULL_STATE: Array = np.concatenate([np.zeros(9), [1.0], np.zeros(3)])
@@ -131,19 +128,13 @@ class RigidBody:
         turning = np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ omega
         return np.concatenate(
             [
-                state[VELOCITY],
-                rotation @ force / self.vehicle.mass - self._gravity,
-                0.5 * turning,
-                self._inverse_inertia @ torque,
+                state[VELOCITY], rotation @ force / self.vehicle.mass - self._gravity,
+                0.5 * turning, self._inverse_inertia @ torque,
             ]
         )
 
     def step(
-        self,
-        state: Array,
-        speeds: Array,
-        time_step: float,
-        wind: Array = CALM,
+        self, state: Array, speeds: Array, time_step: float, wind: Array = CALM,
         integrate: Callable[[Derivative, Array, float], Array] = euler,
     ) -> Array:
         """Return the state (13,) after one step, with a unit quaternion.

@@ -31,21 +31,10 @@ class Kernel(Protocol):
     """The exact allocator for one problem; arrays are contiguous, of its precision."""
 
     def __init__(
-        self,
-        gamma: Array,
-        lower: Array,
-        upper: Array,
-        reference: Array,
-        order: Sequence[int],
-        group: Sequence[int],
-        keep_sense: Sequence[int],
-        policy: int,
-        on_reference: bool,
-        slack: float,
-        weight: Array | None = None,
-        preferred: Array | None = None,
-        thrust: int = -1,
-        airmode: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        self, gamma: Array, lower: Array, upper: Array, reference: Array, order: Sequence[int],
+        group: Sequence[int], keep_sense: Sequence[int], policy: int, on_reference: bool,
+        slack: float, weight: Array | None = None, preferred: Array | None = None,
+        thrust: int = -1, airmode: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
         impaired: Sequence[int] | None = None,
     ) -> None: ...
 
@@ -59,11 +48,7 @@ class Kernel(Protocol):
         """
 
     def allocate_batch(
-        self,
-        wrenches: Array,
-        thrusts: Array,
-        status: IntArray,
-        levels: Array,
+        self, wrenches: Array, thrusts: Array, status: IntArray, levels: Array,
         work: NDArray[np.int32] | None,
     ) -> None:
         """Write thrusts (N, n), status (N,) and levels (N,) for wrenches (N, m).
@@ -72,14 +57,8 @@ class Kernel(Protocol):
         """
 
     def explain(
-        self,
-        u: Array,
-        thrusts: Array,
-        served: Array,
-        gain: Array,
-        airmode: Array,
-        limit: NDArray[np.int32],
-        *bounds: Array,
+        self, u: Array, thrusts: Array, served: Array, gain: Array, airmode: Array,
+        limit: NDArray[np.int32], *bounds: Array,
     ) -> float:
         """Write why thrusts (n,) are the answer to u (m,); return the margin of u.
 

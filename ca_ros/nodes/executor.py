@@ -32,8 +32,7 @@ def _convert_parameters(request: Any) -> None:
 
 
 CONVERSIONS: dict[type, Callable[[Any], object]] = {
-    ClockMessage: lambda message: Time.from_msg(message.clock),
-    SetParameters: _convert_parameters,
+    ClockMessage: lambda message: Time.from_msg(message.clock), SetParameters: _convert_parameters,
     SetParametersAtomically: _convert_parameters,
 }
 """Conversions at the start of rclpy's own callbacks, where an error would end the node."""

@@ -198,8 +198,7 @@ class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
 
 
 DECLARED: dict[str, type[NodeSettings]] = {
-    'allocator': AllocatorSettings,
-    'controller': ControllerNodeSettings,
+    'allocator': AllocatorSettings, 'controller': ControllerNodeSettings,
     'simulator': SimulatorSettings,
 }
 """The settings of each node, by the name of the node."""

@@ -332,8 +332,7 @@ class Prioritization:
                 distances = [abs(goals[row] - self._reference[row]) for row in group]
                 longest = max(*distances, LAG)
                 lag = simplex.add_lag(
-                    [offset + row for row in group],
-                    [goals[row] for row in group],
+                    [offset + row for row in group], [goals[row] for row in group],
                     [max(max(each, LAG) / longest, LAG_RATIO) for each in distances],
                 )
                 run.axis.update({lag + 1 + i: row for i, row in enumerate(np.repeat(group, 2))})

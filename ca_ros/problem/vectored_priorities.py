@@ -56,11 +56,8 @@ class VectoredPrioritization:
     """
 
     def __init__(
-        self,
-        problem: VectoredProblem,
-        groups: Sequence[Sequence[int]],
-        reference: Array | None = None,
-        thrust_deviation: str = THRUST_DEVIATION,
+        self, problem: VectoredProblem, groups: Sequence[Sequence[int]],
+        reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
         begin: Array | None = None,
     ) -> None:
         self._problem = problem
@@ -184,9 +181,7 @@ class VectoredPrioritization:
             state.ranges[row] = max(u[row] - reach, before[0]), min(u[row] + reach, before[1])
 
     def _minimise(
-        self,
-        state: _State,
-        costs: dict[int, float],
+        self, state: _State, costs: dict[int, float],
         more: tuple[list[ConvexSet], Array, Array, Array] | None = None,
     ) -> float:
         """Move the point to the least cost of axes, or of the first of more variables."""
@@ -221,11 +216,8 @@ AnyPrioritization = Prioritization | VectoredPrioritization
 
 
 def prioritization_of(
-    problem: AllocationProblem,
-    groups: Sequence[Sequence[int]],
-    reference: Array | None = None,
-    thrust_deviation: str = THRUST_DEVIATION,
-    begin: Array | None = None,
+    problem: AllocationProblem, groups: Sequence[Sequence[int]], reference: Array | None = None,
+    thrust_deviation: str = THRUST_DEVIATION, begin: Array | None = None,
     airmode_limit: Sequence[float] = AIRMODE,
 ) -> AnyPrioritization:
     """Return the prioritization of a problem; see `Prioritization` for the arguments.

@@ -41,9 +41,7 @@ class VehicleProblem(AllocationProblem):
         self.vehicle, self.axes = vehicle, vehicle.axes
         self.effector_names = tuple(str(i + 1) for i in range(vehicle.n))
         self._fill(
-            control_allocation_matrix(vehicle),
-            vehicle.thrust_min,
-            vehicle.thrust_max,
+            control_allocation_matrix(vehicle), vehicle.thrust_min, vehicle.thrust_max,
             np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]),
         )
 
@@ -95,8 +93,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         self.directions = np.concatenate([rows for _, rows in self.windows])
         self.wrenches = thrust_wrenches(vehicle, owners, self.directions)
         self._fill(
-            self.wrenches[[AXES.index(axis) for axis in vehicle.axes]],
-            self.sets.lower,
+            self.wrenches[[AXES.index(axis) for axis in vehicle.axes]], self.sets.lower,
             self.sets.upper,
             np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]),
         )

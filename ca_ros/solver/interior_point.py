@@ -31,14 +31,8 @@ class Minimum(NamedTuple):
 
 
 def minimize(
-    sets: ConvexSets,
-    matrix: Array,
-    goal: Array,
-    cost: Array,
-    start: Array,
-    gap: float,
-    curvature: Array | None = None,
-    weight: float = 1.0,
+    sets: ConvexSets, matrix: Array, goal: Array, cost: Array, start: Array, gap: float,
+    curvature: Array | None = None, weight: float = 1.0,
 ) -> Minimum:
     """Minimise ``c @ x + x @ (d * x) / 2`` with ``A x = b`` and x in the sets.
 

@@ -19,8 +19,7 @@ def executable(name: str) -> Path:
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     libraries = [Path(prefix, 'lib') for prefix in prefixes]
     places = [
-        *(library / 'ca_ros' for library in libraries),
-        Path(sysconfig.get_path('scripts')),
+        *(library / 'ca_ros' for library in libraries), Path(sysconfig.get_path('scripts')),
         *(package for library in libraries for package in library.glob('*')),
         os.environ.get('PATH', os.defpath),
     ]

@@ -36,8 +36,7 @@ FLIP = np.array([1.0, -1.0, -1.0])
 LINE = re.compile(r'^\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(CA_\w+)\s+(\S+)', re.MULTILINE)
 
 STYLES = {
-    'shell': 'param set {name} {value:.9g}',
-    'airframe': 'param set-default {name} {value:.9g}',
+    'shell': 'param set {name} {value:.9g}', 'airframe': 'param set-default {name} {value:.9g}',
     'params': '1\t1\t{name}\t{value:.9g}\t{kind}',
 }
 

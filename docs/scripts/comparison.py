@@ -91,8 +91,7 @@ def wrenches_table(found: Mapping[str, Mapping[str, Any]]) -> str:
         rows.append((f'`{label}`', *cells, *shares))
     titles = (
         *('method', 'missed [%]', 'error, mean / max', 'energy above least [%]'),
-        *('roll and pitch lost [%]', 'thrust lost [%]', 'yaw lost [%]'),
-        'reversed [%]',
+        *('roll and pitch lost [%]', 'thrust lost [%]', 'yaw lost [%]'), 'reversed [%]',
     )
     return table(titles, rows)
 

@@ -40,8 +40,7 @@ KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
 KINDS = ('inside', 'boundary', 'outside')
 METHODS = {
-    'clipped_pinv': 'clipped pseudo-inverse',
-    'kernel': 'kernel of `exact`',
+    'clipped_pinv': 'clipped pseudo-inverse', 'kernel': 'kernel of `exact`',
     'osqp': "OSQP's generated code",
 }
 CLOCK = 168e6  # of a flight controller with an STM32F4 [Hz]

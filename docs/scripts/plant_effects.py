@@ -25,8 +25,7 @@ GAINS = 0.0, 0.5, 1.0  # values of `controller.integral_gain` [1/s]
 Effects = Callable[[int], dict[str, int]]
 
 LIMITS: dict[str, Effects] = {
-    'motor lag': lambda ms: {'motor_time_constant': ms},
-    'delay': lambda ms: {'command_delay': ms},
+    'motor lag': lambda ms: {'motor_time_constant': ms}, 'delay': lambda ms: {'command_delay': ms},
     'delay with a lag of 50 ms': lambda ms: {'command_delay': ms, 'motor_time_constant': 50},
 }
 """Parameters of the simulator [ms] for each of the limits."""
@@ -36,8 +35,7 @@ LONGEST = 512  # a time that no vehicle tolerates [ms]
 
 ERRORS = {
     'wind of 3 m/s, a force of 0.9 N': {'linear_drag': 0.3, 'wind': [3.0, 0.0, 0.0]},
-    'k_f 10 % low': {'thrust_factor': 0.9},
-    'mass 10 % high': {'mass_factor': 1.1},
+    'k_f 10 % low': {'thrust_factor': 0.9}, 'mass 10 % high': {'mass_factor': 1.1},
     'k_f of each rotor off by up to 5 %': {'thrust_factor': [0.95, 1.0, 1.03, 0.97, 1.0, 1.02]},
     'k_tau of rotor 1 20 % low': {'torque_factor': [0.8, 1.0, 1.0, 1.0, 1.0, 1.0]},
 }

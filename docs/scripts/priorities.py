@@ -56,8 +56,7 @@ def rows_table() -> str:
     """Return what is missed of the unattainable wrenches of PX4's test."""
     rows = np.loadtxt(ROWS, delimiter=',', skiprows=1)
     rotors = {
-        'positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0],
-        'spins': ['cw', 'ccw', 'cw', 'ccw'],
+        'positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 'spins': ['cw', 'ccw', 'cw', 'ccw'],
         **dict.fromkeys(('thrust_coefficient', 'torque_coefficient', 'speed_max'), 1.0),
         'speed_min': 0.0,
     }

@@ -94,12 +94,8 @@ def _ground(flight: Flight, moments: Sequence[float]) -> int:
 
 
 def _plots(
-    figure: SubFigure,
-    columns: int,
-    study: Flights,
-    grounds: Mapping[str, int],
-    moments: Sequence[float],
-    limits: tuple[float, float],
+    figure: SubFigure, columns: int, study: Flights, grounds: Mapping[str, int],
+    moments: Sequence[float], limits: tuple[float, float],
 ) -> dict[str, list[tuple[Any, Array]]]:
     """Draw the curves up to the grounds; return markers of the present time, and the values."""
     place = {'left': 0.1, 'right': 0.98, 'bottom': 0.09, 'top': 0.38, 'hspace': 0.3}

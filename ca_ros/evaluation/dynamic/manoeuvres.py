@@ -164,8 +164,7 @@ def flown(
         'height_lost': height_lost(flight, min(float(each.position[2]) for each in goals)),
         'energy': float(energy(thrusts)[:-1].sum() * step),
         'change': float(changes_of(thrusts).sum() / flight.time[-1]),
-        'heading_error': float(np.abs(off).sum() * step),
-        **counter.counts,
+        'heading_error': float(np.abs(off).sum() * step), **counter.counts,
     }
 
 

@@ -87,8 +87,7 @@ def motor_models(vehicle: Vehicle) -> str:
     blocks = []
     for i in range(vehicle.n):
         plugin = ElementTree.Element(
-            'plugin',
-            filename='gz-sim-multicopter-motor-model-system',
+            'plugin', filename='gz-sim-multicopter-motor-model-system',
             name='gz::sim::systems::MulticopterMotorModel',
         )
         thrust, torque = vehicle.thrust_coefficient[i], vehicle.torque_coefficient[i]
