@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import tempfile
 import uuid
-from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -17,9 +18,7 @@ import psutil
 
 from ca_ros.process.deadline import Deadline
 from ca_ros.process.processes import Process, Processes
-from ca_ros.testing.blocked_end import blocked, excuse
 from ca_ros.testing.domain import claim
-from ca_ros.testing.environment import SETTINGS, applied
 from ca_ros.testing.executables import executable
 
 DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))  # time limit of a wait [s]
@@ -28,6 +27,23 @@ MARK = 'CA_ROS_TEST_GRAPH'  # a variable of all processes of a graph, and of the
 LINES = 50  # number of lines of the output of a process that a report shows
 
 STREAMS = 'stdout', 'stderr'
+
+CHECK = 'ROS_PYTHON_CHECK_FIELDS'
+
+SETTINGS = {
+    # Shared memory of killed processes would delay later starts by seconds.
+    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    # Without this check an int in a field of type double is sent as a wrong number.
+    CHECK: '1',
+    'PYTHONUNBUFFERED': '1',
+}
+
+BLOCKED = re.compile(
+    r'Timeout \(.*\)!\nThread \S+ \(most recent call first\):\n'
+    r'  File ".*/rclpy/node\.py", line \d+ in destroy_node\n'
+)
+"""What a node of this package prints then."""
 
 
 class GraphProcesses:
@@ -96,7 +112,7 @@ class GraphProcesses:
         elif faults and not self.failed:
             raise AssertionError('\n'.join([*faults, report]))
         elif excused:
-            excuse()
+            _excuse()
 
     @property
     def _started(self) -> list[Process]:
@@ -158,7 +174,7 @@ class GraphProcesses:
         if late:
             raise AssertionError(f'{self._name(process)}: not ended in {deadline:g} s: {err}')
         if blocked(process.returncode, err):
-            excuse()
+            _excuse()
         return out, err
 
     def alive(self) -> list[psutil.Process]:
@@ -199,3 +215,29 @@ class GraphProcesses:
 
     def _tail(self, process: Process, lines: int) -> str:
         return '\n'.join(''.join(self.output(process)).splitlines()[-lines:])
+
+
+@contextmanager
+def applied(settings: Mapping[str, str]) -> Iterator[None]:
+    """Apply environment variables, also in the message modules, which read `CHECK` at import."""
+    import pytest
+
+    with pytest.MonkeyPatch.context() as changes:
+        for name, value in settings.items():
+            changes.setenv(name, value)
+        for module in [*sys.modules.values()]:
+            if CHECK.lower() in getattr(module, '__dict__', {}):
+                changes.setattr(module, CHECK.lower(), settings[CHECK])
+        yield
+
+
+def blocked(exit_code: int, err: str) -> bool:
+    """Return whether Fast DDS blocked at the end of a node, after its last command."""
+    return exit_code == 1 and bool(BLOCKED.search(err))
+
+
+def _excuse() -> None:
+    """End a test as an expected failure."""
+    import pytest
+
+    pytest.xfail('Fast DDS blocked at the end of a node, after its last command: issue 6513')
