@@ -1,5 +1,6 @@
 """Unannounced rotor failures: detected, named, flown on with; and what is none."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.failure_test import FailureTest
 from ca_ros.flight.kernel_detector import KernelDetector, load, packed
+from ca_ros.flight.lag_check import LagCheck
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 from ca_ros.flight.settings import DetectorSettings
@@ -204,6 +206,45 @@ def test_a_rotor_that_turns_too_slowly_has_lost_thrust():
     np.testing.assert_allclose(detector.health, without(6, rotor_4=0.49), atol=1e-3)
 
 
+# The lag of the motors
+
+@pytest.fixture(scope='module')
+def with_a_failure():
+    """Return a case, and a flight in which rotor 2 loses its thrust and rotor 7 a part."""
+    case = Case.load('octorotor', REALISTIC)
+    lost = {2.0: without(8, rotor_2=0.0), 2.4: without(8, rotor_2=0.0, rotor_7=0.5)}
+    return case, flown(case, lost, 3.0)[0]
+
+
+@pytest.mark.parametrize('source', ['motion', 'measured speeds'])
+@pytest.mark.parametrize(('given', 'fault'), [
+    (0.02, 'the motors lag by about .. ms, but detector.motor_time_constant is 20 ms'),
+    (0.05, '$'),
+])
+def test_a_wrong_lag_is_warned_of(with_a_failure, source, given, fault):
+    # The motors lag by 50 ms.
+    case, flight = with_a_failure
+    check = LagCheck(case.vehicle, replace(SETTINGS, motor_time_constant=given))
+    lag, turning = MotorLag(0.05), np.zeros(8)
+    for i in range(200):
+        check.observe(i * 10_000_000, flight.angular_velocity[i], np.ones(8))
+        if source == 'measured speeds':
+            check.measure(turning, np.ones(8))
+        check.command(i * 10_000_000, flight.speeds[i])
+        turning = lag(turning, flight.speeds[i - 1] if i else turning, 0.01)
+    assert re.match(fault, check.fault), check.fault
+    assert check.lag == pytest.approx(0.05, abs=0.006)
+
+
+def test_a_vehicle_at_rest_shows_no_lag():
+    check, rng = LagCheck(HEXAROTOR, SETTINGS), np.random.default_rng(0)
+    for i in range(500):
+        check.observe(i * 10_000_000, 0.02 * rng.standard_normal(3), np.ones(6))
+        check.command(i * 10_000_000, np.full(6, 250.0))
+    assert check.lag is None
+    assert check.fault == ''
+
+
 # The detector in C
 
 def in_c(case, name='_detector'):
@@ -213,14 +254,6 @@ def in_c(case, name='_detector'):
     reference = FailureDetector(case.vehicle, case.flown.detector)
     model = packed(reference, module.FIELDS, module.N)
     return reference, KernelDetector(module, model, case.vehicle, case.flown.detector)
-
-
-@pytest.fixture(scope='module')
-def with_a_failure():
-    """Return a case, and a flight in which rotor 2 loses its thrust and rotor 7 a part."""
-    case = Case.load('octorotor', REALISTIC)
-    lost = {2.0: without(8, rotor_2=0.0), 2.4: without(8, rotor_2=0.0, rotor_7=0.5)}
-    return case, flown(case, lost, 3.0)[0]
 
 
 def disturbed(flight, rng):

@@ -14,12 +14,13 @@ COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest ar
 class CommandedRotors:
     """Predicts what the rotors of a sound vehicle do.
 
-    `time_constant` and `delay`: of the motors [s].
+    `time_constant` and `delay`: of the motors [s].  With C time constants (C, 1), speeds and
+    thrusts are (C, n).
 
     `speeds` (n,): [rad/s]; zero before the first command.
     """
 
-    def __init__(self, vehicle: Vehicle, time_constant: float, delay: float) -> None:
+    def __init__(self, vehicle: Vehicle, time_constant: float | Array, delay: float) -> None:
         self._vehicle, self._lag = vehicle.with_health(1.0), MotorLag(time_constant)
         self._delay = round(delay * 1e9)
         self._waiting: list[tuple[int, Array]] = []
@@ -34,7 +35,7 @@ class CommandedRotors:
 
     def thrusts(self, start: int, end: int) -> Array:
         """Return the mean thrusts (n,) between two times [ns], as of sound rotors [N]."""
-        total, now = np.zeros(len(self.speeds)), start
+        total, now = np.zeros_like(self.speeds), start
         while now < end:
             while self._waiting and self._waiting[0][0] <= now:
                 self._command = self._waiting.pop(0)[1]

@@ -254,17 +254,14 @@ class FailureDetector:
         if not self._flown:
             self._mean_thrusts = thrusts
         self._flown += step
-        lacked = observer.impulse - step * observer.estimate
-        lacked[:3] = lacked[:3] @ turned
-        force = observer.impulse.copy()
-        force[:3] = force[:3] @ turned
+        sides = np.array([observer.impulse, step * observer.estimate])
+        sides[:, :3] = sides[:, :3] @ turned
+        impulse, usual = sides
         if moving and not self._suspicious:
-            self._learn(step, force / step + drag, mean, thrusts)
-        row, n = self._row, len(thrusts)
-        row[0] += step
-        row[1:7] += lacked
-        row[7 : 7 + n] += step * thrusts
-        if row[0] < BLOCK:
+            self._learn(step, impulse / step + drag, mean, thrusts)
+        n = len(thrusts)
+        self._row[: 7 + n] += np.concatenate([[step], impulse - usual, step * thrusts])
+        if self._row[0] < BLOCK:
             return False
         return self._test(time, thrusts, moving)
 

@@ -10,6 +10,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from ca_ros.flight.kernel_detector import Detector, make_detector
+from ca_ros.flight.lag_check import LagCheck
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
 from ca_ros.nodes.executable import run
@@ -81,6 +82,7 @@ class MonitorNode(VehicleNode):
         report, detector = built
         if self.audit is None:
             self.detector = detector
+            self._lag_check = LagCheck(report.vehicle, self.settings.detector)
         else:
             self.detector.announce(report.full.vehicle.health)
             self._publish(self._observed)
@@ -103,6 +105,8 @@ class MonitorNode(VehicleNode):
             return STALE, 'no state yet'
         if detector.suspect is not None:
             return WARN, f'rotor {detector.suspect + 1} suspected'
+        if self._lag_check.fault:
+            return WARN, self._lag_check.fault
         return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
 
     def values(self) -> dict[str, object]:
@@ -111,6 +115,7 @@ class MonitorNode(VehicleNode):
             ', '.join(f'{share:.3g}' for share in shares)
             for shares in (self.detector.health, self.detector.certainty)
         )
+        lag = self._lag_check.lag
         since = {
             f'{FOUND}{i + 1} [ns]': time
             for i, time in enumerate(self.detector.since)
@@ -120,6 +125,7 @@ class MonitorNode(VehicleNode):
             **super().values(),
             'health': health,
             'certainty of a failure': certainty,
+            "motors' lag [ms]": 'unknown' if lag is None else f'{1e3 * lag:.0f}',
             **since,
         }
 
@@ -135,14 +141,18 @@ class MonitorNode(VehicleNode):
             return
         self._commanded = time
         self.detector.command(time, speeds)
+        self._lag_check.command(time, speeds)
         self._observe()
 
     def _receive_speeds(self, message: Float64MultiArray) -> None:
         speeds, time = np.array(message.data), speeds_stamp(message)
         if speeds.shape != self.detector.health.shape or not np.isfinite(speeds).all():
             self.drop('speeds', f'measured rotor speeds {speeds}: expected one for each rotor')
-        elif time is not None and self.detector.measure(time, speeds):
-            self._publish(time)
+        elif time is not None:
+            if self.detector.measure(time, speeds):
+                self._publish(time)
+            if not self.detector.standing:
+                self._lag_check.measure(speeds, self.detector.health)
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self._pose = message
@@ -175,6 +185,8 @@ class MonitorNode(VehicleNode):
         self._watchdog.feed()
         self._observed = time
         changed = self.detector.observe(time, attitude, *motion)
+        if not self.detector.standing:
+            self._lag_check.observe(time, motion[1], self.detector.health)
         if changed or lockstep:
             self._publish(time)
 

@@ -1,0 +1,96 @@
+"""An estimate of the motors' lag from a flight, which checks the setting of the detector."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.flight.commanded_rotors import CommandedRotors
+from ca_ros.flight.rigid_body import cross, inertia_of
+from ca_ros.flight.settings import DetectorSettings
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.vehicle import Vehicle
+
+LAGS = np.arange(1, 33) * 0.005  # candidates [s]
+SLOW = 0.5  # time over which errors of the prediction are learnt as disturbances [s]
+MEMORY = 3000.0  # number of samples over which old ones are forgotten
+CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
+SHARE, LEAST = 0.5, 0.018  # a set lag off by more than this share, and time [s], is warned of
+
+
+class LagCheck:
+    """Finds the lag with which the commands explain the motion best.
+
+    For each candidate, the torques of the commanded rotors predict the angular velocity; the lag
+    with the least squares of errors is the likeliest, the errors taken as white (output error
+    method: Ljung, System Identification, 1999, section 4.2).  The set delay counts as known: a
+    delay that is longer by some milliseconds looks like a lag that is longer by as much.  Where
+    rotor speeds are measured, the errors of the predicted speeds take the place of those of the
+    motion.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    settings : DetectorSettings
+    """
+
+    def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
+        self._set = settings.motor_time_constant
+        self._rotors = CommandedRotors(vehicle, LAGS[:, None], settings.delay)
+        self._inertia = inertia_of(vehicle)
+        self._torques = rotor_wrenches(vehicle)[3:].T
+        self._time: int | None = None
+        self._predicted = self._slow = np.zeros((len(LAGS), 3))
+        self._squares, self._count = np.zeros((len(LAGS), 3)), 0.0
+        self._measured = False
+        self.command = self._rotors.command
+
+    @property
+    def lag(self) -> float | None:
+        """The likeliest time constant [s]; None while the flight does not show it."""
+        costs = self._costs()
+        return float(LAGS[costs.argmin()]) if costs.max() - costs.min() > CLEAR else None
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the set lag; empty if nothing is known to be."""
+        costs, given = self._costs(), self._set
+        likely = float(LAGS[costs.argmin()])
+        clear = np.interp(given, LAGS, costs) - costs.min() > CLEAR
+        if not clear or abs(likely - given) <= max(SHARE * given, LEAST):
+            return ''
+        return (
+            f'the motors lag by about {1e3 * likely:.0f} ms, but '
+            f'detector.motor_time_constant is {1e3 * given:.0f} ms'
+        )
+
+    def _costs(self) -> Array:
+        """Return the negative logarithm of the likelihood of each candidate (C,)."""
+        costs: Array = 0.5 * self._count * np.log(self._squares + 1e-9).sum(axis=1)
+        return costs
+
+    def observe(self, time: int, angular_velocity: Array, health: Array) -> None:
+        """Take the angular velocity (3,) [rad/s] at a time [ns], and the health (n,)."""
+        last, self._time = self._time, time
+        step = 0.0 if last is None else (time - last) / 1e9
+        if last is None or not 0.0 < step < SLOW:
+            self._predicted = np.tile(angular_velocity, (len(LAGS), 1))
+            return
+        turned = cross(angular_velocity, self._inertia @ angular_velocity)
+        torques = (health * self._rotors.thrusts(last, time)) @ self._torques - turned
+        self._predicted = self._predicted + step * np.linalg.solve(self._inertia, torques.T).T
+        error = angular_velocity - self._predicted
+        self._slow = self._slow + step / SLOW * (error - self._slow)
+        if not self._measured:
+            self._add(error - self._slow)
+
+    def measure(self, speeds: Array, health: Array) -> None:
+        """Take measured rotor speeds (n,) [rad/s] at the time of the last state."""
+        if not self._measured:
+            self._squares, self._count = np.zeros((len(LAGS), len(speeds))), 0.0
+            self._measured = True
+        self._add(np.where(health < 1.0, 0.0, speeds - self._rotors.speeds))
+
+    def _add(self, errors: Array) -> None:
+        keep = 1.0 - 1.0 / MEMORY
+        self._squares, self._count = keep * self._squares + errors**2, keep * self._count + 1.0
