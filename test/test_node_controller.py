@@ -146,6 +146,19 @@ def test_a_tilt_beyond_what_is_commanded_is_warned_of(client):
         timer.cancel()
 
 
+def test_a_position_that_leaves_the_plan_is_warned_of(client):
+    def off_plan():
+        return [entry.msg for entry in client.log if 'leaves the plan' in entry.msg]
+
+    away = -np.array(WAYPOINT[0]) / np.linalg.norm(WAYPOINT[0])
+    for grown in (0.0, 0.9, 1.1):
+        client.ask(tuple(grown * LAW.settings.speed_max * away), *REST[1:])
+        client.settle()
+        assert not off_plan() or grown > 1.0
+    client.graph.spin_until(off_plan, 'a warning')
+    assert off_plan()[0].endswith(' m from the waypoint, after 3.7 m')
+
+
 def test_it_gives_way_by_the_order_of_its_parameters(client):
     # Tilted and turning so much that not all can be given.
     state = REST[0], (0.3, 0.2, 0.0, 0.93), REST[2], (0.0, 0.0, -6.0)

@@ -11,7 +11,7 @@ from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
-LAGS: Array = np.arange(1, 33) * 0.005  # candidates [s]
+LAGS: Array = np.linspace(0.005, 0.16, 32)  # candidates [s]
 SLOW = 0.5  # time over which errors of the prediction are learnt as disturbances [s]
 MEMORY = 3000.0  # number of samples over which old ones are forgotten
 CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts

@@ -36,6 +36,8 @@ from ca_ros.vehicle.settings import AXES
 NOTHING = 1e-9  # size of a component up to which it is left out of a text [N, N m]
 TILT_ERROR = 0.35  # tilt beyond the greatest commanded one that is warned of [rad]
 
+RETREAT = 1.0  # time at the greatest speed of which the distance to a waypoint may grow [s]
+
 SAME_STAMP = 'pose and velocity with the same stamp'
 
 
@@ -57,7 +59,7 @@ class ControllerNode(HealthNode):
         self._came = dict.fromkeys(('pose', 'velocity', SAME_STAMP), -inf)
         self._standing: Subscription | None = None
         self._open = False
-        self._tilt = 0.0
+        self._tilt, self._nearest = 0.0, inf
         self._asked: tuple[Any, ...] = ()
         self._served = np.zeros(len(AXES))
 
@@ -151,7 +153,7 @@ class ControllerNode(HealthNode):
             self.counts['refused waypoints'] += 1
             self.warn_throttled('waypoint', f'refused a waypoint {fault}')
             return
-        self._waypoint = Waypoint(position, attitude)
+        self._waypoint, self._nearest = Waypoint(position, attitude), inf
 
     def _stamps(self) -> list[int]:
         """Return the stamps of the last pose and velocity, as far as there are any [ns]."""
@@ -207,6 +209,11 @@ class ControllerNode(HealthNode):
                 self.drop('state', f'state: {error}')
             return
         self._tilt = float(tilt(state[1]))
+        distance = float(np.linalg.norm(state[0] - self._waypoint.position))
+        self._nearest = min(self._nearest, distance)
+        if distance > self._nearest + RETREAT * self.settings.controller.speed_max:
+            what = f'{distance:.1f} m from the waypoint, after {self._nearest:.1f} m'
+            self.warn_throttled('plan', f'the position leaves the plan: {what}')
         self._watchdog.feed()
         self.counts['served' if first else 'served again'] += 1
         header = Header(stamp=self._pose.header.stamp, frame_id=self.settings.command_frame)
