@@ -70,6 +70,20 @@ def test_the_order_of_the_motors():
             motors.order_of(wrong, 3)
 
 
+def test_tilt_angles_in_the_order_of_the_motors():
+    tricopter, gimbals = map(Vehicle.load, ('tricopter', 'omnidirectional_gimbals'))
+    assert motors.servo_angles([0.3], tricopter, [2, 3, 1]).tolist() == [0.3]
+    # Rotor 8 first, with its two angles.
+    angles = np.arange(16) / 20.0
+    turned = motors.servo_angles(angles, gimbals, [8, 1, 2, 3, 4, 5, 6, 7])
+    assert turned.tolist() == [*angles[14:], *angles[:14]]
+    for wrong in ([0.7], [np.nan], [0.1, 0.1]):
+        with pytest.raises(ValueError, match=r'tilt angles .*: expected 1, from \[-0\.6'):
+            motors.servo_angles(wrong, tricopter, [])
+    with pytest.raises(ParameterError, match='model of Gazebo takes fixed rotors only'):
+        motors.motor_models(tricopter)
+
+
 # Nodes
 
 def test_joint_velocities_arrive(graph):

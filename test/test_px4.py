@@ -206,10 +206,42 @@ def test_what_is_left_to_defaults_of_px4_is_named_in_the_file():
     assert 'CA_ROTOR2_KM' not in head
 
 
+TILT = ''.join(f'param set-default CA_{line}\n' for line in (
+    'AIRFRAME 8', 'SV_TL_COUNT 1', 'ROTOR2_TILT 1', 'SV_TL0_MINA -30', 'SV_TL0_MAXA 45',
+    'SV_TL0_TD 90'))
+
+
+def test_a_rotor_that_px4_tilts_to_the_right(vehicle):
+    tilts = vehicle(QUAD_X + TILT).tilts
+    assert tilts.rotors == [2]
+    assert_allclose(np.degrees(tilts.limits), [[-30], [45]])
+    # At 30 degrees it points half to the right, which is -y here.
+    assert_allclose(tilts.directions(np.radians([30]))[2], [0, -0.5, np.sqrt(0.75)], atol=1e-12)
+
+
+def test_a_tricopter_to_px4_and_back(vehicle):
+    tricopter = Vehicle.load('tricopter')
+    given = parameters.to_px4(tricopter, [2, 1, 3])
+    # The tail, motor 0, is at (-0.3, 0, 0) m and tilts to the left: torque about z alone.
+    assert [name for name in given if name.endswith('_TILT')] == ['CA_ROTOR0_TILT']
+    assert given['CA_SV_TL0_TD'] == 270
+    assert given['CA_SV_TL0_CT'] == 1
+    assert given['CA_SV_TL0_MAXA'] == pytest.approx(np.degrees(0.6))
+    back = vehicle(parameters.text(given, 'airframe'))
+    assert_allclose(back.tilts.directions(np.array([0.4]))[0],
+                    tricopter.tilts.directions(np.array([0.4]))[1], atol=1e-8)
+    for name, words in (('hexarotor_tilting', 'up to 4'), ('omnidirectional_gimbals', 'up to 4'),
+                        ('azimuth_boat', 'upwards')):
+        with pytest.raises(ValueError, match=words):
+            parameters.to_px4(Vehicle.load(name))
+
+
 @pytest.mark.parametrize(('airframe', 'words'), [
     ('rotors: 4', 'no CA_ROTOR_COUNT: expected an airframe'),
     (QUAD_X + 'param set-default CA_AIRFRAME 2\n', 'CA_AIRFRAME is 2: expected 0'),
-    (QUAD_X + 'param set-default CA_ROTOR1_TILT 1\n', 'CA_ROTOR1_TILT: rotors that servos tilt'),
+    (QUAD_X + 'param set-default CA_ROTOR1_TILT 1\n', 'CA_AIRFRAME: expected 8'),
+    (QUAD_X + TILT + 'param set-default CA_ROTOR1_TILT 2\n', 'is 2: CA_SV_TL_COUNT is 1'),
+    (QUAD_X + TILT + 'param set-default CA_ROTOR1_TILT 1\n', 'a servo for each rotor'),
     (QUAD_X + 'param set-default CA_ROTOR1_KM 0\n', 'CA_ROTOR1_KM is 0: expected its sign'),
     (QUAD_X + 'param set-default CA_ROTOR1_CT 0\n', 'rotor 1 has no axis or no thrust'),
     (QUAD_X + 'param set-default CA_ROTOR1_AZ 0\n', 'rotor 1 has no axis or no thrust'),

@@ -1,5 +1,6 @@
 """Vehicles whose rotors tilt over ROS: flights, and angles as safe as speeds."""
 
+from functools import partial
 from math import radians, sqrt
 
 import numpy as np
@@ -16,7 +17,9 @@ from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.allocator_node import AllocatorNode
+from ca_ros.nodes.bridges.ros2_control_bridge import Ros2ControlBridge
 from ca_ros.nodes.messages import speeds_message, speeds_stamp
+from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.settings import load
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.settings import flat
@@ -155,11 +158,14 @@ def test_without_commands_the_angles_stay_and_after_a_failure_they_are_its(graph
     assert result.reason == 'rotors.stuck_servos: angle: expected -1 to 1 rad, got 1.7'
 
 
-def test_methods_without_vectors_and_without_rates_are_refused_in_one_line(graph):
+def test_what_takes_no_rotors_that_tilt_refuses_them_in_one_line(graph):
     takers = [name for name, kind in ALLOCATORS.items() if kind.takes_vectors]
     with pytest.raises(ParameterError, match='exact, pseudo_inverse, ') as refusal:
         made(graph, AllocatorNode, **{'allocation.method': 'direct'})
     assert all(name in str(refusal.value) for name in takers)
+    for kind in (MonitorNode, partial(Ros2ControlBridge, 'bridge')):
+        with pytest.raises(ParameterError, match='takes fixed rotors only; expected none that ti'):
+            made(graph, kind)
     with pytest.raises(ParameterError, match='PseudoInverse does not keep the rates'):
         made(graph, AllocatorNode, **{
             'allocation.method': 'pseudo_inverse', 'rotors.tilt_rate_max': 1.0})

@@ -13,6 +13,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 UNITS = {
     'mass': 'kg', 'inertia': 'kg m^2', 'positions': 'm', 'thrust_coefficient': 'kg m',
     'torque_coefficient': 'kg m^2', 'speed_min': 'rad/s', 'speed_max': 'rad/s',
+    'tilt_min': 'rad', 'tilt_max': 'rad',
 }
 
 

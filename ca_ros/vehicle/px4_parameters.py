@@ -22,6 +22,7 @@ import numpy as np
 
 from ca_ros.arguments import finite
 from ca_ros.vehicle.parameter_text import parameter_text
+from ca_ros.vehicle.px4_tilts import AIRFRAME, tilts_from, tilts_to
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS = 12  # the most rotors of PX4; 8 before version 1.14
@@ -34,6 +35,8 @@ FLIP = np.array([1.0, -1.0, -1.0])
 
 # `param set-default NAME VALUE` of an airframe, or a line of a file of QGroundControl.
 LINE = re.compile(r'^\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(CA_\w+)\s+(\S+)', re.MULTILINE)
+
+WHOLE = re.compile(r'CA_(ROTOR_COUNT|R_REV|AIRFRAME|SV_TL_COUNT|ROTOR\d+_TILT|SV_TL\d_(TD|CT))')
 
 STYLES = {
     'shell': 'param set {name} {value:.9g}', 'airframe': 'param set-default {name} {value:.9g}',
@@ -57,13 +60,11 @@ def read(text: str) -> dict[str, float]:
             "no CA_ROTOR_COUNT: expected an airframe ('param set-default CA_ROTOR_COUNT 4') or a "
             "parameter file of QGroundControl ('1 1 CA_ROTOR_COUNT 4 6', with tabs)"
         )
-    if given.get('CA_AIRFRAME', 0.0) not in (0.0, 7.0):
+    if given.get('CA_AIRFRAME', 0.0) not in (0.0, 7.0, AIRFRAME):
         raise ValueError(
-            f'CA_AIRFRAME is {given["CA_AIRFRAME"]:g}: expected 0 (multirotor) or 7 (motors, 6DOF)'
+            f'CA_AIRFRAME is {given["CA_AIRFRAME"]:g}: expected 0 (multirotor), 7 (motors, 6DOF) '
+            f'or {AIRFRAME} (multirotor with tilt)'
         )
-    tilted = [name for name in given if name.endswith('_TILT') and given[name]]
-    if tilted:
-        raise ValueError(f'{tilted[0]}: rotors that servos tilt are not supported')
     return given
 
 
@@ -123,7 +124,7 @@ def from_px4(
             'positions': places, 'axes': axes,
             'spins': ['ccw' if each > 0.0 else 'cw' for each in km], 'thrust_coefficient': thrust,
             'torque_coefficient': torque, 'speed_min': speeds[0], 'speed_max': speeds[1],
-        },
+        } | tilts_from(given, n),
     )
 
 
@@ -152,7 +153,7 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
             found[f'CA_ROTOR{motor}_{name}'] = float(value) + 0.0
     if reversing := sum(1 << motor for motor, i in enumerate(rows) if vehicle.speed_min[i] < 0.0):
         found['CA_R_REV'] = reversing
-    return found
+    return found | tilts_to(vehicle, rows)
 
 
 def text(found: Mapping[str, float], style: str) -> str:
@@ -160,7 +161,7 @@ def text(found: Mapping[str, float], style: str) -> str:
     lines = ['# Vehicle-Id Component-Id Name Value Type'] if style == 'params' else []
     for name, value in found.items():
         # MAV_PARAM_TYPE of MAVLink: INT32 or REAL32.
-        kind = 6 if name in ('CA_ROTOR_COUNT', 'CA_R_REV') else 9
+        kind = 6 if WHOLE.fullmatch(name) else 9
         lines.append(STYLES[style].format(name=name, value=value, kind=kind))
     return '\n'.join(lines)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.settings import Numbers, ParameterError
+from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 GAZEBO_TOPIC = 'command/motors'
@@ -80,6 +81,7 @@ def motor_models(vehicle: Vehicle) -> str:
 
     Raises a ValueError if Gazebo's model is not that of the rotors.
     """
+    refuse_tilts(vehicle.tilts, 'model of Gazebo')
     if (vehicle.speed_min < 0.0).any():
         raise ValueError('rotors reverse (rotors.speed_min < 0), which Gazebo does not support')
     if not vehicle.curve.square:
