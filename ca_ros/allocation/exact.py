@@ -122,13 +122,7 @@ class Exact(Allocator):
                 self.problem.check(u)
             status, level = STATUSES[answer[0]], answer[1]
         return Allocation(
-            self.problem,
-            demand,
-            thrusts,
-            status,
-            level,
-            0.0,
-            self._preference,
+            self.problem, demand, thrusts, status, level, 0.0, self._preference,
             (bounds[0], bounds[1]) if bounds else None,
             None if answer is None or self._vectored else self._explain,
         )

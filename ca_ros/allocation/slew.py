@@ -175,10 +175,8 @@ def allocate_next(
 def within_rates(allocator: Allocator) -> SlewLimited | TiltLimited | None:
     """Return an allocator within the rates of its vehicle; None if that has none.
 
-    Raises
-    ------
-    ParameterError
-        If rotors tilt and the method is not `exact`: no other one keeps their rates.
+    Raises a ParameterError if rotors tilt and the method is not `exact`: no other one keeps their
+    rates.
     """
     problem, rates = allocator.problem, rates_of(allocator.problem)
     if not isinstance(problem, TiltingVehicleProblem):

@@ -53,12 +53,8 @@ class TiltLimited:
     """
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        speed_rate: ArrayLike,
-        tilt_rate: ArrayLike,
-        settings: ExactSettings | None = None,
-        braking: ArrayLike | None = None,
+        self, vehicle: Vehicle, speed_rate: ArrayLike, tilt_rate: ArrayLike,
+        settings: ExactSettings | None = None, braking: ArrayLike | None = None,
     ) -> None:
         if vehicle.tilts is None:
             raise ParameterError('vehicle: no rotor tilts; SlewLimited takes this vehicle')

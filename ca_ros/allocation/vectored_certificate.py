@@ -19,22 +19,15 @@ class VectoredCertificate:
 
     They are computed from the matrix, the sets, the demand and the vectors alone.
 
-    Attributes
-    ----------
-    demand : (m,) array
-    primal_residual : float
-        |u - B x| [N, N m].
-    bound_violation : float
-        Greatest distance of a component from the projection on the sets: rounding only [N].
-    multipliers : (m,) array
-        Multipliers y of B x = B x* for the vectors x* of the answer.
-    kkt_residual : float
-        Greatest |x - P(x_p + W^-2 B^T y)| [N].
-    gap : float
-        Duality gap: |W (x - x_p)|^2 / 2 is at most this much greater than that of any other
-        vectors in the sets with the same wrench.  On the boundary, where no multipliers may exist,
-        the gap is small even if `kkt_residual` is not.
-    problem : VectoredProblem
+    - `demand` (m,)
+    - `primal_residual`: |u - B x| [N, N m]
+    - `bound_violation`: greatest distance of a component from the projection on the sets: rounding
+      only [N]
+    - `multipliers` (m,): multipliers y of B x = B x* for the vectors x* of the answer
+    - `kkt_residual`: greatest |x - P(x_p + W^-2 B^T y)| [N]
+    - `gap`: duality gap: |W (x - x_p)|^2 / 2 is at most this much greater than that of any other
+      vectors in the sets with the same wrench.  On the boundary, where no multipliers may exist,
+      the gap is small even if `kkt_residual` is not
     """
 
     demand: Array
@@ -63,9 +56,7 @@ class VectoredCertificate:
 
 
 def certify_vectors(
-    problem: VectoredProblem,
-    demand: Array,
-    vectors: Array,
+    problem: VectoredProblem, demand: Array, vectors: Array,
     preference: tuple[Array, Array] | None = None,
 ) -> VectoredCertificate:
     """Return the certificate of vectors (..., n) for demands (..., m)."""
@@ -75,11 +66,8 @@ def certify_vectors(
     found = solver.solve(rows)
     multipliers = found.multipliers.reshape(wrenches.shape)
     return VectoredCertificate(
-        demand=demand,
-        primal_residual=np.linalg.norm(problem.residual(demand, vectors), axis=-1),
-        bound_violation=problem.violation(vectors),
-        multipliers=multipliers,
+        demand=demand, primal_residual=np.linalg.norm(problem.residual(demand, vectors), axis=-1),
+        bound_violation=problem.violation(vectors), multipliers=multipliers,
         kkt_residual=np.abs(vectors - solver.least_norm(multipliers)).max(axis=-1),
-        gap=solver.gap(wrenches, vectors, multipliers),
-        problem=problem,
+        gap=solver.gap(wrenches, vectors, multipliers), problem=problem,
     )

@@ -66,13 +66,9 @@ class VectoredEngine:
     def fields(self) -> dict[str, Array | float]:
         """The fields of ``ca_vectored`` in C."""
         return fields_of(
-            self._solver,
-            slack=self._settings.residual_slack,
-            policy=float(self._settings.status),
-            reference=self._serving.reference,
-            begin=self._begin,
-            on_reference=float(self._serving.on_reference),
-            resting=self._problem.resting_thrusts,
+            self._solver, slack=self._settings.residual_slack, policy=float(self._settings.status),
+            reference=self._serving.reference, begin=self._begin,
+            on_reference=float(self._serving.on_reference), resting=self._problem.resting_thrusts,
         )
 
     @cached_property

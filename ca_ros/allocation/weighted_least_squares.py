@@ -109,8 +109,7 @@ class WeightedLeastSquares(Allocator):
             slack = np.diag(1.0 / np.maximum(self._scale, FREE))
             ends = [Interval(-1e9, 1e9)] * len(problem.axes)
             self._newton = sets_newton(
-                np.hstack([problem.gamma, slack]),
-                ConvexSets([*problem.sets.sets, *ends]),
+                np.hstack([problem.gamma, slack]), ConvexSets([*problem.sets.sets, *ends]),
                 np.concatenate([self.wu, np.ones(len(ends))]),
                 np.concatenate([self.preferred, np.zeros(len(ends))]),
             )

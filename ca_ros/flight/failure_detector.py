@@ -69,24 +69,13 @@ class FailureDetector:
     Where the speeds of the rotors are measured, a rotor that is much slower than its command
     should make it, and does not approach it, has failed, too.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With the announced health.
-    settings : DetectorSettings
+    `vehicle`: with the announced health.
 
-    Attributes
-    ----------
-    health : (n,) array
-        The announced one, less what was found; it never grows until `reset`.
-    certainty : (n,) array
-        Probability that each rotor has failed, now or before.
-    since : list of int or None
-        When each rotor was found to have failed [ns].
-    evidence : list of str
-        What each failure was found by: 'motion' or 'rotor speed'.
-    suspect : int or None
-        The rotor that may be failing now.
+    - `health` (n,): the announced one, less what was found; it never grows until `reset`
+    - `certainty` (n,): probability that each rotor has failed, now or before
+    - `since`: when each rotor was found to have failed [ns]
+    - `evidence`: what each failure was found by: 'motion' or 'rotor speed'
+    - `suspect`: the rotor that may be failing now
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
@@ -140,28 +129,16 @@ class FailureDetector:
         vehicle, settings, find = self.vehicle, self.settings, self._find
         sound = vehicle.with_health(1.0)
         numbers = {
-            'rotors': vehicle.n,
-            'mass': vehicle.mass,
-            'weight': vehicle.weight,
-            'inertia': inertia_of(vehicle),
-            'wrenches': self._wrenches,
+            'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
+            'inertia': inertia_of(vehicle), 'wrenches': self._wrenches,
             'thrust': sound.thrust_per_squared_speed,
-            'reverse_thrust': sound.reverse_thrust_per_squared_speed,
-            'health': vehicle.health,
-            'time_constant': settings.motor_time_constant,
-            'delay': settings.delay,
-            'learning_time': settings.learning_time,
-            'thrust_error': settings.thrust_error,
-            'time_error': settings.time_error,
-            'least_loss': settings.least_loss,
-            'certainty': settings.certainty,
-            'limit': find.limit,
-            'odds': find.odds,
-            'lever': find.lever,
-            'noise': self._noise,
-            'moving': self._moving,
-            'jump': self._observer.jump_max,
-            'balance': self._observer.balance,
+            'reverse_thrust': sound.reverse_thrust_per_squared_speed, 'health': vehicle.health,
+            'time_constant': settings.motor_time_constant, 'delay': settings.delay,
+            'learning_time': settings.learning_time, 'thrust_error': settings.thrust_error,
+            'time_error': settings.time_error, 'least_loss': settings.least_loss,
+            'certainty': settings.certainty, 'limit': find.limit, 'odds': find.odds,
+            'lever': find.lever, 'noise': self._noise, 'moving': self._moving,
+            'jump': self._observer.jump_max, 'balance': self._observer.balance,
         }
         return {name: np.array(value, float) for name, value in numbers.items()}
 
@@ -219,14 +196,9 @@ class FailureDetector:
     ) -> bool:
         """Take a state; return whether the health has changed.
 
-        Parameters
-        ----------
-        time : int
-            [ns]
-        attitude : (4,) array
-            Quaternion x, y, z, w, body to world.
-        velocity, angular_velocity : (3,) arrays
-            In the body frame [m/s, rad/s].
+        - `time`: [ns]
+        - `attitude` (4,): quaternion x, y, z, w, body to world
+        - `velocity` and `angular_velocity` (3,): in the body frame [m/s, rad/s]
         """
         rotation = rotation_matrix(attitude)
         motion = np.concatenate([velocity, angular_velocity])

@@ -27,11 +27,6 @@ class LagCheck:
     delay that is longer by some milliseconds looks like a lag that is longer by as much.  Where
     rotor speeds are measured, the errors of the predicted speeds take the place of those of the
     motion.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    settings : DetectorSettings
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:

@@ -62,12 +62,8 @@ def fields_of(newton: SetsNewton, **policy: Array | float) -> dict[str, Array | 
         'on_reference': 1.0, 'resting': np.zeros(n),
     }
     return none | newton.sets.fields() | {
-        'axes': m,
-        'matrix': newton.matrix,
-        'weight': newton.weights,
-        'preferred': newton.preferred,
-        'basis': newton.basis,
-        'rates': newton.rates,
+        'axes': m, 'matrix': newton.matrix, 'weight': newton.weights,
+        'preferred': newton.preferred, 'basis': newton.basis, 'rates': newton.rates,
         'coordinates': newton.coordinates,
         'start': newton.coordinates @ newton.matrix @ newton.preferred,
         'greatest': newton.greatest,
@@ -107,10 +103,7 @@ class KernelNewton(SetsNewton):
 
 
 def sets_newton(
-    matrix: Array,
-    sets: ConvexSets,
-    weights: Array | None = None,
-    preferred: Array | None = None,
+    matrix: Array, sets: ConvexSets, weights: Array | None = None, preferred: Array | None = None
 ) -> SetsNewton:
     """Return a `SetsNewton`: in C where it is built and large enough."""
     module = chosen(sets.n, len(matrix))

@@ -122,11 +122,8 @@ class MonitorNode(VehicleNode):
             if time is not None
         }
         return {
-            **super().values(),
-            'health': health,
-            'certainty of a failure': certainty,
-            "motors' lag [ms]": 'unknown' if lag is None else f'{1e3 * lag:.0f}',
-            **since,
+            **super().values(), 'health': health, 'certainty of a failure': certainty,
+            "motors' lag [ms]": 'unknown' if lag is None else f'{1e3 * lag:.0f}', **since,
         }
 
     def _receive_command(self, message: Float64MultiArray) -> None:

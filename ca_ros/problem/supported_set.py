@@ -31,10 +31,6 @@ class SupportedSet:
 
     The set has no list of facets.  Lines to its boundary (`VectoredProblem.line`) and the support
     function of the sets, which bounds it from outside, take their place.
-
-    Parameters
-    ----------
-    problem : VectoredProblem
     """
 
     def __init__(self, problem: VectoredProblem) -> None:
@@ -92,12 +88,7 @@ class SupportedSet:
         The outline of the set is outside of the polygon of these points by at most the error, as
         a share of the range of its axis.
 
-        Parameters
-        ----------
-        rows : sequence of int
-            The axes that stay.
-        at : (m,) array
-            The values of the other axes [N, N m].
+        `rows`: the axes that stay.  `at` (m,): the values of the other axes [N, N m].
         """
         if len(rows) > 2:
             raise ValueError('axes: expected one or two for a set that is not a polytope')

@@ -30,17 +30,11 @@ INSIDE_MIN = 1e-9
 class Line(NamedTuple):
     """How far a line goes inside the attainable set.
 
-    Attributes
-    ----------
-    point : (n,) array
-        Inside the sets; it gives the last point of the line.
-    length : float
-        t of that point.
-    most : float
-        No attainable point of the line has a greater t: computed from the normal and the support
-        function of the sets.
-    normal : (k,) array
-        Of a plane that touches the set at the end of the line.
+    - `point` (n,): inside the sets; it gives the last point of the line
+    - `length`: t of that point
+    - `most`: no attainable point of the line has a greater t: computed from the normal and the
+      support function of the sets
+    - `normal` (k,): of a plane that touches the set at the end of the line
     """
 
     point: Array
@@ -83,12 +77,8 @@ class VectoredProblem(AllocationProblem):
     sets: ConvexSets
 
     def __init__(
-        self,
-        matrix: ArrayLike,
-        sets: Sequence[ConvexSet],
-        axes: Sequence[str] | None = None,
-        effector_names: Sequence[str] | None = None,
-        reference: ArrayLike | None = None,
+        self, matrix: ArrayLike, sets: Sequence[ConvexSet], axes: Sequence[str] | None = None,
+        effector_names: Sequence[str] | None = None, reference: ArrayLike | None = None,
         effector_kind: str = 'effectors',
     ) -> None:
         self.sets = ConvexSets(sets)

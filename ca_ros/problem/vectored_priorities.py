@@ -48,11 +48,7 @@ class VectoredPrioritization:
     a more important axis by `YIELD` of its range.  So each axis is served at least as far as with
     exact priorities, except for this share.
 
-    Parameters
-    ----------
-    problem : VectoredProblem
-    groups, reference, thrust_deviation, begin
-        As in `Prioritization`.
+    `groups`, `reference`, `thrust_deviation` and `begin`: as in `Prioritization`.
     """
 
     def __init__(
@@ -222,10 +218,7 @@ def prioritization_of(
 ) -> AnyPrioritization:
     """Return the prioritization of a problem; see `Prioritization` for the arguments.
 
-    Raises
-    ------
-    ParameterError
-        If airmode is limited for effectors that are vectors.
+    Raises a ParameterError if airmode is limited for effectors that are vectors.
     """
     if not isinstance(problem, VectoredProblem):
         return Prioritization(

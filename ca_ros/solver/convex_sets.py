@@ -99,23 +99,12 @@ class ConvexSets:
     Sectors are symmetric about their axis, so everything reduces to the half plane of the
     components along and across it.  All methods take leading dimensions.
 
-    Parameters
-    ----------
-    sets : sequence of Interval or Sector
-
-    Attributes
-    ----------
-    sets : tuple
-    n : int
-        Number of components.
-    first : list of int
-        The first component of each set.
-    lower, upper : (n,) arrays
-        The least box around the product.
-    inner : (n,) array
-        A point inside all sets.
-    complexity : float
-        Parameter of the barrier: along its path the gap is this over the weight of the cost.
+    - `n`: number of components
+    - `first`: the first component of each set
+    - `lower` and `upper` (n,): the least box around the product
+    - `inner` (n,): a point inside all sets
+    - `complexity`: parameter of the barrier: along its path the gap is this over the weight of the
+      cost
     """
 
     def __init__(self, sets: Sequence[ConvexSet]) -> None:
@@ -335,11 +324,8 @@ class _Sectors:
         one, zero = np.ones_like(along), np.zeros_like(along)
         cos_, sin_ = self._cos + zero, self._sin + zero
         choices = [
-            (one, zero, one),
-            (shrink * s * s, -shrink * c * s, shrink * c * c),
-            (cos_ * cos_, cos_ * sin_, sin_ * sin_),
-            (zero, zero, one),
-            (zero, zero, zero),
+            (one, zero, one), (shrink * s * s, -shrink * c * s, shrink * c * c),
+            (cos_ * cos_, cos_ * sin_, sin_ * sin_), (zero, zero, one), (zero, zero, zero),
         ]
         aa, ac, cc = (np.choose(case, [choice[i] for choice in choices]) for i in range(3))
         blocks = np.zeros((*points.shape, size))
@@ -379,10 +365,7 @@ class _Sectors:
         slope = self._slope * along
         one = np.ones_like(along)
         return (
-            length,
-            across,
-            self._radius - length,
-            np.where(self._cone, slope - across, one),
+            length, across, self._radius - length, np.where(self._cone, slope - across, one),
             np.where(self._cone, slope + across, one),
             np.where(self._plane, along - self._least, one),
         )

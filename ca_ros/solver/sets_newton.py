@@ -71,10 +71,7 @@ class SetsNewton:
     engine = 'NumPy'
 
     def __init__(
-        self,
-        matrix: Array,
-        sets: ConvexSets,
-        weights: Array | None = None,
+        self, matrix: Array, sets: ConvexSets, weights: Array | None = None,
         preferred: Array | None = None,
     ) -> None:
         self.matrix, self.sets = matrix, sets
