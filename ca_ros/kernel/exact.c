@@ -67,8 +67,10 @@ static int order_is_sound(const ca_options *options, int m)
 
 static void bound(ca_problem *p, int i, ca_real lower, ca_real upper)
 {
-    p->lower[i] = lower;
-    p->upper[i] = upper;
+    p->lower[i] = p->deviation_lower[i] = lower;
+    p->upper[i] = p->deviation_upper[i] = upper;
+    if (!p->weighted)
+        return;
     p->deviation_lower[i] = p->weight[i] * (lower - p->preferred[i]);
     p->deviation_upper[i] = p->weight[i] * (upper - p->preferred[i]);
 }
@@ -76,15 +78,25 @@ static void bound(ca_problem *p, int i, ca_real lower, ca_real upper)
 int ca_set_bounds(ca_problem *p, const ca_real *lower, const ca_real *upper)
 {
     const int n = CA_ROTORS(p);
+    int moved = 0, sound = 1;
     for (int i = 0; i < n; i++)
-        if (!(lower[i] <= upper[i]))
-            return CA_BAD_NUMBER;
-    p->moved = 0;
+        sound = sound && lower[i] <= upper[i];
+    if (!sound)
+        return CA_BAD_NUMBER;
     for (int i = 0; i < n; i++) {
         const ca_real least = p->least[i], most = p->most[i];
-        p->moved = p->moved || lower[i] > least || upper[i] < most;
-        bound(p, i, ca_clip(lower[i], least, most), ca_clip(upper[i], least, most));
+        ca_real low = least, high = most;
+        if (lower[i] > least) {
+            moved = 1;
+            low = ca_min(lower[i], most);
+        }
+        if (upper[i] < most) {
+            moved = 1;
+            high = ca_max(upper[i], least);
+        }
+        bound(p, i, low, high);
     }
+    p->moved = moved;
     return CA_SOUND;
 }
 
@@ -334,11 +346,9 @@ void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
     }
 }
 
-/* The least speed that a rotor reaches from a speed. */
+/* The least speed that a rotor reaches from a positive one. */
 static ca_real slowed(ca_real speed, ca_real time, ca_real up, ca_real down)
 {
-    if (speed <= 0)
-        return speed - up * time;
     const ca_real change = down * time;
     return change <= speed ? speed - change : -up * (time - speed / down);
 }
@@ -349,8 +359,11 @@ void ca_reach(int n, const ca_real *speeds, ca_real time, const ca_real *up, con
 {
     for (int i = 0; i < n; i++) {
         const ca_real speed = ca_clip(speeds[i], speed_min[i], speed_max[i]);
-        least[i] = ca_max(slowed(speed, time, up[i], down[i]), speed_min[i]);
-        greatest[i] = ca_min(-slowed(-speed, time, up[i], down[i]), speed_max[i]);
+        const ca_real change = up[i] * time;
+        const ca_real low = speed > 0 ? slowed(speed, time, up[i], down[i]) : speed - change;
+        const ca_real high = speed < 0 ? -slowed(-speed, time, up[i], down[i]) : speed + change;
+        least[i] = ca_max(low, speed_min[i]);
+        greatest[i] = ca_min(high, speed_max[i]);
     }
 }
 

@@ -9,7 +9,13 @@ int ${name}_allocate_within(int fault, const ca_real wrench[${NAME}_AXES], ca_re
     const int row = fault >= 0 && fault < ${NAME}_FAULTS ? fault : 0;
     ca_real u[CA_M] = {0}, thrusts[CA_N], least[CA_N], greatest[CA_N], lower[CA_N], upper[CA_N];
     int status = CA_INVALID;
-    ca_problem moved = problems[row];
+    /* The problem of the last fault, whose bounds each call moves. */
+    static ca_problem moved;
+    static int copied = -1;
+    if (copied != row) {
+        moved = problems[row];
+        copied = row;
+    }
     const ca_real elapsed = ca_clip(time, 0, ${NAME}_TIME_MAX);
     ca_reach(CA_N, speeds, elapsed, acceleration_max, deceleration_max, speed_min[row],
         speed_max[row], least, greatest);
