@@ -13,11 +13,12 @@ from matplotlib import image
 
 from ca_ros import Vehicle
 from ca_ros.bringup import session
-from ca_ros.bringup.agreement import DisagreementError, check, differences
-from ca_ros.bringup.bringup import write_results
+from ca_ros.bringup.agreement import check, differences
+from ca_ros.bringup.bringup import main, write_results
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.session import Flown
 from ca_ros.commands import NODES
+from ca_ros.errors import CaRosError
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.testing import DEADLINE
 from nodes import fly_in_real_time, fly_offline, read
@@ -123,7 +124,7 @@ def test_a_node_in_another_mode_is_refused(node):
     check(parameters, {'mode': 'lockstep'})
     parameters[node]['mode'] = 'realtime'
     said = f'mode of the {node} is realtime, not lockstep: see the parameter files and the ROS arg'
-    with pytest.raises(DisagreementError, match=said):
+    with pytest.raises(CaRosError, match=said):
         check(parameters, {'mode': 'lockstep'})
 
 
@@ -142,6 +143,26 @@ def test_it_does_not_start_where_another_loop_is(graph, tmp_path, node, topic):
     assert line.startswith('bringup: other nodes publish on /uav1/')
     assert f'/uav1/{topic}' in line
     assert f'in ROS domain {graph.domain}: end them' in line
+
+
+def test_a_node_with_the_name_of_another_is_named(graph, tmp_path):
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-r', '__ns:=/uav1',
+                '-r', '__node:=allocator')
+    graph.spin_until(
+        lambda: ('allocator', '/uav1') in graph.node.get_node_names_and_namespaces(), 'monitor')
+    out, err = graph.outlive(
+        flight := graph.start('bringup', '--namespace', 'uav1', '--out', str(tmp_path)))
+    assert (flight.returncode, out) == (1, ''), err
+    [line] = [line for line in err.splitlines() if line.startswith('bringup: ')]
+    assert line == (
+        'bringup: /uav1/allocator lacks parameters of the allocator: another node has its name; '
+        'end it, or choose another --namespace')
+
+
+def test_without_markers_view_says_what_it_needs(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr('ca_ros.bringup.plan.MARKERS', None)
+    assert main(['--view', '--out', str(tmp_path)]) == 1
+    assert capsys.readouterr().err.startswith('bringup: --view: needs visualization_msgs: ')
 
 
 @pytest.mark.parametrize('name', ['flight.csv'])

@@ -9,12 +9,14 @@ from pathlib import Path
 
 from ca_ros.arguments import full_name
 from ca_ros.bringup.fault_proxy import remaps
-from ca_ros.commands import COMMANDS, NODES
+from ca_ros.commands import COMMANDS, HINTS, NODES
 from ca_ros.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments
 from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
+from ca_ros.nodes.topics import MARKERS
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import ParameterFile
 
 
@@ -49,6 +51,9 @@ class Plan:
 
     def commands(self) -> dict[str, list[str]]:
         """Return the command line of each node by name; raise a ParameterError if it is wrong."""
+        if self.view and not MARKERS:
+            package = 'visualization_msgs'
+            raise ParameterError(f'--view: needs {package}: {HINTS[package]}')
         chosen = _parameters(f'{name}:={value}' for name, value in self.parameters.items())
         file = None if self.vehicle is None else ParameterFile(self.vehicle)
         space = ['-r', f'__ns:={self.namespace}']

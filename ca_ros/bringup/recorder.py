@@ -14,6 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
@@ -130,7 +131,15 @@ class Recorder(Node):
         if node in self.parameters or (answer := self._calls[node].answer()) is None:
             return
         if node in self._names:
-            self.parameters[node] = dict(zip(self._names[node], answer, strict=True))
+            names = self._names[node]
+            # A node that lacks one of the parameters answers with none.
+            if len(answer) != len(names):
+                path = self.resolve_topic_name(node)
+                raise CaRosError(
+                    f'{path} lacks parameters of the {node}: another node has its name; end it, '
+                    'or choose another --namespace'
+                )
+            self.parameters[node] = dict(zip(names, answer, strict=True))
         else:
             self._names[node] = [name for name in table(DECLARED[node]) if name in answer]
             self._calls[node] = self._parameter_clients[node].get(self._names[node])
