@@ -20,6 +20,7 @@ from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.literals import real
 from ca_ros.firmware.readme import UNATTAINABLE
+from ca_ros.firmware.tilting import firmware_of as firmware_of_any
 from ca_ros.kernel import INVALID
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -308,6 +309,47 @@ def test_rates_are_exported_with_a_sequence_of_answers(precision, variant, tmp_p
 
 
 @pytest.mark.slow
+def scaled(name):
+    """Return the content of a vehicle's file with the policy scale."""
+    content = yaml.safe_load(find(name).read_text(encoding='utf-8'))
+    content['/**']['ros__parameters'].setdefault('allocation', {})['exact'] = {'policy': 'scale'}
+    return content
+
+
+@pytest.mark.parametrize(('name', 'precision'), length(
+    [('azimuth_boat', 'single')],
+    [('hexarotor_tilting', 'single'), ('omnidirectional_gimbals', 'double'),
+     ('tricopter', 'double'), ('azimuth_boat', 'single')],
+))
+def test_rotors_that_tilt_are_exported(name, precision, tmp_path, capsys):
+    """Speeds and servo angles are the same to the last bit, here and on emulated boards."""
+    needs('make', 'gcc')
+    out, options = tmp_path / 'out', ['--precision', precision, '--faults', 'none']
+    assert main(['--vehicle', name, '--out', str(out), *options]) == 1
+    assert 'expected scale or reject' in capsys.readouterr().err
+    file = tmp_path / 'scaled.yaml'
+    file.write_text(yaml.safe_dump(scaled(name)), encoding='utf-8')
+    assert main(['--vehicle', str(file), '--out', str(out), *options]) == 0
+    assert len(reproduced(make(out))) == 1
+    if all(map(shutil.which, ARM)):
+        assert len(reproduced(make(out, 'qemu'))) == 2
+
+
+@pytest.mark.parametrize('name', ['hexarotor_tilting', 'omnidirectional_gimbals', 'azimuth_boat'])
+def test_firmware_of_rotors_that_tilt_answers_as_the_allocator(name, tmp_path):
+    file = tmp_path / 'scaled.yaml'
+    file.write_text(yaml.safe_dump(scaled(name)), encoding='utf-8')
+    vehicle = Vehicle.load(str(file))
+    parameters = checked(read(str(file))).allocation
+    firmware = firmware_of_any(faults_of(vehicle, ['none']), parameters, 'double')
+    allocator = make_allocator('exact', vehicle, policy='scale')
+    for wrench in golden.wrenches(firmware, 0, 4):
+        status, command = firmware.allocate(0, wrench)
+        answer = allocator.allocate(wrench)
+        assert status == answer.status
+        np.testing.assert_allclose(command, answer.command, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize(('curve', 'precision'), [
     *length([], [({'polynomial': [2.0e-5, 1.5e-3, 0.1]}, 'single')]),
     ({'speeds': [50.0, 100.0, 200.0, 400.0], 'thrusts': [0.06, 0.3, 1.2, 3.9]}, 'double'),

@@ -13,7 +13,8 @@ from ca_ros.arguments import split
 from ca_ros.firmware.detector import detector_of
 from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
-from ca_ros.firmware.firmware import DTYPES, Firmware
+from ca_ros.firmware.firmware import DTYPES
+from ca_ros.firmware.tilting import firmware_of
 from ca_ros.settings import check_given, read, table
 from ca_ros.vehicle import files
 from ca_ros.vehicle.vehicle import Vehicle
@@ -28,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings = checked(given)
         name = identifier(settings.vehicle.name)
         faults = faults_of(vehicle, options.faults)
-        firmware = Firmware.make(faults, settings.allocation, options.precision)
+        firmware = firmware_of(faults, settings.allocation, options.precision)
         detector = detector_of(vehicle, given) if options.detector else None
         write(firmware, name, options.out, detector)
     except (ValueError, OSError) as error:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 
 from ca_ros import kernel
 from ca_ros.allocation.slew import PERIOD_MAX
+from ca_ros.arrays import Array
 from ca_ros.firmware import golden, literals
 from ca_ros.firmware.detector import write_detector
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.footprint import measure
-from ca_ros.firmware.readme import facts
+from ca_ros.firmware.readme import facts, words
+from ca_ros.firmware.tilting import TiltingFirmware
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
@@ -22,6 +25,7 @@ KERNEL_FILES = (
     *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'numbers.h'),
     *('exact.c', 'least_norm.c', 'priorities.c'),
 )
+TILTING_FILES = ('vectored.h', 'problem.h', 'numbers.h', 'vectored.c')
 DETECTOR_FILES = (
     '| `{name}_detector.h`, `{name}_detector.c`; `detector.h`, `detector.c`; `golden_flight.h`, '
     "`check_detector.c` | the detector of rotor failures: the vehicle's constants, the code, its "
@@ -32,10 +36,14 @@ TEMPLATES = {
     'vehicle.h': '{name}.h', 'vehicle.c': '{name}.c', 'golden.h': 'golden.h',
     'vehicle.mk': 'vehicle.mk', 'README.md': 'README.md',
 }
+TILTING_TEMPLATES = {
+    'tilting.h': '{name}.h', 'tilting.c': '{name}.c', 'golden.h': 'golden.h',
+    'vehicle.mk': 'vehicle.mk', 'tilting.md': 'README.md',
+}
 HEADERS = ('errno', 'float', 'limits', 'math', 'stdio', 'stdlib', 'string', 'time')
 TAKEN = {
     *('ca', 'golden', 'vehicle', *HEADERS),
-    *(Path(file).stem for file in (*KERNEL_FILES, *FIXED)),
+    *(Path(file).stem for file in (*KERNEL_FILES, *TILTING_FILES, *FIXED)),
 }
 """Names of other files and of C's headers."""
 
@@ -68,7 +76,8 @@ def write(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ParameterError(f'--out: {out} exists already and is not an empty folder')
     out.mkdir(parents=True, exist_ok=True)
-    for file in KERNEL_FILES:
+    tilting = isinstance(firmware, TiltingFirmware)
+    for file in TILTING_FILES if tilting else KERNEL_FILES:
         shutil.copyfile(Path(kernel.__file__).with_name(file), out / file)
     templates = Path(__file__).with_name('templates')
     for file in FIXED:
@@ -80,20 +89,23 @@ def write(
     if detector:
         write_detector(detector, name, firmware.precision, out)
     core = 'Cortex-M4F' if firmware.single else 'Cortex-M7'
-    for template, target in TEMPLATES.items():
+    for template, target in (TILTING_TEMPLATES if tilting else TEMPLATES).items():
         if template == 'README.md':
             fields |= facts(firmware, measure(out, name, core), out)
+        elif target == 'README.md':
+            fields |= words(firmware)
         text = Template((templates / template).read_text(encoding='utf-8')).substitute(fields)
         (out / target.format(name=name)).write_text(text, encoding='utf-8')
 
 
 def _numbers(firmware: Firmware, name: str) -> dict[str, str]:
     """Return the tables of the vehicle."""
-    problem, precision = firmware.problem, firmware.precision
+    problem = firmware.problem
     rows = [row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows]
 
-    def table(column: int) -> str:
-        values = (rotors[column] for rotors in firmware.rotors)
+    def table(column: int, of: Sequence[tuple[Array, ...]] = firmware.rotors) -> str:
+        values = [rotors[column] for rotors in of]
+        precision = None if values[0].dtype.kind == 'i' else firmware.precision
         return '\n'.join(literals.indented(f'{literals.braced(v, precision)},', 1) for v in values)
 
     return {
@@ -105,6 +117,28 @@ def _numbers(firmware: Firmware, name: str) -> dict[str, str]:
         'rates_golden': '', **_rates(firmware, name),
         'speeds': 'ca_speeds' if firmware.curve.square else 'curve_speeds',
         'vectors': golden.vectors(firmware),
+        **_command(firmware, name, table),
+    }
+
+
+def _command(firmware: Firmware, name: str, table: Callable[..., str]) -> dict[str, str]:
+    """Return the fields that rotors that tilt and others have in a different way."""
+    if not isinstance(firmware, TiltingFirmware):
+        return {
+            'commands': 'CA_N',
+            'margin_function': f'#define MARGIN {name}_margin\n',
+            'margin_field': '    ca_real margin;\n',
+            'kernel': 'exact least_norm priorities',
+        }
+    tables = ('thrust_min', 'thrust_max', 'servos', 'angle_middle', 'angle_min', 'angle_max')
+    return {
+        'commands': f'{name.upper()}_COMMANDS',
+        'margin_function': '',
+        'margin_field': '',
+        'kernel': 'vectored',
+        'rotors': str(firmware.problem.vehicle.n),
+        'angles': str(len(firmware.tilts.rotors)),
+        **{each: table(k, firmware.servos) for k, each in enumerate(tables)},
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,6 +23,8 @@ from ca_ros.vehicle.thrust_curve import ThrustCurve, root, rotor_speeds
 from ca_ros.vehicle.validation import ABSURD
 
 DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float64}
+
+Fields = Mapping[str, tuple[str, str, Any]]  # name to type, dimensions and numbers
 
 LIMIT = {'single': 1e12, 'double': ABSURD}  # CA_ABSURD of the kernel: an invalid wrench is larger
 
@@ -75,6 +77,11 @@ class Firmware:
     def problem(self) -> VehicleProblem:
         """The problem without a fault."""
         return self.faults[0].problem
+
+    @cached_property
+    def constants(self) -> Sequence[Fields]:
+        """For each fault, the fields of its problem in C."""
+        return [kernel.fields() for kernel in self.kernels]
 
     @property
     def dtype(self) -> type[np.floating]:

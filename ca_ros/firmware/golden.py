@@ -8,6 +8,7 @@ from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.literals import braced, indented, real
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
 
 SIZE = 12  # number of wrenches of each kind for each fault
 
@@ -19,6 +20,15 @@ def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:
     rng = np.random.default_rng((seed, fault))
     problem = firmware.faults[fault].problem
     gamma = firmware.problem.gamma
+    if isinstance(problem, VectoredProblem):
+        drawn = problem.clip(rng.uniform(problem.lower, problem.upper, (size, problem.n)))
+        ways = rng.normal(size=(size, len(problem.axes))) @ problem.gamma
+        found = np.zeros((2, size, len(gamma)))
+        found[..., firmware.rows[fault]] = (
+            np.array([drawn, problem.sets.farthest(ways)]) @ problem.gamma.T
+        )
+        beyond = found[1] * rng.uniform(1.0, BEYOND, (size, 1))
+        return np.vstack([*found, beyond]).astype(firmware.dtype)
     inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ gamma.T
     on = _on_facets(problem, rng, size) @ gamma.T
     center = gamma @ problem.middle
@@ -75,8 +85,10 @@ def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
 def _vector(firmware: Firmware, fault: int, wrench: Array) -> str:
     status, speeds = firmware.allocate(fault, wrench)
     first, last = (braced(array, firmware.precision) for array in (wrench, speeds))
-    margin = real(firmware.margin(fault, wrench), firmware.precision)
-    return indented(f'{{{fault}, {first}, {status}, {last}, {margin}}},', 1)
+    margin = ''
+    if not isinstance(firmware.problem, VectoredProblem):
+        margin = f', {real(firmware.margin(fault, wrench), firmware.precision)}'
+    return indented(f'{{{fault}, {first}, {status}, {last}{margin}}},', 1)
 
 
 def _on_facets(problem: AllocationProblem, rng: np.random.Generator, size: int) -> Array:

@@ -8,7 +8,7 @@ from textwrap import fill
 
 import numpy as np
 
-from ca_ros.firmware.firmware import Firmware
+from ca_ros.firmware.firmware import Fields, Firmware
 from ca_ros.kernel import AXES_MAX, ROTORS_MAX
 
 WIDTH = 98
@@ -45,15 +45,15 @@ def indented(text: str, depth: int) -> str:
 def problems(firmware: Firmware) -> str:
     """Return the initialisers of the problems, one for each fault."""
     return '\n'.join(
-        f'    {{ /* {fault.meaning} */\n{_problem(firmware, i)}\n    }},'
-        for i, fault in enumerate(firmware.faults)
+        f'    {{ /* {fault.meaning} */\n{_problem(firmware, fields)}\n    }},'
+        for fault, fields in zip(firmware.faults, firmware.constants, strict=True)
     )
 
 
-def _problem(firmware: Firmware, fault: int) -> str:
+def _problem(firmware: Firmware, fields: Fields) -> str:
     sizes = {'M': (AXES_MAX, len(firmware.problem.axes)), 'N': (ROTORS_MAX, firmware.problem.n)}
     lines = []
-    for name, (kind, dimensions, numbers) in firmware.kernels[fault].fields().items():
+    for name, (kind, dimensions, numbers) in fields.items():
         precision = None if kind == 'int' else firmware.precision
         letters = re.findall(r'\[CA_([MN])\]', dimensions)
         array = np.reshape(numbers, [sizes[letter][0] for letter in letters])

@@ -42,19 +42,11 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
     problem = firmware.problem
     sample = golden.effort(firmware, SAMPLE, seed=1)
     few = golden.effort(firmware, golden.SIZE, seed=0)
-    suffix = 'f' * firmware.single
-    return {
-        'axes_listed': ', '.join(problem.axes),
-        'hover': ', '.join(f'{float(f"{number:.6g}")}{suffix}' for number in problem.reference),
+    return words(firmware) | {
         'absurd': f'{LIMIT[firmware.precision]:g}',
         'wrench_table': '\n'.join(
             f'| {k} | {axis} [{unit(axis)}] | {FORWARD_RIGHT_DOWN[axis]} |'
             for k, axis in enumerate(problem.axes)
-        ),
-        'unattainable': unattainable(firmware.settings.exact, problem.axes),
-        'fault_table': '\n'.join(
-            f'| {i} | `{fault.constant}` | {", ".join(fault.problem.axes)} | {fault.report} |'
-            for i, fault in enumerate(firmware.faults)
         ),
         'footprint': measured(footprint),
         'loop_bounds': loop_bounds(folder),
@@ -63,6 +55,20 @@ def facts(firmware: Firmware, footprint: Footprint | str, folder: Path) -> dict[
         'sample_size': f'{3 * SAMPLE * len(firmware.faults):,}'.replace(',', ' '),
         'sample_steps': str(sample[0]),
         'sample_pivots': str(sample[1]),
+    }
+
+
+def words(firmware: Firmware) -> dict[str, str]:
+    """Return the fields that all vehicles have."""
+    problem, suffix = firmware.problem, 'f' * firmware.single
+    return {
+        'axes_listed': ', '.join(problem.axes),
+        'hover': ', '.join(f'{float(f"{number:.6g}")}{suffix}' for number in problem.reference),
+        'unattainable': unattainable(firmware.settings.exact, problem.axes),
+        'fault_table': '\n'.join(
+            f'| {i} | `{fault.constant}` | {", ".join(fault.problem.axes)} | {fault.report} |'
+            for i, fault in enumerate(firmware.faults)
+        ),
         'precision_name': firmware.precision,
     }
 

@@ -7,14 +7,13 @@
 
 #define VEHICLE "$name"
 #define ALLOCATE ${name}_allocate
-#define MARGIN ${name}_margin
-
+#define COMMANDS $commands
+$margin_function
 ${rates_golden}static const struct {
     int fault;
     ca_real wrench[CA_M];
     int status;
-    ca_real speeds[CA_N];
-    ca_real margin;
-} golden[] = {
+    ca_real speeds[COMMANDS];
+$margin_field} golden[] = {
 $vectors
 };

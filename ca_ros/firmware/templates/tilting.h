@@ -1,0 +1,55 @@
+/* Control allocation of the vehicle $name: a wrench in, rotor speeds and servo angles out. README.md
+ * explains it. Written by the command firmware of ca_ros. */
+#ifndef ${NAME}_ALLOCATION_H
+#define ${NAME}_ALLOCATION_H
+
+/* All files of the kernel have to be compiled with the same definitions, see vehicle.mk. */
+#ifndef CA_N
+#define CA_N $n
+#endif
+#ifndef CA_M
+#define CA_M $m
+#endif
+$precision
+#if CA_N != $n || CA_M != $m
+#error "compile all files with $definitions"
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#include "vectored.h"
+
+#define ${NAME}_ROTORS $rotors
+#define ${NAME}_SERVOS $angles
+#define ${NAME}_COMMANDS (${NAME}_ROTORS + ${NAME}_SERVOS)
+#define ${NAME}_AXES $m
+#define ${NAME}_FAULTS $count
+
+/* What is known of the rotors. Axes that a fault takes away are not commanded. */
+enum ${name}_fault {
+$faults
+};
+
+/* Find rotor speeds and servo angles for a wrench.
+ *
+ * fault    an enum ${name}_fault
+ * wrench   in the body frame, x forward, y left, z up:
+$wrench
+ * command  the speed of each rotor [rad/s], then the angle of each servo [rad], in the order of the
+ *          rotors in the vehicle's file; a gimbal has two servos, alpha before beta
+ *
+ * Returns an enum ca_status (problem.h). Speeds and angles are finite and within their bounds, whatever
+ * the wrench is. If the status is CA_INVALID (the wrench is not finite, or there is no such fault) or
+ * CA_REJECTED, all thrusts are the least. The function keeps no state: it may be called from several
+ * threads and interrupts. A servo whose rotor has no thrust goes to the middle of its range: limit the
+ * rates of the servos, or leave the angle where it is. */
+int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
+    ca_real command[${NAME}_COMMANDS]);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

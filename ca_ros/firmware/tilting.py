@@ -1,0 +1,111 @@
+"""The firmware of a vehicle whose rotors tilt: rotor speeds, and the angles of the servos."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ca_ros.allocation.settings import VehicleMethodSettings, full_names
+from ca_ros.allocation.vectored_engine import VectoredEngine
+from ca_ros.arrays import Array
+from ca_ros.firmware.faults import Fault
+from ca_ros.firmware.firmware import Firmware
+from ca_ros.kernel.vectored import load, made, padded
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.tilts import Tilts
+
+
+class TiltingFirmware(Firmware):
+    """`Firmware` with a command of rotor speeds, and behind them servo angles."""
+
+    @classmethod
+    def make(
+        cls, faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
+    ) -> TiltingFirmware:
+        """Set the kernels up; see `Firmware.make`."""
+        problem = faults[0].problem
+        assert isinstance(problem, TiltingVehicleProblem)
+        if settings.exact.policy == 'prioritize':
+            raise ParameterError(
+                'allocation.exact.policy: expected scale or reject for the firmware of rotors '
+                'that tilt, got prioritize'
+            )
+        if not problem.vehicle.curve.square:
+            raise ParameterError('rotors.thrust_curve: not for the firmware of rotors that tilt')
+        module = load('vectored_single' if precision == 'single' else 'vectored')
+        if module is None or problem.n > module.N:
+            raise ParameterError(
+                f'the extension module ca_ros.kernel._vectored is not built, or the vectors of '
+                f'the rotors have more than 32 components: {problem.n}'
+            )
+        with full_names(settings):
+            fields = [VectoredEngine(_vectored(f), settings.exact).fields for f in faults]
+        firmware = cls(faults, [made(module, each) for each in fields], settings, precision)
+        firmware.__dict__['constants'] = [padded(module, each) for each in fields]
+        return firmware
+
+    @property
+    def tilts(self) -> Tilts:
+        """The servos."""
+        tilts = self.problem.vehicle.tilts
+        assert tilts is not None
+        return tilts
+
+    @property
+    def rates(self) -> None:
+        """There are none: the function has no state."""
+        return None
+
+    @cached_property
+    def servos(self) -> list[tuple[Array, ...]]:
+        """For each fault, the arguments of ``ca_vectored_command`` between vectors and results.
+
+        Least and greatest thrust (n,), number of servos (n,), and for each servo the middle, the
+        least and the greatest angle (k,).
+        """
+        found = []
+        for fault in self.faults:
+            vehicle = fault.problem.vehicle
+            tilts = vehicle.tilts
+            assert tilts is not None
+            counts = np.bincount(tilts.rotors, minlength=vehicle.n).astype(np.int32)
+            low, high = tilts.limits
+            numbers = vehicle.thrust_min, vehicle.thrust_max, (low + high) / 2.0, low, high
+            least, most, *angles = (each.astype(self.dtype) for each in numbers)
+            found.append((least, most, counts, *angles))
+        return found
+
+    def allocate(self, fault: int, wrench: Array) -> tuple[int, Array]:
+        """Return the status, and speeds and angles (n + k,), to the last bit as the firmware."""
+        row = fault if 0 <= fault < len(self.faults) else 0
+        k_f, _, least, greatest = self.rotors[row]
+        kernel: Any = self.kernels[row]
+        vectors = np.empty(self.faults[row].problem.n, self.dtype)
+        demand = np.full(len(self.rows[row]), np.nan, self.dtype)
+        if self.is_sound(fault, wrench):
+            demand = np.ascontiguousarray(wrench[self.rows[row]])
+        answer = kernel.allocate(demand, vectors)
+        thrusts = np.empty(self.problem.vehicle.n, self.dtype)
+        angles = np.empty(len(self.tilts.rotors), self.dtype)
+        kernel.command(vectors, *self.servos[row], thrusts, angles)
+        speeds = np.minimum(np.maximum(np.sqrt(thrusts / k_f), least), greatest)
+        return 0 if answer is None else answer[0], np.concatenate([speeds, angles])
+
+
+def firmware_of(
+    faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
+) -> Firmware:
+    """Return the firmware of a vehicle, whether its rotors tilt or not; see `Firmware.make`."""
+    kind = TiltingFirmware if faults[0].problem.vehicle.tilts is not None else Firmware
+    return kind.make(faults, settings, precision)
+
+
+def _vectored(fault: Fault) -> TiltingVehicleProblem:
+    assert isinstance(fault.problem, TiltingVehicleProblem)
+    return fault.problem
+
+
