@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
+
+from ca_ros.arrays import Array
 
 if TYPE_CHECKING:
     # bringup flies without matplotlib.
@@ -36,13 +39,14 @@ MOMENTS: dict[str, dict[str, Any]] = {
 }
 """The styles of the times of a flight at which a rotor fails, and at which it becomes known."""
 
-DASHES: Any = ('-', (0, (5, 1)), (0, (1, 1)))
+DASHES: Any = ('-', (0, (5, 1)), (0, (1, 1)), (0, (4, 1, 1, 1)))
 
 INCH = 25.4
 WIDTHS = {'column': 88.0, 'page': 181.0}
 """Widths [mm] of figures in one and in two columns, as for IEEE."""
 
 NARROWEST, WIDEST = 80.0, 500.0  # bounds of the width [mm]: in less, labels would overlap
+HIGHEST = 230.0  # height of a page [mm]
 PIXELS = 1400  # least width of a PNG file
 
 FORMATS: dict[str, dict[str, None]] = {
@@ -120,26 +124,43 @@ def across(panels: int, least: float) -> int:
     return max(1, min(panels, int(inches() / least)))
 
 
-def sheet(height: float, handles: Sequence[Any] = ()) -> tuple[Figure, SubFigure]:
-    """Return a figure with a legend at its top, and the part below, of a height [inch].
+def letters(width: float) -> int:
+    """Return how many letters of the style's font fit a width [inch]."""
+    import matplotlib
 
-    The width is that of `style`, which has to be in use.
+    return int(width * 72.0 / (0.52 * matplotlib.rcParams['font.size']))
+
+
+def sheet(
+    height: float, handles: Sequence[Any] = (), notes: Sequence[str] = ()
+) -> tuple[Figure, SubFigure]:
+    """Return a figure with a legend and notes at its top, and the part below, of a height [inch].
+
+    The width is that of `style`, which has to be in use.  The whole is at most `HIGHEST` high.
     """
     import matplotlib
     from matplotlib.figure import Figure
 
     font = matplotlib.rcParams['font.size']
+    labels = [handle.get_label().split('\n') for handle in handles]
     # An entry's line and gaps are as wide as eight letters.
-    letters = 8 + max((len(handle.get_label()) for handle in handles), default=0)
-    rows = -(-len(handles) // across(len(handles), 0.55 * font / 72.0 * letters))
-    strip = (rows and 0.4 * font + 1.5 * font * rows) / 72.0
+    longest = 8 + max((len(line) for lines in labels for line in lines), default=0)
+    rows = -(-len(handles) // across(len(handles), longest * inches() / letters(inches())))
+    columns = [labels[i : i + rows] for i in range(0, len(labels), max(1, rows))]
+    lines = max((sum(map(len, column)) for column in columns), default=0)
+    words = '\n'.join(line for note in notes for line in wrap(note, letters(inches()) - 4))
+    count = len(words.splitlines())
+    strip = (bool(lines) * 0.4 * font + 1.5 * font * lines + 1.35 * font * count) / 72.0
+    height = min(height, HIGHEST / INCH - strip)
     figure = Figure(figsize=(inches(), height + strip), layout='constrained')
-    if not handles:
+    if not strip:
         body: Any = figure.subfigures()
         return figure, body
     parts: Any = figure.subfigures(2, 1, height_ratios=(strip, height))
     head, body = parts
-    head.legend(handles=handles, loc='center', ncols=-(-len(handles) // rows))
+    if handles:
+        head.legend(handles=handles, loc='upper center', ncols=len(columns))
+    head.text(0.02, 0.0, words, va='bottom')
     return figure, body
 
 
@@ -170,3 +191,16 @@ def line(i: int) -> dict[str, Any]:
     """Return the style of line i; dashes tell lines apart in grey, too."""
     turn = i // len(COLORS)
     return {'color': COLORS[i % len(COLORS)], 'linestyle': DASHES[(i + turn) % len(DASHES)]}
+
+
+def rotor_lines(n: int) -> dict[str, dict[str, Any]]:
+    """Return the styles of n rotors by label; where they coincide, those below are wider."""
+    return {f'rotor {i + 1}': {**line(i), 'linewidth': 3.0 - 2.1 * i / n} for i in range(n)}
+
+
+def draw_lines(
+    axes: Axes, time: Array, values: Array, looks: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Draw a row of a plot: the columns of values (K, n) over time (K,), by label and style."""
+    for (label, look), column in zip(looks.items(), values.T, strict=True):
+        axes.plot(time, column, label=label, **look)

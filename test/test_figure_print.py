@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from ca_ros.bringup.plots import draw_flight
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
+from ca_ros.evaluation.plot_style import PANELS_MAX, panel_titles
 from ca_ros.evaluation.sets import attainable
 from ca_ros.evaluation.static import study as static_study
-from ca_ros.figures import millimetres, save
+from ca_ros.figures import HIGHEST, millimetres, save, style
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
@@ -42,7 +43,9 @@ def static(out):
 def dynamic(out):
     methods = 'exact,redistributed_pseudo_inverse,fixed_pseudo_inverse,weighted_least_squares'
     assert dynamic_study.main([
-        '--fail', '1@4', '--duration', '5', '--methods', methods, *PRINT, '--out', str(out)]) == 0
+        '--fail', '1@4', '--duration', '5', '--methods', methods, *PRINT, '--out', str(out),
+        '--rows', 'demand,served,residual,margin']) == 0
+    assert (out / 'rows.pdf').is_file()
 
 
 def section(out):
@@ -102,8 +105,10 @@ def test_a_figure_of_one_column_is_readable_and_has_no_type_3_font(
         content = file.read_bytes()
         assert b'/Type3' not in content, file.name
         assert b'/FontFile2' in content, file.name
-        width = float(search(rb'/MediaBox \[ ?0 0 ([\d.]+)', content)[1])
-        assert width / 72.0 * 25.4 == pytest.approx(COLUMN, abs=0.1)
+        sizes = search(rb'/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)', content).groups()
+        width, height = (float(size) / 72.0 * 25.4 for size in sizes)
+        assert width == pytest.approx(COLUMN, abs=0.1)
+        assert height <= HIGHEST + 0.1
         found = texts(figure, monkeypatch)
         assert len(found) > 10
         page = figure.bbox.padded(1.0)
@@ -116,3 +121,15 @@ def test_a_figure_of_one_column_is_readable_and_has_no_type_3_font(
         straight = [each for each in found if each[0].get_rotation() % 90.0 == 0.0]
         for (text, extent), (other, its) in combinations(straight, 2):
             assert apart(extent, its), f'{file.name}: {text.get_text()!r}, {other.get_text()!r}'
+
+
+def test_six_panels_have_titles_or_letters_and_the_note_names_the_rest():
+    with matplotlib.rc_context(style(COLUMN)):
+        assert panel_titles([['exact'], ['direct']], 1.0) == (['exact', 'direct'], [])
+        many = [[f'm{i}'] for i in range(7)]
+        groups = [['exact', 'conventional', 'weighted_least_squares'], *many]
+        titles, notes = panel_titles(groups, 1.0)
+    assert titles == list('abcdef')
+    assert len(titles) == PANELS_MAX
+    assert notes[0] == 'a: exact, conventional, weighted least squares'
+    assert notes[1:] == ['b: m0', 'c: m1', 'd: m2', 'e: m3', 'f: m4', 'not drawn: m5, m6']

@@ -206,6 +206,7 @@ def test_neither_vehicle_nor_problem():
     ('{problem: {matrix: [[1]], lower: 0, upper: 1}, allocation: [1]}', 'allocation: expected'),
     ('{problem: {matrix: [[1]], lower: 0, upper: 1, effector_names: 3}}', 'problem.effector_n'),
     ('{problem: {matrix: [[1]], lower: 0, upper: 1, effector_kind: 3}}', 'problem.effector_k'),
+    ('{problem: {matrix: [[1]], lower: 0, upper: 1, axis_units: [N, m]}}', 'axis_units: exp'),
     ('/**: {ros__parameters: {}}', "no entry 'problem'"),
     ('{', 'not readable YAML'),
 ])

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.figures import DASHED, WIDTHS, line, mark, sheet, style
+from ca_ros.figures import DASHED, WIDTHS, draw_lines, line, mark, rotor_lines, sheet, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.vehicle.vehicle import Vehicle
@@ -55,10 +55,10 @@ def draw_flight(
             'angle [deg]',
         )
         attitude.plot(flight.time, np.degrees(headings), **DASHED)
-        names = [f'rotor {i + 1}' for i in range(vehicle.n)]
-        _lines(speeds, flight.time, flight.speeds, names, 'rotor speed [rad/s]')
+        looks = rotor_lines(vehicle.n)
+        _lines(speeds, flight.time, flight.speeds, looks, 'rotor speed [rad/s]')
         if tilts is not None:
-            angles = [names[rotor] for rotor in tilts.rotors]
+            angles = [list(looks)[rotor] for rotor in tilts.rotors]
             _lines(rows[3], flight.time, np.degrees(flight.angles), angles, 'tilt angle [deg]')
             for limit in np.unique(tilts.limits):
                 rows[3].axhline(np.degrees(limit), **DASHED)
@@ -78,10 +78,11 @@ def _lines(
     axes: Axes,
     time: Array,
     values: Array,
-    names: Sequence[str],
+    names: Sequence[str] | Mapping[str, Any],
     label: str,
 ) -> None:
-    for i, name in enumerate(names):
-        axes.plot(time, values[:, i], label=name, **line(i))
+    if not isinstance(names, Mapping):
+        names = {name: line(i) for i, name in enumerate(names)}
+    draw_lines(axes, time, values, names)
     axes.set_ylabel(label)
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from string import ascii_lowercase
 from textwrap import wrap
 from typing import Any
 
@@ -10,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.cases import PAPER
-from ca_ros.figures import COLORS, DASHED
+from ca_ros.figures import COLORS, DASHED, inches, letters
 
 STYLES: dict[str, tuple[str, Any, float]] = {
     'exact': (COLORS[5], '-', 5.0),
@@ -34,27 +34,22 @@ OTHERS = [
 FAILED: dict[str, Any] = {'color': 'black', 'linestyle': ':', 'linewidth': 0.8}
 """The style of the moments of failures."""
 
-DASH = 1.8  # length of the dashes that take turns, in widths of the line
+PANELS_MAX = 6
+"""Greatest number of panels that show methods beside each other."""
 
 
 def styles(methods: Sequence[str], coinciding: bool = False) -> dict[str, dict[str, Any]]:
     """Return the line properties of each method's curve.
 
-    Where curves coincide, those of the paper's methods become narrower one after the other, and
-    the dashes of the others take turns.
+    Where curves coincide, those below are wider.
     """
     others = [method for method in methods if method not in STYLES]
-    turns = [method for method in methods if method not in PAPER]
     found = {}
     for method in methods:
         known = STYLES.get(method) or OTHERS[others.index(method) % len(OTHERS)]
         color, dashes, width = known
         if not coinciding:
             width = 3.0 if method == 'exact' else 1.4
-        elif method == 'pseudo_inverse':
-            dashes = '-'
-        elif method in turns and len(turns) > 1:
-            dashes = (DASH * turns.index(method), (DASH, DASH * (len(turns) - 1)))
         found[method] = {'color': color, 'linestyle': dashes, 'linewidth': width}
     return found
 
@@ -72,10 +67,34 @@ def entries(looks: Mapping[str, Mapping[str, Any]]) -> list[Line2D]:
     return [Line2D([], [], label=label, **look) for label, look in looks.items()]
 
 
-def entries_of(methods: Sequence[str], coinciding: bool = False) -> list[Line2D]:
-    """Return the lines of a legend of methods, see `styles`."""
-    looks = styles(methods, coinciding)
-    return entries({title(method): look for method, look in looks.items()})
+def entries_of(groups: Sequence[Sequence[str]], coinciding: bool = False) -> list[Line2D]:
+    """Return the lines of a legend of groups of methods, each with the style of its first."""
+    looks = styles([names[0] for names in groups], coinciding)
+    width = letters(inches()) - 8
+    return entries({listed(names, width): looks[names[0]] for names in groups})
+
+
+def listed(names: Sequence[str], width: int) -> str:
+    """Return the titles of methods in lines of at most `width` letters."""
+    return '\n'.join(wrap(', '.join(map(title, names)), width))
+
+
+def panel_titles(groups: Sequence[Sequence[str]], width: float) -> tuple[list[str], list[str]]:
+    """Return titles of panels of a width [inch] that show groups of methods, and notes.
+
+    Titles of more than two lines become letters, which the notes explain; the notes name the
+    groups beyond `PANELS_MAX`.
+    """
+    shown, notes = groups[:PANELS_MAX], []
+    titles = [listed(names, letters(width)) for names in shown]
+    if any(words.count('\n') > 1 or len(words) > 2 * letters(width) for words in titles):
+        titles = list(ascii_lowercase[: len(shown)])
+        words = [listed(names, 10_000) for names in shown]
+        notes = [f'{letter}: {group}' for letter, group in zip(titles, words, strict=True)]
+    if len(groups) > PANELS_MAX:
+        left = [name for names in groups[PANELS_MAX:] for name in names]
+        notes.append(f'not drawn: {listed(left, 10_000)}')
+    return titles, notes
 
 
 def failing(

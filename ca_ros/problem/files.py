@@ -7,11 +7,12 @@
       effector_names: [left elevon, right elevon]
       effector_kind: surfaces  # in messages
       effector_unit: rad
+      axis_units: rad/s^2        # of all axes, or of each
       matrix: [[-4.2, 4.2],      # one row for each axis
                [-1.3, -1.3]]
       lower: -0.5                # of all effectors, or of each
       upper: 0.5
-      reference: [0.0, 0.0]      # optional, as are axes, names, kind and unit
+      reference: [0.0, 0.0]      # optional, as are axes, names, kind and units
     allocation:                  # optional: options of the methods, as in the file of a vehicle
       exact:
         policy: scale
@@ -28,7 +29,7 @@ from ca_ros.vehicle.files import ParameterFile, flatten
 
 ARGUMENTS = (
     'matrix', 'lower', 'upper', 'axes', 'effector_names', 'reference', 'effector_kind',
-    'effector_unit',
+    'effector_unit', 'axis_units',
 )  # fmt: skip
 """The entries of a file, which are the arguments of `AllocationProblem`."""
 

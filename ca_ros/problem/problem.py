@@ -57,7 +57,9 @@ class AllocationProblem:
     effector_kind : str
         What the effectors are called in messages.
     effector_unit : str
-        Their unit in messages.
+        Their unit in messages and plots.
+    axis_units : str or sequence of str
+        The unit of all axes, or of each, in plots.
 
     Attributes
     ----------
@@ -92,6 +94,7 @@ class AllocationProblem:
 
     unit = ''
     """The unit of the effectors in messages, after a space."""
+    axis_units: tuple[str, ...] = ()
     advice = ''
     """What the error of a set without volume recommends."""
 
@@ -99,7 +102,7 @@ class AllocationProblem:
         self, matrix: ArrayLike, lower: ArrayLike, upper: ArrayLike,
         axes: Sequence[str] | None = None, effector_names: Sequence[str] | None = None,
         reference: ArrayLike | None = None, effector_kind: str = 'effectors',
-        effector_unit: str = '',
+        effector_unit: str = '', axis_units: str | Sequence[str] = '',
     ) -> None:
         gamma = numbers('matrix', matrix)
         if gamma.ndim != 2 or 0 in gamma.shape:
@@ -118,6 +121,10 @@ class AllocationProblem:
             raise ValueError(f'effector_kind: expected a word, got {effector_kind!r}')
         self.effector_kind = effector_kind
         self.unit = f' {effector_unit}' if effector_unit else ''
+        alike = isinstance(axis_units, str)
+        self.axis_units = (axis_units,) * m if alike else tuple(map(str, axis_units))
+        if len(self.axis_units) != m:
+            raise ValueError(f'axis_units: expected 1 or {m}, got {len(self.axis_units)}')
         low, high = numbers('lower', lower, n), numbers('upper', upper, n)
         quoted = [repr(name) for name in self.effector_names]
         ordered_bounds('lower', 'upper bound', low, high, quoted)
@@ -171,6 +178,7 @@ class AllocationProblem:
         other = AllocationProblem.__new__(AllocationProblem)
         other.axes, other.effector_names = self.axes, self.effector_names
         other.effector_kind, other.unit = self.effector_kind, self.unit
+        other.axis_units = self.axis_units
         other._fill(self.gamma, lower, upper, self.reference)
         return other
 

@@ -56,7 +56,8 @@ def sample_errors(
     the rotors as they physically are, NaN where that set has no volume; ``thrusts_squared``, |f|^2
     [N^2]; ``energy``, the sum of |f|^1.5 [N^1.5]; ``change``, the sum of |change of thrust| over
     the rotors since the previous sample [N]; ``goal_height`` of the waypoint [m]; ``movable`` and
-    ``at_bound``: how many rotors can move, and are at a bound.
+    ``at_bound``: how many rotors can move, and are at a bound; of each axis ``demand_*``,
+    ``served_*`` and ``residual_*`` [N, N m], NaN where it is given up.
     """
     parts, given = [], []
     start = vehicle or controller.vehicle
@@ -78,6 +79,10 @@ def sample_errors(
             'goal_height': float(goal.position[2]), 'movable': movable.sum(),
             'at_bound': (low | high)[:, movable].sum(axis=1),
         }
+        for k, axis in enumerate(axes):
+            missed = residual[:, k]
+            columns[f'demand_{axis}'], columns[f'residual_{axis}'] = commanded[:, k], missed
+            columns[f'served_{axis}'] = commanded[:, k] - missed
         parts.append(pd.DataFrame(columns))
         given.append(thrusts)
     return pd.concat(parts, ignore_index=True).assign(change=changes_of(np.concatenate(given)))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from textwrap import wrap
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -18,40 +16,71 @@ from matplotlib.ticker import MaxNLocator
 from ca_ros.arrays import Array
 from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.metrics import STEADY
-from ca_ros.evaluation.plot_style import entries, entries_of, styles, title
+from ca_ros.evaluation.errors import FORCES
+from ca_ros.evaluation.plot_style import (
+    PANELS_MAX,
+    entries,
+    entries_of,
+    panel_titles,
+    styles,
+)  # fmt: skip
 from ca_ros.figures import (
     COLORS,
     DASHED,
     MOMENTS,
     WIDTHS,
     across,
+    draw_lines,
+    inches,
     line,
     mark,
+    rotor_lines,
     save,
     sheet,
     style,
-)
+)  # fmt: skip
 from ca_ros.flight.record import Flight
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.vehicle.settings import AXES
 
 ALIKE = 0.01
 """Greatest difference of curves that look like one, as a share of the height of a panel."""
 
+AXIS_LINES = {axis: line(i) for i, axis in enumerate(AXES)}
+
 AFTER = 5.0  # how long the plot of failures goes on after the last moment [s]
 
 
+ROWS = ('position', 'tilt', 'speeds', 'margin', 'demand', 'served', 'residual')
+"""What the rows of a plot of flights show."""
+
+FAILURE_ROWS = ROWS[:4]
+
+UNITS = {
+    'position': 'position [m]', 'tilt': 'tilt [°]', 'speeds': 'rotor speed [rad/s]',
+    'margin': 'margin [N, N m]',
+}  # fmt: skip
+
+
 def draw(
-    out: Path, study: Flights, formats: Sequence[str], width: float = WIDTHS['page']
+    out: Path, study: Flights, formats: Sequence[str], width: float = WIDTHS['page'],
+    rows: Sequence[str] = (),
 ) -> None:
-    """Draw all plots of a dynamic study into a folder; failures have a plot of their own."""
+    """Draw all plots of a dynamic study into a folder.
+
+    Failures have a plot of their own, and `rows`, of `ROWS`, too.
+    """
     with matplotlib.rc_context(style(width)):
         plots = {
             'position': _draw_position(study),
             'attitude': _draw_attitude(study),
-            'rotor_speeds': _draw_speeds(study),
+            'rotor_speeds': _draw_rows(study, ['speeds'], 1.6),
         }
         if study.failures.failures:
-            plots['failure'] = _draw_failure(study)
+            last = max(study.moments) + AFTER
+            span = max(0.0, min(study.moments) - 1.0), min(study.end, last)
+            plots['failure'] = _draw_rows(study, FAILURE_ROWS, 1.1, span)
+        if rows:
+            plots['rows'] = _draw_rows(study, rows, 1.1)
         for name, plot in plots.items():
             save(plot, out / name, formats)
 
@@ -71,8 +100,9 @@ def _mark_all(axes: Axes, study: Flights) -> None:
 
 def _draw_position(study: Flights) -> Figure:
     """Draw the position over time, and the error in the last second."""
-    flights = study.flights
-    figure, body = sheet(5.4, [*entries_of(list(flights), coinciding=True), *_kinds(study)])
+    groups = _groups(study)
+    flights = {names[0]: study.flights[names[0]] for names in groups}
+    figure, body = sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
     panels = body.subplots(3, 2, sharex='col', width_ratios=(across(3, 1.5), 1))
     for i, (whole, last) in enumerate(panels):
         goal = float(study.trajectory.last.position[i])
@@ -94,8 +124,9 @@ def _draw_position(study: Flights) -> Figure:
 
 def _draw_attitude(study: Flights) -> Figure:
     """Draw the attitude over time."""
-    flights, waypoint = study.flights, study.trajectory.last
-    figure, body = sheet(5.4, [*entries_of(list(flights), coinciding=True), *_kinds(study)])
+    groups, waypoint = _groups(study), study.trajectory.last
+    flights = {names[0]: study.flights[names[0]] for names in groups}
+    figure, body = sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
     panels = body.subplots(3, 1, sharex=True)
     goals = (None, None, float(np.degrees(waypoint.heading)))
     for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'heading'), panels, strict=True)):
@@ -110,13 +141,16 @@ def _draw_attitude(study: Flights) -> Figure:
     return figure
 
 
-def _shared(study: Flights, width: int) -> dict[str, str]:
-    """Return the titles of panels by method; methods whose curves look like one share a panel."""
-    found: dict[str, list[str]] = {}
+def _groups(study: Flights) -> list[list[str]]:
+    """Return the methods in groups whose curves look like one, in the order of the first."""
+    found: list[list[str]] = []
     for name, flight in study.flights.items():
-        first = next((one for one in found if _alike(study.flights[one], flight)), name)
-        found.setdefault(first, []).append(title(name))
-    return {first: '\n'.join(wrap(', '.join(names), width)) for first, names in found.items()}
+        same = [names for names in found if _alike(study.flights[names[0]], flight)]
+        if same:
+            same[0].append(name)
+        else:
+            found.append([name])
+    return found
 
 
 def _alike(one: Flight, other: Flight) -> bool:
@@ -126,87 +160,90 @@ def _alike(one: Flight, other: Flight) -> bool:
     )
 
 
-def _draw_speeds(study: Flights) -> Figure:
-    """Draw the rotor speeds, one panel per method."""
-    vehicle, titles = study.vehicle, _shared(study, 44)
-    flights = {name: study.flights[name] for name in titles}
-    rows = -(-len(flights) // 2)
-    figure, body = sheet(0.4 + 2.2 * rows, [*entries(_looks(vehicle)), *_kinds(study)])
-    panels = body.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).flatten()
-    for (name, flight), axes in zip(flights.items(), panels, strict=False):
-        _speeds(axes, flight, vehicle)
-        mark(axes, study.marks(name))
-        axes.set_title(titles[name])
-        axes.margins(x=0.0)
-    for axes in panels[: len(flights) : 2]:
-        axes.set_ylabel('rotor speed [rad/s]')
-    for axes in panels[len(flights) :]:
+def _draw_rows(
+    study: Flights, rows: Sequence[str], least: float, span: tuple[float, float] | None = None
+) -> Figure:
+    """Draw rows of `ROWS`, with a column of at least some width [inch] per group of methods.
+
+    The span is that of the time [s], by default the whole flight.  Demand, served wrench and
+    residual take two rows each: forces and torques.
+    """
+    groups = _groups(study)
+    shown = groups[:PANELS_MAX]
+    panels = [
+        (row, part)
+        for row in rows
+        for part in (('',) if row in UNITS else ('force', 'torque'))
+    ]
+    columns = across(len(shown), least)
+    blocks = -(-len(shown) // columns)
+    titles, notes = panel_titles(groups, inches() / columns - 0.3)
+    handles = [*entries(rotor_lines(study.vehicle.n))] if 'speeds' in rows else []
+    if {*rows} - {*UNITS}:
+        handles += entries({axis: AXIS_LINES[axis] for axis in study.vehicle.axes})
+    height = (0.6 + 1.75 * len(panels)) * blocks
+    figure, body = sheet(height, [*handles, *_kinds(study)], notes)
+    grid = body.subplots(len(panels) * blocks, columns, sharex=True, sharey='row', squeeze=False)
+    # Each block has a row for each panel, and a column per group.
+    stacks = grid.reshape(blocks, len(panels), columns).transpose(0, 2, 1)
+    stacks = stacks.reshape(-1, len(panels))
+    for names, words, column in zip(shown, titles, stacks, strict=False):
+        for (row, part), axes in zip(panels, column, strict=True):
+            _draw_panel(axes, study, names[0], row, part)
+            mark(axes, study.marks(names[0]))
+        column[0].set_title(words)
+        column[-1].tick_params(labelbottom=True)
+        column[-1].set_xlabel('time [s]')
+    for axes in stacks[len(shown) :].flatten():
         axes.remove()
-    for axes in panels[max(len(flights) - 2, 0) : len(flights)]:
-        axes.tick_params(labelbottom=True)
-        axes.set_xlabel('time [s]')
+    for (row, part), places in zip(panels * blocks, grid, strict=True):
+        unit = 'N' if part == 'force' else 'N m'
+        places[0].set_ylabel(UNITS.get(row) or f'{row}\n{part} [{unit}]')
+        _limit(places, study, row)
+    body.align_ylabels(grid[:, 0])
+    first = grid[0, 0]
+    if rows[0] == 'position':
+        first.legend(handles=first.lines[:3], loc='lower right')
+    first.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+    first.set_xlim(*(span or (0.0, study.end)))
     return figure
 
 
-def _draw_failure(study: Flights) -> Figure:
-    """Draw flights with rotor failures beside each other, one column per method."""
-    vehicle, moments, titles = study.vehicle, study.moments, _shared(study, 30)
-    flights = {name: study.flights[name] for name in titles}
-    goal = study.trajectory.last.position
-    columns = across(len(flights), 1.1)
-    blocks = -(-len(flights) // columns)
-    figure, body = sheet(7.6 * blocks, [*entries(_looks(vehicle)), *_kinds(study)])
-    grid = body.subplots(4 * blocks, columns, sharex=True, sharey='row', squeeze=False)
-    # Each block has four rows, and a column per method.
-    stacks = grid.reshape(blocks, 4, columns).transpose(0, 2, 1).reshape(-1, 4)
-    for (name, flight), column in zip(flights.items(), stacks, strict=False):
-        position, tilt, speeds, margin = column
+def _draw_panel(axes: Axes, study: Flights, name: str, row: str, part: str) -> None:
+    """Draw one row of a method."""
+    flight, samples, vehicle = study.flights[name], study.samples[name], study.vehicle
+    if row == 'position':
         for i, axis in enumerate('xyz'):
             # Where coordinates coincide, those below are wider.
             look = {'color': ('0.65', '0.3', COLORS[1])[i], 'linewidth': 3.2 - 1.0 * i}
-            position.plot(flight.time, flight.position[:, i], label=f'${axis}$', **look)
-        for level in np.unique(goal):
-            position.axhline(level, **DASHED)
-        tilt.plot(flight.time, np.degrees(flight.tilt), color='black')
-        _speeds(speeds, flight, vehicle)
-        margin.plot(flight.time, study.samples[name]['margin'], color='black')
-        margin.axhline(0.0, **DASHED)
-        for axes in column:
-            mark(axes, study.marks(name))
-        position.set_title(titles[name])
-        margin.tick_params(labelbottom=True)
-        margin.set_xlabel('time [s]')
-    for axes in stacks[len(flights) :].flatten():
-        axes.remove()
-    names = ('position [m]', 'tilt [°]', 'rotor speed [rad/s]', 'margin [N, N m]')
-    for axes, label in zip(grid[:, 0], names * blocks, strict=True):
-        axes.set_ylabel(label)
-    first = grid[0, 0]
-    first.legend(handles=first.lines[:3], loc='lower right')
-    first.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-    first.set_xlim(max(0.0, min(moments) - 1.0), min(study.end, max(moments) + AFTER))
-    # A falling vehicle leaves the panel, so that the scale suits the others.
-    places = np.concatenate([goal, np.zeros(3)])
-    margins = pd.concat([own['margin'] for own in study.samples.values()])
-    highest = float(np.nanmax(margins, initial=0.0))
-    lowest = max(float(np.nanmin(margins, initial=0.0)), -2.0 * highest)
-    for position, _, _, margin in stacks[::columns]:
-        position.set_ylim(places.min() - 2.0, places.max() + 1.0)
-        margin.set_ylim(lowest - 0.1 * highest, 1.1 * highest or 1.0)
-    return figure
+            axes.plot(flight.time, flight.position[:, i], label=f'${axis}$', **look)
+        for level in np.unique(study.trajectory.last.position):
+            axes.axhline(level, **DASHED)
+    elif row == 'tilt':
+        axes.plot(flight.time, np.degrees(flight.tilt), color='black')
+    elif row == 'speeds':
+        draw_lines(axes, flight.time, flight.speeds, rotor_lines(vehicle.n))
+        for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
+            axes.axhline(bound, **DASHED)
+    elif row == 'margin':
+        axes.plot(flight.time, samples['margin'], color='black')
+        axes.axhline(0.0, **DASHED)
+    else:
+        own = [axis for axis in vehicle.axes if (axis in FORCES) == (part == 'force')]
+        values = samples[[f'{row}_{axis}' for axis in own]].to_numpy()
+        draw_lines(axes, flight.time, values, {axis: AXIS_LINES[axis] for axis in own})
 
 
-def _looks(vehicle: Vehicle) -> dict[str, dict[str, Any]]:
-    """Return the line properties of rotors; where they coincide, those below are wider."""
-    n = vehicle.n
-    return {f'rotor {i + 1}': {**line(i), 'linewidth': 3.0 - 2.1 * i / n} for i in range(n)}
-
-
-def _speeds(axes: Axes, flight: Flight, vehicle: Vehicle) -> None:
-    for speeds, look in zip(flight.speeds.T, _looks(vehicle).values(), strict=True):
-        axes.plot(flight.time, speeds, **look)
-    for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
-        axes.axhline(bound, **DASHED)
+def _limit(panels: Sequence[Axes], study: Flights, row: str) -> None:
+    """Limit the values of a row: a falling vehicle leaves its panel."""
+    if row == 'position':
+        places = np.concatenate([study.trajectory.last.position, np.zeros(3)])
+        panels[0].set_ylim(places.min() - 2.0, places.max() + 1.0)
+    elif row == 'margin':
+        margins = pd.concat([own['margin'] for own in study.samples.values()])
+        highest = float(np.nanmax(margins, initial=0.0))
+        lowest = max(float(np.nanmin(margins, initial=0.0)), -2.0 * highest)
+        panels[0].set_ylim(lowest - 0.1 * highest, 1.1 * highest or 1.0)
 
 
 def _lines(

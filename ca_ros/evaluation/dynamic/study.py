@@ -26,7 +26,7 @@ from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.manoeuvres import MANOEUVRES, flown, summary
 from ca_ros.evaluation.dynamic.metrics import RECOVERED, metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import findings, observe
-from ca_ros.evaluation.dynamic.plots import draw
+from ca_ros.evaluation.dynamic.plots import ROWS, draw
 from ca_ros.evaluation.dynamic.ros_flight import check, fly_over_ros
 from ca_ros.evaluation.dynamic.tables import document
 from ca_ros.evaluation.paper import flown_as_in_the_paper
@@ -88,6 +88,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     names = f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}'
     add('--manoeuvres', metavar='A,B', help=names)
     add('--seeds', type=positive(int), default=50, metavar='N', help='of each manoeuvre')
+    rows = f'also draw these rows of each method, rows.png: {", ".join(ROWS)}'
+    add('--rows', type=_rows, default=(), metavar='A,B', help=rows)
     add_options(made)
     own, ros = split(argv)
     options = made.parse_args(own)
@@ -101,6 +103,14 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     if options.manoeuvres is not None and (options.ros or options.fail or options.detect):
         made.error('--manoeuvres: not with --ros, --fail or --detect')
     return options
+
+
+def _rows(text: str) -> list[str]:
+    """Return the rows in a text such as demand,margin, for argparse."""
+    words = [word.strip() for word in text.split(',')]
+    if strange := {*words} - {*ROWS}:
+        raise argparse.ArgumentTypeError(f'{sorted(strange)}: expected {", ".join(ROWS)}')
+    return list(dict.fromkeys(words))
 
 
 def _fly_manoeuvres(
@@ -192,7 +202,7 @@ def _write(
     study = Flights(flights, samples, case.vehicle, options.goals, failures, detected)
     if options.animate:
         animate(out / 'animation.gif', study)
-    draw(out, study, options.figures, options.figure_width)
+    draw(out, study, options.figures, options.figure_width, options.rows)
     return text
 
 

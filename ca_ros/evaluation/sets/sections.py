@@ -56,9 +56,11 @@ class Section:
 
 
 def units(problem: AllocationProblem) -> dict[str, tuple[str, str]]:
-    """Return name and unit of each axis; without a vehicle, axes have no units."""
-    known = AXES if isinstance(problem, VehicleProblem) else {}
-    return {axis: known.get(axis, (axis, '')) for axis in problem.axes}
+    """Return name and unit of each axis; without a vehicle, those of the problem's file."""
+    if isinstance(problem, VehicleProblem):
+        return {axis: AXES.get(axis, (axis, '')) for axis in problem.axes}
+    pairs = zip(problem.axes, problem.axis_units, strict=True)
+    return {axis: (axis, unit.replace('^2', '²')) for axis, unit in pairs}
 
 
 def labels(problem: AllocationProblem, axes: Sequence[str]) -> list[str]:

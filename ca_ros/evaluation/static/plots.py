@@ -45,7 +45,10 @@ def draw(
     calls = pd.concat(
         pd.DataFrame({'method': name, 'time': 1e6 * np.array(own)}) for name, own in times.items()
     )
-    errors = {name: words for name, words in ERRORS.items() if name in rows}
+    units = {*admissible.problem.axis_units}
+    unit = f' [{units.pop()}]' if len(units) == 1 and units != {''} else ''
+    unit = unit.replace('^2', '²')
+    errors = {name: words + unit for name, words in ERRORS.items() if name in rows}
     with matplotlib.rc_context(style(width)):
         plots = {
             'errors': _draw_distributions(shown, errors),
@@ -70,7 +73,8 @@ def _draw_distributions(
     looks = styles(list(methods.groups))
     columns = across(len(labels), 2.2)
     rows_of_panels = -(-len(labels) // columns)
-    figure, body = sheet(0.5 + 2.5 * rows_of_panels, entries_of(list(methods.groups)))
+    entries = entries_of([[name] for name in methods.groups])
+    figure, body = sheet(0.5 + 2.5 * rows_of_panels, entries)
     panels = body.subplots(rows_of_panels, columns, sharey=True, squeeze=False).flatten()
     for axes, (key, label) in zip(panels, labels.items(), strict=True):
         for name, own in methods:
@@ -113,14 +117,15 @@ def _draw_violations(admissible: AdmissibleSet, rows: pd.DataFrame) -> Figure:
             axes.use_sticky_edges = False
         axes.fill(*cut.outline.T, **OUTLINE)
         axes.set(xlabel=cut.labels[0], ylabel=cut.labels[1])
-        axes.set_title(title(cut.title, 24), loc='right')
+        axes.set_title(title(cut.title, 24))
         axes.grid(False)
     if images:
         worst = max(image.norm.vmax for image in images)
         for image in images:
             image.set_clim(0.0, worst)
         bar: Any = {'location': 'top', 'aspect': 40, 'ticks': MaxNLocator(6)}
-        label = 'violation before saturation [N]; grey: none'
+        unit = problem.unit or ' of the effectors'
+        label = f'violation before saturation [{unit.strip()}]; grey: none'
         body.colorbar(images[0], ax=panels, label=label, **bar)
     _draw_share(panels[len(cuts)], admissible, rows)
     for axes in panels[len(cuts) + 1 :]:
@@ -141,4 +146,4 @@ def _draw_share(axes: Axes, admissible: AdmissibleSet, rows: pd.DataFrame) -> No
     axes.set(xlim=(0.0, max(1.0, float(distance.max()))), ylim=(-2.0, 102.0))
     axes.set_xlabel('distance (boundary: 1)')
     axes.set_ylabel('with a violation [%]')
-    axes.set_title(f'{len(rows)} samples,\n± standard error', loc='right')
+    axes.set_title(f'{len(rows)} samples,\n± standard error')

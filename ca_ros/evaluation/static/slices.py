@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,9 @@ from matplotlib.lines import Line2D
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
 from ca_ros.evaluation.errors import evaluate
-from ca_ros.evaluation.plot_style import title
+from ca_ros.evaluation.plot_style import PANELS_MAX, panel_titles
 from ca_ros.evaluation.sets.sections import Section, sections
-from ca_ros.figures import COLORS, across, sheet
+from ca_ros.figures import COLORS, across, inches, letters, sheet
 from ca_ros.problem.admissible_set import AdmissibleSet
 
 COMMANDS = 13  # number of commands along each axis of a section
@@ -38,37 +39,47 @@ OUTLINE: dict[str, Any] = {'facecolor': 'none', 'edgecolor': 'black', 'linewidth
 def draw_slices(
     admissible: AdmissibleSet, allocators: Mapping[str, Allocator]
 ) -> Figure | None:
-    """Draw what methods achieve for a grid of commands in each section, and for some outside.
+    """Draw what methods achieve for a grid of commands in sections, and for some outside the last.
 
-    Methods that achieve the same share a panel.  None without a section to draw.
+    Methods that achieve the same share a panel; with more than `PANELS_MAX` panels only the last
+    section is drawn.  None without a section to draw.
     """
     cuts = sections(admissible, ('roll', 'pitch'), ('roll', 'yaw'))
     if not cuts:
         return None
+    last = cuts[-1]
     panels = [
         (cut, demands[:, cut.rows], achieved, names)
-        for cut, outside in [*((cut, False) for cut in cuts), (cuts[-1], True)]
-        for demands in [_outside(cut) if outside else _inside(cut, admissible)]
+        for cut in cuts
+        for demands in [_demands(cut, admissible, cut is last)]
         for names, achieved in _achieved(cut, admissible, allocators, demands)
     ]
-    columns = across(len(panels), 1.6)
+    if len(panels) > PANELS_MAX:
+        # The last section has the commands outside, too, and says more.
+        panels = [panel for panel in panels if panel[0] is last]
+    columns = across(min(len(panels), 3), 1.6)
+    width = inches() / columns - 0.5
+    titles, notes = panel_titles([names for *_, names in panels], width)
+    panels = panels[:PANELS_MAX]
     rows = -(-len(panels) // columns)
     outline = Line2D([], [], color='black', linewidth=0.8, label='admissible set')
     looks = {'commanded': COMMANDED, 'achieved': ACHIEVED}
     points = [Line2D([], [], label=label, **look) for label, look in looks.items()]
-    figure, body = sheet(1.95 * rows, [outline, *points])
+    figure, body = sheet(2.05 * rows, [outline, *points], notes)
     grid = body.subplots(rows, columns, squeeze=False).flatten()
-    for axes, (cut, commanded, achieved, names) in zip(grid, panels, strict=False):
+    for axes, words, (cut, commanded, achieved, _) in zip(grid, titles, panels, strict=False):
         _draw(axes, cut, commanded, achieved)
-        axes.set_title('\n'.join([title(', '.join(names), 24), title(cut.title, 24)]), loc='right')
+        axes.set_title('\n'.join([words, *wrap(cut.title, letters(width))]))
     for axes in grid[len(panels) :]:
         axes.remove()
     return figure
 
 
-def _inside(cut: Section, admissible: AdmissibleSet) -> Array:
+def _demands(cut: Section, admissible: AdmissibleSet, outside: bool) -> Array:
+    """Return a grid of commands inside, and if so wished some outside."""
     demands = cut.wrenches(*np.meshgrid(*cut.grid(COMMANDS))).reshape(-1, len(cut.reference))
-    return demands[admissible.contains(demands)]
+    demands = demands[admissible.contains(demands)]
+    return np.concatenate([demands, _outside(cut)]) if outside else demands
 
 
 def _outside(cut: Section) -> Array:
