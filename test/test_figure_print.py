@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip('matplotlib')
 pytest.importorskip('pandas')
 
+import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 
