@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -215,7 +216,9 @@ def _draw_panel(axes: Axes, study: Flights, name: str, row: str, part: str) -> N
     if row == 'position':
         for i, axis in enumerate('xyz'):
             # Where coordinates coincide, those below are wider.
-            look = {'color': ('0.65', '0.3', COLORS[1])[i], 'linewidth': 3.2 - 1.0 * i}
+            look: dict[str, Any] = {
+                'color': ('0.65', '0.3', COLORS[1])[i], 'linewidth': 3.2 - 1.0 * i,
+            }  # fmt: skip
             axes.plot(flight.time, flight.position[:, i], label=f'${axis}$', **look)
         for level in np.unique(study.trajectory.last.position):
             axes.axhline(level, **DASHED)
