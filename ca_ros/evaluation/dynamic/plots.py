@@ -186,8 +186,8 @@ def _draw_rows(
     figure, body = sheet(height, [*handles, *_kinds(study)], notes)
     grid = body.subplots(len(panels) * blocks, columns, sharex=True, sharey='row', squeeze=False)
     # Each block has a row for each panel, and a column per group.
-    stacks = grid.reshape(blocks, len(panels), columns).transpose(0, 2, 1)
-    stacks = stacks.reshape(-1, len(panels))
+    blocked = grid.reshape(blocks, len(panels), columns).transpose(0, 2, 1)
+    stacks = blocked.reshape(-1, len(panels))
     for names, words, column in zip(shown, titles, stacks, strict=False):
         for (row, part), axes in zip(panels, column, strict=True):
             _draw_panel(axes, study, names[0], row, part)
