@@ -1,12 +1,8 @@
 """What the tests share: lengths, vehicles, demands, and linear programs as oracles."""
 
-import importlib.util
 import os
 import shutil
-import sys
 import sysconfig
-from contextlib import redirect_stderr, redirect_stdout
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -179,35 +175,6 @@ Source: ControlAllocationSequentialDesaturationTest.cpp of PX4-Autopilot, Previo
 roll, pitch, yaw, mean thrust; then four thrusts without airmode, with that of roll and pitch, and
 with that of roll, pitch and yaw.
 """
-
-
-# Examples
-
-EXAMPLES = Path(__file__).resolve().parent.parent / 'examples'
-
-
-def example(name):
-    """Import an example by its path."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f'{name}.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def run_example(name, *arguments):
-    """Run an example as a script would; return exit code, output and errors."""
-    argv, sys.argv = sys.argv, [f'{name}.py', *map(str, arguments)]
-    with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
-        try:
-            example(name).main()
-            code = 0
-        except SystemExit as end:
-            # Text is printed by the interpreter, at its end.
-            code = int(bool(end.code))
-            err.write(f'{end.code}\n' if isinstance(end.code, str) else '')
-        finally:
-            sys.argv = argv
-    return code, out.getvalue(), err.getvalue()
 
 
 def unaudited(method, vehicle, **options):
