@@ -25,7 +25,8 @@ cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
 exact = ('exact', 'least_norm', 'priorities', 'module')
 # The detector of rotor failures, and the allocator of rotors that tilt.
-detector, vectored = (('detector', 'detector_module'), ('vectored', 'vectored_module'))
+detector = ('detector', 'detector_module')
+vectored = ('vectored', 'vectored_module')
 kernels = [
     Extension(
         f'{package}.kernel._{name}',

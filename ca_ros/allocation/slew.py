@@ -22,8 +22,7 @@ from ca_ros.vehicle.validation import numbers
 
 PERIOD_MAX = 0.1  # greatest time since the last command in which rotors count as moving [s]
 
-UNLIMITED = 1e9
-"""A rate that does not limit [rad/s^2, rad/s]."""
+UNLIMITED = 1e9  # a rate that does not limit [rad/s^2, rad/s]
 
 
 class SlewLimited(Allocator):
@@ -71,8 +70,7 @@ class SlewLimited(Allocator):
                 raise ValueError('rates: the vehicle has no rotors.acceleration_max; give rates')
             rates, braking = found
         self.rates, self.braking = (
-            constant(numbers(name, given, self.problem.n))
-            for name, given in (
+            constant(numbers(name, given, self.problem.n)) for name, given in (
                 ('rates', rates), ('braking', rates if braking is None else braking)
             )
         )

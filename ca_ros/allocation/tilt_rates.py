@@ -19,8 +19,7 @@ from ca_ros.vehicle.tilts import FIXED, Tilts
 from ca_ros.vehicle.validation import numbers
 from ca_ros.vehicle.vehicle import Vehicle
 
-REACHED_MIN = 1e-9
-"""Range of a thrust, as a share of the greatest, below which it is held."""
+REACHED_MIN = 1e-9  # range of a thrust, as a share of the greatest, below which it is held
 
 
 class TiltLimited:

@@ -98,9 +98,7 @@ class Recorder(Node):
     def missing(self) -> list[str]:
         """Return the topics and services that are not connected yet."""
         lacking = [
-            topic
-            for topic in self._links
-            if not self.count_publishers(topic)
+            topic for topic in self._links if not self.count_publishers(topic)
             # The recorder itself subscribes to the speeds that are commanded.
             or self.count_subscribers(topic) <= (topic == topics.SPEED_COMMAND.name)
         ]

@@ -60,8 +60,7 @@ def summarize(
     lines += _failures(flown, failures)
     weak = ', '.join(
         f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
-        for i, health in enumerate(last.health)
-        if health < 1.0
+        for i, health in enumerate(last.health) if health < 1.0
     )
     if last.tilts is not None and (stuck := last.tilts.stuck_rotors):
         weak = ', '.join(filter(None, [weak, *(f'servo of rotor {i + 1} stuck' for i in stuck)]))

@@ -20,8 +20,7 @@ from ca_ros.process.parameters import ParameterClient
 from ca_ros.settings import repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
-CHANGED = 'rotors.health', 'rotors.stuck_servos'
-"""What failures change."""
+CHANGED = 'rotors.health', 'rotors.stuck_servos'  # what failures change
 
 TIMEOUT = 60.0  # time limit for a node to accept a parameter [s]
 
@@ -59,8 +58,7 @@ class Timeline:
             )
         self._health = {
             name: repeated('rotors.health', parameters[name]['rotors.health'], vehicle.n)
-            for name in NODES
-            if 'rotors.health' in parameters[name]
+            for name in NODES if 'rotors.health' in parameters[name]
         }
         self._stuck = {
             name: parameters[name].get('rotors.stuck_servos', 0.0) for name in self._health

@@ -132,11 +132,8 @@ def _command(firmware: Firmware, name: str, table: Callable[..., str]) -> dict[s
         }
     tables = ('thrust_min', 'thrust_max', 'servos', 'angle_middle', 'angle_min', 'angle_max')
     return {
-        'commands': f'{name.upper()}_COMMANDS',
-        'margin_function': '',
-        'margin_field': '',
-        'kernel': 'vectored',
-        'rotors': str(firmware.problem.vehicle.n),
+        'commands': f'{name.upper()}_COMMANDS', 'margin_function': '', 'margin_field': '',
+        'kernel': 'vectored', 'rotors': str(firmware.problem.vehicle.n),
         'angles': str(len(firmware.tilts.rotors)),
         **{each: table(k, firmware.servos) for k, each in enumerate(tables)},
     }

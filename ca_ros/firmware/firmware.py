@@ -111,8 +111,7 @@ class Firmware:
         for fault in self.faults:
             vehicle = fault.problem.vehicle
             forwards, backwards = (
-                np.where(k_f > 0.0, k_f / unit, 1.0).astype(self.dtype)
-                for k_f in (
+                np.where(k_f > 0.0, k_f / unit, 1.0).astype(self.dtype) for k_f in (
                     vehicle.thrust_per_squared_speed,
                     vehicle.reverse_thrust_per_squared_speed,
                 )

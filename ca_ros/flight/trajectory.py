@@ -16,8 +16,7 @@ from ca_ros.settings import ParameterError
 
 COLUMNS = ('t', 'x', 'y', 'z', 'heading')
 
-QUATERNION = ('qx', 'qy', 'qz', 'qw')
-"""The columns of an attitude, which may replace the heading."""
+QUATERNION = ('qx', 'qy', 'qz', 'qw')  # the columns of an attitude, which may replace the heading
 
 
 @dataclass(frozen=True, eq=False)

@@ -236,8 +236,7 @@ class ControllerNode(HealthNode):
         """Return the components of the last demand that are not allocated."""
         axes, cut = self.controller.vehicle.axes, self.controller.unallocated.tolist()
         return ', '.join(
-            f'{axis} {component:+.3g}'
-            for axis, component in zip(axes, cut, strict=True)
+            f'{axis} {component:+.3g}' for axis, component in zip(axes, cut, strict=True)
             if abs(component) > NOTHING
         )
 

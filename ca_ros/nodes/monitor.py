@@ -95,8 +95,7 @@ class MonitorNode(VehicleNode):
         lost = detector.vehicle.with_health(detector.health).lost
         failed = [
             f'rotor {i + 1} {"lost" if lost[i] else "weak"} since {since / 1e9:.2f} s '
-            f'({detector.evidence[i]})'
-            for i, since in enumerate(detector.since)
+            f'({detector.evidence[i]})' for i, since in enumerate(detector.since)
             if since is not None
         ]
         if failed:
@@ -117,8 +116,7 @@ class MonitorNode(VehicleNode):
         )
         lag = self._lag_check.lag
         since = {
-            f'{FOUND}{i + 1} [ns]': time
-            for i, time in enumerate(self.detector.since)
+            f'{FOUND}{i + 1} [ns]': time for i, time in enumerate(self.detector.since)
             if time is not None
         }
         return {

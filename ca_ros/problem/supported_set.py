@@ -13,17 +13,10 @@ from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.zonotope import Zonotope
 
-SETTLED = 1e-9
-"""Share by which a margin may still shrink when the search for it ends."""
-
-SEARCHES = 20
-"""Limit of the lines of one search for a margin."""
-
-DIRECTIONS = 72
-"""Corners of a section."""
-
-DRAWS = 4096
-"""Wrenches that are drawn at a time."""
+SETTLED = 1e-9  # share by which a margin may still shrink when the search for it ends
+SEARCHES = 20  # limit of the lines of one search for a margin
+DIRECTIONS = 72  # corners of a section
+DRAWS = 4096  # wrenches that are drawn at a time
 
 
 class SupportedSet:

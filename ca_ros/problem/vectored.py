@@ -17,11 +17,8 @@ from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
 from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.sets_newton import SetsNewton
 
-LEVEL_GAP = 1e-10
-"""By how much a line may be too short, in quarters of the range of an axis."""
-
-STILL = 1e-12
-"""Length of a line, as a share of the range, that counts as none."""
+LEVEL_GAP = 1e-10  # by how much a line may be too short, in quarters of the range of an axis
+STILL = 1e-12  # length of a line, as a share of the range, that counts as none
 
 INSIDE_MIN = 1e-9
 """Least share of the way from the middle of the set beyond the reference, if that is inside."""
@@ -218,6 +215,5 @@ def component_names(names: Sequence[str], sets: Sequence[ConvexSet]) -> list[str
     """Return a name for each component: of a sector's, with its number, such as ``3.1``."""
     return [
         name if each.size == 1 else f'{name}.{k + 1}'
-        for name, each in zip(names, sets, strict=True)
-        for k in range(each.size)
+        for name, each in zip(names, sets, strict=True) for k in range(each.size)
     ]

@@ -28,8 +28,7 @@ YIELD = 1e-7
 BEYOND = 1.001
 """How far lines go beyond the demand, so that a demand inside the set is seen to be inside."""
 
-INSIDE = 0.99
-"""Greatest share of the way from the middle to the boundary where a line may begin."""
+INSIDE = 0.99  # greatest share of the way from the middle to the boundary where a line may begin
 
 
 @dataclass

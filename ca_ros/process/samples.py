@@ -106,8 +106,7 @@ class Samples:
         """Return the complete samples up to an end; times count from an origin [ns]."""
         start = self.start if self.start is not None else end + 1
         stamps = sorted(
-            time
-            for time, sample in self._samples.items()
+            time for time, sample in self._samples.items()
             if start <= time <= end and self._is_complete(sample)
         )
         found = [self._samples[time] for time in stamps]

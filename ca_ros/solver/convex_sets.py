@@ -11,8 +11,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 
-THIN = 1e-9
-"""Half angle below which a sector is an interval along its axis [rad]."""
+THIN = 1e-9  # half angle below which a sector is an interval along its axis [rad]
 
 
 @dataclass(frozen=True)

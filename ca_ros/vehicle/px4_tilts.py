@@ -76,8 +76,7 @@ def tilts_to(vehicle: Vehicle, rows: Sequence[int]) -> dict[str, float]:
         side = np.cross(tilts.axes[i], tilts.nominal[i])
         _, pitch, yaw = np.abs(np.cross(vehicle.arms[i], side)) > ROUNDING
         found |= {
-            f'CA_ROTOR{motor}_TILT': servo + 1,
-            f'CA_SV_TL{servo}_MINA': degrees(tilts.lower[i]),
+            f'CA_ROTOR{motor}_TILT': servo + 1, f'CA_SV_TL{servo}_MINA': degrees(tilts.lower[i]),
             f'CA_SV_TL{servo}_MAXA': degrees(tilts.upper[i]),
             f'CA_SV_TL{servo}_TD': round(way) % 360,
             f'CA_SV_TL{servo}_CT': int(yaw) + 2 * int(pitch),

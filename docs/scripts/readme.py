@@ -31,8 +31,7 @@ SYMBOLS = {
 def parameters(node: str) -> str:
     """Return the parameters of a node as a Markdown table, without those of the tables before."""
     shared = {
-        name
-        for other in tuple(TABLES)[: tuple(TABLES).index(node)]
+        name for other in tuple(TABLES)[: tuple(TABLES).index(node)]
         for name in settings.table(TABLES[other])
     }
     rows = ['name | default | meaning', '---|---|---']

@@ -119,9 +119,7 @@ def _fly_manoeuvres(
     """Fly each manoeuvre of each seed with each method; write the files, return manoeuvres.md."""
     names = options.manoeuvres.split(',')
     flights = [
-        (name, seed, method)
-        for name in names
-        for seed in range(options.seeds)
+        (name, seed, method) for name in names for seed in range(options.seeds)
         for method in allocators
     ]
     rows = []
@@ -171,8 +169,7 @@ def _write(
     samples = {
         name: sample_errors(
             flight, case.controller(), options.goals.first, changes[name], case.body().vehicle
-        )
-        for name, flight in flights.items()
+        ) for name, flight in flights.items()
     }
     resting = bool((case.plant().state == NULL_STATE).all())
     # The observations are about the paper's flight without failures.

@@ -53,10 +53,7 @@ def sound_speeds(speeds: Sequence[float] | Array, vehicle: Vehicle) -> Array:
 def servo_angles(angles: Sequence[float], vehicle: Vehicle, order: Sequence[int]) -> Array:
     """Return tilt angles (k,) [rad], in the order of the motors as in `ordered`.
 
-    Raises
-    ------
-    ValueError
-        If there is not one angle for each servo, within its limits.
+    Raises a ValueError if there is not one angle for each servo, within its limits.
     """
     assert vehicle.tilts is not None
     found, rotors = np.asarray(angles, dtype=float), vehicle.tilts.rotors
