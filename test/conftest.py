@@ -33,7 +33,10 @@ def _logs(tmp_path_factory):
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('log'))
 
 
-FLIGHTS = 'exported', 'failing', 'flights', 'study'
+NODES = {'graph', 'nodes', 'client', 'shared'}
+"""Fixtures that start nodes."""
+
+FLIGHTS = {'exported', 'failing', 'flights', 'study'}
 """Fixtures that take seconds."""
 
 
@@ -43,9 +46,9 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         if item.get_closest_marker('slow'):
             continue
-        if {'graph', 'nodes', 'client'} & {*item.fixturenames}:
+        if NODES & {*item.fixturenames}:
             item.add_marker('nodes')
-        if {'graph', 'nodes', 'client', *FLIGHTS} & {*item.fixturenames}:
+        if (NODES | FLIGHTS) & {*item.fixturenames}:
             item.add_marker('slow')
     if not LONG:
         long = [item for item in items if item.get_closest_marker('long')]

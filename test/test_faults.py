@@ -90,6 +90,7 @@ def test_a_corruption_changes_one_thing(numbers, corruption, place):
 FATES = st.builds(Fate, copies=st.integers(0, 2), delay=TIMES, overtaken=st.booleans())
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(FATES, TIMES)))
 def test_a_link_loses_and_invents_nothing(arrivals):
     link, now, out = Link(), 0.0, []

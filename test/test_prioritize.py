@@ -243,6 +243,7 @@ def test_without_airmode_the_rows_of_px4_get_at_least_as_much_roll_and_pitch():
 AIRMODES = [0.0, 0.1, 0.5, 1.0, [1.0, 0.0], [0.5, 0.1, 0.2, 0.0]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('order', ['default', 'one by one'])
 @pytest.mark.parametrize('name', length(
     ['hexarotor', 'tilted_hexarotor'], [*FLEET, *(f'random {i}' for i in range(11))]))

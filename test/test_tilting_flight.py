@@ -13,6 +13,8 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.settings import read
 from ca_ros.vehicle import files
 
+pytestmark = pytest.mark.slow
+
 PLANT = PlantSettings(
     time_step=0.02, sub_steps=2, motor_time_constant=0.02, servo_time_constant=0.03,
     servo_rate=6.0,

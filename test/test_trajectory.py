@@ -54,6 +54,7 @@ def test_the_flight_follows_and_ends_at_the_last_one(square):
     assert flight.position[500, 1] > 0.5
 
 
+@pytest.mark.slow
 def test_the_study_flies_it_or_to_an_own_waypoint_and_judges_the_end(
         square, tmp_path, monkeypatch):
     monkeypatch.setattr(study, 'draw', lambda *_: None)

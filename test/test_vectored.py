@@ -28,6 +28,8 @@ from strategies import length
 
 clarabel = pytest.importorskip('clarabel', reason="needs the extra 'test'")
 
+pytestmark = pytest.mark.slow
+
 WRENCHES = int(environ.get('VECTORED_WRENCHES', length('12', '40')))
 """Attainable wrenches for each problem; 10 000 take half an hour, most of it in Clarabel."""
 
@@ -331,7 +333,6 @@ def test_servos_within_their_rates_cross_zero_thrust_without_error(engine, monke
     assert np.abs(np.diff(jumps, axis=0)).max() > 1.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('name', length(['azimuth_boat'], list(PROBLEMS)[2:]))
 def test_any_command_is_reached_within_the_rates(name):
     """The wrench of a command within the rates is attainable in the next step, or nearly so."""
@@ -356,7 +357,6 @@ def test_any_command_is_reached_within_the_rates(name):
         assert np.abs(held - problem.clip(held)).max() < 1e-9
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('name', length(['tricopter'], PROBLEMS))
 def test_baselines_keep_angles_and_thrusts(name):
     problem, rng = PROBLEMS[name], np.random.default_rng(7)
