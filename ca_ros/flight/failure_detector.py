@@ -38,6 +38,8 @@ TOTAL = 0.9
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
+MOST = 2  # rotors that fail at once
+
 STALE = 60_000_000
 """Age of the last command from which measured speeds show nothing: motors without commands idle
 [ns]."""
@@ -172,17 +174,19 @@ class FailureDetector:
         """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed.
 
         They are compared with the speeds that the commands give at the last state; without a new
-        command they show nothing.
+        command they show nothing.  If more than two rotors are slow at once, commands do not
+        arrive; then the motion shows nothing either.
         """
         expected, measured = np.abs(self._rotors.speeds), np.abs(speeds)
         allowed = (1.0 - self.settings.least_loss) ** 0.5 * expected
         approaching = measured > self._measured + 0.01 * expected
         fresh = self._commanded is not None and time - self._commanded < STALE
         slow = fresh & (measured < allowed) & ~approaching
-        self._slow = np.where(slow, self._slow + 1, 0)
+        idle = np.count_nonzero(slow & self._sound) > MOST
+        self._slow = np.where(slow, self._slow + 1, 0) * (not idle)
         self._measured = measured
         failed = np.flatnonzero((self._slow == CONFIRMATIONS) & (self.health > 0.0)).tolist()
-        if failed:
+        if failed or idle:
             # When they failed is not known: the motion before shows nothing more.
             self._rows[:] = self._row[:] = 0.0
         for rotor in failed:

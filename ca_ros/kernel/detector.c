@@ -16,6 +16,7 @@
 #define EXPLAINED CA_REAL(0.7)
 #define NEAR CA_REAL(4.0)
 #define RESTART INT64_C(2000000000)
+#define MOST 2
 #define STALE INT64_C(60000000)
 #define KEEP CA_REAL(1.0)
 #define MOTION CA_REAL(0.05)
@@ -634,16 +635,25 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
     const ca_real allowed = ca_sqrt(1 - model->least_loss);
     /* Motors without commands idle. */
     const int fresh = detector->has_command && time - detector->commanded < STALE;
-    int changed = 0;
+    int changed = 0, slows = 0;
     for (int i = 0; i < ROTORS(model); i++) {
         const ca_real expected = ca_abs(detector->speeds[i]), measured = ca_abs(speeds[i]);
         const int approaching = measured > detector->measured[i] + CA_REAL(0.01) * expected;
         const int slow = fresh && measured < allowed * expected && !approaching;
         detector->measured[i] = measured;
         detector->slow[i] = slow ? detector->slow[i] + 1 : 0;
+        slows += slow && detector->sound[i];
+    }
+    if (slows > MOST) {
+        /* Commands do not arrive: the motion shows nothing either. */
+        memset(detector->slow, 0, sizeof detector->slow);
+        forget(detector, 0);
+        memset(&detector->sums, 0, sizeof detector->sums);
+    }
+    for (int i = 0; i < ROTORS(model); i++) {
         if (detector->slow[i] != CONFIRMATIONS || !(detector->health[i] > 0))
             continue;
-        const ca_real kept = measured / expected;
+        const ca_real kept = detector->measured[i] / ca_abs(detector->speeds[i]);
         /* When it failed is not known: the motion before shows nothing more. */
         forget(detector, 0);
         memset(&detector->sums, 0, sizeof detector->sums);
