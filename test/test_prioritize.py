@@ -265,6 +265,15 @@ def test_the_share_of_roll_and_pitch_never_falls_as_the_limit_on_airmode_rises(n
         assert np.all(np.diff(shares) >= -1e-9)
 
 
+def test_without_airmode_for_yaw_thrust_deviates_as_with_allow():
+    admissible, rng = AdmissibleSet(HEXAROTOR), np.random.default_rng(6)
+    center, extent = admissible.problem.center, admissible.problem.extent
+    for u in rng.uniform(center - 1.2 * extent, center + 1.2 * extent, (30, 4)):
+        np.testing.assert_allclose(
+            admissible.prioritize(u, airmode_limit=[1.0, 0.0, 1.0, 0.0]),
+            admissible.prioritize(u, thrust_deviation='allow'), atol=1e-9)
+
+
 def test_a_limit_on_airmode_by_hand():
     # Full roll of 1 at a thrust of 2 s, from 0 to 1 N each: without airmode, two rotors at
     # s + r / 4 and two at s - r / 4 give |r| = 4 s up to 2.

@@ -146,7 +146,8 @@ class SlewLimited(Allocator):
         if isinstance(problem, VehicleProblem):
             vehicle = problem.vehicle
             ends = reached(last, period, self.rates, self.braking, *vehicle.speed_limits)
-            return vehicle.thrusts(ends[0]), vehicle.thrusts(ends[1])
+            least, greatest = vehicle.thrusts(np.array(ends))
+            return least, greatest
         return reached(last, period, self.rates, self.braking, problem.lower, problem.upper)
 
 

@@ -139,7 +139,7 @@ class ThrustCurve:
         w = np.asarray(speeds, dtype=float)
         if self.square:
             return np.asarray(self.coefficient * np.square(w))
-        a, b, c = np.moveaxis(self.segments[np.searchsorted(self.starts, w, 'right') - 1], -1, 0)
+        a, b, c = self.segments.T[:, np.searchsorted(self.starts, w, 'right') - 1]
         return np.asarray((a * w + b) * w + c)
 
     def speed(self, thrusts: ArrayLike) -> Array:
@@ -147,7 +147,7 @@ class ThrustCurve:
         f = np.asarray(thrusts, dtype=float)
         if self.square:
             return np.asarray(np.sqrt(f / self.coefficient))
-        a, b, c = np.moveaxis(self.segments[np.searchsorted(self.levels, f, 'right') - 1], -1, 0)
+        a, b, c = self.segments.T[:, np.searchsorted(self.levels, f, 'right') - 1]
         return np.asarray(root(a, b, f - c))
 
     @property
