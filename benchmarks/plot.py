@@ -1,10 +1,9 @@
-"""The plot of a benchmark: times per call."""
+"""The plot of a benchmark: times in units of the clipped pseudo-inverse."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import matplotlib
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -13,34 +12,42 @@ from benchmarks.parts import SETS
 from ca_ros.evaluation.plot_style import title
 from ca_ros.figures import COLORS, DASHED, label_decades, sheet, style
 
-MARKERS = dict(zip(SETS, 'os^', strict=True))
+ROWS = {
+    'exact': 'exact', 'daqp_reused': 'DAQP, reused', 'daqp': 'DAQP', 'quadprog': 'quadprog',
+    'piqp': 'PIQP', 'osqp': 'OSQP',
+}  # fmt: skip
+"""The contenders that are drawn, with their labels; the page has all."""
 
 
 def draw(results: pd.DataFrame) -> Figure:
-    """Draw times per call from `summarize`; markers of wrong answers are hollow."""
-    calls, in_c = (
-        results[results.index.get_level_values('part') == part].reset_index()
-        for part in ('calls', 'C')
-    )
-    calls = pd.concat([calls, in_c.assign(contender=in_c['contender'] + ' in C')])
-    names = list(calls['contender'].unique())
+    """Draw times per call over the clipped pseudo-inverse from `summarize`, hollow where wrong.
+
+    Without the contenders of `ROWS` the first six others are drawn.
+    """
+    calls = results.loc['calls'].reset_index()
+    names = [name for name in calls['contender'].unique() if name != BASELINE]
+    names = [name for name in ROWS if name in names] or names[:6]
     with matplotlib.rc_context(style()):
-        figure, body = sheet(1.4 + 0.26 * len(names))
+        figure, body = sheet(0.9 + 0.42 * len(names))
         axes = body.subplots()
-        for color, (kind, marker) in zip(COLORS, MARKERS.items(), strict=False):
-            look: dict[str, Any] = {'color': color, 'marker': marker, 'linestyle': 'none'}
-            axes.plot([], [], label=kind, **look)
-            for own in calls[calls['wrenches'] == kind].itertuples():
-                row, ends = names.index(own.contender), (1e6 * own.time_low, 1e6 * own.time_high)
-                axes.plot(ends, [row, row], color=color, linewidth=1.0)
-                filling = 'white' if own.faults else color
-                axes.plot(1e6 * own.time, row, **look, markerfacecolor=filling)
-        axes.plot([], [], 'D', color='grey', markerfacecolor='white', label='wrong')
-        axes.axvline(1e6 * calls.loc[calls['contender'] == BASELINE, 'time'].iloc[-1], **DASHED)
+        for i, (kind, color) in enumerate(zip(SETS, COLORS, strict=False)):
+            own = calls[calls['wrenches'] == kind].set_index('contender').reindex(names)
+            places = np.arange(len(names)) + 0.27 * (i - 1)
+            wrong = own['faults'].fillna('') != ''
+            faces = ['white' if each else color for each in wrong]
+            bars = axes.barh(places, own['ratio'], 0.25, color=faces, edgecolor=color)
+            pairs = zip(own['ratio'], wrong, strict=True)
+            words = [f'{ratio:#.3g}' + ', wrong' * bad for ratio, bad in pairs]
+            axes.bar_label(bars, words, padding=3, fontsize=7)
+            axes.barh([0.0], [np.nan], color=color, label=kind)
+        axes.axvline(1.0, **DASHED)
         axes.set_xscale('log')
+        low, high = axes.get_xlim()
+        axes.set_xlim(min(low, 0.4), 2.0 * high)
         label_decades(axes.xaxis, *axes.get_xlim())
-        axes.set_yticks(range(len(names)), [title(name) for name in names])
+        axes.set_yticks(range(len(names)), [ROWS.get(name) or title(name) for name in names])
         axes.set_ylim(len(names) - 0.5, -0.5)
-        axes.set_xlabel('time per call [µs]')
-        axes.legend(ncols=4, loc='lower center', bbox_to_anchor=(0.5, 1.0))
+        axes.grid(axis='y', visible=False)
+        axes.set_xlabel('time per call over that of the clipped pseudo-inverse')
+        axes.legend(ncols=3, loc='lower center', bbox_to_anchor=(0.5, 1.0))
     return figure
