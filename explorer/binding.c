@@ -13,6 +13,7 @@
 #define POINTS 65536
 #define CORNERS 128 /* of one polygon */
 #define INDEPENDENCE_MIN 0.05
+#define SEGMENTS 64
 #define THRUST 2 /* in the order force_x, force_y, thrust, roll, pitch, yaw */
 
 enum method { EXACT, CLIPPED, COMPUTED_ONCE };
@@ -22,6 +23,10 @@ IN ca_real gamma[CA_M][CA_N];
 IN ca_real lower[CA_N], upper[CA_N], weight[CA_N], preferred[CA_N];
 IN ca_real forward[CA_N], reverse[CA_N], speed_min[CA_N], speed_max[CA_N];
 IN ca_real reference[CA_M], slack;
+/* A measured thrust curve, a w^2 + b w + c from each start [rad/s] and level [N] on, for rotors with
+ * a k_f of `unit`. No segments: thrusts of k_f w^2. */
+IN int segments;
+IN ca_real starts[SEGMENTS], levels[SEGMENTS], segment[SEGMENTS][3], unit;
 IN int impaired[CA_N]; /* whether the health of a rotor is below 1 */
 IN ca_real airmode[4]; /* as ca_options */
 IN ca_real acceleration[CA_N], deceleration[CA_N], elapsed; /* time since hover [s]; 0: any time */
@@ -41,6 +46,39 @@ OUT int corners[FACETS * 2];
 static ca_problem problem, current, once;
 static int rows, row_of[CA_M]; /* axes that are controlled */
 static ca_real normal[FACETS][CA_M], width[FACETS];
+
+static void speeds_of(const ca_real *f, ca_real *w)
+{
+    if (!segments) {
+        ca_speeds(rotors, f, forward, reverse, speed_min, speed_max, w);
+        return;
+    }
+    for (int i = 0; i < rotors; i++) {
+        const ca_real thrust = unit * (ca_max(f[i], 0) / forward[i]);
+        int s = segments - 1;
+        while (s > 0 && thrust < levels[s])
+            s--;
+        const ca_real a = segment[s][0], b = segment[s][1], rest = thrust - segment[s][2];
+        const ca_real r = ca_sqrt(ca_max(b * b + 4 * a * rest, 0));
+        const ca_real top = b >= 0 ? 2 * rest : r - b, bottom = b >= 0 ? b + r : 2 * a;
+        w[i] = ca_clip(bottom > 0 || bottom < 0 ? top / bottom : 0, speed_min[i], speed_max[i]);
+    }
+}
+
+static void thrusts_of(const ca_real *w, ca_real *f)
+{
+    if (!segments) {
+        ca_thrusts(rotors, w, forward, reverse, f);
+        return;
+    }
+    for (int i = 0; i < rotors; i++) {
+        const ca_real speed = ca_max(w[i], 0);
+        int s = segments - 1;
+        while (s > 0 && speed < starts[s])
+            s--;
+        f[i] = forward[i] / unit * ((segment[s][0] * speed + segment[s][1]) * speed + segment[s][2]);
+    }
+}
 
 /* Whether the axes that are kept, without one more, are independent: the column of an axis in the
  * pseudo-inverse has the inverse of the distance of its row from the span of the others as length. */
@@ -174,10 +212,10 @@ static void narrow(const ca_options *options)
 {
     ca_real least[CA_N], most[CA_N], now[CA_N];
     ca_allocate(&problem, options->reference, now);
-    ca_speeds(rotors, now, forward, reverse, speed_min, speed_max, now);
+    speeds_of(now, now);
     ca_reach(rotors, now, elapsed, acceleration, deceleration, speed_min, speed_max, least, most);
-    ca_thrusts(rotors, least, forward, reverse, least);
-    ca_thrusts(rotors, most, forward, reverse, most);
+    thrusts_of(least, least);
+    thrusts_of(most, most);
     for (int i = 0; i < rotors; i++) {
         /* A lost rotor has a coefficient of 1. */
         least[i] = ca_clip(least[i], lower[i], upper[i]);
@@ -306,7 +344,7 @@ SHARED void allocate(int method)
     }
     if (method != EXACT)
         status = ca_sqrt(missed) <= 1e-9 * ca_max(1, ca_length(rows, u)) ? CA_EXACT : CA_INEXACT;
-    ca_speeds(rotors, thrusts, forward, reverse, speed_min, speed_max, speeds);
+    speeds_of(thrusts, speeds);
 }
 
 /* Cut a polygon by a plane: keep what satisfies g x <= h. Returns the number of corners. */

@@ -14,9 +14,7 @@ try {
     join(here, 'binding.c'), ...parts.map((name) => join(kernel, name)), '-Wl,--no-entry,--export-dynamic,-z,stack-size=262144',
     '-o', join(folder, 'kernel.wasm')], {stdio: 'inherit'});
   const vehicles = Object.fromEntries(readdirSync(join(root, 'config')).filter((name) => name.endsWith('.yaml'))
-    .map((name) => [name.slice(0, -5), readFileSync(join(root, 'config', name), 'utf8')])
-    // The page knows thrusts of k_f w^2 only.
-    .filter(([, text]) => !text.includes('thrust_curve:')));
+    .map((name) => [name.slice(0, -5), readFileSync(join(root, 'config', name), 'utf8')]));
   const {outputFiles: [{text: script}]} = await build({
     entryPoints: [join(here, 'src', 'main.js')], bundle: true, minify: true, write: false, format: 'esm', target: 'es2022',
     loader: {'.wasm': 'binary'}, alias: {'kernel.wasm': join(folder, 'kernel.wasm')}, legalComments: 'inline',

@@ -3,7 +3,7 @@ import wasm from 'kernel.wasm';
 import {AXES, bounds} from './vehicle.js';
 
 const ROTORS = 32, INTS = ['rotors', 'axes', 'axis', 'policy', 'order', 'group', 'deviation', 'kept', 'facets', 'status',
-  'saturation', 'limit', 'corners', 'impaired', 'blocked', 'airmode_blocks', 'cause'];
+  'saturation', 'limit', 'corners', 'impaired', 'blocked', 'airmode_blocks', 'cause', 'segments'];
 const POLICIES = {prioritize: 1, scale: 2, reject: 4}, DEVIATIONS = ['prevent', 'avoid', 'allow'];
 export const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALID', 'RATE_LIMITED'];
 export const METHODS = {exact: 0, pseudo_inverse: 1, fixed_pseudo_inverse: 2};
@@ -28,7 +28,8 @@ export async function loadKernel() {
       lower: now.lower, upper: now.upper,
       weight: vehicle.weight, preferred: vehicle.preferred, forward: now.forward, reverse: now.reverse,
       speed_min: now.speedMin, speed_max: now.speedMax, reference: vehicle.reference, slack: [vehicle.slack],
-      airmode, elapsed: [elapsed], acceleration: vehicle.acceleration, deceleration: vehicle.deceleration,
+      unit: [vehicle.forward[0]], segments: [vehicle.curve.length], starts: vehicle.curve.map((s) => s.start), levels: vehicle.curve.map((s) => s.level),
+      segment: vehicle.curve.flatMap((s) => s.abc), airmode, elapsed: [elapsed], acceleration: vehicle.acceleration, deceleration: vehicle.deceleration,
       impaired: health.map((h) => Number(h < 1)), policy: [POLICIES[policy]], deviation: [DEVIATIONS.indexOf(deviation)],
       order: order.flat().map((axis) => axes.indexOf(axis)), group: order.flatMap((group, i) => group.map(() => i)),
     })) c[name].set(values);

@@ -4,7 +4,7 @@ import {load} from 'js-yaml';
 export const AXES = ['force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw'];
 const ORDER = ['roll pitch', 'thrust', 'yaw', 'force_x force_y'];
 const ACCELERATION = 2000; // of rotors without a rate in the file [rad/s^2]
-const HEALTH_MIN = 1e-9, ROTORS_MAX = 32;
+const HEALTH_MIN = 1e-9, ROTORS_MAX = 32, SEGMENTS_MAX = 64;
 
 /** Return the parameters that the allocator reads in a ROS parameter file, nested. */
 export function readParameters(text) {
@@ -104,9 +104,6 @@ export function readVehicle(text) {
   const tree = readParameters(text);
   const {vehicle: body, rotors, allocation = {}} = tree;
   if (rotors.tilt_axes) throw new Error('rotors.tilt_axes: the explorer knows fixed rotors only');
-  for (const name of ['polynomial', 'thrusts']) {
-    if (rotors.thrust_curve?.[name]) throw new Error(`rotors.thrust_curve.${name}: the explorer knows thrusts of k_f w^2 only`);
-  }
   const zero = [0, 0, 0];
   const places = rotors.ring?.count ? ring(rotors.ring) : triples(numbers(rotors, 'rotors.positions'), 'rotors.positions');
   const n = places.length;
@@ -129,7 +126,14 @@ export function readVehicle(text) {
   const forward = each('thrust_coefficient');
   const reverse = each('thrust_coefficient_reverse', 0).map((k, i) => (k > 0 ? k : forward[i]));
   const torque = each('torque_coefficient');
-  const speedMin = each('speed_min'), speedMax = each('speed_max');
+  // The battery limits the speeds.
+  const volts = rotors.battery_voltage || 0, perVolt = each('speed_max_per_volt', 0);
+  const full = perVolt.map((k) => (volts && k ? k * volts : Infinity));
+  const speedMin = each('speed_min').map((s, i) => Math.max(s, -full[i])), speedMax = each('speed_max').map((s, i) => Math.min(s, full[i]));
+  const curve = thrustCurve(rotors.thrust_curve ?? {}, each('speed_min'), each('speed_max'));
+  if (curve.length && (speedMin.some((s) => s < 0) || forward.some((k) => k !== forward[0]))) {
+    throw new Error('rotors.thrust_curve: expected rotors with one thrust_coefficient that do not reverse');
+  }
   for (let i = 0; i < n; i++) {
     if (!(forward[i] > 0)) throw new Error('rotors.thrust_coefficient: expected positive numbers');
     if (speedMin[i] > speedMax[i]) {
@@ -146,7 +150,7 @@ export function readVehicle(text) {
   });
   const exact = allocation.exact ?? {};
   return {
-    name: String(body.name ?? 'multirotor'), n, axes, arms, directions, spins, forward, reverse, speedMin, speedMax,
+    name: String(body.name ?? 'multirotor'), n, axes, arms, directions, spins, curve, forward, reverse, speedMin, speedMax,
     gamma: axes.map((axis) => wrenches.map((wrench) => wrench[AXES.indexOf(axis)])),
     reference: axes.map((axis) => (axis === 'thrust' ? weight : 0)),
     health: each('health', 1),
@@ -164,10 +168,40 @@ export function readVehicle(text) {
   };
 }
 
+/** Return the segments of a measured thrust curve, as ca_ros.vehicle.thrust_curve; none: k_f w^2. */
+function thrustCurve(given, low, high) {
+  const group = 'rotors.thrust_curve', pieces = [];
+  if (given.polynomial) {
+    const [a, b, c] = numbers(given, `${group}.polynomial`, 3), least = Math.min(...low), at = (a * least + b) * least + c;
+    if (!(least > 0 ? at > 0 : c === 0) || Math.min(2 * a * least + b, 2 * a * Math.max(...high) + b) < 0) {
+      throw new Error(`${group}.polynomial: expected thrusts that are positive and increase from speed_min to speed_max`);
+    }
+    if (least > 0) pieces.push([0, at / (least * least), 0, 0]);
+    pieces.push([Math.max(least, 0), a, b, c]);
+  } else if (given.thrusts) {
+    const w = numbers(given, `${group}.speeds`), f = numbers(given, `${group}.thrusts`);
+    if (w.length !== f.length || w.some((x, i) => i && !(x > w[i - 1] && f[i] > f[i - 1]))) {
+      throw new Error(`${group}: expected speeds and thrusts that increase, one for each`);
+    }
+    if (w[0] > 0) [w, f].forEach((list) => list.unshift(0));
+    w.slice(1).forEach((x, i) => {
+      const a = (f[i + 1] - f[i]) / (x * x - w[i] * w[i]);
+      pieces.push([w[i], a, 0, f[i] - a * (w[i] * w[i])]);
+    });
+  }
+  if (pieces.length > SEGMENTS_MAX) throw new Error(`${group}: expected up to ${SEGMENTS_MAX} points`);
+  return pieces.map(([start, a, b, c]) => ({start, abc: [a, b, c], level: (a * start + b) * start + c}));
+}
+
 /** Return bounds of thrusts and speeds of rotors with some health. */
 export function bounds(vehicle, health) {
   const share = health.map((h) => (h < HEALTH_MIN ? 0 : h));
-  const thrust = (speed, i) => speed < 0
+  const {curve} = vehicle;
+  const measured = (speed, i) => {
+    const [a, b, c] = curve.findLast(({start}) => start <= speed).abc;
+    return share[i] * vehicle.forward[i] / vehicle.forward[0] * ((a * speed + b) * speed + c);
+  };
+  const thrust = (speed, i) => curve.length ? measured(speed, i) : speed < 0
     ? -(share[i] * vehicle.reverse[i] * (speed * speed))
     : share[i] * vehicle.forward[i] * (speed * speed);
   const turning = (speeds) => speeds.map((speed, i) => speed * (share[i] * vehicle.forward[i] > 0 ? 1 : 0));
