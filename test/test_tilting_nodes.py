@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros import ParameterError, Vehicle
 from ca_ros.allocation import ALLOCATORS
@@ -20,6 +20,7 @@ from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.bridges.ros2_control_bridge import Ros2ControlBridge
 from ca_ros.nodes.messages import speeds_message, speeds_stamp
 from ca_ros.nodes.monitor import MonitorNode
+from ca_ros.nodes.problem_allocator import ProblemAllocatorNode
 from ca_ros.nodes.settings import load
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.settings import flat
@@ -169,3 +170,28 @@ def test_what_takes_no_rotors_that_tilt_refuses_them_in_one_line(graph):
     with pytest.raises(ParameterError, match='PseudoInverse does not keep the rates'):
         made(graph, AllocatorNode, **{
             'allocation.method': 'pseudo_inverse', 'rotors.tilt_rate_max': 1.0})
+
+
+def test_effectors_in_sets_of_a_problem_without_a_vehicle(graph, tmp_path):
+    file = tmp_path / 'boat.yaml'
+    file.write_text("""problem:
+  axes: [surge, sway]
+  matrix: [[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]
+  sets: [{disc: 2.0}, {interval: [0.2, 1.0]}]
+""")
+    node = graph.add_node(ProblemAllocatorNode(context=graph.context, parameter_overrides=[
+        Parameter('problem', value=str(file))]))
+    command = graph.publisher(WrenchStamped, 'command/wrench')
+    effectors, saturation = (
+        graph.listen(kind, name) for kind, name in (
+            (Float64MultiArray, 'command/effectors'), (Int8MultiArray, 'allocator/saturation')))
+    graph.connect('allocator')
+    u = [1.0, 0.5, 0.0, 0.0, 0.0, 0.0]
+    graph.spin_until(
+        lambda: len(saturation) > 1, 'answers', repeat=lambda: command.publish(wrench(u, 7)))
+    [*_, answer] = [each for each in effectors if speeds_stamp(each) == 7]
+    # By hand: x = (1, 0.5) - (f, f) / 2 and least x^2 + f^2 at f = 0.5.
+    np.testing.assert_allclose(answer.data, [0.75, 0.25, 0.5], atol=1e-12)
+    assert answer.layout.dim[0].label == '1.1, 1.2, 2'
+    assert list(saturation[-1].data) == [0, 0]
+    assert node.at_rest('idle').tolist() == [0.0, 0.0, 0.2]

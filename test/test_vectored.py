@@ -8,6 +8,7 @@ from scipy import sparse
 
 from ca_ros import (
     AdmissibleSet,
+    AllocationProblem,
     Interval,
     ParameterError,
     Sector,
@@ -431,3 +432,39 @@ def test_the_kernel_refuses_tilts():
     problem = PROBLEMS['tricopter']
     with pytest.raises(ParameterError, match='not rotors that tilt'):
         kernel_for(object, problem, ExactSettings())
+
+
+BOAT = """problem:
+  axes: [surge, sway, yaw]
+  effector_names: [left, right, bow]
+  effector_unit: N
+  matrix: [[1.0, 0.0, 1.0, 0.0, 0.0],
+           [0.0, 1.0, 0.0, 1.0, 1.0],
+           [-0.5, -1.0, 0.5, -1.0, 1.5]]
+  sets: [{disc: 2.0}, {sector: 0.5, radius: 4.0}, {interval: [-1.0, 1.0]}]
+"""
+
+
+def test_sets_in_the_file_of_a_problem(tmp_path):
+    file = tmp_path / 'boat.yaml'
+    file.write_text(BOAT)
+    problem = AllocationProblem.load(file)
+    assert problem.effector_names == ('left.1', 'left.2', 'right.1', 'right.2', 'bow')
+    assert problem.unit == ' N'
+    answer = make_allocator('exact', problem).allocate([3.0, 0.5, 0.2])
+    assert answer.status.name == 'EXACT'
+    assert np.abs(problem.gamma @ answer.thrusts - [3.0, 0.5, 0.2]).max() < 1e-12
+    assert np.hypot(*answer.thrusts[:2]) <= 2.0
+    assert abs(np.arctan2(*answer.thrusts[[3, 2]])) <= 0.5
+    for wrong, words in (
+        ('{square: 2.0}, ', r'problem\.sets\[0\]: expected one of interval, sector, cone, disc'),
+        ('{disc: 2.0, radius: 1.0}, ', r'problem\.sets\[0\]: expected one of'),
+        ('{sector: 0.2}, ', r'with the radius of a sector or cone, got'),
+        ('{sector: 2.0, radius: 1.0}, ', r'problem\.sets\[0\]: half_angle: expected up to pi/2'),
+    ):
+        file.write_text(BOAT.replace('{disc: 2.0}, ', wrong))
+        with pytest.raises(ParameterError, match=words):
+            AllocationProblem.load(file)
+    file.write_text(BOAT + '  lower: 0.0\n')
+    with pytest.raises(ParameterError, match=r'problem\.lower: given beside sets'):
+        AllocationProblem.load(file)

@@ -56,9 +56,9 @@ class ProblemAllocatorNode(AllocatorNode):
         problem = self.method.problem
         self._n, self._wrenches = problem.n, np.zeros((6, problem.n))
         self._wrenches[self._rows] = problem.gamma
-        self._lost = np.zeros(problem.n, dtype=bool)
+        self._lost = np.array(False)
         if not self.counts['served']:
-            self._last = problem.resting_thrusts
+            self._last = self.at_rest('idle')
         unit = f' [{problem.unit.strip()}]' if problem.unit else ''
         label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
         self._message = speeds_message(self._last, None, label)
@@ -78,7 +78,8 @@ class ProblemAllocatorNode(AllocatorNode):
 
     def at_rest(self, action: str) -> Array:
         """Return the effectors (n,) of a timeout action."""
-        return self._last if action == 'hold' else self.method.problem.resting_thrusts
+        problem = self.method.problem
+        return self._last if action == 'hold' else problem.clip(problem.resting_thrusts)
 
 
 def rows_of(axes: Sequence[str]) -> list[int]:

@@ -12,6 +12,9 @@
                [-1.3, -1.3]]
       lower: -0.5                # of all effectors, or of each
       upper: 0.5
+      # Vectors in sets, a column for each component, instead of lower and upper:
+      # sets: [{sector: 0.5, radius: 4.0, least: 0.1}, {cone: 0.3, radius: 4.0}, {disc: 2.0},
+      #        {interval: [0.0, 3.0]}]
       reference: [0.0, 0.0]      # optional, as are axes, names, kind and units
     allocation:                  # optional: options of the methods, as in the file of a vehicle
       exact:
@@ -22,16 +25,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from ca_ros.settings import ParameterError, renamed
 from ca_ros.vehicle.files import ParameterFile, flatten
 
 ARGUMENTS = (
     'matrix', 'lower', 'upper', 'axes', 'effector_names', 'reference', 'effector_kind',
-    'effector_unit', 'axis_units',
+    'effector_unit', 'axis_units', 'sets',
 )  # fmt: skip
-"""The entries of a file, which are the arguments of `AllocationProblem`."""
+"""The entries of a file: arguments of `AllocationProblem`, or with sets of its `with_sets`."""
 
 REQUIRED_KEYS = ('matrix', 'lower', 'upper')
 
@@ -72,10 +75,14 @@ def _problem(given: Any, kind: Callable[..., P]) -> P:
     if unknown := [str(name) for name in given if name not in ARGUMENTS]:
         known = ', '.join(ARGUMENTS)
         raise ParameterError(f'problem.{unknown[0]}: no such entry; there are {known}')
-    if missing := [name for name in REQUIRED_KEYS if given.get(name) is None]:
+    if 'sets' in given and (both := [name for name in REQUIRED_KEYS[1:] if name in given]):
+        raise ParameterError(f'problem.{both[0]}: given beside sets; expected one of them')
+    required = REQUIRED_KEYS[:1] if 'sets' in given else REQUIRED_KEYS
+    if missing := [name for name in required if given.get(name) is None]:
         raise ParameterError(f'problem.{missing[0]}: missing')
     try:
-        return kind(**given)
+        make: Any = kind
+        return cast('P', (make.with_sets if 'sets' in given else make)(**given))
     except ValueError as error:
         raise ParameterError(f'problem.{error}') from None
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from math import comb, hypot
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -97,6 +98,9 @@ class AllocationProblem:
     axis_units: tuple[str, ...] = ()
     advice = ''
     """What the error of a set without volume recommends."""
+
+    with_sets: ClassVar[Callable[..., AllocationProblem]]
+    """Makes the problem of a file with sets; their module, which needs this one, defines it."""
 
     def __init__(
         self, matrix: ArrayLike, lower: ArrayLike, upper: ArrayLike,

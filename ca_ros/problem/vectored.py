@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple, NoReturn
+from math import pi
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,7 @@ from ca_ros.arrays import Array, IntArray, constant
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.settings import Numbers, repeated
-from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
+from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.sets_newton import SetsNewton
 
@@ -22,6 +23,9 @@ STILL = 1e-12  # length of a line, as a share of the range, that counts as none
 
 INSIDE_MIN = 1e-9
 """Least share of the way from the middle of the set beyond the reference, if that is inside."""
+
+
+SHAPES = {'interval': 1, 'sector': 2, 'cone': 3, 'disc': 2}  # sets in a file, with components
 
 
 class Line(NamedTuple):
@@ -54,7 +58,7 @@ class VectoredProblem(AllocationProblem):
         B, with one column for each component.  The first component of a sector is along its axis.
     sets : sequence of Interval or Sector
         C_i, with n components together.
-    axes, reference, effector_kind
+    axes, reference, effector_kind, effector_unit, axis_units
         As in `AllocationProblem`.
     effector_names : sequence of str, optional
         One for each set; by default their numbers, from 1.
@@ -76,7 +80,8 @@ class VectoredProblem(AllocationProblem):
     def __init__(
         self, matrix: ArrayLike, sets: Sequence[ConvexSet], axes: Sequence[str] | None = None,
         effector_names: Sequence[str] | None = None, reference: ArrayLike | None = None,
-        effector_kind: str = 'effectors',
+        effector_kind: str = 'effectors', effector_unit: str = '',
+        axis_units: str | Sequence[str] = '',
     ) -> None:
         self.sets = ConvexSets(sets)
         names = effector_names or [str(i + 1) for i in range(len(sets))]
@@ -84,7 +89,7 @@ class VectoredProblem(AllocationProblem):
             raise ValueError(f'effector_names: expected {len(sets)}, got {len(names)}')
         super().__init__(
             matrix, self.sets.lower, self.sets.upper, axes, component_names(names, sets),
-            reference, effector_kind,
+            reference, effector_kind, effector_unit, axis_units,
         )
 
     def _fill(self, gamma: Array, lower: Array, upper: Array, reference: Array) -> None:
@@ -209,6 +214,40 @@ class VectoredProblem(AllocationProblem):
         )
 
 
+
+
+def problem_with(sets: Sequence[Mapping[str, Any]], **given: Any) -> VectoredProblem:
+    """Return the problem of the entries of a file; a ValueError names what is wrong.
+
+    Each set has one of `SHAPES`: an interval its ends, a sector or cone its half angle [rad] and
+    the `radius`, a disc its radius.  `least` is the least component along the axis.
+    """
+    if not isinstance(sets, Sequence) or not all(isinstance(each, Mapping) for each in sets):
+        raise ValueError(f'sets: expected a list of {", ".join(SHAPES)}, got {sets!r}')
+    found = list[ConvexSet]()
+    for i, each in enumerate(sets):
+        shape = next((name for name in SHAPES if name in each), '')
+        known = {'sector': {'radius', 'least'}, 'cone': {'radius', 'least'}}.get(shape, set())
+        try:
+            if not shape or {*each} - known - {shape} or ('radius' in known) > ('radius' in each):
+                raise ValueError(
+                    f'expected one of {", ".join(SHAPES)}, with the radius of a sector or cone, '
+                    f'got {dict(each)}'
+                )
+            if shape == 'interval':
+                found.append(Interval(*map(float, each[shape])))
+            elif shape == 'disc':
+                found.append(Sector(pi, float(each[shape])))
+            else:
+                least = float(each.get('least', 0.0))
+                given_size = float(each[shape]), float(each['radius']), SHAPES[shape]
+                found.append(Sector(*given_size, least))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f'sets[{i}]: {error}') from None
+    return VectoredProblem(sets=found, **given)
+
+
+AllocationProblem.with_sets = staticmethod(problem_with)
 
 
 def component_names(names: Sequence[str], sets: Sequence[ConvexSet]) -> list[str]:
