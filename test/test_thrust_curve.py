@@ -82,7 +82,6 @@ def test_the_throttle_by_hand():
     some = vehicle({CURVE + 'expo': 0.5, CURVE + 'pwm': [1100.0, 1900.0]})
     assert_allclose(some.throttles([half] * 6), (np.sqrt(5.0) - 1.0) / 2.0)
     assert_allclose(some.pulses([half] * 6), 1100.0 + 800.0 * (np.sqrt(5.0) - 1.0) / 2.0)
-    assert_allclose(some.curve.speed_at(some.throttles([half] * 6), 400.0), half)
     # By default the throttle is the share of the greatest thrust; measured ones are linear.
     assert_allclose(vehicle().throttles([200.0] * 6), 0.25)
     assert_allclose(vehicle(TABLE).throttles([0.0, 25.0, 75.0, 150.0, 300.0, 400.0]),

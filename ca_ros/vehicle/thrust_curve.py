@@ -168,15 +168,6 @@ class ThrustCurve:
             found = from_thrust(np.minimum(self.thrust(w) / self.thrust(full), 1.0), self.expo)
         return np.asarray(np.copysign(found, speeds))
 
-    def speed_at(self, throttles: ArrayLike, full: ArrayLike) -> Array:
-        """Return the speeds (...) [rad/s] of throttles (...); the inverse of `throttle`."""
-        x = np.abs(np.asarray(throttles, dtype=float))
-        if len(self.throttles):
-            found = np.interp(x, self.throttles, self.throttle_speeds)
-        else:
-            found = self.speed(to_thrust(x, self.expo) * self.thrust(full))
-        return np.asarray(np.copysign(found, throttles))
-
     def pulse(self, throttles: ArrayLike, reverses: ArrayLike = False) -> Array:
         """Return the pulse widths (...) [us] of throttles (...).
 
