@@ -39,9 +39,8 @@ def flown(vehicle: Vehicle, gains: ControllerSettings, size: int) -> Array:
     for waypoint, steps in zip(cycle(WAYPOINTS), np.diff(ends), strict=False):
         goal = waypoint, steps * TIME_STEP, TIME_STEP
         flight = fly(controller, allocator, body, *goal, state)
-        samples = zip(
-            flight.position, flight.attitude, flight.velocity, flight.angular_velocity, strict=True
-        )
+        states = flight.position, flight.attitude, flight.velocity, flight.angular_velocity
+        samples = zip(*states, strict=True)
         # The last sample of a leg is the first of the next.
         *earlier, (position, attitude, velocity, rates) = samples
         wrenches += [controller.wrench(*each, waypoint) for each in earlier]

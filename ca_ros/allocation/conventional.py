@@ -110,9 +110,8 @@ def _weight(weight: Numbers, n: int) -> Array:
     elif matrix.shape == (n * n,):
         matrix = matrix.reshape(n, n)
     if matrix.shape != (n, n):
-        raise ParameterError(
-            f'weight: expected 1, {n} or {n} x {n} numbers, got shape {np.shape(weight)}'
-        )
+        found = np.shape(weight)
+        raise ParameterError(f'weight: expected 1, {n} or {n} x {n} numbers, got shape {found}')
     if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
         raise ParameterError('weight: expected a symmetric matrix')
     curvatures = np.linalg.eigvalsh(matrix)

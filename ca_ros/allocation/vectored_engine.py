@@ -33,9 +33,8 @@ class VectoredEngine:
         self._problem, self._settings = problem, settings
         settings.groups(problem.axes)
         refuse_limits(airmode_limits(settings.airmode_limit))
-        self._solver = sets_newton(
-            problem.gamma, problem.sets, *(settings.preference(problem) or ())
-        )
+        preference = settings.preference(problem) or ()
+        self._solver = sets_newton(problem.gamma, problem.sets, *preference)
         self.engine = self._solver.engine
 
     @cached_property
@@ -58,9 +57,8 @@ class VectoredEngine:
     def _serve(self) -> VectoredPrioritization:
         axes, serving = self._problem.axes, self._serving
         rows = [[axes.index(axis) for axis in group] for group in serving.groups]
-        return VectoredPrioritization(
-            self._problem, rows, serving.reference, serving.thrust_deviation
-        )
+        given = rows, serving.reference, serving.thrust_deviation
+        return VectoredPrioritization(self._problem, *given)
 
     @cached_property
     def fields(self) -> dict[str, Array | float]:

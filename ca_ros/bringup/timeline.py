@@ -60,9 +60,8 @@ class Timeline:
             name: repeated('rotors.health', parameters[name]['rotors.health'], vehicle.n)
             for name in NODES if 'rotors.health' in parameters[name]
         }
-        self._stuck = {
-            name: parameters[name].get('rotors.stuck_servos', 0.0) for name in self._health
-        }
+        stuck = 'rotors.stuck_servos'
+        self._stuck = {name: parameters[name].get(stuck, 0.0) for name in self._health}
         for name in (name for name in NODES if failures.times() and name not in self._health):
             text = f'the {name} does not declare rotors.health: it is not told of rotor failures'
             print(f'bringup: warning: {text}', file=sys.stderr)

@@ -73,9 +73,8 @@ class Plant:
         self.state = initial_state(settings) if state is None else state
         self._grounded = settings.ground == 'flat'
         if self._grounded and self.state[POSITION][2] < 0.0:
-            raise ParameterError(
-                f'simulator.ground: the vehicle starts below it, at z = {self.state[2]:g} m'
-            )
+            at = f'z = {self.state[2]:g} m'
+            raise ParameterError(f'simulator.ground: the vehicle starts below it, at {at}')
         gusts, noise = np.random.default_rng(settings.seed).spawn(2)
         wind = triple(settings.wind), triple(settings.gust_intensity), settings.gust_time
         self._wind = Wind(*wind, gusts)

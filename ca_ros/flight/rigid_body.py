@@ -78,9 +78,8 @@ def cross(a: Array, b: Array) -> Array:
 def inertia_of(vehicle: Vehicle) -> Array:
     """Return the inertia (3, 3) of a vehicle [kg m^2]; raise a `ParameterError` if it has none."""
     if vehicle.inertia is None:
-        raise MissingParameterError(
-            'vehicle.inertia: missing; the controller and the simulation need it'
-        )
+        what = 'the controller and the simulation need it'
+        raise MissingParameterError(f'vehicle.inertia: missing; {what}')
     return vehicle.inertia
 
 

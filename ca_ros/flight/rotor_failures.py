@@ -62,9 +62,8 @@ class RotorFailure:
     def __str__(self) -> str:
         """Return the failure as on a command line."""
         share = f'={self.health:g}' if self.health else ''
-        return f'{self.rotor}@{self.time:g}' + (
-            share if self.angle is None else f'={self.angle:g}rad'
-        )
+        angle = share if self.angle is None else f'={self.angle:g}rad'
+        return f'{self.rotor}@{self.time:g}{angle}'
 
 
 @dataclass(frozen=True)

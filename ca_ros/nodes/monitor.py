@@ -65,9 +65,8 @@ class MonitorNode(VehicleNode):
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
         if self.mode == 'realtime':
             measured = topics.MEASURED_SPEEDS
-            self.create_subscription(
-                measured.kind, measured.name, self._receive_speeds, requested(self.mode)
-            )
+            given = measured.kind, measured.name, self._receive_speeds
+            self.create_subscription(*given, requested(self.mode))
         self.create_service(Trigger, '~/reset', self._reset)
         self.start_diagnostics('detection')
         self._publish(None)

@@ -212,9 +212,8 @@ class VehicleNode(ParameterNode):
         if self._watchdog.look():
             if self._watchdog.begun:
                 self.counts['timeouts'] += 1
-                self.get_logger().error(
-                    f'{self.missing} for {self._watchdog.timeout:g} s{self._action(": ")}'
-                )
+                since = f'{self._watchdog.timeout:g} s{self._action(": ")}'
+                self.get_logger().error(f'{self.missing} for {since}')
             self.fall_back(self._action())
         elif expired:
             self.get_logger().info(f'{self.awaited}s have returned')

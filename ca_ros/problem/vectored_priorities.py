@@ -220,9 +220,7 @@ def prioritization_of(
     Raises a ParameterError if airmode is limited for effectors that are vectors.
     """
     if not isinstance(problem, VectoredProblem):
-        return Prioritization(
-            problem, groups, reference, thrust_deviation, begin, airmode_limit
-        )
+        return Prioritization(problem, groups, reference, thrust_deviation, begin, airmode_limit)
     refuse_limits(airmode_limit)
     return VectoredPrioritization(problem, groups, reference, thrust_deviation, begin)
 
@@ -230,6 +228,5 @@ def prioritization_of(
 def refuse_limits(airmode_limit: Sequence[float]) -> None:
     """Raise a `ParameterError` if airmode is limited: vectors are served without limits."""
     if min(airmode_limit) < 1.0:
-        raise ParameterError(
-            f'airmode_limit: expected 1 for rotors that tilt, got {list(airmode_limit)}'
-        )
+        limits = list(airmode_limit)
+        raise ParameterError(f'airmode_limit: expected 1 for rotors that tilt, got {limits}')

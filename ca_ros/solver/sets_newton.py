@@ -85,9 +85,7 @@ class SetsNewton:
 
     def least_norm(self, multipliers: Array) -> Array:
         """Return the points (..., n) with the least cost for multipliers (..., m)."""
-        return self.sets.project(
-            self.preferred + multipliers @ self.matrix / self.weights**2
-        )
+        return self.sets.project(self.preferred + multipliers @ self.matrix / self.weights**2)
 
     def gap(self, u: Array, points: Array, multipliers: Array) -> Array:
         """Return the duality gap (...): points cost at most this more than any others for u."""

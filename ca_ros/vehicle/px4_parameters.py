@@ -175,19 +175,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     one = ways.add_parser('from-px4', help='print a parameter file of ca_ros')
     one.add_argument('file', type=Path, help='an airframe, or a file of QGroundControl (.params)')
     add_numbers(one, 'k_f, of the strongest [kg m]')
-    one.add_argument(
-        '--moment-constant', type=finite, help='k_tau / k_f [m] (default: the magnitude of KM)'
-    )
+    about = 'k_tau / k_f [m] (default: the magnitude of KM)'
+    one.add_argument('--moment-constant', type=finite, help=about)
     one.add_argument('--mass', type=finite, required=True, help='[kg]')
-    one.add_argument(
-        '--inertia', type=finite, nargs=3, metavar='J', help='Jx Jy Jz [kg m^2] (default: none)'
-    )
+    about = 'Jx Jy Jz [kg m^2] (default: none)'
+    one.add_argument('--inertia', type=finite, nargs=3, metavar='J', help=about)
     other = ways.add_parser('to-px4', help="print PX4's parameters")
     other.add_argument('vehicle', help='a shipped vehicle or a parameter file')
     other.add_argument('--style', choices=STYLES, default='shell', help='(default: %(default)s)')
-    other.add_argument(
-        '--order', default='', metavar='A,B,..', help="the rotor that each of PX4's motors is"
-    )
+    about = "the rotor that each of PX4's motors is"
+    other.add_argument('--order', default='', metavar='A,B,..', help=about)
 
 
 def add_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:

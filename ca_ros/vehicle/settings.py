@@ -85,9 +85,8 @@ class ThrustCurveSettings(Settings):
         if self.polynomial != 0.0 and self.thrusts != 0.0:
             raise ParameterError('polynomial: given beside thrusts; expected one of them')
         if (self.thrusts != 0.0 or self.throttles != 0.0) and self.speeds == 0.0:
-            raise MissingParameterError(
-                'speeds: missing; they are the speeds of thrusts and throttles [rad/s]'
-            )
+            what = 'they are the speeds of thrusts and throttles [rad/s]'
+            raise MissingParameterError(f'speeds: missing; {what}')
         if len({*np.ravel(self.pwm)}) < 2:
             raise ParameterError(f'pwm: expected two different pulse widths, got {self.pwm}')
 

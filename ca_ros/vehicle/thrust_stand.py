@@ -133,9 +133,8 @@ def fit(
     data = dict(columns)
     if 'speed' not in data:
         if speed_max is None or not {'throttle', 'pwm'} & {*data}:
-            raise ParameterError(
-                'no column of speed: expected one, or --speed-max beside throttle or PWM'
-            )
+            needed = 'one, or --speed-max beside throttle or PWM'
+            raise ParameterError(f'no column of speed: expected {needed}')
         shares = np.maximum(data['thrust'], 0.0) / data['thrust'].max()
         data['speed'] = speed_max * np.sqrt(shares)
     ends = None

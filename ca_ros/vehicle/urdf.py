@@ -50,9 +50,8 @@ def read_urdf(text: str, rotors: Sequence[str]) -> Model:
             joints[child.get('link', '')] = joint
     if missing := [name for name in rotors if name not in joints or name not in links]:
         turning = [name for name in joints if joints[name].get('type') == 'continuous']
-        raise ParameterError(
-            f'{missing[0]}: no link with a joint; continuous joints turn {", ".join(turning)}'
-        )
+        known = f'continuous joints turn {", ".join(turning)}'
+        raise ParameterError(f'{missing[0]}: no link with a joint; {known}')
     places = {name: _place(name, joints) for name in links}
     masses, centers, inertias = [], [], []
     for name, link in links.items():

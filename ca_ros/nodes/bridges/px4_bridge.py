@@ -43,9 +43,8 @@ class Px4Bridge(Bridge):
         motors = self.create_publisher(ActuatorMotors, 'fmu/in/actuator_motors', COMMAND)
         self.subscribe_stream(topics.SPEED_COMMAND, self.passes(self._convert, motors))
         if self.settings.bridge.px4_input == 'state':
-            self._alive = self.create_publisher(
-                OffboardControlMode, 'fmu/in/offboard_control_mode', COMMAND
-            )
+            name = 'fmu/in/offboard_control_mode'
+            self._alive = self.create_publisher(OffboardControlMode, name, COMMAND)
             self.create_timer(BEAT, self._beat, clock=self.steady)
             out = self.publish_stream(topics.POSE), self.publish_stream(topics.VELOCITY)
             passes = self.passes(self._state, *out)
