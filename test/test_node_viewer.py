@@ -15,8 +15,8 @@ TURN = np.array([0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4)])
 """Ninety degrees about z."""
 
 
-def drawn(**view):
-    vehicle = Vehicle.load('hexarotor')
+def drawn(name='hexarotor', **view):
+    vehicle = Vehicle.load(name)
     shown = View(np.array([1.0, 2.0, 3.0]), TURN, np.full(6, 400.0), [1, 0, -1, -2, 0, 0], **view)
     found = markers(vehicle, shown, 'map', PoseStamped().header.stamp).markers
     assert found[0].action == messages.Marker.DELETEALL
@@ -39,6 +39,15 @@ def test_rotors_stand_where_they_are_in_the_world_and_show_their_bounds():
     assert 0.3 < discs[0].scale.x < 0.4
     start, end = of(found, 'thrusts')[0].points
     np.testing.assert_allclose([end.x - start.x, end.y - start.y, end.z - start.z], [0, 0, 0.4])
+
+
+def test_thrusts_of_rotors_that_tilt():
+    found = drawn('hexarotor_tilting', angles=np.array([0.5, 0, 0, 0, 0, 0]))
+    start, end = of(found, 'thrusts')[0].points
+    # About its arm, from up to the right, which is forwards in the world after the turn.
+    np.testing.assert_allclose(
+        [end.x - start.x, end.y - start.y, end.z - start.z],
+        [0.4 * np.sin(0.5), 0, 0.4 * np.cos(0.5)], atol=1e-12)
 
 
 def test_torques_path_waypoint_and_status():
