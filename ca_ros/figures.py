@@ -20,13 +20,8 @@ COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 """The palette of Okabe and Ito, which colour-blind readers can tell apart."""
 
 STYLE: dict[Any, Any] = {
-    'axes.titlelocation': 'left',
-    'axes.grid': True,
-    'axes.titlesize': 'medium',
-    'grid.alpha': 0.3,
-    'axes.spines.top': False,
-    'axes.spines.right': False,
-    'legend.frameon': False,
+    'axes.titlelocation': 'left', 'axes.grid': True, 'axes.titlesize': 'medium', 'grid.alpha': 0.3,
+    'axes.spines.top': False, 'axes.spines.right': False, 'legend.frameon': False,
     'lines.linewidth': 1.4,
 }
 DASHED: dict[str, Any] = {'color': 'black', 'linestyle': '--', 'linewidth': 0.8}
@@ -50,9 +45,7 @@ HIGHEST = 230.0  # height of a page [mm]
 PIXELS = 1400  # least width of a PNG file
 
 FORMATS: dict[str, dict[str, None]] = {
-    'png': {},
-    'svg': {'Date': None},
-    'pdf': {'CreationDate': None},
+    'png': {}, 'svg': {'Date': None}, 'pdf': {'CreationDate': None}
 }
 """File formats, each with the metadata to leave out, so that equal plots are equal files."""
 
@@ -60,10 +53,7 @@ FORMATS: dict[str, dict[str, None]] = {
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the formats and the width of figures."""
     parser.add_argument(
-        '--figures',
-        type=formats,
-        default='png',
-        metavar='A,B',
+        '--figures', type=formats, default='png', metavar='A,B',
         help=f'formats of the figures: {", ".join(FORMATS)}',
     )
     parser.add_argument(

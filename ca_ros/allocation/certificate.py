@@ -94,13 +94,10 @@ def certify(
     side = np.take_along_axis(np.sign(heights), nearest[..., None], axis=-1)
     return Certificate(
         primal_residual=np.linalg.norm(problem.residual(demand, thrusts), axis=-1),
-        bound_violation=problem.violation(thrusts),
-        multipliers=multipliers,
-        kkt_residual=np.abs(thrusts - least).max(axis=-1),
-        margin=slacks.min(axis=-1),
+        bound_violation=problem.violation(thrusts), multipliers=multipliers,
+        kkt_residual=np.abs(thrusts - least).max(axis=-1), margin=slacks.min(axis=-1),
         limit=np.sign(side * image.sides[nearest]).astype(np.int8),
-        rate_limited=np.zeros(thrusts.shape, dtype=bool),
-        problem=problem,
+        rate_limited=np.zeros(thrusts.shape, dtype=bool), problem=problem,
     )
 
 

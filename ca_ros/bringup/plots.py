@@ -23,12 +23,8 @@ if TYPE_CHECKING:
 
 
 def draw_flight(
-    flight: Flight,
-    vehicle: Vehicle,
-    trajectory: Trajectory,
-    width: float = WIDTHS['page'],
-    moments: Mapping[str, Sequence[float]] = MappingProxyType({}),
-    served: Served | None = None,
+    flight: Flight, vehicle: Vehicle, trajectory: Trajectory, width: float = WIDTHS['page'],
+    moments: Mapping[str, Sequence[float]] = MappingProxyType({}), served: Served | None = None,
 ) -> Figure:
     """Plot position, attitude, rotor speeds and any tilt angles; waypoints and bounds are dashed.
 
@@ -48,11 +44,9 @@ def draw_flight(
         goals, headings = trajectory.goals(flight.time)
         position.plot(flight.time, goals, **DASHED)
         _lines(
-            attitude,
-            flight.time,
+            attitude, flight.time,
             np.degrees(np.column_stack([flight.euler[:, :2], flight.heading])),
-            ('roll', 'pitch', 'heading'),
-            'angle [deg]',
+            ('roll', 'pitch', 'heading'), 'angle [deg]',
         )
         attitude.plot(flight.time, np.degrees(headings), **DASHED)
         looks = rotor_lines(vehicle.n)
@@ -75,11 +69,7 @@ def draw_flight(
 
 
 def _lines(
-    axes: Axes,
-    time: Array,
-    values: Array,
-    names: Sequence[str] | Mapping[str, Any],
-    label: str,
+    axes: Axes, time: Array, values: Array, names: Sequence[str] | Mapping[str, Any], label: str
 ) -> None:
     if not isinstance(names, Mapping):
         names = {name: line(i) for i, name in enumerate(names)}

@@ -72,8 +72,7 @@ def draw(
     """
     with matplotlib.rc_context(style(width)):
         plots = {
-            'position': _draw_position(study),
-            'attitude': _draw_attitude(study),
+            'position': _draw_position(study), 'attitude': _draw_attitude(study),
             'rotor_speeds': _draw_rows(study, ['speeds'], 1.6),
         }
         if study.failures.failures:
@@ -172,9 +171,7 @@ def _draw_rows(
     groups = _groups(study)
     shown = groups[:PANELS_MAX]
     panels = [
-        (row, part)
-        for row in rows
-        for part in (('',) if row in UNITS else ('force', 'torque'))
+        (row, part) for row in rows for part in (('',) if row in UNITS else ('force', 'torque'))
     ]
     columns = across(len(shown), least)
     blocks = -(-len(shown) // columns)
@@ -250,10 +247,7 @@ def _limit(panels: Sequence[Axes], study: Flights, row: str) -> None:
 
 
 def _lines(
-    axes: Axes,
-    flights: Mapping[str, Flight],
-    values: Mapping[str, Array],
-    goal: float | None,
+    axes: Axes, flights: Mapping[str, Flight], values: Mapping[str, Array], goal: float | None,
     last: float = np.inf,
 ) -> None:
     """Draw values of each method over the last seconds of its flight, and the goal dashed."""

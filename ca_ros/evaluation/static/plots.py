@@ -29,13 +29,8 @@ CELLS, BINS = 500, 20
 
 
 def draw(
-    out: Path,
-    admissible: AdmissibleSet,
-    allocators: Mapping[str, Allocator],
-    rows: pd.DataFrame,
-    times: Mapping[str, Sequence[float]],
-    timing: str,
-    formats: Sequence[str],
+    out: Path, admissible: AdmissibleSet, allocators: Mapping[str, Allocator], rows: pd.DataFrame,
+    times: Mapping[str, Sequence[float]], timing: str, formats: Sequence[str],
     width: float = WIDTHS['page'],
 ) -> None:
     """Draw all plots of a static study into a folder; `times` are of its calls, by method."""

@@ -49,8 +49,7 @@ def draw_slices(
         return None
     last = cuts[-1]
     panels = [
-        (cut, demands[:, cut.rows], achieved, names)
-        for cut in cuts
+        (cut, demands[:, cut.rows], achieved, names) for cut in cuts
         for demands in [_demands(cut, admissible, cut is last)]
         for names, achieved in _achieved(cut, admissible, allocators, demands)
     ]
