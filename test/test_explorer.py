@@ -275,6 +275,8 @@ def test_a_drag_is_answered_within_a_frame(page, vehicle):
 
 
 def test_a_click_on_a_rotor_fails_it_and_the_address_keeps_the_case(page, browser):
+    # Labels get their places with the next picture.
+    page.evaluate('new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))')
     spot = page.evaluate("""() => {
       const labels = [...document.querySelectorAll('#body .rotor')];
       const box = labels.find((label) => label.textContent === '5').getBoundingClientRect();

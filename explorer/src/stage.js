@@ -33,7 +33,7 @@ export class Stage {
       this.renderer.setPixelRatio(devicePixelRatio);
       this.renderer.setSize(w, h);
       this.camera.aspect = w / h;
-      this.camera.zoom = Math.min(1, w / h);
+      this.camera.zoom = Math.min(1, 0.9 * w / h);
       this.camera.updateProjectionMatrix();
       this.draw();
     }).observe(element);

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ca_ros.allocation import Allocation, Allocator
-from ca_ros.allocation.slew import SlewLimited, rates_of
+from ca_ros.allocation.slew import within_rates
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.metrics import RECOVERED, changes_of, height_lost
@@ -126,15 +126,15 @@ class Counter:
     """An allocator that counts inexact answers."""
 
     def __init__(self, allocator: Allocator) -> None:
-        limited = rates_of(allocator.problem) is not None
-        self._allocator = SlewLimited(allocator) if limited else allocator
+        slow = within_rates(allocator)
+        self._allocator: Any = slow or allocator
         # With rates, `allocate_next` gives this object the last command and the time, too.
-        self.problem, self._within_rates = allocator.problem, self
+        self.problem, self._within_rates = allocator.problem, slow and self
         self.counts = {'inexact': 0}
 
     def allocate(self, u: Array, *last: Any) -> Allocation:
         """Allocate one wrench; with rates from the last command in a time, see `SlewLimited`."""
-        answer = self._allocator.allocate(u, *last)
+        answer: Allocation = self._allocator.allocate(u, *last)
         self.counts['inexact'] += bool(answer.status)
         return answer
 
