@@ -382,6 +382,11 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
     for (int k = 0; k < m; k++)
         e[k] = ca_dot(m, p->coordinates[k], way);
     const ca_real size = ca_length(m, e);
+    if (!(size > 0)) {
+        ca_vectored_solve(p, begin, x, answer);
+        answer->level = answer->most = end;
+        return;
+    }
     for (int k = 0; k < m; k++) {
         e[k] /= size;
         at.y[k] = pull * e[k];

@@ -104,10 +104,9 @@ class SupportedSet:
         angles = np.arange(directions) * 2.0 * np.pi / directions
         circle = np.column_stack([np.cos(angles), np.sin(angles)])
         ways = np.array([[-1.0], [1.0]]) if len(rows) == 1 else circle
-        scaled = [problem.line(
-            [*others, *rows], start, begin[[*others, *rows]],
-            np.concatenate([np.zeros(len(others)), way * problem.extent[rows]]), np.inf,
-        ) for way in ways]
+        steps = np.zeros((len(ways), len(self._all)))
+        steps[:, rows] = ways * problem.extent[rows]
+        scaled = [problem.least_norm.line(begin, step) for step in steps]
         lengths = np.array([line.length for line in scaled])
         points = begin[rows] + lengths[:, None] * ways * problem.extent[rows]
         if len(rows) == 1:
@@ -129,7 +128,7 @@ class SupportedSet:
 
     def _shoot(self, u: Array, way: Array) -> tuple[float, Array]:
         """Return the distance to the boundary from an inner wrench, and the normal there."""
-        line = self.problem.line(self._all, self.problem.middle, u, way, np.inf)
+        line = self.problem.least_norm.line(u, way)
         return line.length * float(np.linalg.norm(way)), line.normal
 
     def _nearest(self, u: Array) -> tuple[float, Array]:

@@ -185,9 +185,7 @@ class VectoredProblem(AllocationProblem):
 
     def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
         """Return the greatest t <= limit for which ``start + t direction`` is attainable."""
-        rows = list(range(len(self.axes)))
-        found = self.line(rows, self.middle, start, direction, limit)
-        return limit if found.most == limit else found.length
+        return self.least_norm.line(start, direction, limit).length
 
     @cached_property
     def reference_inside(self) -> bool:

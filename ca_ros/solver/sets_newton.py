@@ -115,6 +115,9 @@ class SetsNewton:
         """
         y = self.coordinates @ way
         size = float(np.linalg.norm(y))
+        if not size:
+            point, normal, *_ = self._solve(begin, self.coordinates @ begin)
+            return Line(point, end, end, normal)
         e, pull, bounds = y / size, self.greatest, list[tuple[float, Array]]()
         y = pull * e
         for _ in range(PULLS):

@@ -73,6 +73,23 @@ static int call(const float *u, float *f)
     return ca_allocate(&problem, u, f).status;
 }
 #endif
+#elif defined COUNT_VECTORED
+#include "vectored.h"
+static const ca_vectored problem[1] = {
+#include "vectored_data.h"
+};
+
+static uint32_t start(void)
+{
+    return 0;
+}
+
+static int call(const float *u, float *f)
+{
+    ca_vectored_answer answer;
+    ca_vectored_allocate(problem, u, f, &answer);
+    return answer.status;
+}
 #elif defined COUNT_DETECTOR
 /* A call is a state and a command of the golden flight. */
 #include "golden_flight.h"

@@ -1,10 +1,17 @@
-"""Draw docs/tilting.png, and fill the tables of docs/tilting.md.  Takes about three minutes."""
+"""Draw docs/tilting.png, and fill the table of docs/tilting.md.  Takes about three minutes.
+
+With --instructions, print what the kernel takes on an emulated microcontroller instead.
+"""
 
 from __future__ import annotations
 
 import argparse
+import subprocess
+import tempfile
+from pathlib import Path
 from time import perf_counter
 
+import firmware as counting
 import numpy as np
 from pages import DOCS, fill, telling
 from scipy.optimize import minimize
@@ -12,8 +19,13 @@ from scipy.optimize import minimize
 from ca_ros import AdmissibleSet, Sector, Vehicle, make_allocator
 from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.figures import COLORS, style
+from ca_ros.firmware import literals
+from ca_ros.firmware.command import checked
+from ca_ros.firmware.faults import faults_of
+from ca_ros.firmware.tilting import firmware_of
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
-from ca_ros.vehicle.files import shipped_tilting
+from ca_ros.vehicle.files import read, shipped_tilting
 
 WRENCHES = 50
 SHOWN = '`hexarotor_tilting`', '`omnidirectional_gimbals`'  # the vehicles on the page
@@ -69,9 +81,9 @@ def methods_table(wrenches: int) -> str:
             missed = np.mean(np.array(errors) > 1e-6)
             rows.append((
                 f'`{name}`', f'`{method}`', f'{100 * missed:.0f} %',
-                f'{max(errors):.1e}', f'{1e3 * np.median(taken):.2g}',
+                f'{max(errors):.1e}', f'{1e6 * np.median(taken):.2g}',
             ))
-    titles = 'vehicle', 'method', 'misses more than 1e-6', 'worst error [N, N m]', 'median [ms]'
+    titles = 'vehicle', 'method', 'misses more than 1e-6', 'worst error [N, N m]', 'median [us]'
     return telling('tilting', titles, rows, lambda row: row[0] in SHOWN)
 
 
@@ -130,9 +142,39 @@ def figure() -> None:
         drawing.savefig(DOCS / 'tilting.png', dpi=150, metadata={'Software': None})
 
 
+def instructions(name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the instructions of attainable wrenches, of sets and of boxes around them (size,)."""
+    vehicle = Vehicle.load(name)
+    problem = VehicleProblem(vehicle)
+    drawn = AdmissibleSet(problem).sample(np.random.default_rng(0), size).astype(np.float32)
+    settings = checked(read(name) | {'allocation.exact.policy': 'scale'}).allocation
+    made = firmware_of(faults_of(vehicle, ['none']), settings, 'single')
+    boxes = AllocationProblem(problem.gamma, problem.lower, problem.upper)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        (folder / 'vectored_data.h').write_text(literals.problems(made), encoding='utf-8')
+        box = counting.run(counting.build(boxes, 'kernel', folder), drawn)
+        program, sizes = folder / 'vectored.elf', made.problem.gamma.shape
+        parts = [f'-I{folder}', f'-I{counting.KERNEL}', f'-I{DOCS.parent / "benchmarks"}',
+                 f'-DCA_M={sizes[0]}', f'-DCA_N={sizes[1]}', '-DCA_FLOAT', '-DCOUNT_VECTORED']
+        sources = [str(counting.PROGRAM), str(counting.KERNEL / 'vectored.c')]
+        command = [counting.COMPILER, *counting.FLAGS, *counting.KERNEL_FLAGS, *parts, *sources]
+        subprocess.check_call([*command, '-lm', '-o', str(program)])
+        found = counting.run(program, drawn)
+    print(f'{name}: exact {np.mean(found[:, 1] == 0):.3f}, boxes {np.mean(box[:, 1] == 0):.3f}; '
+          f'median {np.median(found[:, 0]):.0f} and {np.median(box[:, 0]):.0f}, '
+          f'most {found[:, 0].max()} and {box[:, 0].max()}')
+    return found[:, 0], box[:, 0]
+
+
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--wrenches', type=int, default=WRENCHES)
+    parser.add_argument('--instructions', type=int, metavar='WRENCHES')
     options = parser.parse_args()
+    if options.instructions:
+        for vehicle in shipped_tilting():
+            instructions(vehicle, options.instructions)
+        raise SystemExit(0)
     figure()
     fill('tilting.md', methods=methods_table(options.wrenches))
