@@ -45,7 +45,7 @@ def dynamic(out):
     methods = 'exact,redistributed_pseudo_inverse,fixed_pseudo_inverse,weighted_least_squares'
     assert dynamic_study.main([
         '--fail', '1@4', '--duration', '5', '--methods', methods, *PRINT, '--out', str(out),
-        '--rows', 'demand,served,residual,margin']) == 0
+        '--plot-rows', 'demand,served,residual,margin']) == 0
     assert (out / 'rows.pdf').is_file()
 
 

@@ -23,7 +23,7 @@ PACKAGES = ('ca_ros', 'numpy', 'scipy', 'osqp', 'pandas', 'matplotlib')
 
 NOT_REPEATED = (
     'out', 'figures', 'figure_width', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint',
-    'heading', 'trajectory', 'workers', 'scheduler', 'tables', 'rows',
+    'heading', 'trajectory', 'workers', 'scheduler', 'tables', 'plot_rows',
 )  # fmt: skip
 """Options that the command leaves out: places of files and of computation, and what the dynamic
 study adds itself."""

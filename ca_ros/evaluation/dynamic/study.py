@@ -89,7 +89,7 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add('--manoeuvres', metavar='A,B', help=names)
     add('--seeds', type=positive(int), default=50, metavar='N', help='of each manoeuvre')
     rows = f'also draw these rows of each method, rows.png: {", ".join(ROWS)}'
-    add('--rows', type=_rows, default=(), metavar='A,B', help=rows)
+    add('--plot-rows', type=_rows, default=(), metavar='A,B', help=rows)
     add_options(made)
     own, ros = split(argv)
     options = made.parse_args(own)
@@ -199,7 +199,7 @@ def _write(
     study = Flights(flights, samples, case.vehicle, options.goals, failures, detected)
     if options.animate:
         animate(out / 'animation.gif', study)
-    draw(out, study, options.figures, options.figure_width, options.rows)
+    draw(out, study, options.figures, options.figure_width, options.plot_rows)
     return text
 
 
