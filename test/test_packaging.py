@@ -95,7 +95,10 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     assert modules | library | {
         'ca_ros/py.typed', 'ca_ros/evaluation/templates/static.md'} <= set(names)
     assert ('ca_ros/explorer.html' in names) == (ROOT / 'ca_ros/explorer.html').is_file()
-    extensions = {'_detector', '_detector_single', '_double', '_double_4', '_single'}
+    extensions = {
+        '_detector', '_detector_single', '_double', '_double_4', '_single', '_vectored',
+        '_vectored_single',
+    }
     assert extensions <= {Path(name).name.partition('.')[0] for name in names}
     [data] = {name.split('/')[0] for name in names if '.data/' in name}
     shared = {name.removeprefix(f'{data}/data/share/') for name in names if name.startswith(data)}
