@@ -298,17 +298,18 @@ def test_a_vehicle_of_one_axis_is_exported(variant, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('precision', length(['single'], ['single', 'double']))
-def test_rates_are_exported_with_a_sequence_of_answers(precision, variant, tmp_path):
+@pytest.mark.parametrize(('curve', 'precision'), [
+    (True, 'single'), *length([], [(True, 'double'), (False, 'single'), (False, 'double')]),
+])
+def test_rates_are_exported_with_a_sequence_of_answers(curve, precision, variant, tmp_path):
     needs('make', 'gcc')
     rates = {'rotors__acceleration_max': 3000.0, 'rotors__deceleration_max': 1500.0}
-    file, out = variant(**rates), tmp_path / 'out'
+    file, out = 'hexarotor_realistic' if curve else variant(**rates), tmp_path / 'out'
     assert main(['--vehicle', file, '--out', str(out), '--precision', precision]) == 0
     assert 'ALLOCATE_WITHIN' in (out / 'golden.h').read_text(encoding='utf-8')
     reproduced(make(out))
 
 
-@pytest.mark.slow
 def scaled(name):
     """Return the content of a vehicle's file with the policy scale."""
     content = yaml.safe_load(find(name).read_text(encoding='utf-8'))
@@ -316,6 +317,7 @@ def scaled(name):
     return content
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'precision'), length(
     [('azimuth_boat', 'single')],
     [('hexarotor_tilting', 'single'), ('omnidirectional_gimbals', 'double'),

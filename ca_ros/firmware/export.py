@@ -113,9 +113,9 @@ def _numbers(firmware: Firmware, name: str) -> dict[str, str]:
         'problems': literals.problems(firmware),
         'axes': '\n'.join(f'    {literals.braced(row)},' for row in rows),
         'thrust_coefficient': table(0), 'reverse_coefficient': table(1), 'speed_min': table(2),
-        'speed_max': table(3), 'curve': _curve(firmware), 'rates': '', 'rates_header': '',
-        'rates_golden': '', **_rates(firmware, name),
-        'speeds': 'ca_speeds' if firmware.curve.square else 'curve_speeds',
+        'speed_max': table(3), 'curve': _curve(firmware, 'curve.c'),
+        'speeds': _inverse(firmware), 'rates': '', 'rates_header': '', 'rates_golden': '',
+        **_rates(firmware, name),
         'vectors': golden.vectors(firmware),
         **_command(firmware, name, table),
     }
@@ -151,23 +151,34 @@ def _rates(firmware: Firmware, name: str) -> dict[str, str]:
         return Template((templates / file).read_text(encoding='utf-8')).substitute(names | fields)
 
     return {
-        'rates': filled('rates.c', acceleration=up, deceleration=down).lstrip() + '\n',
+        'rates': filled(
+            'rates.c', acceleration=up, deceleration=down, speeds=_inverse(firmware),
+            thrusts='ca_thrusts' if firmware.curve.square else 'curve_thrusts',
+            curve_thrusts=_curve(firmware, 'curve_thrusts.c'),
+        ).lstrip() + '\n',
         'rates_header': filled('rates.h', time=literals.real(PERIOD_MAX, firmware.precision)),
         'rates_golden': filled('rates_golden.h', sequence=golden.sequence(firmware)),
     }
 
 
-def _curve(firmware: Firmware) -> str:
-    """Return the thrust curve with the function that inverts it; nothing without a curve."""
+def _inverse(firmware: Firmware) -> str:
+    """Return the function from thrusts to speeds."""
+    return 'ca_speeds' if firmware.curve.square else 'curve_speeds'
+
+
+def _curve(firmware: Firmware, file: str) -> str:
+    """Return the thrust curve with a function of a template; nothing without a curve."""
     if firmware.curve.square:
         return ''
-    levels, segments = firmware.segments
-    rows = (literals.braced(row, firmware.precision) for row in segments)
-    template = Path(__file__).with_name('templates') / 'curve.c'
+    starts, levels, rows = firmware.segments
+
+    def braced(values: Array) -> str:
+        return literals.indented(literals.braced(values, firmware.precision), 1).strip()
+
+    template = Path(__file__).with_name('templates') / file
     return '\n' + Template(template.read_text(encoding='utf-8')).substitute(
-        segments='\n'.join(literals.indented(f'{row},', 1) for row in rows),
-        levels=literals.indented(literals.braced(levels, firmware.precision), 1).strip(),
-        count=len(levels),
+        segments='\n'.join(f'    {braced(row)},' for row in rows),
+        starts=braced(starts), levels=braced(levels), count=len(levels),
     )
 
 

@@ -126,9 +126,11 @@ class Firmware:
         return self.problem.vehicle.curve
 
     @cached_property
-    def segments(self) -> tuple[Array, Array]:
-        """The levels (K,) and segments (K, 3) of the thrust curve, in this precision."""
-        return self.curve.levels.astype(self.dtype), self.curve.segments.astype(self.dtype)
+    def segments(self) -> tuple[Array, Array, Array]:
+        """The starts and levels (K,) and segments (K, 3) of the curve, in this precision."""
+        curve = self.curve
+        starts, levels, segments = curve.starts, curve.levels, curve.segments
+        return starts.astype(self.dtype), levels.astype(self.dtype), segments.astype(self.dtype)
 
     def is_sound(self, fault: int, wrench: Array) -> bool:
         """Tell whether there is such a fault, and a wrench (m,) is finite and not absurd."""
@@ -156,22 +158,13 @@ class Firmware:
         status = 0 if answer is None else answer[0]
         if status in (INVALID, Status.REJECTED):
             return status, rest
-        inverse = np.sqrt if self.curve.square else self._curve_speeds
-        return status, rotor_speeds(thrusts, k_f, reverse, least, greatest, inverse)
+        return status, rotor_speeds(thrusts, k_f, reverse, least, greatest, self._inverse)
 
     @cached_property
     def rates(self) -> tuple[Array, Array] | None:
-        """Greatest rates (n,) at which speeds grow and shrink [rad/s^2]; None without rates.
-
-        Raises a ParameterError with a thrust curve: bounds of thrusts are computed from k_f.
-        """
+        """Greatest rates (n,) at which speeds grow and shrink [rad/s^2]; None without rates."""
         if (found := rates_of(self.problem)) is None:
             return None
-        if not self.curve.square:
-            raise ParameterError(
-                'rotors.acceleration_max: firmware takes it with thrust k_f w^2 alone, not with '
-                'rotors.thrust_curve'
-            )
         return found[0].astype(self.dtype), found[1].astype(self.dtype)
 
     def allocate_within(
@@ -187,21 +180,29 @@ class Firmware:
         k_f, reverse, least, greatest = self.rotors[fault]
         elapsed = min(max(self.dtype(time), self.dtype(0)), self.dtype(PERIOD_MAX))
         low, high = reached(last, elapsed, *self.rates, least, greatest)
-        bounds = (
-            np.where(speeds < 0, -(reverse * (speeds * speeds)), k_f * (speeds * speeds))
-            for speeds in (low, high)
-        )
+        bounds = (self._thrusts(speeds, k_f, reverse) for speeds in (low, high))
         thrusts = np.empty(self.problem.n, self.dtype)
         u = np.ascontiguousarray(wrench[self.rows[fault]])
         answer = self.kernels[fault].allocate(u, thrusts, *bounds)
         status = 0 if answer is None else answer[0]
         if status in (INVALID, Status.REJECTED):
             return status, np.minimum(np.maximum(self.dtype(0), low), high)
-        return status, rotor_speeds(thrusts, k_f, reverse, low, high)
+        return status, rotor_speeds(thrusts, k_f, reverse, low, high, self._inverse)
 
-    def _curve_speeds(self, ratio: Array) -> Array:
-        """Return the speeds (n,) for thrusts over k_f (n,) by the thrust curve."""
-        levels, segments = self.segments
+    def _thrusts(self, speeds: Array, k_f: Array, reverse: Array) -> Array:
+        """Return the thrusts (n,) of speeds (n,)."""
+        if self.curve.square:
+            square = speeds * speeds
+            return np.where(speeds < 0, -(reverse * square), k_f * square)
+        starts, _, segments = self.segments
+        a, b, c = segments[np.searchsorted(starts, speeds, 'right') - 1].T
+        return np.asarray(k_f * ((a * speeds + b) * speeds + c))
+
+    def _inverse(self, ratio: Array) -> Array:
+        """Return the speeds (n,) for thrusts over k_f (n,)."""
+        if self.curve.square:
+            return np.sqrt(ratio)
+        _, levels, segments = self.segments
         a, b, c = segments[np.searchsorted(levels, ratio, 'right') - 1].T
         return root(a, b, ratio - c)
 

@@ -2,7 +2,7 @@
 /* Greatest rates at which the speeds grow and shrink [rad/s^2]. */
 static const ca_real acceleration_max[CA_N] = $acceleration;
 static const ca_real deceleration_max[CA_N] = $deceleration;
-
+$curve_thrusts
 int ${name}_allocate_within(int fault, const ca_real wrench[${NAME}_AXES], ca_real time,
     ca_real speeds[${NAME}_ROTORS])
 {
@@ -19,15 +19,15 @@ int ${name}_allocate_within(int fault, const ca_real wrench[${NAME}_AXES], ca_re
     const ca_real elapsed = ca_clip(time, 0, ${NAME}_TIME_MAX);
     ca_reach(CA_N, speeds, elapsed, acceleration_max, deceleration_max, speed_min[row],
         speed_max[row], least, greatest);
-    ca_thrusts(CA_N, least, thrust_coefficient[row], reverse_coefficient[row], lower);
-    ca_thrusts(CA_N, greatest, thrust_coefficient[row], reverse_coefficient[row], upper);
+    $thrusts(CA_N, least, thrust_coefficient[row], reverse_coefficient[row], lower);
+    $thrusts(CA_N, greatest, thrust_coefficient[row], reverse_coefficient[row], upper);
     if (command(fault, wrench, u) && ca_set_bounds(&moved, lower, upper) == CA_SOUND)
         status = ca_allocate(&moved, u, thrusts).status;
     if (status == CA_INVALID || status == CA_REJECTED) {
         for (int i = 0; i < CA_N; i++)
             speeds[i] = ca_clip(0, least[i], greatest[i]);
     } else {
-        ca_speeds(CA_N, thrusts, thrust_coefficient[row], reverse_coefficient[row], least,
+        $speeds(CA_N, thrusts, thrust_coefficient[row], reverse_coefficient[row], least,
             greatest, speeds);
     }
     return status;
