@@ -57,7 +57,7 @@ def test_joints_turn_clockwise_by_a_minus():
     vehicle = Vehicle.load('hexarotor')
     signs = np.sign(motors.joint_velocities(np.full(6, 100.0), vehicle))
     assert_allclose(signs, [-1, 1, -1, 1, -1, 1])
-    for wrong in ([1.0] * 5, [np.nan] * 6):
+    for wrong in ([1.0] * 5, [np.nan] * 6, [1e308] * 6, [-300.0] * 6):
         with pytest.raises(ValueError, match='rotor speeds'):
             motors.joint_velocities(wrong, vehicle)
 
@@ -65,7 +65,7 @@ def test_joints_turn_clockwise_by_a_minus():
 def test_the_order_of_the_motors():
     assert motors.order_of(0.0, 3) == []
     assert_allclose(motors.ordered(np.array([10.0, 20.0, 30.0]), [3, 1, 2]), [30.0, 10.0, 20.0])
-    for wrong in ([1, 2], [1, 2, 2], [0, 1, 2]):
+    for wrong in ([1, 2], [1, 2, 2], [0, 1, 2], [2.4, 3, 1], [0.4]):
         with pytest.raises(ParameterError, match=r'^bridge\.order: expected each'):
             motors.order_of(wrong, 3)
 

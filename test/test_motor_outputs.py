@@ -24,7 +24,9 @@ CURVE = {
 
 
 def test_throttles_pulses_and_the_voltage(graph):
-    options = CURVE | {'publish_throttle': 'true', 'publish_pwm': 'true', 'battery_timeout': 0.5}
+    options = CURVE | {
+        'publish_throttle': 'true', 'publish_pwm': 'true', 'battery_timeout': 0.5,
+        'timeout_action': 'hold'}
     words = [word for name, value in options.items() for word in ('-p', f'{name}:={value}')]
     process = graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', *words)
     vehicle = Vehicle.from_parameters(read('hexarotor') | CURVE)
@@ -61,15 +63,16 @@ def test_throttles_pulses_and_the_voltage(graph):
     # At 12 V the rotors reach 300 rad/s, and a speed needs a greater throttle.
     sagging = vehicle.at_voltage(12.0)
     battery.publish(BatteryState(voltage=12.0))
-    graph.spin_until(
-        lambda: answers([0.0, 0.0, 100.0, 0.0, 0.0, 0.0])[0].max() < 300.1, 'less speed')
+    # Commands have ceased, and what the node holds keeps the new bound.
+    graph.spin_until(lambda: got['motor_speed'][-1].data[0] == 300.0, 'less speed')
+    assert got['motor_speed'][-1].layout.dim[1].label == 'no stamp'
     speeds, throttles, _ = answers(hover)
     assert_array_equal(speeds, Exact(sagging).allocate(hover[2:]).speeds)
     assert_array_equal(throttles, sagging.throttles(speeds))
     assert throttles.max() > vehicle.throttles(speeds).max()
 
     # Absurd voltages change nothing; without sound ones a warning begins.
-    for absurd in (float('nan'), -12.0, 0.0, 1.0):
+    for absurd in (float('nan'), float('inf'), -12.0, 0.0, 1.7, 4.0, 16800.0):
         battery.publish(BatteryState(voltage=absurd))
     diagnostics.wait(
         'allocator', lambda _, text, values: 'no sound voltage for 0.5 s: 12 V holds' in text,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from ca_ros import Vehicle, control_allocation_matrix, make_allocator
+from ca_ros import Exact, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.__main__ import main
 from ca_ros.nodes.bridges import px4
 from ca_ros.vehicle import px4_parameters as parameters
@@ -170,6 +170,15 @@ def test_px4_gets_its_own_order_and_nan_for_what_does_not_turn():
 def test_px4_gets_nothing_that_is_out_of_bounds(wrong):
     with pytest.raises(ValueError, match='rotor speeds'):
         px4.controls(np.array(wrong), QUAD, [], 'thrust', 0.0)
+
+
+def test_px4_gets_full_thrust_with_more_than_the_nominal_voltage():
+    """378 rad/s are the full throttle of 14 V, 400 the bound at any voltage."""
+    some = Vehicle.load('hexarotor_realistic')
+    full = Exact(some.at_voltage(16.0)).allocate([100.0, 0.0, 0.0, 0.0]).speeds
+    assert_allclose(full, 400.0)
+    for output in ('thrust', 'throttle'):
+        assert_allclose(px4.controls(full, some, [], output, 0.3)[:6], 1.0)
 
 
 # Parameters

@@ -133,9 +133,13 @@ def test_the_voltage_bounds_the_speeds_and_moves_the_throttle():
     assert_allclose(first.at_voltage(15.0).speed_max, 375.0)
     plain = vehicle({'rotors.speed_max_per_volt': 25.0})
     assert_allclose(plain.at_voltage(20.0).throttles([250.0] * 6), 0.25)
-    for wrong in (0.0, -1.0, 1.0, np.nan):
-        with pytest.raises(ParameterError, match=r'^battery: .* V turn a rotor with less'):
-            some.at_voltage(wrong)
+    # 16 V turn the rotors with 400 rad/s, so that 8 to 24 V are sound; 12 V are declared.
+    for sound, words in ((some, 'expected 8 to 24 V'), (first, 'expected 6 to 18 V')):
+        for wrong in (0.0, -1.0, 1.7, 4.0, 25.0, 16800.0, np.inf, np.nan):
+            with pytest.raises(ParameterError, match=rf'^battery: .* V: {words}'):
+                sound.at_voltage(wrong)
+    with pytest.raises(ParameterError, match=r'^battery: 9 V turn a rotor with less'):
+        vehicle({'rotors.speed_max_per_volt': 25.0, 'rotors.speed_min': 230.0}).at_voltage(9.0)
 
 
 @pytest.mark.parametrize('name', ['hexarotor', 'x8', 'rov'])
@@ -152,6 +156,8 @@ def test_without_a_curve_not_a_bit_changes(name):
     ({CURVE + 'polynomial': [2e-5, 1.5e-3, -0.5]}, 'polynomial: -0.408 N at 40 rad/s'),
     ({CURVE + 'polynomial': [2e-2, 1.5e-3, 0.0]}, 'polynomial, thrusts: 3200.6 N at speed_max'),
     ({CURVE + 'polynomial': [-2e-5, 1e-2, 0.1]}, 'polynomial: .* least slope -0.006'),
+    ({CURVE + 'polynomial': [-1.25e-5, 0.0101, 0.1], 'rotors.speed_max_per_volt': 25.0},
+     'polynomial: .* least slope -0.0049 .* from speed_min to 600 rad/s'),
     ({**POLYNOMIAL, **TABLE}, 'polynomial: given beside thrusts'),
     ({**POLYNOMIAL, 'rotors.speed_min': 0.0}, 'polynomial: 0.1 N at rest'),
     ({**POLYNOMIAL, 'rotors.speed_min': -9.0}, 'polynomial, thrusts: .* do not reverse'),
@@ -165,6 +171,12 @@ def test_without_a_curve_not_a_bit_changes(name):
 def test_what_is_no_curve_is_refused_by_name(wrong, words):
     with pytest.raises(ParameterError, match=rf'^rotors\.thrust_curve\.{words}'):
         vehicle(wrong)
+
+
+def test_numbers_that_are_not_finite_are_no_table():
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(ParameterError, match=r'^thrusts: .* that increase'):
+            ThrustCurve.table([0.0, 1.0, 2.0], [0.0, 1.0, wrong])
 
 
 # The fit

@@ -125,13 +125,15 @@ class AllocatorNode(HealthNode):
         self._wrenches = rotor_wrenches(vehicle)
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
         self._lost = vehicle.lost
-        # The action hold repeats the last speeds: idle before the first answer, zero if lost.
+        # The action hold repeats the last speeds, idle before the first answer, within the bounds
+        # that health and voltage leave.
         last, self._n = self._last if self.counts['served'] else vehicle.idle_command, vehicle.n
         speeds, angles = np.split(last, [vehicle.n])
         if vehicle.tilts is not None:
             low, high = vehicle.tilts.limits
             angles = np.minimum(np.maximum(angles, low), high)
-        speeds = np.where(vehicle.speed_limits[1] > 0.0, speeds, 0.0)
+        low, high = vehicle.speed_limits
+        speeds = np.minimum(np.maximum(speeds, np.minimum(low, 0.0)), high)
         self._last, self._message = np.concatenate([speeds, angles]), speeds_message(speeds, None)
         self.use_settings()
 

@@ -135,8 +135,8 @@ class RotorSettings(Settings):
         0.0, 'greatest rotor speed per volt of the battery, up to speed_max; 0: the voltage does '
         'not matter', unit='rad/s/V', minimum=0.0)
     battery_voltage: float = setting(
-        0.0, 'voltage before the first message on battery, and of the simulation; 0: speed_max '
-        'holds', unit='V', minimum=0.0)
+        0.0, 'nominal voltage, before the first message on battery and of the simulation; 0: '
+        'speed_max holds. Readings from 0.5 to 1.5 times of it are sound', unit='V', minimum=0.0)
     thrust_curve: ThrustCurveSettings = ThrustCurveSettings()
     acceleration_max: Numbers = setting(
         0.0, 'greatest rate at which a rotor speed grows; 0: no limit', unit='rad/s^2',

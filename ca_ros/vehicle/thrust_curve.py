@@ -62,7 +62,8 @@ class ThrustCurve:
         if slope < 0.0 or at_low < 0.0 or (low > 0.0 and at_low == 0.0) or not (a or b):
             raise ParameterError(
                 f'polynomial: {at_low:g} N at {low:g} rad/s, least slope {slope:g} N s/rad: '
-                'expected thrusts that are positive and increase from speed_min to speed_max'
+                f'expected thrusts that are positive and increase from speed_min to {high:.4g} '
+                'rad/s, at full throttle'
             )
         if low <= 0.0:
             return cls(starts=constant([0.0]), segments=constant([[a, b, c]]))
@@ -88,12 +89,14 @@ class ThrustCurve:
 
     @classmethod
     def from_settings(
-        cls, settings: ThrustCurveSettings, coefficient: Array, low: Array, high: Array
+        cls, settings: ThrustCurveSettings, coefficient: Array, low: Array, high: Array,
+        full: float,
     ) -> ThrustCurve:
         """Return the curve of rotors with k_f and bounds of the speeds (n,) [kg m, rad/s].
 
-        Raises a ParameterError also if the curve does not reach the greatest speed, or fits
-        neither k_f nor rotors that reverse.
+        `full` is the greatest speed of full throttle [rad/s], up to which the throttle needs the
+        thrust if it was not measured.  Raises a ParameterError also if the curve does not reach
+        the greatest speed, or fits neither k_f nor rotors that reverse.
         """
         made, k_f, top = cls(), float(coefficient[0]), float(high.max())
         if settings.is_measured:
@@ -103,7 +106,8 @@ class ThrustCurve:
                     'reverse (speed_min >= 0)'
                 )
             if settings.polynomial != 0.0:
-                made = cls.polynomial(settings.polynomial, float(low.min()), top)
+                end = top if settings.throttles != 0.0 else full
+                made = cls.polynomial(settings.polynomial, float(low.min()), end)
             else:
                 made = cls.table(settings.speeds, settings.thrusts)
         first, last = np.asarray(settings.pwm, dtype=float).tolist()
@@ -221,7 +225,8 @@ def from_thrust(share: ArrayLike, expo: float) -> Array:
 def increasing(name: str, values: ArrayLike) -> Array:
     """Return numbers (k,) as an array; raise a `ParameterError` if they do not increase."""
     array = np.asarray(values, dtype=float)
-    if array.ndim != 1 or len(array) < 2 or array[0] < 0.0 or (np.diff(array) <= 0.0).any():
+    sound = np.isfinite(array).all() and (np.diff(array) > 0.0).all()
+    if array.ndim != 1 or len(array) < 2 or array[0] < 0.0 or not sound:
         raise ParameterError(
             f'{name}: expected two or more numbers from 0 on that increase, got {array.tolist()}'
         )

@@ -34,6 +34,7 @@ EFFECTORS_MAX = 1000  # greatest number of rotors; more would need hours to list
 HEALTH_MIN = 1e-9  # a rotor whose health is below this counts as lost
 
 SQUARE = ThrustCurve()  # k_f w^2, with throttles that are shares of the thrust
+VOLTAGES = 0.5, 1.5  # what a battery can have, over its nominal voltage
 BOUND_ROUNDING = 1e-9  # how far a thrust may be out, over its bound or 1 N
 
 
@@ -80,6 +81,9 @@ class Vehicle:
         thrust.
     speed_max_per_volt : (n,) array or 0
         Speed of full throttle per volt of the battery [rad/s/V]; 0: the voltage does not matter.
+    nominal_voltage : float
+        Of the battery; readings outside of `VOLTAGES` times of it are refused [V].  Without
+        `rotors.battery_voltage` it is the least one at which all rotors reach `speed_max`.
     voltage : float or None
         Of the battery, if `at_voltage` was told [V].
     rated : pair of (n,) arrays or None
@@ -108,6 +112,7 @@ class Vehicle:
     lost_axes: str = 'refuse'
     curve: ThrustCurve = SQUARE
     speed_max_per_volt: Array | float = 0.0
+    nominal_voltage: float = 0.0
     voltage: float | None = None
     rated: tuple[Array, Array] | None = None
     tilts: Tilts | None = None
@@ -195,8 +200,15 @@ class Vehicle:
                 'rotors.acceleration_max, rotors.deceleration_max: expected positive numbers for '
                 f'all rotors, or 0 for all, got {up.tolist()} and {down.tolist()}'
             )
+        per_volt, nominal = each('speed_max_per_volt'), rotors.battery_voltage
+        if per_volt.any() and not nominal:
+            nominal = float((speed_max[per_volt > 0.0] / per_volt[per_volt > 0.0]).max())
+        # Full throttle reaches beyond speed_max with a full battery.
+        full = np.maximum(speed_max, VOLTAGES[1] * nominal * per_volt)
         try:
-            curve = ThrustCurve.from_settings(rotors.thrust_curve, forwards, speed_min, speed_max)
+            curve = ThrustCurve.from_settings(
+                rotors.thrust_curve, forwards, speed_min, speed_max, float(full.max())
+            )
         except ParameterError as error:
             raise ParameterError(f'rotors.thrust_curve.{error}') from None
         directions = rotor_axes(rotors, n)
@@ -217,7 +229,8 @@ class Vehicle:
             axes=tuple(axis for axis in AXES if axis in axes.axes),
             lost_axes=axes.lost_axes,
             curve=curve,
-            speed_max_per_volt=each('speed_max_per_volt'),
+            speed_max_per_volt=per_volt,
+            nominal_voltage=nominal,
             tilts=tilts_of(rotors, directions, speed_min),
             acceleration_max=up if up.any() else None,
             deceleration_max=down if down.any() else None,
@@ -243,15 +256,27 @@ class Vehicle:
         Raises
         ------
         ParameterError
-            If no rotor speed is left between the bounds.
+            If a battery with the nominal voltage cannot have this one, or no rotor speed is left
+            between the bounds.
         """
+        least, most = (share * self.nominal_voltage for share in VOLTAGES)
+        if self.nominal_voltage and not least <= voltage <= most:
+            raise ParameterError(
+                f'battery: {voltage:g} V: expected {least:.4g} to {most:.4g} V, {VOLTAGES[0]} to '
+                f'{VOLTAGES[1]} times rotors.battery_voltage (or speed_max / speed_max_per_volt)'
+            )
         full = np.where(self.speed_max_per_volt, self.speed_max_per_volt * voltage, np.inf)
-        rated = self.rated or (self.speed_min, self.speed_max)
+        rated = self.rated_speeds
         low, high = np.maximum(rated[0], -full), np.minimum(rated[1], full)
         if not (high > np.maximum(low, 0.0)).all():
-            least = 'a rotor with less than its least speed'
-            raise ParameterError(f'battery: {voltage:g} V turn {least}')
+            what = 'a rotor with less than its least speed'
+            raise ParameterError(f'battery: {voltage:g} V turn {what}')
         return replace(self, speed_min=low, speed_max=high, voltage=voltage, rated=rated)
+
+    @property
+    def rated_speeds(self) -> tuple[Array, Array]:
+        """The bounds (n,) of the speeds whatever the voltage is [rad/s]."""
+        return self.rated or (self.speed_min, self.speed_max)
 
     def with_stuck_servo(self, rotor: int, angle: float) -> Vehicle:
         """Return the same vehicle with the servo of a rotor (from 1) stuck at an angle [rad]."""

@@ -21,12 +21,12 @@ def order_of(numbers: Numbers, n: int) -> list[int]:
 
     Raises a ParameterError if it does not have each rotor once.
     """
-    order = [round(number) for number in np.ravel(np.asarray(numbers, dtype=float)).tolist()]
-    if order == [0]:
+    order = np.ravel(np.asarray(numbers, dtype=float)).tolist()
+    if order == [0.0]:
         return []
     if sorted(order) != list(range(1, n + 1)):
         raise ParameterError(f'bridge.order: expected each of the rotors 1 to {n} once: {order}')
-    return order
+    return [int(number) for number in order]
 
 
 def ordered(values: Array, order: Sequence[int]) -> Array:
@@ -40,13 +40,15 @@ def ordered(values: Array, order: Sequence[int]) -> Array:
 def sound_speeds(speeds: Sequence[float] | Array, vehicle: Vehicle) -> Array:
     """Return rotor speeds as an array (n,) [rad/s].
 
-    Raises a ValueError if there is not one finite speed for each rotor.
+    Raises a ValueError if there is not one speed for each rotor, at rest or within its bounds at
+    the highest voltage.
     """
     found = np.asarray(speeds, dtype=float)
     if found.shape != (vehicle.n,):
         raise ValueError(f'{len(found)} rotor speeds for {vehicle.n} rotors')
-    if not np.isfinite(found).all():
-        raise ValueError(f'rotor speeds {found}: expected finite numbers')
+    low, high = vehicle.rated_speeds
+    if not ((found >= np.minimum(low, 0.0)) & (found <= high)).all():
+        raise ValueError(f'rotor speeds out of bounds: {found} rad/s')
     return found
 
 

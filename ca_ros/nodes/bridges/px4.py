@@ -149,11 +149,10 @@ def controls(
     there.
     """
     sound_speeds(speeds, vehicle)
-    if not np.all((speeds >= 0.0) & (speeds <= vehicle.speed_max)):
-        raise ValueError(f'rotor speeds out of bounds: {speeds} rad/s')
     if output == 'thrust':
         curve = vehicle.curve
-        found = curve.thrust(speeds) / curve.thrust(vehicle.speed_max)
+        # With more than the nominal voltage, the allocator's speeds can be beyond full throttle.
+        found = np.minimum(curve.thrust(speeds) / curve.thrust(vehicle.speed_max), 1.0)
     else:
         found = to_thrust(vehicle.throttles(speeds), thrust_factor)
     message: Any = np.full(CONTROLS, np.nan, dtype=np.float32)
