@@ -187,6 +187,9 @@ Throttle (%),RPM,Thrust [gf],Torque [N m],Note,Voltage [V]
 """
 
 
+ROWS = 'rpm,thrust [N]\n{},1000,1\n{},2000,2\n{},3000,3\n{},4000,4\n'
+
+
 @pytest.fixture
 def stand(tmp_path):
     """Return the file of a stand with thrusts of 2e-5 w^2 + 1e-3 w + 0.05 N and a K_M of 0.02."""
@@ -204,7 +207,9 @@ def test_the_fit_finds_the_curve_of_a_stand(stand):
     found = fit(read_stand(stand))
     curve = found.settings['thrust_curve']
     assert_allclose(curve['polynomial'], [2e-5, 1e-3, 0.05], rtol=1e-5)
-    assert_allclose(curve['speeds'], 50.0 + 400.0 * np.array(curve['throttles']), rtol=1e-5)
+    # Speeds at the voltage of full throttle, 15.5 V.
+    x = np.array(curve['throttles'])
+    assert_allclose(curve['speeds'], (50.0 + 400.0 * x) * 15.5 / (16.5 - x), rtol=1e-5)
     assert found.settings['speed_max_per_volt'] == pytest.approx(450.0 / 15.5, rel=1e-5)
     ratio = found.settings['torque_coefficient'] / found.settings['thrust_coefficient']
     assert ratio == pytest.approx(0.02, rel=1e-5)
@@ -226,7 +231,8 @@ def test_the_file_of_the_fit_is_the_curve(stand, options, tmp_path, capsys):
     for x in (0.1, 0.4, 1.0):
         w = 400.0 * x + 50.0
         assert_allclose(some.thrusts([w] * 6), (2e-5 * w + 1e-3) * w + 0.05, rtol=1e-5)
-        assert_allclose(some.throttles([w] * 6), x, rtol=1e-5)
+        # What the stand measured, at the voltage that it measured.
+        assert_allclose(some.at_voltage(16.5 - x).throttles([w] * 6), x, rtol=1e-5)
 
 
 def test_a_stand_without_speeds_gives_nominal_ones(tmp_path):
@@ -236,21 +242,41 @@ def test_a_stand_without_speeds_gives_nominal_ones(tmp_path):
     assert_allclose(found.speeds, 400.0 * np.sqrt(found.thrusts / 4.0))
     assert found.settings['thrust_curve']['pwm'] == [1000.0, 2000.0]
     assert found.settings['thrust_curve']['throttles'] == [0.25, 0.5, 0.75, 1.0]
+    assert not found.note
+
+
+def test_a_stand_without_a_row_at_rest_has_the_usual_pulse_of_rest(tmp_path):
+    file = tmp_path / 'stand.csv'
+    file.write_text('ESC [us],Thrust efficiency [g/W],RPM,thrust [N]\n'
+                    '1200,1,1000,0.5\n1500,1,2000,1.5\n1750,1,3000,2.5\n2000,1,4000,4\n')
+    found = fit(read_stand(file))
+    assert found.settings['thrust_curve']['pwm'] == [1000.0, 2000.0]
+    assert found.settings['thrust_curve']['throttles'] == [0.2, 0.5, 0.75, 1.0]
+    assert found.note == 'no row at rest: throttle 0 is assumed to be 1000 us'
 
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('', 'no column of thrust'),
     ('rpm,thrust\n1,2\n', "'thrust': expected its unit in brackets, one of n, kgf"),
     ('rpm,thrust [N]\n1,2\n', '1 points with speed and thrust: expected 4'),
-    ('rpm,thrust [N]\n1,x\n', "'thrust [N]': could not convert"),
+    ('rpm,thrust [N]\n\n1,x\n', "line 3, 'thrust [N]': expected a number, got 'x'"),
+    ('rpm,thrust [N]\n1\n', "line 2, 'thrust [N]': expected a number, got ''"),
+    ('rpm,thrust [N]\n1,nan\n', "line 2, 'thrust [N]': expected a number, got 'nan'"),
+    ('rpm,throttle,thrust [N]\n1,10,1\n', "'throttle': expected a number from 0 to 1, got '10'"),
+    ('rpm,thrust [N],voltage\n1,1,0\n', "'voltage': expected a number from 0.001 to"),
+    ('throttle [%];rpm;thrust [N]\n10;1;1\n', 'expected commas between the columns'),
+    (f'throttle [%],{ROWS}'.format(10, 20, 30, 50), 'throttle ends at 0.5: expected rows up to'),
+    (f'pwm,{ROWS}'.format(1000, 1200, 1500, 2000), 'the motor turned at 1000 us: expected a row'),
+    (f'throttle,pwm,{ROWS}'.format('0,1', '0,1', '0,1', '0,1'), 'throttle and of PWM: leave one'),
+    ('rpm,thrust [N]\n1,5\n2,5\n3,5\n4,5\n', 'the thrust does not increase'),
     ('rpm,rpm,thrust [N]\n', "'rpm': a second column of speed"),
     ('throttle,thrust [N]\n1,1\n', 'no column of speed: expected one, or --speed-max'),
-    ('rpm,thrust [N]\n1,4\n2,3\n3,2\n4,1\n', 'polynomial: .* increase'),
+    ('rpm,thrust [N]\n1,1\n2,4\n3,4\n4,2\n', 'polynomial: .* increase'),
 ])
 def test_what_is_no_stand_is_refused_in_one_line(text, words, tmp_path, capsys):
     file = tmp_path / 'stand.csv'
     file.write_text(text)
     assert main(['fit-thrust', str(file)]) == 1
     [line] = capsys.readouterr().err.splitlines()
-    assert line.startswith('ca_ros fit-thrust: ')
+    assert line.startswith(f'ca_ros fit-thrust: {file}: ')
     assert re.search(words.replace('[', r'\['), line)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ca_ros.arguments import finite
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.thrust_stand import StandFit, fit, read_stand
 
 COMMAND = 'fit-thrust', 'fit a thrust curve to the CSV file of a test stand'
@@ -27,7 +28,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Fit, print and write."""
-    found = fit(read_stand(options.file), options.speed_max, options.table)
+    columns = read_stand(options.file)
+    try:
+        found = fit(columns, options.speed_max, options.table)
+    except ParameterError as error:
+        raise ParameterError(f'{options.file}: {error}') from None
     text = parameter_file(found, options.file.name)
     if options.out is not None:
         options.out.write_text(text, encoding='utf-8')
@@ -50,7 +55,7 @@ def summary(found: StandFit) -> list[str]:
     if found.throttles is not None:
         worst = found.expo_error(found.expo)
         lines.append(f'THR_MDL_FAC  {found.expo:.2f}: error {worst:.3g} N ({worst / top:.1%})')
-    return lines
+    return [*lines, found.note] if found.note else lines
 
 
 def parameter_file(found: StandFit, source: str) -> str:

@@ -34,7 +34,16 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Factors to SI units; throttle from 0 to 1, pulse widths in us."""
 
+IGNORED = r'efficien'  # titles with ESC, motor or thrust that are none of these
+
+GREATEST = 1e9  # of all sound values, in SI units
+RANGES = {'throttle': (0.0, 1.0), 'voltage': (1e-3, GREATEST), 'pwm': (0.0, GREATEST)}
+"""Least and greatest sound values in SI units."""
+
 FEWEST = 4  # points that a fit needs at least
+REST = 1000.0  # pulse width of rest, if the stand did not measure at rest [us]
+FULL = 0.99  # throttle from which on it is full
+FLAT = 1e-3  # least share of the thrust by which it has to grow over the points
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +56,7 @@ class StandFit:
     - `settings`: the settings of `rotors` that they give, by name
     - `throttles` (k,)
     - `expo`: the best THR_MDL_FAC; 0 without throttles
+    - `note`: what was assumed; may be empty
     """
 
     speeds: Array
@@ -56,6 +66,7 @@ class StandFit:
     settings: dict[str, object]
     throttles: Array | None
     expo: float
+    note: str = ''
 
     def error(self, curve: ThrustCurve) -> tuple[float, float]:
         """Return the root mean square and the greatest error of a curve [N]."""
@@ -72,29 +83,41 @@ class StandFit:
 def read_stand(file: str | Path) -> dict[str, Array]:
     """Read a CSV file with a title for each column, such as ``thrust [gf]`` or ``Speed (RPM)``.
 
-    Raises a ParameterError that names the file, the column and the fault.
+    Raises a ParameterError that names the file, the line, the column and the fault.
 
     The result: the columns in SI units by the names of `QUANTITIES`; others are ignored.
     """
     try:
         with open(file, newline='', encoding='utf-8-sig') as stream:
-            rows = [row for row in csv.reader(stream) if any(word.strip() for word in row)]
+            reader = csv.reader(stream)
+            lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ParameterError(f'{file}: {error}') from None
     columns: dict[str, Array] = {}
-    for i, title in enumerate(rows[0] if rows else []):
+    titles = lines[0][1] if lines else []
+    if len(titles) == 1 and ';' in titles[0]:
+        raise ParameterError(f'{file}: expected commas between the columns, got semicolons')
+    for i, title in enumerate(titles):
         quantity, factor = _column(f'{file}: {title.strip()!r}', title.lower())
         if quantity is None:
             continue
         if quantity in columns:
-            raise ParameterError(f'{file}: {title.strip()!r}: a second column of {quantity}')
-        try:
-            values = factor * np.array([float(row[i]) for row in rows[1:]])
-        except (IndexError, ValueError) as error:
-            raise ParameterError(f'{file}: {title.strip()!r}: {error}') from None
-        if not np.isfinite(values).all():
-            raise ParameterError(f'{file}: {title.strip()!r}: expected finite numbers')
-        columns[quantity] = values
+            what = f'a second column of {quantity}: leave one of them out'
+            raise ParameterError(f'{file}: {title.strip()!r}: {what}')
+        least, most = (each / factor for each in RANGES.get(quantity, (-GREATEST, GREATEST)))
+        values = []
+        for line, row in lines[1:]:
+            given = row[i].strip() if i < len(row) else ''
+            try:
+                values.append(float(given))
+                sound = least <= values[-1] <= most
+            except ValueError:
+                sound = False
+            if not sound:
+                bounds = f' from {least:g} to {most:g}' if quantity in RANGES else ''
+                what = f'expected a number{bounds}, got {given!r}'
+                raise ParameterError(f'{file}: line {line}, {title.strip()!r}: {what}')
+        columns[quantity] = factor * np.array(values)
     return columns
 
 
@@ -103,6 +126,8 @@ def _column(place: str, title: str) -> tuple[str | None, float]:
     name, unit = title, ''
     if found := re.search(r'[\[(](.*?)[\])]', title):
         name, unit = title[: found.start()], found[1].strip()
+    if re.search(IGNORED, name):
+        return None, 1.0
     quantity = next((key for key, word in QUANTITIES.items() if re.search(word, name)), None)
     if quantity is None:
         return None, 1.0
@@ -119,8 +144,9 @@ def fit(
 ) -> StandFit:
     """Fit the curves to the columns of `read_stand`.
 
-    Raises a ParameterError if columns or points are missing, or the measured thrust does not
-    increase.
+    Raises a ParameterError if columns or points are missing, the stand did not reach full
+    throttle, or the measured thrust does not increase.  With voltages, the throttle of a row
+    belongs to its speed at the voltage of full throttle, in proportion to the voltage.
 
     - `columns`: thrust, and speed or a command (throttle or PWM); torque and voltage if they are
       known
@@ -135,19 +161,33 @@ def fit(
         if speed_max is None or not {'throttle', 'pwm'} & {*data}:
             needed = 'one, or --speed-max beside throttle or PWM'
             raise ParameterError(f'no column of speed: expected {needed}')
-        shares = np.maximum(data['thrust'], 0.0) / data['thrust'].max()
+        shares = np.maximum(data['thrust'], 0.0) / max(data['thrust'].max(initial=0.0), 1e-9)
         data['speed'] = speed_max * np.sqrt(shares)
-    ends = None
-    if 'throttle' not in data and 'pwm' in data:
-        ends = float(data['pwm'].min()), float(data['pwm'].max())
-        data['throttle'] = (data['pwm'] - ends[0]) / max(ends[1] - ends[0], 1e-9)
+    ends, note = None, ''
     turning = (data['speed'] > 0.0) & (data['thrust'] > 0.0)
+    if 'pwm' in data and len(turning):
+        if 'throttle' in data:
+            raise ParameterError('columns of throttle and of PWM: leave one of them out')
+        least, full = float(data['pwm'].min()), float(data['pwm'].max())
+        if turning[data['pwm'].argmin()]:
+            if least <= REST:
+                raise ParameterError(f'the motor turned at {least:g} us: expected a row at rest')
+            least, note = REST, f'no row at rest: throttle 0 is assumed to be {REST:g} us'
+        ends = least, full
+        data['throttle'] = (data['pwm'] - least) / max(full - least, 1e-9)
     if turning.sum() < FEWEST:
         count = turning.sum()
         raise ParameterError(f'{count} points with speed and thrust: expected {FEWEST} or more')
     order = np.argsort(data['speed'][turning], kind='stable')
     data = {name: values[turning][order] for name, values in data.items()}
     w, f, x = data['speed'], data['thrust'], data.get('throttle')
+    if x is not None and x.max() < FULL:
+        raise ParameterError(
+            f'throttle ends at {x.max():g}: expected rows up to full throttle, 1 (for thrust over '
+            'speed alone, leave throttle and voltage out)'
+        )
+    if f[-1] - f[0] <= FLAT * f[-1]:
+        raise ParameterError('the thrust does not increase with the speed')
     k_f = float(w**2 @ f / (w**2 @ w**2))
     settings: dict[str, object] = {'thrust_coefficient': digits(k_f)}
     if 'torque' in data:
@@ -157,13 +197,18 @@ def fit(
     if 'voltage' in data:
         settings['speed_max_per_volt'] = digits(w[-1] / data['voltage'][-1])
     points: dict[str, object] = {}
-    speeds, thrusts = w, f
-    expo = 0.0
+    measured = speeds = w
+    thrusts, expo = f, 0.0
     if x is not None:
         steps, member = np.unique(np.round(x, 4), return_inverse=True)
-        speeds, thrusts = (np.bincount(member, v) / np.bincount(member) for v in (w, f))
+        # At another voltage, the same throttle turns the rotor in proportion to it.
+        volts = data.get('voltage', np.ones(len(w)))
+        at_full = w * volts[-1] / volts
+        measured, speeds, thrusts = (
+            np.bincount(member, v) / np.bincount(member) for v in (w, at_full, f)
+        )
         # The last one is the greatest speed.
-        speeds[-1] = w[-1]
+        measured[-1] = speeds[-1] = w[-1]
         if len(steps) < 2 or (np.diff(speeds) <= 0.0).any():
             raise ParameterError('the speed does not increase with the throttle')
         share, bend = f / f[-1], x**2 - x
@@ -172,8 +217,14 @@ def fit(
     if ends is not None:
         points['pwm'] = list(ends)
     if as_table:
-        points['thrusts'] = [digits(thrust) for thrust in thrusts]
-        curve = ThrustCurve.table(speeds, thrusts)
+        curve = ThrustCurve.table(measured, thrusts)
+        # With voltages, thrusts and throttles were measured at different speeds.
+        both = np.unique([digits(speed) for speed in (*measured, *speeds)])
+        if x is not None:
+            known = np.append(0.0, speeds), np.append(0.0, steps)
+            points['throttles'] = [digits(step) for step in np.interp(both, *known)]
+        speeds = both
+        points['thrusts'] = [digits(thrust) for thrust in curve.thrust(speeds)]
     else:
         powers = np.column_stack([w**2, w, np.ones(len(w))])
         numbers = [digits(number) for number in np.linalg.lstsq(powers, f, rcond=None)[0]]
@@ -182,7 +233,7 @@ def fit(
     if as_table or x is not None:
         points['speeds'] = [digits(speed) for speed in speeds]
     settings['thrust_curve'] = points
-    return StandFit(w, f, ThrustCurve(coefficient=k_f), curve, settings, x, expo)
+    return StandFit(w, f, ThrustCurve(coefficient=k_f), curve, settings, x, expo, note)
 
 
 def digits(number: float) -> float:
