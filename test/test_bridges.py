@@ -198,6 +198,11 @@ def test_the_command_prints_a_vehicle(tmp_path, capsys):
     assert main([*command, '--rotors', 'rotor_9']) == 1
     assert 'rotor_9: no link with a joint; continuous joints turn rotor_0' in (
         capsys.readouterr().err)
+    assert main([*command, '--rotors', 'rotor_0', 'rotor_1', 'rotor_2', 'rotor_0']) == 1
+    assert 'rotor_0: named twice' in capsys.readouterr().err
+    file.write_text(urdf().replace('continuous', 'fixed'))
+    assert main([*command, '--rotors', 'rotor_9']) == 1
+    assert 'continuous joints turn no link' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('wrong', 'words'), [

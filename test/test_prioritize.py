@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
+from ca_ros import AdmissibleSet, Exact, SlewLimited, Vehicle, control_allocation_matrix
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS, airmode_limits
 from strategies import (
     FLEET,
@@ -263,6 +263,28 @@ def test_the_share_of_roll_and_pitch_never_falls_as_the_limit_on_airmode_rises(n
         shares = [admissible.prioritize_levels(u, airmode_limit=limit)[1][1]
                   for limit in np.linspace(0.0, 1.0, 11)]
         assert np.all(np.diff(shares) >= -1e-9)
+
+
+def test_with_rates_a_greater_limit_on_airmode_never_leads_off_the_demanded_direction():
+    vehicle, rng = FLEET['quadrotor'], np.random.default_rng(7)
+    problem, levels = AdmissibleSet(vehicle).problem, slice(1, 3)
+    methods = [SlewLimited(Exact(vehicle, airmode_limit=limit), rates=3000.0)
+               for limit in (0.0, 0.1, 0.3, 1.0)]
+    fell = 0
+    for _ in range(60):
+        last = rng.uniform(vehicle.speed_min, vehicle.speed_max)
+        u = rng.uniform(-1.3, 1.3, 4) * problem.extent + problem.center
+        way = ((u - problem.reference) / problem.extent)[levels]
+        served = [(problem.gamma @ method.allocate(u, last, 0.01).thrusts - problem.reference)
+                  / problem.extent for method in methods]
+        shares = [each[levels] @ way / (way @ way) for each in served]
+        off = [np.linalg.norm(each[levels] - share * way)
+               for each, share in zip(served, shares, strict=True)]
+        assert np.all(np.diff(off) <= 1e-7)
+        on = np.array(off[:-1]) <= 1e-9
+        assert np.all(np.diff(shares)[on] >= -1e-7)
+        fell += np.any(np.diff(shares)[~on] < -1e-7)
+    assert fell
 
 
 def test_without_airmode_for_yaw_thrust_deviates_as_with_allow():

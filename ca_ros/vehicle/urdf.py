@@ -37,7 +37,8 @@ class Model(NamedTuple):
 def read_urdf(text: str, rotors: Sequence[str]) -> Model:
     """Read a URDF, with the names of its rotor links in the order of the rotors.
 
-    Raises a ParameterError that names the link or joint and the fault.
+    The thrust is along the axis of a rotor's joint.  Raises a ParameterError that names the link
+    or joint and the fault.
     """
     try:
         robot = ElementTree.fromstring(text)
@@ -50,8 +51,10 @@ def read_urdf(text: str, rotors: Sequence[str]) -> Model:
             joints[child.get('link', '')] = joint
     if missing := [name for name in rotors if name not in joints or name not in links]:
         turning = [name for name in joints if joints[name].get('type') == 'continuous']
-        known = f'continuous joints turn {", ".join(turning)}'
+        known = f'continuous joints turn {", ".join(turning) or "no link"}'
         raise ParameterError(f'{missing[0]}: no link with a joint; {known}')
+    if twice := [name for name in rotors if rotors.count(name) > 1]:
+        raise ParameterError(f'{twice[0]}: named twice: expected one link for each rotor')
     places = {name: _place(name, joints) for name in links}
     masses, centers, inertias = [], [], []
     for name, link in links.items():
