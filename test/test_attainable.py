@@ -43,10 +43,10 @@ def test_the_numbers_are_those_of_the_section(tmp_path, capsys):
     assert lines[1].startswith('without rotor 3: ')
 
 
-def test_the_axes_of_a_problem_have_no_units(tmp_path, capsys):
+def test_the_axes_of_a_problem_have_its_units(tmp_path, capsys):
     assert main(['--vehicle', 'admire', '--out', str(tmp_path / 'set')]) == 0
     out = capsys.readouterr().out
-    assert 'admire: roll -4.94 to +4.94, pitch' in out
+    assert 'admire: roll -4.94 to +4.94 rad/s², pitch' in out
     assert 'N m' not in out
 
 

@@ -164,7 +164,9 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
         {topic.name for topic in TOPICS} - {'/rosout', EFFECTORS.name, '~/markers'})
     seen = set()
     for node_class in (ControllerNode, AllocatorNode, SimulatorNode, MonitorNode):
-        values = file_values('hexarotor', kind=node_class.declared) | {'mode': mode}
+        tilts = node_class in (AllocatorNode, SimulatorNode)
+        vehicle = 'hexarotor_tilting' if tilts else 'hexarotor'
+        values = file_values(vehicle, kind=node_class.declared) | {'mode': mode}
         values |= {name: True for name in values if 'publish_' in name}
         node = node_class(
             context=graph.node.context, use_global_arguments=False,

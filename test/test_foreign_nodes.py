@@ -20,6 +20,7 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.qos import STANDING
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.testing import Diagnostics
+from ca_ros.vehicle.vehicle import Vehicle
 from nodes import fly_offline, read
 from strategies import file_values
 
@@ -80,17 +81,18 @@ def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lac
         (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * len(times))
     if lacking:
         with pytest.raises(CaRosError, match=f'does not declare {lacking}, which'):
-            Timeline(None, trajectory, RotorFailures(()), parameters, 6)
+            Timeline(None, trajectory, RotorFailures(()), parameters, Vehicle.load('hexarotor'))
     failing = RotorFailures((RotorFailure(1, 1.0),))
     with pytest.raises(CaRosError, match=r'does not declare rotors\.health'):
-        Timeline(None, trajectory, failing, parameters, 6)
+        Timeline(None, trajectory, failing, parameters, Vehicle.load('hexarotor'))
 
 
 def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys):
     parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
     del parameters['controller']['rotors.health']
     failing = RotorFailures((RotorFailure(1, 1.0),))
-    Timeline(graph.node, Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0)), failing, parameters, 6)
+    trajectory = Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0))
+    Timeline(graph.node, trajectory, failing, parameters, Vehicle.load('hexarotor'))
     assert capsys.readouterr().err == (
         'bringup: warning: the controller does not declare rotors.health: it is not told of rotor '
         'failures\n')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees, hypot, inf
+from math import degrees, dist, hypot, inf
 from time import monotonic
 from typing import Any
 
@@ -209,10 +209,10 @@ class ControllerNode(HealthNode):
                 self.drop('state', f'state: {error}')
             return
         self._tilt = float(tilt(state[1]))
-        distance = float(np.linalg.norm(state[0] - self._waypoint.position))
+        distance = dist(state[0], self._waypoint.position)
         self._nearest = min(self._nearest, distance)
         if distance > self._nearest + RETREAT * self.settings.controller.speed_max:
-            what = f'{distance:.1f} m from the waypoint, after {self._nearest:.1f} m'
+            what = f'{distance:.3g} m from the waypoint, after {self._nearest:.3g} m'
             self.warn_throttled('plan', f'the position leaves the plan: {what}')
         self._watchdog.feed()
         self.counts['served' if first else 'served again'] += 1
