@@ -18,7 +18,6 @@ from strategies import (
     UNIT,
     UNIT_QUADROTOR,
     demands,
-    extreme,
     length,
     random_vehicle,
     vehicles,
@@ -88,20 +87,21 @@ class Judge:
 
     def along(self, rows, start, way):
         """Return the greatest t <= 2 for which some rows can be ``start + t way``."""
-        matrix = np.zeros((len(rows) + len(self.gamma), len(self.low) + 1 + len(self.gamma)))
-        matrix[:len(rows), :-len(self.gamma)] = np.column_stack([self.gamma[rows], -way])
-        matrix[len(rows):, :len(self.low)] = self.gamma
-        matrix[len(rows):, len(self.low) + 1:] = -np.eye(len(self.gamma))
-        cost = np.zeros(matrix.shape[1])
-        cost[len(self.low)] = -1.0
-        ends = self.limits.copy()
+        cost = np.append(np.zeros(len(self.low)), -1.0)
+        # The limits were found with rows within `SLACK` of where they begin.
+        rounding = (SLACK + ROUNDING) * self.half[rows]
+        ends = self.limits + ROUNDING * self.half[:, None] * [-1.0, 1.0]
         ends[rows] = [-np.inf, np.inf]
-        # The limits were found with other rounding errors.
-        ends += 1e-6 * self.half[:, None] * [-1.0, 1.0]
-        answer = extreme(
-            cost, matrix, np.append(start, np.zeros(len(self.gamma))),
-            np.concatenate([self.low, [0.0], ends[:, 0]]),
-            np.concatenate([self.high, [2.0], ends[:, 1]]))
+        line = np.column_stack([self.gamma[rows], -way])
+        rest = np.column_stack([self.gamma, np.zeros(len(self.gamma))])
+        sides = np.concatenate([rounding + start, rounding - start, ends[:, 1], -ends[:, 0]])
+        scale = np.concatenate([self.half[rows], self.half[rows], self.half, self.half])
+        kept = np.isfinite(sides)
+        answer = linprog(
+            cost, A_ub=(np.vstack([line, -line, rest, -rest]) / scale[:, None])[kept],
+            b_ub=(sides / scale)[kept],
+            bounds=np.column_stack([np.append(self.low, 0.0), np.append(self.high, 2.0)]),
+            method='highs-ds', options={'primal_feasibility_tolerance': ROUNDING}).x
         return answer[len(self.low)]
 
     def confine(self, low, high):
@@ -158,7 +158,7 @@ class Judge:
         else:
             begin, way = self.line(first, u)
             end = begin + min(1.0, self.along(first, begin, way)) * way
-            rounding = SLACK * self.half[first]
+            rounding = 2.0 * SLACK * self.half[first]
             self.limits[first] = np.column_stack([end - rounding, end + rounding])
         if limited:
             self.confine(demand, demand)
