@@ -359,9 +359,13 @@ void ca_reach(int n, const ca_real *speeds, ca_real time, const ca_real *up, con
 {
     for (int i = 0; i < n; i++) {
         const ca_real speed = ca_clip(speeds[i], speed_min[i], speed_max[i]);
-        const ca_real change = up[i] * time;
-        const ca_real low = speed > 0 ? slowed(speed, time, up[i], down[i]) : speed - change;
-        const ca_real high = speed < 0 ? -slowed(-speed, time, up[i], down[i]) : speed + change;
+        const ca_real rise = up[i] * time, drop = down[i] * time;
+        ca_real low = speed - drop, high = speed + rise;
+        /* Few rotors turn backwards, or stop within the time. */
+        if (speed < drop) {
+            low = speed > 0 ? slowed(speed, time, up[i], down[i]) : speed - rise;
+            high = speed < 0 ? -slowed(-speed, time, up[i], down[i]) : high;
+        }
         least[i] = ca_max(low, speed_min[i]);
         greatest[i] = ca_min(high, speed_max[i]);
     }
