@@ -77,7 +77,9 @@ test: .venv/.test
 
 test-all: export CA_ROS_LONG = 1
 test-all: coverage = --cov ca_ros --cov-report term:skip-covered
-test-all: $(if $(and $(shell command -v npm),$(shell command -v clang)),explorer .venv/.browser) test
+page_tools := npm clang wasm-ld
+test-all: $(if $(filter 3,$(words $(foreach tool,$(page_tools),$(shell command -v $(tool))))),\
+    explorer .venv/.browser) test
 
 .venv/.browser: .venv/.test
 	$(or $(uv),.venv/bin/uv) pip install -q --python .venv/bin/python -e '.[browser]' && touch $@
@@ -110,7 +112,7 @@ readme: demo
 explorer: ca_ros/explorer.html
 
 ca_ros/explorer.html: $(wildcard explorer/*.* explorer/src/* ca_ros/kernel/*.[ch] config/*.yaml)
-	@for tool in npm clang wasm-ld; do command -v $$tool >/dev/null || \
+	@for tool in $(page_tools); do command -v $$tool >/dev/null || \
 	    { echo "make explorer needs $$tool: apt install npm clang lld"; exit 1; }; done
 	npm ci --silent --prefix explorer
 	npm run --silent --prefix explorer build

@@ -1,3 +1,4 @@
+import re
 import sys
 from copy import copy
 from glob import glob
@@ -33,8 +34,9 @@ kernels = [
         [f'{package}/kernel/{part}.c' for part in parts],
         depends=sorted(glob(f'{package}/kernel/*.h')),
         define_macros=[('CA_MODULE', f'_{name}'), *macros],
-        # No fused multiplications: all machines are to give the same bits.
-        extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off'],
+        # No fused multiplications: all machines are to give the same bits. No debug information:
+        # it has the paths of the machine that builds.
+        extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off', '-g0'],
         optional=True,
     )
     for name, parts, macros in (
@@ -72,11 +74,18 @@ class BuildKernels(build_ext):
         build_ext.build_extension(one, ext)
 
 
+def description():
+    """Return README for PyPI: pictures and links within the repository would be dead there."""
+    text = (root / 'README.md').read_text(encoding='utf-8').partition('\n## Documentation')[0]
+    text = re.sub(r'!\[[^]]*\]\((?!https:)[^)]*\)\n\n', '', text)
+    return re.sub(r'\[([^]]*)\]\((?!https:)[^)]*\)', r'\1', text)
+
+
 setup(
     name=package,
     version=ElementTree.parse(root / 'package.xml').findtext('version'),
     description='Control allocation for multirotors over ROS 2',
-    long_description=(root / 'README.md').read_text(encoding='utf-8'),
+    long_description=description(),
     long_description_content_type='text/markdown',
     keywords=[
         'control allocation', 'mixer', 'multirotor', 'quadratic programming', 'robotics', 'ROS 2',

@@ -345,9 +345,16 @@ def test_tables_in_latex():
         '\\texttt{p\\_q} & 1.2\\,$\\cdot$\\,10$^{-5}$ \\\\\n\\bottomrule\n\\end{tabular}\n')
 
 
-@pytest.mark.parametrize('words', [
-    ['--manoeuvres', 'flips'], ['--manoeuvres', 'upsets', '--detect'], ['--seeds', '0']])
-def test_wrong_manoeuvres_are_refused(words, capsys):
+@pytest.mark.parametrize(('words', 'error'), [
+    ('--manoeuvres flips', '--manoeuvres flips: expected upsets, '),
+    ('--seeds 0', "argument --seeds: '0' is not a positive whole number"),
+    ('--seeds 50', '--seeds: only with --manoeuvres'),
+    ('--manoeuvres upsets --detect --fail 1@2 --ros', 'not with --detect, --fail, --ros'),
+    ('--manoeuvres upsets --duration 10 --plot-rows tilt --figures png --animate',
+     'not with --animate, --duration, --figures, --plot-rows'),
+    ('--manoeuvres upsets --announce never --waypoint 1 1 1', 'not with --announce, --waypoint'),
+    ('--view', 'unrecognized arguments: --view')])
+def test_options_that_would_be_ignored_are_refused(words, error, capsys):
     with pytest.raises(SystemExit):
-        main(words)
-    assert '--' in capsys.readouterr().err.splitlines()[-1]
+        main(words.split())
+    assert error in capsys.readouterr().err.splitlines()[-1]

@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,7 @@ def test_what_is_no_method_is_named(example, method, words):
 
 # Over ROS
 
+@pytest.mark.skipif(find_spec('rclpy') is None, reason='needs rclpy')
 def test_a_running_node_takes_it(example, graph):
     graph.start(
         'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'allocation.method:={OWN}',

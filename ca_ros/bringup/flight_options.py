@@ -34,8 +34,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add('--announce', type=_delay, default=ANNOUNCE, metavar='SECONDS', help=about)
     about = 'detect rotor failures from the motion; with --announce never nobody else names them'
     add('--detect', action='store_true', help=about)
-    about = 'also start the viewer: markers for RViz and Foxglove on viewer/markers'
-    add('--view', action='store_true', help=about)
 
 
 def trajectory_of(options: argparse.Namespace) -> Trajectory:

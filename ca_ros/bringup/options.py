@@ -70,6 +70,8 @@ def _parser() -> argparse.ArgumentParser:
     add('--mode', choices=table(NodeSettings)['mode'].choices, help=about)
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
     add_options(parser)
+    about = 'also start the viewer: markers for RViz and Foxglove on viewer/markers'
+    add('--view', action='store_true', help=about)
     about = 'folder of the results (default: a new one here, flight_DATE_TIME)'
     add('--out', type=Path, metavar='DIR', help=about)
     add_figure_options(parser)

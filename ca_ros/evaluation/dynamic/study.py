@@ -40,6 +40,9 @@ from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 
+FOR_MANOEUVRES = {'vehicle', 'methods', 'param', 'out', 'tables', 'manoeuvres', 'seeds'}
+"""The options that count with ``--manoeuvres``."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
@@ -100,9 +103,21 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     strange = {*(options.manoeuvres or 'upsets').split(',')} - {*MANOEUVRES}
     if strange:
         made.error(f'--manoeuvres {", ".join(sorted(strange))}: expected {", ".join(MANOEUVRES)}')
-    if options.manoeuvres is not None and (options.ros or options.fail or options.detect):
-        made.error('--manoeuvres: not with --ros, --fail or --detect')
+    named = _given(made, own)
+    if 'manoeuvres' not in named and 'seeds' in named:
+        made.error('--seeds: only with --manoeuvres')
+    if 'manoeuvres' in named and (strange := named - FOR_MANOEUVRES):
+        words = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(strange))
+        made.error(f'--manoeuvres: not with {words}')
     return options
+
+
+def _given(parser: argparse.ArgumentParser, argv: Sequence[str]) -> set[str]:
+    """Return the names of the options on a command line, also of those with their defaults."""
+    unset: list[str] = []
+    names = dict.fromkeys(vars(parser.parse_args([])), unset)
+    found = vars(parser.parse_args(argv, argparse.Namespace(**names)))
+    return {name for name, value in found.items() if value is not unset}
 
 
 def _rows(text: str) -> list[str]:
