@@ -16,11 +16,11 @@ from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
 from ca_ros.evaluation import fit_thrust
 from ca_ros.evaluation.sets import audit_command
-from ca_ros.kernel import chosen, load
+from ca_ros.kernel import NOT_BUILT, chosen, load
 from ca_ros.nodes.bridges import motors
-from ca_ros.settings import ParameterError
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle import px4_parameters, urdf
-from ca_ros.vehicle.files import shipped_vehicles
+from ca_ros.vehicle.files import shipped_problems, shipped_tilting, shipped_vehicles
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = {
@@ -42,14 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         command.add_options(one := commands.add_parser(name, help=about, description=words))
         one.set_defaults(run=command.run)
     options = parser.parse_args(argv)
-    if options.command is None:
-        overview()
-        return 0
     try:
-        options.run(options)
+        if options.command is None:
+            overview()
+        else:
+            options.run(options)
     except (OSError, ValueError) as error:
         sys.stdout.flush()
-        print(f'ca_ros {options.command}: {error}', file=sys.stderr)
+        print(f'{" ".join(filter(None, ["ca_ros", options.command]))}: {error}', file=sys.stderr)
         return 1
     return 0
 
@@ -57,19 +57,22 @@ def main(argv: Sequence[str] | None = None) -> int:
 def overview() -> None:
     """Print what there is."""
     version, programs = installed()
-    sections = {
-        'executables, each with --help': programs,
-        'vehicles, for --vehicle and Vehicle.load': vehicles(),
-        'methods, for --method and make_allocator': {
-            name: first_line(kind.__doc__) for name, kind in ALLOCATORS.items()
-        },
-        'documentation, with the sources': DOCS,
-    }
     print(
         f'ca_ros {version} in {Path(__file__).parent}\n'
         f'rclpy: {rclpy()}\n'
         f'exact allocator: {kernel()}'
     )
+    sections = {
+        'executables, each with --help': programs,
+        'vehicles, for --vehicle and Vehicle.load': vehicles(),
+        'problems, for --vehicle of static_study and attainable, and AllocationProblem.load': (
+            problems()
+        ),
+        'methods, for --method and make_allocator': {
+            name: first_line(kind.__doc__) for name, kind in ALLOCATORS.items()
+        },
+        'documentation, with the sources': DOCS,
+    }
     width = max(len(name) for lines in sections.values() for name in lines)
     for title, lines in sections.items():
         print(f'\n{title}:')
@@ -112,15 +115,17 @@ def first_line(docstring: str | None) -> str:
 
 def vehicles() -> dict[str, str]:
     """Return the shipped vehicles."""
-    try:
-        files = shipped_vehicles()
-    except ParameterError as error:
-        return {'none': str(error)}
     found = {}
-    for name, file in files.items():
+    for name, file in (shipped_vehicles() | shipped_tilting()).items():
         vehicle = Vehicle.load(file)
         found[name] = f'{vehicle.n} rotors, {vehicle.mass:g} kg, {", ".join(vehicle.axes)}'
     return found
+
+
+def problems() -> dict[str, str]:
+    """Return the shipped problems without a vehicle."""
+    found = {name: AllocationProblem.load(file) for name, file in shipped_problems().items()}
+    return {name: f'{each.n} effectors, {", ".join(each.axes)}' for name, each in found.items()}
 
 
 def kernel() -> str:
@@ -132,7 +137,7 @@ def kernel() -> str:
     if engine is not None:
         return 'the kernel in C'
     if load() is None:
-        return 'NumPy; the kernel in C was not built: install a C compiler, then ca_ros again'
+        return f'NumPy; {NOT_BUILT}'
     return 'NumPy, by CA_ROS_KERNEL'
 
 

@@ -2,6 +2,8 @@
 
 import copy
 import pickle
+import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from ca_ros import AdmissibleSet, Status, make_allocator
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.kernel import INVALID, load
+from ca_ros.kernel import INVALID, load, warn_if_missing
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR, SOME, around, length, need_kernel, random_vehicle
@@ -231,3 +233,19 @@ def test_it_answers_as_numpy_does_with_rotors_lost(name, pair):
         engines = pair(problem, residual_slack=0.0)
         for demands in around(problem, rng, 40):
             compare(*engines, demands)
+
+
+def test_the_first_use_without_the_extensions_warns_once(monkeypatch):
+    for name in ('double', 'double_4'):
+        monkeypatch.setitem(sys.modules, f'ca_ros.kernel._{name}', None)
+    monkeypatch.delenv('CA_ROS_KERNEL', raising=False)
+    warn_if_missing.cache_clear()
+    with pytest.warns(RuntimeWarning, match='NumPy, .* install gcc and the headers') as found:
+        engines = [make_allocator('exact', HEXAROTOR).engine for _ in range(2)]
+    assert (engines, len(found)) == (['NumPy'] * 2, 1)
+    # Who asks for NumPy gets no warning.
+    monkeypatch.setenv('CA_ROS_KERNEL', 'numpy')
+    warn_if_missing.cache_clear()
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        make_allocator('exact', HEXAROTOR)

@@ -15,7 +15,7 @@ from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
-from ca_ros.kernel import INVALID, chosen
+from ca_ros.kernel import INVALID, chosen, warn_if_missing
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.limits import Limits
 from ca_ros.problem.problem import AllocationProblem
@@ -86,6 +86,8 @@ class Exact(Allocator):
             self._engine = kernel_for(kernel, problem, settings)
         else:
             self._engine = NumpyEngine(problem, settings)
+        if self.engine == 'NumPy' and settings.solver == 'newton':
+            warn_if_missing()
 
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:
         # The kernel cannot be copied; its set-up takes microseconds.

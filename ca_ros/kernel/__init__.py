@@ -9,7 +9,9 @@ chooses the NumPy implementation instead, and `CA_ROS_KERNEL=c` makes a missing 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from functools import cache
 from importlib import import_module
 from os import environ
 from typing import Protocol
@@ -24,6 +26,11 @@ ROTORS_MAX = 32  # greatest number of rotors of the extension modules
 AXES_MAX = 6
 
 FOUR = 4  # number of axes of the extension module for exactly four
+NOT_BUILT = (
+    'the kernel in C was not built: install gcc and the headers of Python '
+    '(apt: gcc python3-dev), then ca_ros again'
+)
+
 INVALID = 5  # the status of a wrench that is not finite
 
 
@@ -99,9 +106,20 @@ def chosen(n: int, m: int) -> type[Kernel] | None:
         kernel = load('double_4' if m == FOUR else 'double')
     if wanted == 'c' and kernel is None:
         raise ValueError(
-            'CA_ROS_KERNEL: the extension module is not built (pip install needs a C compiler)'
+            f'CA_ROS_KERNEL: {NOT_BUILT}'
             if fits
             else f'CA_ROS_KERNEL: the kernel is for up to {ROTORS_MAX} rotors and {AXES_MAX} '
             f'axes, got {n} and {m}'
         )
     return kernel
+
+
+@cache
+def warn_if_missing() -> None:
+    """Warn, once in a process, that NumPy does the work because an installer built no kernel.
+
+    pip hides what a build says, so the first use says it.
+    """
+    if load() is None and not environ.get('CA_ROS_KERNEL'):
+        text = f'exact runs in NumPy, about a hundred times as slowly; {NOT_BUILT}'
+        warnings.warn(text, RuntimeWarning, stacklevel=4)
