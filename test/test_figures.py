@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,6 +11,7 @@ from matplotlib import image
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from ca_ros import Vehicle
 from ca_ros.bringup.plots import draw_flight
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
@@ -55,6 +57,19 @@ def test_a_flight_becomes_a_png_with_a_line_for_each_rotor(tmp_path, name):
     for i, color in enumerate(COLORS):
         drawn = pixels_of(picture, color)
         assert (drawn > 500) == (i < max(vehicle.n, 3)), color
+
+
+@pytest.mark.parametrize(
+    ('name', 'rings'), [('hexarotor_tilting', 1), ('omnidirectional_gimbals', 2)])
+def test_a_flight_has_a_line_for_each_servo_in_the_colour_of_its_rotor(name, rings):
+    vehicle = Vehicle.load(name)
+    flight = replace(some_flight(vehicle), angles=np.zeros((101, rings * vehicle.n)))
+    figure = draw_flight(flight, vehicle, Trajectory.to(WAYPOINT))
+    *_, speeds, angles = figure.subfigs[0].axes if figure.subfigs else figure.axes
+    rotors = [drawn.get_color() for drawn in speeds.lines[:vehicle.n]]
+    servos = angles.lines[:rings * vehicle.n]
+    assert [drawn.get_color() for drawn in servos] == np.repeat(rotors, rings).tolist()
+    assert len({drawn.get_linestyle() for drawn in servos}) == rings
 
 
 @pytest.mark.slow

@@ -52,8 +52,7 @@ def draw_flight(
         looks = rotor_lines(vehicle.n)
         _lines(speeds, flight.time, flight.speeds, looks, 'rotor speed [rad/s]')
         if tilts is not None:
-            angles = [list(looks)[rotor] for rotor in tilts.rotors]
-            _lines(rows[3], flight.time, np.degrees(flight.angles), angles, 'tilt angle [deg]')
+            _angles(rows[3], flight, tilts.rotors, list(looks.values()))
             for limit in np.unique(tilts.limits):
                 rows[3].axhline(np.degrees(limit), **DASHED)
         if served is not None:
@@ -76,3 +75,17 @@ def _lines(
     draw_lines(axes, time, values, names)
     axes.set_ylabel(label)
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
+
+
+def _angles(axes: Axes, flight: Flight, rotors: list[int], looks: list[dict[str, Any]]) -> None:
+    """Draw the angle of each servo in its rotor's colour; the second one of a gimbal is dashed."""
+    first = [rotor not in rotors[:i] for i, rotor in enumerate(rotors)]
+    for i, rotor in enumerate(rotors):
+        axes.plot(
+            flight.time, np.degrees(flight.angles[:, i]), color=looks[rotor]['color'],
+            linestyle='-' if first[i] else '--',
+        )
+    axes.set_ylabel('tilt angle [deg]')
+    if not all(first):
+        names = ('outer ring', 'inner ring')
+        axes.legend(axes.lines[:2], names, loc='center left', bbox_to_anchor=(1.0, 0.5))

@@ -139,6 +139,6 @@ class HealthNode(VehicleNode):
         self._rebuild()
         assert self._reported is not None
         parameter = repeated('rotors.health', self.settings.rotors.health, len(self._reported))
-        reduced = ', '.join(map(str, np.flatnonzero(self._reported < parameter) + 1))
-        found = f'rotors {reduced} have failed' if reduced else 'all rotors are as announced'
+        reduced = [f'rotor {i + 1}' for i in np.flatnonzero(self._reported < parameter)]
+        found = f'failed: {", ".join(reduced)}' if reduced else 'all rotors are as announced'
         self.get_logger().warning(f'the monitor reports: {found}')
