@@ -115,20 +115,22 @@ def test_golden_vectors_are_reproduced_on_emulated_boards(name, precision, expor
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ('precision', 'arguments'), [('single', ['qemu']), ('double', ['qemu-m7'])])
+@pytest.mark.parametrize(('name', 'precision', 'arguments'), [
+    ('octorotor', 'single', ['qemu']), ('octorotor', 'double', ['qemu-m7']),
+    ('hexarotor_realistic', 'single', []), ('hexarotor_realistic', 'single', ['qemu-m4']),
+])
 def test_the_detector_finds_the_same_failure_in_the_golden_flight(
-        precision, arguments, tmp_path):
+        name, precision, arguments, tmp_path):
     needs(*(ARM if arguments else ('make', 'gcc')))
-    out = tmp_path / 'octorotor'
-    given = ['--vehicle', 'octorotor', '--faults', 'none', '--out', str(out)]
+    out = tmp_path / name
+    given = ['--vehicle', name, '--faults', 'none', '--out', str(out)]
     assert main([*given, '--precision', precision, '--detector']) == 0
     counts = reproduced(make(out, *arguments))
     assert counts[1::2] == [STATES] * (len(counts) // 2)
     # The last state's health and certainty.
     last = (out / 'golden_flight.h').read_text(encoding='utf-8').split('{')[-2:]
     assert last[0].startswith('0x0p+0')
-    assert last[0].count('0x1p+0') == 7
+    assert last[0].count('0x1p+0') == Vehicle.load(name).n - 1
     assert float.fromhex(last[1].split('f')[0].split(',')[0]) >= 0.99
 
 

@@ -44,12 +44,10 @@ class DetectedSettings(Settings):
 def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
     """Return the detector of a vehicle's file.
 
-    Raises a ParameterError if a setting is wrong, or the detector in C is not for this vehicle.
+    Raises a ParameterError if a setting is wrong.
     """
     ours = {name: value for name, value in given.items() if name.startswith('detector.')}
     check_given(ours, table(DetectedSettings))
-    if not vehicle.curve.square:
-        raise ParameterError('--detector: not for a vehicle with rotors.thrust_curve')
     return FailureDetector(vehicle, read(DetectedSettings, ours).detector)
 
 
@@ -92,12 +90,17 @@ def golden_flight(detector: FailureDetector, precision: str) -> str:
     if module is None:
         raise ParameterError('the extension modules of the detector are not built')
     vehicle, dtype = detector.vehicle, DTYPES[precision]
-    model = packed(detector, module.FIELDS, module.N)
+    if (model := packed(detector, module.FIELDS)) is None:
+        raise ParameterError(
+            f'--detector: expected up to {module.N} rotors and {module.SEGMENTS} segments of '
+            'rotors.thrust_curve'
+        )
     answers = KernelDetector(module, model, vehicle, detector.settings)
     rng = np.random.default_rng(0)
     wrenches, sound = rotor_wrenches(vehicle), vehicle.with_health(1.0)
-    up = max(float(wrenches[2] @ sound.thrust_per_squared_speed), 1e-9)
-    speeds = np.full(vehicle.n, (vehicle.weight / up) ** 0.5)
+    up = max(float(wrenches[2].sum()), 1e-9)
+    hover = np.clip(vehicle.weight / up, sound.thrust_min, sound.thrust_max)
+    speeds = sound.speeds(hover)
     thrusts = sound.thrusts(speeds)
     lost = np.concatenate([
         wrenches[:3, 0] / vehicle.mass, np.linalg.inv(inertia_of(vehicle)) @ wrenches[3:, 0]

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 
+import numpy as np
+
 from ca_ros import kernel
 from ca_ros.allocation.slew import PERIOD_MAX
 from ca_ros.arrays import Array
@@ -170,7 +172,8 @@ def _curve(firmware: Firmware, file: str) -> str:
     """Return the thrust curve with a function of a template; nothing without a curve."""
     if firmware.curve.square:
         return ''
-    starts, levels, rows = firmware.segments
+    starts, levels, segments = firmware.segments
+    rows = np.column_stack([starts, segments])
 
     def braced(values: Array) -> str:
         return literals.indented(literals.braced(values, firmware.precision), 1).strip()
@@ -178,7 +181,7 @@ def _curve(firmware: Firmware, file: str) -> str:
     template = Path(__file__).with_name('templates') / file
     return '\n' + Template(template.read_text(encoding='utf-8')).substitute(
         segments='\n'.join(f'    {braced(row)},' for row in rows),
-        starts=braced(starts), levels=braced(levels), count=len(levels),
+        levels=braced(levels), count=len(levels),
     )
 
 

@@ -129,12 +129,14 @@ class FailureDetector:
     def model(self) -> dict[str, Array]:
         """Return the numbers of ca_detector_model (ca_ros/kernel/detector.h) by name."""
         vehicle, settings, find = self.vehicle, self.settings, self._find
-        sound = vehicle.with_health(1.0)
+        sound, curve = vehicle.with_health(1.0), vehicle.curve
         numbers = {
             'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
             'inertia': inertia_of(vehicle), 'wrenches': self._wrenches,
-            'thrust': sound.thrust_per_squared_speed,
-            'reverse_thrust': sound.reverse_thrust_per_squared_speed, 'health': vehicle.health,
+            'segments': len(curve.rows), 'curve': curve.rows,
+            'thrust': sound.thrust_per_squared_speed / curve.coefficient,
+            'reverse_thrust': sound.reverse_thrust_per_squared_speed * curve.square,
+            'health': vehicle.health,
             'time_constant': settings.motor_time_constant, 'delay': settings.delay,
             'learning_time': settings.learning_time, 'thrust_error': settings.thrust_error,
             'time_error': settings.time_error, 'least_loss': settings.least_loss,

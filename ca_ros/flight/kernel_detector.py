@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from os import environ
 from typing import Any
@@ -86,20 +87,20 @@ def load(name: str = '_detector') -> Any:
         return None
 
 
-def packed(detector: FailureDetector, fields: dict[str, int], n_max: int) -> Array:
+def packed(detector: FailureDetector, fields: dict[str, str]) -> Array | None:
     """Return the numbers of a detector's model, those of each field one after the other.
 
-    `fields`: the number of numbers of each field of `ca_detector_model`.  `n_max`: rotors for
-    which the fields have place.
+    None if one has no room.  `fields`: the dimensions of each field of `ca_detector_model`, such
+    as '[6][32]'.
     """
-    n, model = detector.vehicle.n, detector.model()
-    rows = []
-    for name, size in fields.items():
-        numbers = np.atleast_1d(model[name])
-        if numbers.shape[-1] == n and numbers.size != size:
-            padding = [(0, 0)] * (numbers.ndim - 1) + [(0, n_max - n)]
-            numbers = np.pad(numbers, padding)
-        rows.append(numbers.ravel())
+    model, rows = detector.model(), []
+    for name, dimensions in fields.items():
+        numbers = model[name]
+        row = np.zeros([int(size) for size in re.findall(r'\d+', dimensions)])
+        if any(size > room for size, room in zip(numbers.shape, row.shape, strict=True)):
+            return None
+        row[tuple(slice(size) for size in numbers.shape)] = numbers
+        rows.append(row.ravel())
     return np.concatenate(rows)
 
 
@@ -107,11 +108,11 @@ def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) ->
     """Return a detector of rotor failures: in C where it can.
 
     It is in NumPy without the extension module, with `CA_ROS_KERNEL=numpy`, and for vehicles with
-    a thrust curve or more rotors than the module has place for.
+    more rotors, or more segments of the thrust curve, than the module has room for.
     """
     detector = FailureDetector(vehicle, settings)
     module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else load()
-    if module is None or vehicle.n > module.N or not vehicle.curve.square:
+    model = None if module is None else packed(detector, module.FIELDS)
+    if model is None:
         return detector
-    model = packed(detector, module.FIELDS, module.N)
     return KernelDetector(module, model, vehicle, detector.settings)

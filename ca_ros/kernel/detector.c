@@ -100,8 +100,9 @@ static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca
             const ca_real before = detector->speeds[i];
             const ca_real after = before + share * (detector->command[i] - before);
             const ca_real mean = CA_REAL(0.5) * (before + after);
-            const ca_real thrust = mean < 0 ? -model->reverse_thrust[i] : model->thrust[i];
-            thrusts[i] += step * (thrust * (mean * mean));
+            thrusts[i] += step * (mean < 0 ? -model->reverse_thrust[i] * (mean * mean)
+                                           : model->thrust[i] *
+                                                 ca_curve((int)model->segments, model->curve, mean));
             detector->speeds[i] = after;
         }
         if (share >= 1)
@@ -357,10 +358,18 @@ static void begin(ca_detector *detector)
     memset(detector->blocks, 0, sizeof detector->blocks);
 }
 
+/* The block of an age: that of age 0 is the newest. */
+static ca_block *block_of(ca_detector *detector, int age)
+{
+    const int place = detector->newest + age;
+    return &detector->blocks[place < CA_BLOCKS ? place : place - CA_BLOCKS];
+}
+
 /* Let no window be longer than this number of blocks. */
 static void forget(ca_detector *detector, int kept)
 {
-    memset(detector->blocks + kept, 0, (size_t)(CA_BLOCKS - kept) * sizeof *detector->blocks);
+    for (; kept < CA_BLOCKS; kept++)
+        memset(block_of(detector, kept), 0, sizeof *detector->blocks);
 }
 
 /* Take a share of a rotor's health, as if from the start of the windows on. */
@@ -453,14 +462,14 @@ static void size_windows(ca_detector *detector, ca_real block)
     }
 }
 
-static void sum_windows(const ca_detector *detector, ca_block *windows)
+static void sum_windows(ca_detector *detector, ca_block *windows)
 {
     const int n = ROTORS(detector->model);
     ca_block sum;
     memset(&sum, 0, sizeof sum);
     for (int t = 0, b = 0; t < CA_WINDOWS; t++) {
         for (; b < detector->windows[t]; b++) {
-            const ca_block *block = &detector->blocks[b];
+            const ca_block *block = block_of(detector, b);
             sum.length += block->length;
             for (int k = 0; k < 6; k++)
                 sum.impulse[k] += block->impulse[k];
@@ -529,8 +538,8 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         detector->sums.change[i] = thrusts[i] - detector->thrusts[i];
         detector->thrusts[i] = thrusts[i];
     }
-    memmove(detector->blocks + 1, detector->blocks, (CA_BLOCKS - 1) * sizeof *detector->blocks);
-    detector->blocks[0] = detector->sums;
+    detector->newest = (detector->newest > 0 ? detector->newest : CA_BLOCKS) - 1;
+    *block_of(detector, 0) = detector->sums;
     memset(&detector->sums, 0, sizeof detector->sums);
     if (detector->flown < 2 * block) {
         forget(detector, 0);

@@ -12,6 +12,11 @@
 #define CA_COMMANDS 100
 #endif
 
+/* Greatest number of segments of the thrust curve. */
+#ifndef CA_SEGMENTS
+#define CA_SEGMENTS 64
+#endif
+
 #define CA_BLOCKS 34 /* blocks of time that are kept */
 #define CA_WINDOWS 7 /* windows of time that are tested */
 
@@ -23,8 +28,10 @@
     X(weight, )                /* m g less the buoyancy [N] */ \
     X(inertia, [3][3])         /* [kg m^2] */ \
     X(wrenches, [6][CA_N])     /* force and torque per thrust of each rotor */ \
-    X(thrust, [CA_N])          /* thrust over squared speed of a sound rotor [kg m] */ \
-    X(reverse_thrust, [CA_N])  /* the same of one that turns backwards */ \
+    X(segments, )              /* number of segments of the thrust curve */ \
+    X(curve, [CA_SEGMENTS][4]) /* start w [rad/s], a, b, c of each: thrust a w^2 + b w + c [N] */ \
+    X(thrust, [CA_N])          /* of each sound rotor over that of the curve */ \
+    X(reverse_thrust, [CA_N])  /* of one that turns backwards over its squared speed [kg m] */ \
     X(health, [CA_N])          /* what is announced of each rotor */ \
     X(time_constant, )         /* of the motors [s] */ \
     X(delay, )                 /* of the motors [s] */ \
@@ -90,7 +97,8 @@ typedef struct {
     int named[2], names, count, windows[CA_WINDOWS];
     int sound[CA_N];
     ca_real thrusts[CA_N];
-    ca_block sums, blocks[CA_BLOCKS];
+    int newest;
+    ca_block sums, blocks[CA_BLOCKS]; /* a ring */
 } ca_detector;
 
 /* Begin, with all memory as at the start; the model must outlive the detector. */

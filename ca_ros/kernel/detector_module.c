@@ -173,13 +173,13 @@ PyMODINIT_FUNC INIT(void)
     int done = self && fields;
 #define ADD(name, dimensions)                                                                     \
     if (done) {                                                                                   \
-        PyObject *size = PyLong_FromSize_t(sizeof(((ca_detector_model *)0)->name) /               \
-                                           sizeof(ca_real));                                      \
-        done = size && PyDict_SetItemString(fields, #name, size) == 0;                            \
-        Py_XDECREF(size);                                                                         \
+        PyObject *sizes = PyUnicode_FromString(TEXT_OF(dimensions));                              \
+        done = sizes && PyDict_SetItemString(fields, #name, sizes) == 0;                          \
+        Py_XDECREF(sizes);                                                                        \
     }
     CA_DETECTOR_FIELDS(ADD)
-    if (!done || PyModule_AddObjectRef(self, "FIELDS", fields) < 0)
+    if (!done || PyModule_AddObjectRef(self, "FIELDS", fields) < 0 ||
+        PyModule_AddIntConstant(self, "SEGMENTS", CA_SEGMENTS) < 0)
         Py_CLEAR(self);
     Py_XDECREF(fields);
     return self;

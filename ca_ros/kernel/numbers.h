@@ -61,6 +61,16 @@ static inline ca_real ca_length(int count, const ca_real *a)
     return ca_sqrt(ca_dot(count, a, a));
 }
 
+/* Thrust at a rotor speed w: a w^2 + b w + c of the last of the segments (start, a, b, c) that has
+ * begun there. */
+static inline ca_real ca_curve(int count, const ca_real (*segments)[4], ca_real w)
+{
+    const ca_real *segment = segments[--count];
+    while (count > 0 && w < *segment)
+        segment = segments[--count];
+    return (segment[1] * w + segment[2]) * w + segment[3];
+}
+
 static inline void ca_copy(int count, const ca_real *from, ca_real *to)
 {
     for (int i = 0; i < count; i++)

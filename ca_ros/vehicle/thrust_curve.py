@@ -146,6 +146,13 @@ class ThrustCurve:
         a, b, c = self.segments.T[:, np.searchsorted(self.starts, w, 'right') - 1]
         return np.asarray((a * w + b) * w + c)
 
+    @property
+    def rows(self) -> Array:
+        """Start [rad/s], a, b and c of each segment (K, 4), also of ``k_f w^2``."""
+        if self.square:
+            return np.array([[0.0, self.coefficient, 0.0, 0.0]])
+        return np.column_stack([self.starts, self.segments])
+
     def speed(self, thrusts: ArrayLike) -> Array:
         """Return the speeds (...) [rad/s] of thrusts (...), not negative [N]."""
         f = np.asarray(thrusts, dtype=float)

@@ -1,7 +1,7 @@
-/* The thrust curve: thrust a w^2 + b w + c from each level on [N]. Thrust coefficients are relative
- * to that of the curve. */
+/* The thrust curve: start w [rad/s], a, b, c of each segment, of thrust a w^2 + b w + c, and the
+ * thrust at its start [N]. Thrust coefficients are relative to that of the curve. */
 static const ca_real levels[$count] = $levels;
-static const ca_real segments[$count][3] = {
+static const ca_real segments[$count][4] = {
 $segments
 };
 
@@ -14,7 +14,7 @@ static void curve_speeds(int n, const ca_real *thrusts, const ca_real *thrust_co
         int k = $count - 1;
         while (k > 0 && f < levels[k])
             k--;
-        const ca_real a = segments[k][0], b = segments[k][1], rest = f - segments[k][2];
+        const ca_real a = segments[k][1], b = segments[k][2], rest = f - segments[k][3];
         const ca_real square = b * b + 4 * a * rest;
         const ca_real s = ca_sqrt(square > 0 ? square : 0);
         const ca_real top = b >= 0 ? 2 * rest : s - b, bottom = b >= 0 ? b + s : 2 * a;
