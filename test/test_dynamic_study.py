@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -221,6 +222,7 @@ def test_a_flight_that_diverges_ends_it_in_one_line(tmp_path, capsys):
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['--methods', 'exakt'], "no method 'exakt'"),
     (['-p', 'rotors.health:=[0, 1, 1, 1, 1, 1]'], 'this vehicle is refused: yaw lost'),
+    (['--vehicle', 'tricopter', '--plot-rows', 'margin'], 'whose rotors do not tilt'),
 ])
 def test_what_is_wrong_is_said_in_one_line(arguments, words, tmp_path, capsys):
     assert main([*arguments, '--out', str(tmp_path)]) == 1
@@ -273,6 +275,16 @@ def test_the_margin_is_that_of_the_rotors_as_they_are():
     np.testing.assert_allclose(found[:50], audit(case.vehicle).hover_margin, atol=1e-9)
     assert np.all(found[50:60] < 0.0)
     assert np.all(found[60:] > -1e-9)
+
+
+@pytest.mark.parametrize('name', ['tricopter', 'omnidirectional_gimbals'])
+def test_the_wrench_of_rotors_that_tilt_is_that_of_their_angles(name):
+    case, goal = Case.load(name), Waypoint.of(0.1, 0.2, 0.3, 0.5)
+    flight = fly(case.controller(), case.allocator('exact'), case.body(), goal, 0.1)
+    samples = sample_errors(flight, case.controller(), goal)
+    assert samples[['force_error', 'torque_error']].to_numpy().max() < 1e-9
+    turned = replace(flight, angles=flight.angles + 0.1)
+    assert sample_errors(turned, case.controller(), goal)['force_error'].min() > 0.1
 
 
 # Over ROS

@@ -18,8 +18,8 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.vehicle.effectiveness import control_allocation_matrix
+from ca_ros.vehicle.effectiveness import control_allocation_matrix, thrust_wrenches
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEADY = 1.0  # the last second of a flight counts as the steady state [s]
@@ -34,9 +34,9 @@ def steady(flight: Flight) -> BoolArray:
     return flight.time >= flight.time[-1] - STEADY
 
 
-def at_bounds(speeds: Array, problem: VehicleProblem) -> tuple[BoolArray, BoolArray]:
+def at_bounds(speeds: Array, vehicle: Vehicle) -> tuple[BoolArray, BoolArray]:
     """Return which rotors are at their minimum, and which at their maximum, (K, n) each."""
-    low, high = problem.vehicle.speeds(problem.lower), problem.vehicle.speeds(problem.upper)
+    low, high = vehicle.speed_limits
     near = AT_BOUND * (high - low)
     return speeds <= low + near, speeds >= high - near
 
@@ -53,11 +53,11 @@ def sample_errors(
 
     Returns one row per sample: ``force_error`` [N] and ``torque_error`` [N m], the lengths of
     commanded minus delivered; ``margin`` [N, N m] of the commanded wrench in the admissible set of
-    the rotors as they physically are, NaN where that set has no volume; ``thrusts_squared``, |f|^2
-    [N^2]; ``energy``, the sum of |f|^1.5 [N^1.5]; ``change``, the sum of |change of thrust| over
-    the rotors since the previous sample [N]; ``goal_height`` of the waypoint [m]; ``movable`` and
-    ``at_bound``: how many rotors can move, and are at a bound; of each axis ``demand_*``,
-    ``served_*`` and ``residual_*`` [N, N m], NaN where it is given up.
+    the rotors as they physically are, NaN where that set has no volume, and for rotors that tilt;
+    ``thrusts_squared``, |f|^2 [N^2]; ``energy``, the sum of |f|^1.5 [N^1.5]; ``change``, the sum
+    of |change of thrust| over the rotors since the previous sample [N]; ``goal_height`` of the
+    waypoint [m]; ``movable`` and ``at_bound``: how many rotors can move, and are at a bound; of
+    each axis ``demand_*``, ``served_*`` and ``residual_*`` [N, N m], NaN where it is given up.
     """
     parts, given = [], []
     start = vehicle or controller.vehicle
@@ -67,10 +67,10 @@ def sample_errors(
         states = zip(*(values[part] for values in whole), times, strict=True)
         commanded = np.array([pilot.wrench(p, q, v, w, goal, t) for p, q, v, w, t in states])
         thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
-        residual = commanded - thrusts @ control_allocation_matrix(pilot.vehicle).T
+        residual = commanded - _served(pilot.vehicle, thrusts, flight.angles[part])
         forces = np.array([axis in FORCES for axis in axes])
-        low, high = at_bounds(flight.speeds[part], pilot.problem)
-        movable = pilot.problem.upper > pilot.problem.lower
+        low, high = at_bounds(flight.speeds[part], pilot.vehicle)
+        movable = np.greater(*reversed(pilot.vehicle.speed_limits))
         columns = {
             'force_error': np.linalg.norm(residual[:, forces], axis=1),
             'torque_error': np.linalg.norm(residual[:, ~forces], axis=1),
@@ -152,9 +152,20 @@ def _legs(
             waypoint = change.waypoint or waypoint
 
 
+def _served(vehicle: Vehicle, thrusts: Array, angles: Array) -> Array:
+    """Return the wrenches (K, m) of thrusts (K, n), and of servo angles (K, k) [rad]."""
+    if vehicle.tilts is None:
+        return thrusts @ control_allocation_matrix(vehicle).T
+    rows, rotors = [AXES.index(axis) for axis in vehicle.axes], range(vehicle.n)
+    columns = (thrust_wrenches(vehicle, rotors, vehicle.tilts.directions(a)) for a in angles)
+    return np.array([gamma[rows] @ f for gamma, f in zip(columns, thrusts, strict=True)])
+
+
 def _margin(vehicle: Vehicle, axes: Sequence[str], wrenches: Array) -> Any:
     """Return the margin (K,) of wrenches in the set of a vehicle and of the axes in common."""
     common = tuple(axis for axis in vehicle.axes if axis in axes)
+    if vehicle.tilts is not None:
+        return np.nan  # it is found by a search, which takes 50 ms for a wrench
     try:
         admissible = AdmissibleSet(replace(vehicle, axes=common))
     except ValueError:

@@ -62,7 +62,7 @@ def observe(
         )
     if 'direct' in flown:
         flight = flown.pop('direct')
-        counts = at_bounds(flight.speeds[steady(flight)], problem)[1].sum(axis=1)
+        counts = at_bounds(flight.speeds[steady(flight)], problem.vehicle)[1].sum(axis=1)
         speeds = ', '.join(f'{speed:.1f}' for speed in flight.speeds[-1])
         yield Observation(
             'In steady state direct allocation has two rotors at their maximum.',

@@ -58,6 +58,8 @@ def _study(options: argparse.Namespace) -> None:
         print(_fly_manoeuvres(case, allocators, options))
         print(f'written: manoeuvres.csv, .json and .md in {options.out}')
         return
+    if 'margin' in options.plot_rows and case.vehicle.tilts is not None:
+        raise ParameterError('--plot-rows margin: expected a vehicle whose rotors do not tilt')
     failures = failures_of(options)
     failures.check(case.vehicle)
     options.goals = goals = trajectory_of(options)
