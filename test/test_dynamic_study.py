@@ -338,6 +338,8 @@ def test_manoeuvres_are_the_same_for_each_method_and_have_intervals(tmp_path):
     assert (heights[:, 0] < heights[:, 1]).all()
     assert heights[0, 0] != heights[1, 0]
     assert '2 of 2 (34% to 100%)' in (tmp_path / 'manoeuvres.md').read_text()
+    command = json.loads((tmp_path / 'manoeuvres.json').read_text())['command']
+    assert dynamic_study._parse(command[1:]).seeds == 2
     tex = (tmp_path / 'manoeuvres.tex').read_text()
     assert tex.count('&') == 3 * 5
     assert '2 of 2 (34\\% to 100\\%)' in tex

@@ -111,6 +111,11 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     if 'manoeuvres' in named and (strange := named - FOR_MANOEUVRES):
         words = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(strange))
         made.error(f'--manoeuvres: not with {words}')
+    # The results name the command, without the options that do not count.
+    if 'manoeuvres' in named:
+        options.duration = None
+    else:
+        options.seeds = None
     return options
 
 
