@@ -284,7 +284,7 @@ def test_the_wrench_of_rotors_that_tilt_is_that_of_their_angles(name):
     samples = sample_errors(flight, case.controller(), goal)
     assert samples[['force_error', 'torque_error']].to_numpy().max() < 1e-9
     turned = replace(flight, angles=flight.angles + 0.1)
-    assert sample_errors(turned, case.controller(), goal)['force_error'].min() > 0.1
+    assert sample_errors(turned, case.controller(), goal)['torque_error'].min() > 0.01
 
 
 # Over ROS
