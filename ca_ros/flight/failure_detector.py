@@ -12,6 +12,7 @@ from ca_ros.flight.failure_test import FailureTest, Finding
 from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
 from ca_ros.flight.settings import DetectorSettings
+from ca_ros.flight.slow_rotors import SlowRotors
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
@@ -38,12 +39,6 @@ TOTAL = 0.9
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
-MOST = 2  # rotors that fail at once
-
-STALE = 60_000_000
-"""Age of the last command from which measured speeds show nothing: motors without commands idle
-[ns]."""
-
 SUSPICION = 12.0
 """Score from which the noise is not learnt, for at most `PATIENCE` s."""
 
@@ -68,8 +63,8 @@ class FailureDetector:
     disturbance, and the drag along and about each axis.  Errors of thrusts and of the motors' lag
     add to it while thrusts change.
 
-    Where the speeds of the rotors are measured, a rotor that is much slower than its command
-    should make it, and does not approach it, has failed, too.
+    Where the speeds of the rotors are measured, `SlowRotors` finds those that do not follow their
+    commands.
 
     `vehicle`: with the announced health.
 
@@ -83,6 +78,7 @@ class FailureDetector:
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
         s = self.settings = settings or DetectorSettings()
         self.vehicle = vehicle
+        self._slow = SlowRotors(vehicle.n, s.least_loss)
         self._start_rotors()
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
         refuse_tilts(vehicle.tilts, 'failure detector')
@@ -100,7 +96,6 @@ class FailureDetector:
         self._floor = FLOOR**2 * self._noise
         self._moving = MOVING * np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._time: int | None = None
-        self._commanded: int | None = None
         self._turned, self._motion = np.eye(3), np.zeros(6)
         self.reset()
 
@@ -117,8 +112,7 @@ class FailureDetector:
         self.since: list[int | None] = [None] * n
         self.evidence = [''] * n
         self.suspect: int | None = None
-        self._measured = np.full(n, np.inf)
-        self._slow = np.zeros(n, int)
+        self._slow.reset()
         self._sound = np.ones(n, bool)
         self._refined = np.full(n, np.inf)
         self._variance = np.tile(self._noise, (len(WINDOWS), 1))
@@ -169,32 +163,19 @@ class FailureDetector:
 
     def command(self, time: int, speeds: Array) -> None:
         """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
-        self._commanded = time
         self._rotors.command(time, speeds)
+        self._slow.command(time, speeds)
 
     def measure(self, time: int, speeds: Array) -> bool:
-        """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed.
-
-        They are compared with the speeds that the commands give at the last state; without a new
-        command they show nothing.  If more than two rotors are slow at once, commands do not
-        arrive; then the motion shows nothing either.
-        """
-        expected, measured = np.abs(self._rotors.speeds), np.abs(speeds)
-        allowed = (1.0 - self.settings.least_loss) ** 0.5 * expected
-        approaching = measured > self._measured + 0.01 * expected
-        fresh = self._commanded is not None and time - self._commanded < STALE
-        slow = fresh & (measured < allowed) & ~approaching
-        idle = np.count_nonzero(slow & self._sound) > MOST
-        self._slow = np.where(slow, self._slow + 1, 0) * (not idle)
-        self._measured = measured
-        failed = np.flatnonzero((self._slow == CONFIRMATIONS) & (self.health > 0.0)).tolist()
-        if failed or idle:
+        """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed."""
+        found = self._slow.measure(time, speeds, self._sound)
+        failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
+        if failed or found is None:
             # When they failed is not known: the motion before shows nothing more.
             self._rows[:] = self._row[:] = 0.0
-        for rotor in failed:
-            share = 1.0 - (measured[rotor] / expected[rotor]) ** 2
+        for rotor, share in failed:
             self.certainty[rotor] = 1.0
-            self._fail(rotor, float(share) * self.health[rotor], time, 'rotor speed')
+            self._fail(rotor, share * self.health[rotor], time, 'rotor speed')
         return bool(failed)
 
     def observe(
@@ -211,6 +192,7 @@ class FailureDetector:
         last, observer = self._time, self._observer
         if last is not None and 0 < time - last < RESTART:
             thrusts = self._rotors.thrusts(last, time)
+            self._slow.expect(time, self._rotors.speeds)
             turned, mean = 0.5 * (self._turned + rotation), 0.5 * (self._motion + motion)
             drag = self._drag * (mean - self._moments[1])
             wrench = self._wrenches @ (self.health * thrusts) + drag

@@ -4,7 +4,8 @@
 
 #include "numbers.h"
 
-/* The constants of ca_ros/flight: failure_detector, failure_test, momentum_observer, standing. */
+/* The constants of ca_ros/flight: failure_detector, failure_test, momentum_observer, slow_rotors,
+ * standing. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3
 #define REFINED CA_REAL(0.5)
@@ -18,6 +19,7 @@
 #define RESTART INT64_C(2000000000)
 #define MOST 2
 #define STALE INT64_C(60000000)
+#define LATE INT64_C(50000000)
 #define KEEP CA_REAL(1.0)
 #define MOTION CA_REAL(0.05)
 #define AVERAGING CA_REAL(0.2)
@@ -63,8 +65,12 @@ void ca_detector_command(ca_detector *detector, int64_t time, const ca_real *spe
     const int n = ROTORS(detector->model);
     const int64_t due = time + (int64_t)(detector->model->delay * CA_REAL(1e9) + CA_REAL(0.5));
     int at = detector->waiting;
+    if (!detector->has_command || time - detector->commanded >= STALE)
+        memset(detector->least, 0, sizeof detector->least);
     detector->commanded = time;
     detector->has_command = 1;
+    for (int i = 0; i < n; i++)
+        detector->least[0][i] = ca_min(detector->least[0][i], ca_abs(speeds[i]));
     if (at == CA_COMMANDS) {
         at--;
         memmove(detector->due, detector->due + 1, (size_t)at * sizeof *detector->due);
@@ -114,6 +120,23 @@ static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca
             (size_t)detector->waiting * sizeof *detector->due);
     memmove(detector->commands, detector->commands + taken,
             (size_t)detector->waiting * sizeof *detector->commands);
+}
+
+/* Measured speeds. */
+
+/* Keep the least of the speeds that the commands should have given until a time. */
+static void expect_speeds(ca_detector *detector, int64_t time)
+{
+    const int n = ROTORS(detector->model);
+    const int64_t interval = time / LATE - (time % LATE < 0);
+    if (interval != detector->interval) {
+        detector->interval = interval;
+        memmove(detector->least[1], detector->least[0], 2 * sizeof *detector->least);
+        for (int i = 0; i < n; i++)
+            detector->least[0][i] = CA_INFINITY;
+    }
+    for (int i = 0; i < n; i++)
+        detector->least[0][i] = ca_min(detector->least[0][i], ca_abs(detector->speeds[i]));
 }
 
 /* Momentum observer. */
@@ -638,6 +661,12 @@ void ca_detector_announce(ca_detector *detector, const ca_real *health)
     }
 }
 
+static ca_real least_speed(const ca_detector *detector, int rotor)
+{
+    const ca_real later = ca_min(detector->least[0][rotor], detector->least[1][rotor]);
+    return ca_min(later, detector->least[2][rotor]);
+}
+
 int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *speeds)
 {
     const ca_detector_model *model = detector->model;
@@ -646,9 +675,10 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
     const int fresh = detector->has_command && time - detector->commanded < STALE;
     int changed = 0, slows = 0;
     for (int i = 0; i < ROTORS(model); i++) {
-        const ca_real expected = ca_abs(detector->speeds[i]), measured = ca_abs(speeds[i]);
-        const int approaching = measured > detector->measured[i] + CA_REAL(0.01) * expected;
-        const int slow = fresh && measured < allowed * expected && !approaching;
+        const ca_real measured = ca_abs(speeds[i]);
+        const ca_real expected = least_speed(detector, i);
+        const int slow = fresh && measured < allowed * expected &&
+                         measured <= detector->measured[i] + CA_REAL(0.01) * expected;
         detector->measured[i] = measured;
         detector->slow[i] = slow ? detector->slow[i] + 1 : 0;
         slows += slow && detector->sound[i];
@@ -662,7 +692,7 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
     for (int i = 0; i < ROTORS(model); i++) {
         if (detector->slow[i] != CONFIRMATIONS || !(detector->health[i] > 0))
             continue;
-        const ca_real kept = detector->measured[i] / ca_abs(detector->speeds[i]);
+        const ca_real kept = detector->measured[i] / least_speed(detector, i);
         /* When it failed is not known: the motion before shows nothing more. */
         forget(detector, 0);
         memset(&detector->sums, 0, sizeof detector->sums);
@@ -747,6 +777,7 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
         if (detector->timed) {
             step = seconds(time - detector->time);
             advance_rotors(detector, detector->time, time, thrusts);
+            expect_speeds(detector, time);
             for (int i = 0; i < n; i++)
                 thrusts[i] /= step;
             for (int k = 0; k < 6; k++) {

@@ -82,7 +82,8 @@ typedef struct {
     ca_real commands[CA_COMMANDS][CA_N];
     ca_real command[CA_N], speeds[CA_N];
     /* measured rotors */
-    ca_real measured[CA_N];
+    ca_real measured[CA_N], least[3][CA_N];
+    int64_t interval;
     int slow[CA_N];
     /* momentum observer */
     int timed, doubted;

@@ -1,0 +1,78 @@
+"""Rotors whose measured speeds do not follow their commands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ca_ros.arrays import Array
+
+CONFIRMATIONS = 3
+"""Measurements in a row in which a rotor is too slow before it has failed."""
+
+STALE = 60_000_000
+"""Time after a command in which the next one comes [ns]; motors without commands may idle."""
+
+LATE = 50_000_000
+"""Interval whose least speeds are kept, and those of the two before it [ns]."""
+
+MOST = 2  # rotors that fail at once
+
+
+class SlowRotors:
+    """Finds rotors that are much slower than their commands allow, and not approaching them.
+
+    A busy machine may bring commands to the motors, or any message to this detector, a tenth of a
+    second late.  So a rotor is compared with the least of its commands, and of the speeds that
+    they should have given by the stamps of the states, in the last 0.1 to 0.15 s.  After a gap
+    between commands it is compared with nothing for as long, as some may have been lost.
+
+    `n`: number of rotors.  `least_loss`: see `DetectorSettings`.
+    """
+
+    def __init__(self, n: int, least_loss: float) -> None:
+        self._share = (1.0 - least_loss) ** 0.5
+        self._commanded: int | None = None
+        self._interval, self._least = 0, np.zeros((3, n))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all measurements."""
+        n = self._least.shape[1]
+        self._measured, self._slow = np.full(n, np.inf), np.zeros(n, int)
+
+    def command(self, time: int, speeds: Array) -> None:
+        """Take commanded speeds (n,) [rad/s] with their stamp [ns]."""
+        if self._commanded is None or time - self._commanded >= STALE:
+            self._least[:] = 0.0
+        self._commanded = time
+        self._least[0] = np.minimum(self._least[0], np.abs(speeds))
+
+    def expect(self, time: int, speeds: Array) -> None:
+        """Take the speeds (n,) [rad/s] that the commands should have given at a time [ns]."""
+        speeds = np.abs(speeds)
+        if time // LATE == self._interval:
+            self._least[0] = np.minimum(self._least[0], speeds)
+        else:
+            self._interval = time // LATE
+            self._least = np.array([speeds, *self._least[:2]])
+
+    def measure(self, time: int, speeds: Array, sound: Array) -> list[tuple[int, float]] | None:
+        """Return the rotors that have failed, each with the share of its thrust that it lost.
+
+        None if more than two rotors are slow at once: then commands do not arrive.
+
+        - `time`: [ns]
+        - `speeds` (n,): measured [rad/s]
+        - `sound` (n,): which rotors are not known to have failed
+        """
+        expected, measured = self._least.min(axis=0), np.abs(speeds)
+        fresh = self._commanded is not None and time - self._commanded < STALE
+        slow = fresh & (measured < self._share * expected)
+        slow &= measured <= self._measured + 0.01 * expected
+        self._measured = measured
+        if np.count_nonzero(slow & sound) > MOST:
+            self._slow[:] = 0
+            return None
+        self._slow = np.where(slow, self._slow + 1, 0)
+        failed = np.flatnonzero(self._slow == CONFIRMATIONS).tolist()
+        return [(i, 1.0 - float(measured[i] / expected[i]) ** 2) for i in failed]
