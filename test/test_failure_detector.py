@@ -258,23 +258,23 @@ def with_a_failure(request):
 
 
 @pytest.mark.parametrize('source', ['motion', 'measured speeds'])
-@pytest.mark.parametrize(('given', 'fault'), [
-    (0.02, 'the motors lag by about .. ms, but detector.motor_time_constant is 20 ms'),
-    (0.05, '$'),
+@pytest.mark.parametrize(('lag', 'delay', 'sums'), [
+    (0.02, 0.01, '20 + 10 ms'), (0.05, 0.01, ''), (0.03, 0.05, '30 + 50 ms'), (0.04, 0.02, ''),
 ])
-def test_a_wrong_lag_is_warned_of(with_a_failure, source, given, fault):
-    # The motors lag by 50 ms.
+def test_a_wrong_lag_or_delay_is_warned_of(with_a_failure, source, lag, delay, sums):
+    # The motors have a lag of 50 ms and a delay of 10 ms.  Only their sum shows.
     case, flight = with_a_failure
-    check = LagCheck(case.vehicle, replace(SETTINGS, motor_time_constant=given))
-    lag, turning = MotorLag(0.05), np.zeros(8)
+    check = LagCheck(case.vehicle, replace(SETTINGS, motor_time_constant=lag, delay=delay))
+    true, turning = MotorLag(0.05), np.zeros(8)
     for i in range(200):
         check.observe(i * 10_000_000, flight.angular_velocity[i], np.ones(8))
         if source == 'measured speeds':
             check.measure(turning, np.ones(8))
         check.command(i * 10_000_000, flight.speeds[i])
-        turning = lag(turning, flight.speeds[i - 1] if i else turning, 0.01)
-    assert re.match(fault, check.fault), check.fault
-    assert check.lag == pytest.approx(0.05, abs=0.006)
+        turning = true(turning, flight.speeds[i - 1] if i else turning, 0.01)
+    fault = 'lag and delay of the motors are about .. ms, but .* are '
+    assert re.fullmatch(fault + re.escape(sums) if sums else '', check.fault), check.fault
+    assert check.total == pytest.approx(0.06, abs=0.006)
 
 
 def test_a_vehicle_at_rest_shows_no_lag():
@@ -282,7 +282,7 @@ def test_a_vehicle_at_rest_shows_no_lag():
     for i in range(500):
         check.observe(i * 10_000_000, 0.02 * rng.standard_normal(3), np.ones(6))
         check.command(i * 10_000_000, np.full(6, 250.0))
-    assert check.lag is None
+    assert check.total is None
     assert check.fault == ''
 
 

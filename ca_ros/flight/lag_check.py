@@ -1,4 +1,4 @@
-"""An estimate of the motors' lag from a flight, which checks the setting of the detector."""
+"""An estimate of the motors' lag and delay from a flight, which checks the settings."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class LagCheck:
 
     For each candidate, the torques of the commanded rotors predict the angular velocity; the lag
     with the least squares of errors is the likeliest, the errors taken as white (output error
-    method: Ljung, System Identification, 1999, section 4.2).  The set delay counts as known: a
-    delay that is longer by some milliseconds looks like a lag that is longer by as much.  Where
-    rotor speeds are measured, the errors of the predicted speeds take the place of those of the
-    motion.
+    method: Ljung, System Identification, 1999, section 4.2).  Only the sum of lag and delay can be
+    estimated: a delay that is longer by some milliseconds looks like a lag that is longer by as
+    much, so the set delay counts as known.  Where rotor speeds are measured, the errors of the
+    predicted speeds take the place of those of the motion.
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
-        self._set = settings.motor_time_constant
+        self._set, self._delay = settings.motor_time_constant, settings.delay
         self._rotors = CommandedRotors(vehicle, LAGS[:, None], settings.delay)
         self._inertia = inertia_of(vehicle)
         self._torques = rotor_wrenches(vehicle)[3:].T
@@ -41,22 +41,24 @@ class LagCheck:
         self.command = self._rotors.command
 
     @property
-    def lag(self) -> float | None:
-        """The likeliest time constant [s]; None while the flight does not show it."""
+    def total(self) -> float | None:
+        """The likeliest sum of lag and delay [s]; None while the flight does not show it."""
         costs = self._costs()
-        return float(LAGS[costs.argmin()]) if costs.max() - costs.min() > CLEAR else None
+        shown = costs.max() - costs.min() > CLEAR
+        return float(LAGS[costs.argmin()]) + self._delay if shown else None
 
     @property
     def fault(self) -> str:
-        """What is wrong with the set lag; empty if nothing is known to be."""
+        """What is wrong with the set lag and delay; empty if nothing is known to be."""
         costs, given = self._costs(), self._set
         likely = float(LAGS[costs.argmin()])
         clear = np.interp(given, LAGS, costs) - costs.min() > CLEAR
         if not clear or abs(likely - given) <= max(SHARE * given, LEAST):
             return ''
         return (
-            f'the motors lag by about {1e3 * likely:.0f} ms, but '
-            f'detector.motor_time_constant is {1e3 * given:.0f} ms'
+            f'lag and delay of the motors are about {1e3 * (likely + self._delay):.0f} ms, but '
+            'detector.motor_time_constant and detector.delay are '
+            f'{1e3 * given:.0f} + {1e3 * self._delay:.0f} ms'
         )
 
     def _costs(self) -> Array:

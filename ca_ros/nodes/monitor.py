@@ -113,14 +113,15 @@ class MonitorNode(VehicleNode):
             ', '.join(f'{share:.3g}' for share in shares)
             for shares in (self.detector.health, self.detector.certainty)
         )
-        lag = self._lag_check.lag
+        total = self._lag_check.total
         since = {
             f'{FOUND}{i + 1} [ns]': time for i, time in enumerate(self.detector.since)
             if time is not None
         }
         return {
             **super().values(), 'health': health, 'certainty of a failure': certainty,
-            "motors' lag [ms]": 'unknown' if lag is None else f'{1e3 * lag:.0f}', **since,
+            'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
+            **since,
         }
 
     def _receive_command(self, message: Float64MultiArray) -> None:
