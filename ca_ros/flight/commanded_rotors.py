@@ -42,6 +42,7 @@ class CommandedRotors:
             until = min(end, self._waiting[0][0]) if self._waiting else end
             before, step = self.speeds, until - now
             self.speeds = self._lag(before, self._command, step / 1e9)
-            total = total + step * self._vehicle.thrusts(0.5 * (before + self.speeds))
+            share = step / (end - start)
+            total = total + share * self._vehicle.thrusts(0.5 * (before + self.speeds))
             now = until
-        return total / (end - start)
+        return total

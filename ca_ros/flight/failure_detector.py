@@ -13,42 +13,23 @@ from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.slow_rotors import SlowRotors
+from ca_ros.flight.windows import BLOCK, WINDOWS, Windows
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
-BLOCK = 0.0095
-"""Shortest time between two tests [s]."""
-
-WINDOWS = np.array([0.04, 0.06, 0.08, 0.12, 0.16, 0.24, 0.32])
-"""Times before a test since when a rotor may have failed [s]."""
-
-LENGTH = 34
-"""Blocks that are kept; of `BLOCK` or longer they cover the longest window."""
-
-CONFIRMATIONS = 3
-"""Tests in a row that name the same rotors before these count as failed."""
-
-REFINED = 0.5
-"""Time after a failure in which its health is estimated further [s]."""
-
-USELESS = 0.2
-"""A rotor with less health is lost."""
+CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count as failed
+REFINED = 0.5  # time after a failure in which its health is estimated further [s]
+USELESS = 0.2  # a rotor with less health is lost
+MOVING = 5.0  # motion of a vehicle that moves, over the noise in the settings
+FLOOR = 0.3  # least noise over that of the settings
 
 TOTAL = 0.9
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
-SUSPICION = 12.0
-"""Score from which the noise is not learnt, for at most `PATIENCE` s."""
-
-PATIENCE = 1.0
-
-MOVING = 5.0
-"""Velocity and angular velocity of a vehicle in motion, over their noise in the settings."""
-
-FLOOR = 0.3
-"""Least noise over that of the settings."""
+SUSPICION, PATIENCE = 12.0, 1.0
+"""Score from which the noise is not learnt, and for how long at most [s]."""
 
 
 class FailureDetector:
@@ -117,7 +98,7 @@ class FailureDetector:
         self._refined = np.full(n, np.inf)
         self._variance = np.tile(self._noise, (len(WINDOWS), 1))
         self._drag = np.zeros(6)
-        self._moments = np.zeros((4, 6))
+        self._means, self._products = np.zeros((2, 6)), np.zeros((2, 6))
         self._begin()
 
     def model(self) -> dict[str, Array]:
@@ -154,12 +135,8 @@ class FailureDetector:
         n = self.vehicle.n
         self._flown = self._waited = 0.0
         self._named: tuple[int, ...] = ()
-        self._count, self._usual = 0, np.inf
-        # A row a block, the newest first: its length, the unexplained impulse (6,), the integral
-        # of the thrusts of sound rotors (n,), and by how much these changed (n,).
-        self._rows = np.zeros((LENGTH, 7 + 2 * n))
-        self._row = np.zeros(7 + 2 * n)
-        self._thrusts = self._mean_thrusts = np.zeros(n)
+        self._count, self._windows = 0, Windows(n)
+        self._mean_thrusts = np.zeros(n)
 
     def command(self, time: int, speeds: Array) -> None:
         """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
@@ -172,7 +149,7 @@ class FailureDetector:
         failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
         if failed or found is None:
             # When they failed is not known: the motion before shows nothing more.
-            self._rows[:] = self._row[:] = 0.0
+            self._windows.forget()
         for rotor, share in failed:
             self.certainty[rotor] = 1.0
             self._fail(rotor, share * self.health[rotor], time, 'rotor speed')
@@ -194,7 +171,7 @@ class FailureDetector:
             thrusts = self._rotors.thrusts(last, time)
             self._slow.expect(time, self._rotors.speeds)
             turned, mean = 0.5 * (self._turned + rotation), 0.5 * (self._motion + motion)
-            drag = self._drag * (mean - self._moments[1])
+            drag = self._drag * (mean - self._means[1])
             wrench = self._wrenches @ (self.health * thrusts) + drag
             observer.expect(turned @ wrench[:3], wrench[3:], mean[3:])
             # What holds a vehicle that does not move may be the ground, which is not learnt.
@@ -214,16 +191,11 @@ class FailureDetector:
         if not self._flown:
             self._mean_thrusts = thrusts
         self._flown += step
-        sides = np.array([observer.impulse, step * observer.estimate])
+        sides = np.array([observer.impulse, observer.impulse - step * observer.estimate])
         sides[:, :3] = sides[:, :3] @ turned
-        impulse, usual = sides
         if moving and not self._suspicious:
-            self._learn(step, impulse / step + drag, mean, thrusts)
-        n = len(thrusts)
-        self._row[: 7 + n] += np.concatenate([[step], impulse - usual, step * thrusts])
-        if self._row[0] < BLOCK:
-            return False
-        return self._test(time, thrusts, moving)
+            self._learn(step, sides[0] / step + drag, mean, thrusts)
+        return self._windows.add(step, sides[1], thrusts) and self._test(time, moving)
 
     def _gain(self) -> float:
         if self._suspicious:
@@ -240,44 +212,34 @@ class FailureDetector:
             thrusts - self._mean_thrusts
         )
         share = -expm1(-step / min(2.5 * self.settings.learning_time, self._flown))
-        force, mean = self._moments[:2]
-        moved = motion - mean
-        now = np.array([lacked, motion, (lacked - force) * moved, moved * moved])
-        self._moments = self._moments + share * (now - self._moments)
-        self._drag = np.minimum(self._moments[2] / (self._moments[3] + 0.05**2), 0.0)
+        moved = np.array([lacked, motion]) - self._means
+        self._means = self._means + share * moved
+        self._products = self._products + share * (moved * moved[1] - self._products)
+        self._drag = np.minimum(self._products[0] / (self._products[1] + 0.05**2), 0.0)
 
-    def _test(self, time: int, thrusts: Array, moving: bool) -> bool:
+    def _test(self, time: int, moving: bool) -> bool:
         """Test all windows that end now; return whether the health has changed."""
-        rows, n, block = self._rows, len(thrusts), float(self._row[0])
-        self._row[7 + n :], self._thrusts = thrusts - self._thrusts, thrusts
-        rows[1:], rows[0] = rows[:-1], self._row
-        self._row = np.zeros_like(self._row)
+        windows, block = self._windows, self._windows.block
         if self._flown < 2.0 * block:
-            rows[:] = 0.0
+            windows.forget()
             return False
-        if not 0.9 < block / self._usual < 1.1:
-            self._usual = block
-            self._blocks = np.clip(np.rint(WINDOWS / block).astype(int), 1, LENGTH)
-            self._windows = (np.arange(LENGTH) < self._blocks[:, None]).astype(float)
-        sums = self._windows @ rows
-        ages, lacked = sums[:, 0], sums[:, 1:7]
-        given, change = sums[:, 7 : 7 + n], sums[:, 7 + n :]
+        recent = self._refined < REFINED
+        refining = bool(recent.any())
         self._refined += block
-        refining = bool((self._refined - block < REFINED).any())
-        spread, squares = np.maximum(self._variance, self._floor), lacked**2
+        spread, squares = np.maximum(self._variance, self._floor), windows.lacked**2
         if not refining and (squares / spread).sum(axis=1).max() <= SUSPICION:
             # No score exceeds this sum.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
             self.certainty = np.where(self._sound, 0.0, self.certainty)
             self._learn_noise(block, spread, squares)
             return False
-        variance = spread + self._model_errors(given, ages, change)
-        found = self._find(lacked, given, variance, self.health)
+        variance = spread + self._model_errors()
+        found = self._find(windows.lacked, windows.given, variance, self.health)
         if found.score > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
-            rows[:] = 0.0
+            windows.forget()
             return False
-        changed = self._refine(found, block)
+        changed = self._refine(found, recent)
         suspected = found.score > SUSPICION or refining
         self._waited = self._waited + block if suspected else 0.0
         self.suspect = found.rotor if found.score > self._find.limit else None
@@ -290,9 +252,9 @@ class FailureDetector:
         if self._count < CONFIRMATIONS:
             return changed
         self._count = 0
-        rows[self._blocks[found.window] :] = 0.0
+        windows.forget(before=found.window)
         # The window may have begun a block before the failure.
-        age = ages[found.window]
+        age = windows.ages[found.window]
         longer = age / max(age - block, block)
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             if share * longer >= TOTAL * self.health[rotor]:
@@ -305,11 +267,11 @@ class FailureDetector:
         share = -expm1(-block * self._gain())
         self._variance = spread + share * (np.minimum(squares, 9.0 * spread) - spread)
 
-    def _model_errors(self, given: Array, ages: Array, change: Array) -> Array:
+    def _model_errors(self) -> Array:
         """Return the variance (T, 6) by errors of the thrusts, the lag and the delay."""
-        s = self.settings
-        error = (s.thrust_error * (given - ages[:, None] * self._mean_thrusts)) ** 2
-        error += (s.time_error * change) ** 2
+        s, windows = self.settings, self._windows
+        unusual = windows.given - windows.ages[:, None] * self._mean_thrusts
+        error = (s.thrust_error * unusual) ** 2 + (s.time_error * windows.change) ** 2
         return error @ self._squares.T
 
     def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
@@ -323,17 +285,14 @@ class FailureDetector:
         whole = self.vehicle.health[rotor]
         left = min(max(self.health[rotor] - share, 0.0), whole)
         left = 0.0 if left < USELESS * whole else left
-        given = (self.health[rotor] - left) * self._rows[:, 7 + rotor]
-        self._rows[:, 1:7] += np.outer(given, self._wrenches[:, rotor])
+        self._windows.explain(rotor, self.health[rotor] - left, self._wrenches[:, rotor])
         self.health = self.health.copy()
         self.health[rotor] = left
 
-    def _refine(self, found: Finding, block: float) -> bool:
+    def _refine(self, found: Finding, recent: Array) -> bool:
         """Estimate the health of rotors that have just failed; return whether it changes."""
-        changed = False
-        recent = (self._refined - block < REFINED) & (self.health > 0.0)
-        for rotor in np.flatnonzero(recent).tolist():
-            if abs(found.shares[rotor]) > max(0.05, 3.0 * found.errors[rotor]):
-                self._reduce(rotor, float(found.shares[rotor]))
-                changed = True
-        return changed
+        clear = np.abs(found.shares) > np.maximum(0.05, 3.0 * found.errors)
+        rotors = np.flatnonzero(recent & clear & (self.health > 0.0)).tolist()
+        for rotor in rotors:
+            self._reduce(rotor, float(found.shares[rotor]))
+        return bool(rotors)

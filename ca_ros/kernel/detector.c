@@ -5,7 +5,7 @@
 #include "numbers.h"
 
 /* The constants of ca_ros/flight: failure_detector, failure_test, momentum_observer, slow_rotors,
- * standing. */
+ * standing, windows. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3
 #define REFINED CA_REAL(0.5)
@@ -564,11 +564,11 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     detector->newest = (detector->newest > 0 ? detector->newest : CA_BLOCKS) - 1;
     *block_of(detector, 0) = detector->sums;
     memset(&detector->sums, 0, sizeof detector->sums);
+    size_windows(detector, block);
     if (detector->flown < 2 * block) {
         forget(detector, 0);
         return 0;
     }
-    size_windows(detector, block);
     sum_windows(detector, windows);
     int refining = 0;
     for (int i = 0; i < n; i++) {
