@@ -223,11 +223,10 @@ class FailureDetector:
         if self._flown < 2.0 * block:
             windows.forget()
             return False
-        recent = self._refined < REFINED
-        refining = bool(recent.any())
+        recent = np.flatnonzero(self._refined < REFINED).tolist()
         self._refined += block
         spread, squares = np.maximum(self._variance, self._floor), windows.lacked**2
-        if not refining and (squares / spread).sum(axis=1).max() <= SUSPICION:
+        if not recent and (squares / spread).sum(axis=1).max() <= SUSPICION:
             # No score exceeds this sum.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
             self.certainty = np.where(self._sound, 0.0, self.certainty)
@@ -240,7 +239,7 @@ class FailureDetector:
             windows.forget()
             return False
         changed = self._refine(found, recent)
-        suspected = found.score > SUSPICION or refining
+        suspected = found.score > SUSPICION or recent
         self._waited = self._waited + block if suspected else 0.0
         self.suspect = found.rotor if found.score > self._find.limit else None
         if not self._suspicious:
@@ -289,10 +288,10 @@ class FailureDetector:
         self.health = self.health.copy()
         self.health[rotor] = left
 
-    def _refine(self, found: Finding, recent: Array) -> bool:
+    def _refine(self, found: Finding, recent: list[int]) -> bool:
         """Estimate the health of rotors that have just failed; return whether it changes."""
         clear = np.abs(found.shares) > np.maximum(0.05, 3.0 * found.errors)
-        rotors = np.flatnonzero(recent & clear & (self.health > 0.0)).tolist()
+        rotors = [i for i in recent if clear[i] and self.health[i] > 0.0]
         for rotor in rotors:
             self._reduce(rotor, float(found.shares[rotor]))
         return bool(rotors)
