@@ -50,8 +50,8 @@ def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
         np.testing.assert_allclose(speeds[-1], HOVER_SPEED, atol=0.5)
         steps = np.diff(table['t']) / 0.01
         np.testing.assert_allclose(steps, steps.round(), atol=1e-6)
-        assert table['t'][0] == 0.0
-        assert table['t'][-1] == pytest.approx(8.0)
+        # In real time the simulator keeps one message, so that any of them may be lost.
+        assert table['t'][[0, -1]] == pytest.approx([0.0, 8.0], abs=0.05)
 
     fly_in_real_time(flight)
     picture = image.imread(tmp_path / 'flight.png')
