@@ -51,6 +51,18 @@ def test_roll_by_90_degrees_on_the_spot():
     assert np.abs(flight.position[flight.time > 1.0]).max() < 0.3
 
 
+def test_a_boat_reaches_its_waypoint_also_after_the_loss_of_a_thruster():
+    given, goal = files.read('azimuth_boat'), Waypoint.of(0.3, 0.3, 0.0, 0.5)
+    vehicle = Vehicle.from_parameters(given)
+    lost = Change(int(1e9), *parts(vehicle.with_health([0.0, 1.0, 1.0, 1.0]), given))
+    flight = fly(*parts(vehicle, given), goal, 8.0, 0.02, changes=[lost])
+    assert flight.position_error(goal) < 0.01
+    assert abs(flight.heading[-1] - 0.5) < 0.01
+    # It stays upright and on the water, though nobody commands roll, pitch or height.
+    assert tilt(flight.attitude).max() < 1e-9
+    assert np.abs(flight.position[:, 2]).max() < 1e-9
+
+
 @pytest.mark.parametrize('failure', ['servo', 'rotor'])
 def test_announced_failure_of_one_servo_or_rotor(failure):
     given = files.read('hexarotor_tilting')

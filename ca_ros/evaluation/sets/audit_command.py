@@ -39,9 +39,10 @@ def run(options: argparse.Namespace) -> None:
             vehicle = with_failures(vehicle, read_failures(options.fail))
         except ParameterError as error:
             raise ParameterError(f'--fail: {error}') from None
-    least, most = lift(vehicle)
-    lifting = f'{vehicle.n} rotors that lift {least:.3g} to {most:.3g} kg'
-    print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {lifting}\n\n{table(vehicle)}')
+    rotors = f'{vehicle.n} rotors'
+    if 'thrust' in vehicle.axes:
+        rotors += ' that lift {:.3g} to {:.3g} kg'.format(*lift(vehicle))
+    print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {rotors}\n\n{table(vehicle)}')
     for warning in audit(vehicle).warnings:
         print(f'warning: {warning}')
     accept(vehicle)
