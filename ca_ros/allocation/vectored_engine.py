@@ -58,7 +58,7 @@ class VectoredEngine:
         axes, serving = self._problem.axes, self._serving
         rows = [[axes.index(axis) for axis in group] for group in serving.groups]
         given = rows, serving.reference, serving.thrust_deviation
-        return VectoredPrioritization(self._problem, *given)
+        return VectoredPrioritization(self._problem, *given, solver=self._solver)
 
     @cached_property
     def fields(self) -> dict[str, Array | float]:
@@ -127,8 +127,6 @@ class VectoredEngine:
         return line.point, status, level
 
     def _prioritized(self, u: Array) -> tuple[Array, float]:
-        """Return vectors of least cost for the wrench that the priorities serve, and the level."""
+        """Return the vectors that the priorities serve, and the level."""
         served = self._serve(u)
-        found = self._solver.solve(served.wrenches[None])
-        points = found.points[0] if found.attained[0] else served.thrusts
-        return points, float(served.levels.min())
+        return served.thrusts, float(served.levels.min())

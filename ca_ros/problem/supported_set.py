@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
+from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.solver.convex_sets import ConvexSets, Interval
-from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.zonotope import Zonotope
 
 SETTLED = 1e-9  # share by which a margin may still shrink when the search for it ends
-SEARCHES = 20  # limit of the lines of one search for a margin
+SEARCHES = 20  # limit of the lines or points of one search for a margin
+NEAR = 1e-2  # weight of the vectors beside the distance to a set
 DIRECTIONS = 72  # corners of a section
 DRAWS = 4096  # wrenches that are drawn at a time
 
@@ -22,7 +23,7 @@ DRAWS = 4096  # wrenches that are drawn at a time
 class SupportedSet:
     """All wrenches B x of vectors x in convex sets.
 
-    The set has no list of facets.  Lines to its boundary (`VectoredProblem.line`) and the support
+    The set has no list of facets.  Lines to its boundary (`SetsNewton.line`) and the support
     function of the sets, which bounds it from outside, take their place.
     """
 
@@ -89,18 +90,16 @@ class SupportedSet:
         others = [row for row in self._all if row not in rows]
         start = problem.middle
         if others:
-            # A point with these values, as far inside as possible.
-            way = at[others] - problem.gamma[others] @ start
-            line = problem.line(others, start, problem.gamma[others] @ start, way, 1.001)
-            if line.length < 1.0:
+            given = sets_newton(problem.gamma[others], problem.sets).solve(at[None, others])
+            if not given.attained[0]:
                 return np.zeros((0, len(rows))), 0.0
-            inner = start + (line.point - start) / line.length
-            start = minimize(
-                problem.sets, problem.gamma[others] / problem.extent[others, None],
-                at[others] / problem.extent[others], np.zeros(problem.n), inner,
-                problem.sets.complexity,
-            ).point
+            start = given.points[0]
         begin = problem.gamma @ start
+        for row in [*rows, *rows]:
+            # To the middle of the section along each axis.
+            way = problem.extent[row] * np.eye(len(self._all))[row]
+            lines = [problem.least_norm.line(begin, sign * way) for sign in (1.0, -1.0)]
+            begin = begin + 0.5 * (lines[0].length - lines[1].length) * way
         angles = np.arange(directions) * 2.0 * np.pi / directions
         circle = np.column_stack([np.cos(angles), np.sin(angles)])
         ways = np.array([[-1.0], [1.0]]) if len(rows) == 1 else circle
@@ -155,19 +154,21 @@ class SupportedSet:
     def _outside(self, u: Array) -> tuple[float, Array]:
         """Return minus the distance of a wrench from the set, and its direction; 0 inside."""
         problem, m = self.problem, len(u)
-        extent = problem.extent
-        reach = 2.0 * np.abs((u - problem.gamma @ problem.middle) / extent).max() + 1.0
+        matrix, point = np.hstack([problem.gamma, np.eye(m)]), problem.middle
+        reach = 2.0 * float(np.abs(u - problem.gamma @ point).max()) + 1.0
         sets = ConvexSets([*problem.sets.sets, *[Interval(-reach, reach)] * m])
-        matrix = np.column_stack([problem.gamma / extent[:, None], np.eye(m)])
-        curvature = np.concatenate([np.zeros(problem.n), extent**2 / extent.max() ** 2])
-        start = np.concatenate([problem.middle, (u - problem.gamma @ problem.middle) / extent])
-        found = minimize(
-            sets, matrix, u / extent, np.zeros(sets.n), start, 1e-18, curvature
-        ).point
-        missed = found[problem.n :] * extent
-        distance = float(np.linalg.norm(missed))
-        if distance < 1e-7 * float(extent.max()):
-            return 0.0, missed
+        weights = np.concatenate([np.full(problem.n, NEAR), np.ones(m)])
+        for _ in range(SEARCHES):
+            # The cost of moving away from the last point vanishes.
+            preferred = np.concatenate([point, np.zeros(m)])
+            found = sets_newton(matrix, sets, weights, preferred).solve(u[None]).points[0]
+            point, missed = found[: problem.n], found[problem.n :]
+            distance = float(np.linalg.norm(missed))
+            if distance < 1e-7 * float(problem.extent.max()):
+                return 0.0, missed
+            least = float(missed @ u - problem.sets.support(missed @ problem.gamma))
+            if least >= (1.0 - SETTLED) * distance**2:
+                break
         return -distance, missed / distance
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import pi
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,33 +15,13 @@ from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.settings import Numbers, repeated
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
-from ca_ros.solver.interior_point import minimize
 from ca_ros.solver.sets_newton import SetsNewton
-
-LEVEL_GAP = 1e-10  # by how much a line may be too short, in quarters of the range of an axis
-STILL = 1e-12  # length of a line, as a share of the range, that counts as none
 
 INSIDE_MIN = 1e-9
 """Least share of the way from the middle of the set beyond the reference, if that is inside."""
 
 
 SHAPES = {'interval': 1, 'sector': 2, 'cone': 3, 'disc': 2}  # sets in a file, with components
-
-
-class Line(NamedTuple):
-    """How far a line goes inside the attainable set.
-
-    - `point` (n,): inside the sets; it gives the last point of the line
-    - `length`: t of that point
-    - `most`: no attainable point of the line has a greater t: computed from the normal and the
-      support function of the sets
-    - `normal` (k,): of a plane that touches the set at the end of the line
-    """
-
-    point: Array
-    length: float
-    most: float
-    normal: Array
 
 
 class VectoredProblem(AllocationProblem):
@@ -146,42 +126,6 @@ class VectoredProblem(AllocationProblem):
         """Tell whether the pseudo-inverse of a wrench (m,) is in the sets."""
         vectors = np.linalg.pinv(self.gamma) @ u
         return bool(np.abs(vectors - self.clip(vectors)).max() < 1e-12)
-
-    def line(
-        self, rows: Sequence[int], point: Array, begin: Array, way: Array, end: float
-    ) -> Line:
-        """Go as far as possible along a line in some axes, while the others are free.
-
-        Parameters
-        ----------
-        rows : sequence of k int
-            The axes.
-        point : (n,) array
-            Inside the sets; where the search starts.
-        begin, way : (k,) arrays
-            The line is ``begin + t way``; `begin` is inside the set of attainable wrenches.
-        end : float
-            Greatest t.
-        """
-        extent, gamma = self.extent[rows], self.gamma[rows]
-        size = float(np.abs(way / extent).max(initial=0.0)) / 4.0
-        if size < STILL:
-            return Line(point, end, end, way)
-        top = min(end * size, 4.0)
-        sets = ConvexSets([*self.sets.sets, Interval(-1.0, top)])
-        matrix = np.column_stack([gamma, -way / size]) / extent[:, None]
-        cost = np.append(np.zeros(self.n), -1.0)
-        start = np.append(point, min(0.0, top - 0.5))
-        found = minimize(sets, matrix, begin / extent, cost, start, LEVEL_GAP)
-        # Each normal bounds the length of the line, whatever the method did.
-        normal = found.multipliers / extent
-        rise = float(normal @ way)
-        if rise < 0.0:
-            normal, rise = -normal, -rise
-        most = np.inf
-        if rise > 0.0:
-            most = (float(self.sets.support(normal @ gamma)) - float(normal @ begin)) / rise
-        return Line(found.point[:-1], float(found.point[-1]) / size, min(most, end), normal)
 
     def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
         """Return the greatest t <= limit for which ``start + t direction`` is attainable."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from copy import copy
 
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.prioritization import (
     AIRMODE,
+    INSIDE,
     LAG,
+    LAG_RATIO,
     THRUST_DEVIATION,
     Prioritization,
     Served,
@@ -19,73 +22,53 @@ from ca_ros.problem.prioritization import (
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import ParameterError
-from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval
-from ca_ros.solver.interior_point import minimize
+from ca_ros.solver.convex_sets import ConvexSets, Interval
+from ca_ros.solver.faces import LEVEL, face, independent, whole
+from ca_ros.solver.sets_newton import SetsNewton
 
 YIELD = 1e-7
 """How far a more important axis may give way to the next steps, as a share of its range."""
 
-BEYOND = 1.001
-"""How far lines go beyond the demand, so that a demand inside the set is seen to be inside."""
-
-INSIDE = 0.99  # greatest share of the way from the middle to the boundary where a line may begin
-
-
-@dataclass
-class _State:
-    """A point inside the sets, and the ranges of the axes that are already served."""
-
-    point: Array
-    ranges: dict[int, tuple[float, float]] = field(default_factory=dict)
+STILL = 1e-12  # distance to a goal, as a share of an axis's range, that counts as none
 
 
 class VectoredPrioritization:
     """Serve groups of axes in the order of their priority.
 
     The steps and their meaning are those of `ca_ros.problem.prioritization.Prioritization`.  Each
-    is a convex program over the sets, solved by an interior-point method.  A later step may move
-    a more important axis by `YIELD` of its range.  So each axis is served at least as far as with
-    exact priorities, except for this share.
+    goes along a line to the boundary of the attainable set, while the axes of the steps before it
+    are kept at a value or in a range.  Where a step ends on the boundary, only the vectors with
+    the greatest product with its normal can serve as much.  They are a face of the sets, and the
+    later steps use this face alone, so they take nothing from the step.
 
-    `groups`, `reference`, `thrust_deviation` and `begin`: as in `Prioritization`.
+    `groups`, `reference`, `thrust_deviation` and `begin`: as in `Prioritization`.  `solver`: has
+    weights and preferred vectors.
     """
 
     def __init__(
         self, problem: VectoredProblem, groups: Sequence[Sequence[int]],
         reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
-        begin: Array | None = None,
+        begin: Array | None = None, solver: SetsNewton | None = None,
     ) -> None:
-        self._problem = problem
-        self._first, *self._later = (list(group) for group in groups)
-        self._reference = problem.reference if reference is None else reference
+        self.problem, self.solver = problem, solver or problem.least_norm
+        self.groups = [list(group) for group in groups]
+        self.reference = problem.reference if reference is None else reference
         named = [[problem.axes[row] for row in group] for group in groups]
-        keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
-        rows = problem.gamma[self._first]
-        middle = rows @ problem.middle
-        self._start, self._begin = problem.middle, middle
-        wanted = (self._reference if begin is None else begin)[self._first]
-        reached = problem.line(
-            self._first, problem.middle, middle, wanted - middle, 1.0 / INSIDE
-        ).length
+        first = self.groups[0]
+        middle = problem.gamma[first] @ problem.middle
+        wanted = (self.reference if begin is None else begin)[first]
+        reached = sets_newton(problem.gamma[first], problem.sets).line(
+            middle, wanted - middle, 1.0 / INSIDE).length
         share = min(1.0, INSIDE * reached)
-        if share > 1.0 - 1e-9:
-            self._begin = wanted
-        else:
-            self._begin = middle + share * (wanted - middle)
-        # The middle of all points that give the wrench where lines begin.
-        found = minimize(
-            problem.sets, rows, self._begin, np.zeros(problem.n), problem.middle,
-            problem.sets.complexity,
-        )
-        self._start = found.point
-        self._senses: list[int] = []
-        rest = problem.gamma @ self._serve(self._reference)[0]
-        off = np.abs(rest - self._reference) / problem.extent
-        self._senses = [row for row in keeps if off[row] <= 10.0 * YIELD]
+        self.begin = wanted if share > 1.0 - 1e-9 else middle + share * (wanted - middle)
+        self.senses: list[int] = []
+        off = np.abs(self._serve(self.reference).wrench - self.reference) / problem.extent
+        keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
+        self.senses = [row for row in keeps if off[row] <= 10.0 * YIELD]
 
     def __call__(self, u: Array) -> Served:
         """Return the served wrenches for demands (..., m) [N, N m]."""
-        problem = self._problem
+        problem = self.problem
         if u.ndim > 1:
             found = [self(row) for row in u.reshape(-1, u.shape[-1])]
             rows = [served[:4] for served in found]
@@ -95,116 +78,203 @@ class VectoredPrioritization:
                 wrenches.reshape(u.shape), levels.reshape(u.shape), reached.reshape(shape),
                 thrusts.reshape(*shape, problem.n),
             )
-        point, share = self._serve(u)
-        thrusts = problem.clip(point)
-        served = problem.gamma @ thrusts
-        way = u - self._reference
+        run = self._serve(u)
+        served, way = problem.gamma @ run.point, u - self.reference
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-            levels = np.clip(np.where(way != 0.0, (served - self._reference) / way, 0.0), 0.0, 1.0)
-        if (self._begin == self._reference[self._first]).all():
-            levels[self._first] = min(share, 1.0)
-        near = np.abs(served - u) <= 2.0 * YIELD * problem.extent
-        levels[near & (levels > 1.0 - 1e-6)] = 1.0
-        return Served(served, levels, np.asarray(share >= 1.0 and near.all()), thrusts)
+            levels = np.clip(np.where(way != 0.0, (served - self.reference) / way, 0.0), 0.0, 1.0)
+        if (self.begin == self.reference[self.groups[0]]).all():
+            levels[self.groups[0]] = run.share
+        near = np.abs(served - u) <= YIELD * problem.extent
+        levels[near] = 1.0
+        return Served(served, levels, np.asarray(near.all()), run.point)
 
-    def _serve(self, u: Array) -> tuple[Array, float]:
-        """Return a point (n,) that serves a demand, and the share of the first group."""
-        problem = self._problem
-        way = u[self._first] - self._begin
-        point, share, *_ = problem.line(self._first, self._start, self._begin, way, BEYOND)
-        if share > 1.0:
-            # Back on the straight line to the demand, which is inside.
-            point = self._start + (point - self._start) / share
-        state = _State(point)
-        if not self._later and not self._senses:
-            return point, share
-        share = min(share, 1.0)
-        for row, begin, off in zip(self._first, self._begin, way, strict=True):
-            at = float(begin + share * off)
-            state.ranges[row] = at - self._slack(row), at + self._slack(row)
-        for row in self._senses:
-            self._bring(state, row, *sorted((float(u[row]), float(self._reference[row]))))
-        for group in self._later:
+    def _serve(self, u: Array) -> _Run:
+        run, (first, *later) = _Run(self.problem, self.solver), self.groups
+        way = u[first] - self.begin
+        if np.abs(way / self.problem.extent[first]).max() > STILL:
+            run.share = run.go(first, self.begin, way, 1.0)
+        else:
+            run.go(first, self.begin, self.problem.extent[first], 0.0)
+        if run.share == 1.0:
+            run.keep(first, u[first], u[first])
+        for row in self.senses:
+            run.bring(row, *sorted((float(u[row]), float(self.reference[row]))))
+        for group in later:
             if len(group) > 1:
-                self._approach(state, group, u)
+                self._approach(run, group, u)
             for row in group:
-                self._bring(state, row, float(u[row]), float(u[row]))
-        return state.point, share
+                run.bring(row, float(u[row]), float(u[row]))
+        run.settle()
+        return run
 
-    def _slack(self, row: int) -> float:
-        return YIELD * float(self._problem.extent[row])
-
-    def _bring(self, state: _State, row: int, low: float, high: float) -> None:
-        """Bring an axis into a range, or as near to it as possible, and keep it there."""
-        slack, extent = self._slack(row), float(self._problem.extent[row])
-        at = float(self._problem.gamma[row] @ state.point)
-        before = state.ranges.get(row, (-np.inf, np.inf))
-        if not low <= at <= high:
-            goal, sign = (low, 1.0) if at < low else (high, -1.0)
-            ends = sorted((at - sign * slack, goal + sign * slack))
-            ends = [max(ends[0], before[0]), min(ends[1], before[1])]
-            state.ranges[row] = ends[0], ends[1]
-            self._minimise(state, {row: -sign / extent})
-            at = float(self._problem.gamma[row] @ state.point)
-            if abs(at - goal) > 2.0 * slack:
-                low, high = sorted((at, goal))
-        state.ranges[row] = max(low - slack, before[0]), min(high + slack, before[1])
-
-    def _approach(self, state: _State, group: Sequence[int], u: Array) -> None:
+    def _approach(self, run: _Run, group: Sequence[int], u: Array) -> None:
         """Bring all axes of a group as near to their demands as possible, by the same share."""
-        problem = self._problem
-        extent = problem.extent[group]
-        off = np.abs(u[group] - self._reference[group]) / extent
-        shares = np.maximum(off, LAG) / max(float(off.max()), LAG)
-        rows = problem.gamma[group] / (extent * shares)[:, None]
-        goals = u[group] / (extent * shares)
-        missed = rows @ state.point - goals
-        begin = float(np.abs(missed).max()) + 0.1
-        # Each |row - goal| <= lag is two equations with a slack each.
-        k, ends = len(group), Interval(0.0, 3.0 * begin)
-        extra: list[ConvexSet] = [Interval(-0.1, begin + 0.1), *[ends] * (2 * k)]
-        matrix = np.zeros((2 * k, problem.n + 1 + 2 * k))
-        matrix[:k, : problem.n], matrix[k:, : problem.n] = rows, rows
-        matrix[:k, problem.n], matrix[k:, problem.n] = -1.0, 1.0
-        matrix[:k, problem.n + 1 : problem.n + 1 + k] = np.eye(k)
-        matrix[k:, problem.n + 1 + k :] = -np.eye(k)
-        start = np.concatenate([[begin], begin - missed, begin + missed])
-        lag = self._minimise(state, {}, (extra, matrix, np.tile(goals, 2), start))
-        for row, share, width in zip(group, shares, extent, strict=True):
-            reach = (max(lag, 0.0) * share + YIELD) * width
-            before = state.ranges.get(row, (-np.inf, np.inf))
-            state.ranges[row] = max(u[row] - reach, before[0]), min(u[row] + reach, before[1])
+        extent = self.problem.extent
+        off = np.abs(u - self.reference) / extent
+        shares = np.maximum(np.maximum(off, LAG) / max(*off[group], LAG), LAG_RATIO) * extent
+        rows = [row for row in group if run.moves(row)]
+        while rows:
+            before = run.copy()
+            left = (u - run.wrench)[rows]
+            most = float(np.abs(left / shares[rows]).max())
+            if most <= STILL:
+                return
+            way = np.where(left < 0.0, -1.0, 1.0) * shares[rows]
+            length = run.go(rows, u[rows] - most * way, way, most, most * way)
+            beyond = (run.wrench - u)[rows] * np.sign(way) > YIELD * extent[rows]
+            if not beyond.any():
+                if length >= most:
+                    run.keep(rows, u[rows], u[rows])
+                return
+            # These can be at their demands, and are not to exceed them.
+            run.__dict__.update(before.__dict__)
+            ahead = [row for row, each in zip(rows, beyond, strict=True) if each]
+            run.keep(ahead, u[ahead], u[ahead])
+            rows = [row for row in rows if row not in ahead]
 
-    def _minimise(
-        self, state: _State, costs: dict[int, float],
-        more: tuple[list[ConvexSet], Array, Array, Array] | None = None,
+
+FREE, KEPT, IMPLIED = range(3)
+
+
+class _Run:
+    """Vectors so far, what is left of their sets, and what the axes have to keep.
+
+    Axes that are `IMPLIED` follow from the face and the axes that are kept.
+    """
+
+    def __init__(self, problem: VectoredProblem, solver: SetsNewton) -> None:
+        self.problem, self.solver, self.share = problem, solver, 1.0
+        self.parts, self.point = whole(problem.sets), np.array(problem.middle)
+        m = len(problem.axes)
+        self.state, self.low, self.high = np.full(m, FREE), np.zeros(m), np.zeros(m)
+
+    def copy(self) -> _Run:
+        """Return a run that goes on from here."""
+        other = copy(self)
+        other.parts, other.state = self.parts.copy(), self.state.copy()
+        other.low, other.high = self.low.copy(), self.high.copy()
+        return other
+
+    def moves(self, row: int) -> bool:
+        """Tell whether an axis may still move."""
+        return bool(self.state[row] == FREE or (
+            self.state[row] == KEPT and self.low[row] < self.high[row]))
+
+    @property
+    def wrench(self) -> Array:
+        """What the vectors give (m,)."""
+        return np.asarray(self.problem.gamma @ self.point, float)
+
+    def keep(self, rows: Sequence[int], low: Array | float, high: Array | float) -> None:
+        """Keep axes in ranges from now on, unless they follow from others."""
+        self.low[rows], self.high[rows], self.state[rows] = low, high, KEPT
+
+    def bring(self, row: int, low: float, high: float) -> None:
+        """Bring an axis into a range, or as near to it as possible, and keep it there."""
+        at, extent = float(self.wrench[row]), float(self.problem.extent[row])
+        if self.state[row] == KEPT:
+            low, high = np.clip((low, high), self.low[row], self.high[row]).tolist()
+        goal = min(max(at, low), high)
+        if self.state[row] == IMPLIED:
+            return
+        if abs(goal - at) > STILL * extent:
+            way = extent if goal > at else -extent
+            # From behind, so that the length is not small.
+            end = 1.0 + (goal - at) / way
+            if self.go([row], np.array([at - way]), np.array([way]), end) < end:
+                return
+        self.keep([row], low, high)
+
+    def go(
+        self, rows: Sequence[int], begin: Array, way: Array, end: float, spare: Array | None = None
     ) -> float:
-        """Move the point to the least cost of axes, or of the first of more variables."""
-        problem = self._problem
-        extra, matrix, goal, start = more or ([], np.zeros((0, problem.n)), np.zeros(0), [])
-        held = list(state.ranges)
-        extent = problem.extent[held]
-        ends = [Interval(*(np.array(state.ranges[row]) / problem.extent[row])) for row in held]
-        sets = ConvexSets([*problem.sets.sets, *extra, *ends])
-        wide = np.zeros((len(held) + len(goal), sets.n))
-        wide[: len(held), : problem.n] = problem.gamma[held] / extent[:, None]
-        wide[: len(held), problem.n + len(start) :] = -np.eye(len(held))
-        wide[len(held) :, : problem.n + len(start)] = matrix
-        cost = np.zeros(sets.n)
-        if extra:
-            cost[problem.n] = 1.0
-        for row, each in costs.items():
-            cost[problem.n + len(start) + held.index(row)] = each * problem.extent[row]
-        values = problem.gamma[held] @ state.point / extent
-        # Rounding may have put the point on the end of a range.
-        low, high = np.array(list(state.ranges.values())).T / extent
-        inner = np.minimum(np.maximum(values, 0.9 * low + 0.1 * high), 0.1 * low + 0.9 * high)
-        values = np.where((values > low) & (values < high), values, inner)
-        begin = np.concatenate([state.point, start, values])
-        goals = np.concatenate([np.zeros(len(held)), goal])
-        found = minimize(sets, wide, goals, cost, begin, 0.1 * YIELD).point
-        state.point = found[: problem.n]
-        return float(found[problem.n]) if extra else 0.0
+        """Move axes along ``begin + t way`` as far as possible, at most to t = end; return t.
+
+        An axis may be ahead of the line by up to `spare` (k,).
+        """
+        m, extent = len(self.problem.axes), self.problem.extent
+        goals, ways, low, high = np.zeros(m), np.zeros(m), self.low.copy(), self.high.copy()
+        goals[rows], ways[rows] = begin, way
+        low[rows] = high[rows] = 0.0
+        if spare is not None:
+            low[rows], high[rows] = np.minimum(spare, 0.0), np.maximum(spare, 0.0)
+        kept = [row for row in range(m) if self.state[row] == KEPT and row not in rows]
+        wide = [row for row in [*kept, *rows] if low[row] < high[row]]
+        goals[kept] = np.where(low[kept] < high[kept], 0.0, low[kept])
+        order = [row for row in kept if row not in wide] + [row for row in kept if row in wide]
+        newton, columns, use = self._left(order + list(rows), wide, low, high)
+        if newton is None or not set(rows) <= set(use):
+            self.state[list(set(rows) - set(use))] = IMPLIED
+            return 0.0 if spare is not None or len(rows) > 1 else 1.0
+        u = (goals - self.problem.gamma @ self._base)[use]
+        line = newton.line(u, ways[use], end)
+        self.point = self._base + columns @ line.point[: columns.shape[1]]
+        if line.length >= end:
+            return end
+        normal = np.zeros(m)
+        normal[use] = line.normal
+        normal *= np.abs(way / extent[rows]).max() / float(normal[rows] @ way)
+        widths = np.where(np.isin(np.arange(m), wide), high - low, 0.0)
+        self.state[rows] = KEPT
+        at = goals + line.length * ways
+        ahead = at if spare is None else goals + end * ways
+        self.low[rows], self.high[rows] = np.minimum(at, ahead)[rows], np.maximum(at, ahead)[rows]
+        for row in use:
+            if self.low[row] < self.high[row] and abs(normal[row]) * widths[row] > LEVEL:
+                self.low[row] = self.high[row] = self.wrench[row]
+        self._reduce(normal)
+        self.state[rows[int(np.argmax(np.abs(normal[rows] * extent[rows])))]] = IMPLIED
+        return line.length
+
+    def settle(self) -> None:
+        """Take the vectors of least cost that give the same wrench."""
+        m = len(self.problem.axes)
+        rows = [row for row in range(m) if self.state[row] != IMPLIED]
+        newton, columns, use = self._left(rows, [], self.low, self.high)
+        if newton is None:
+            return
+        goals = np.where(self.low == self.high, self.low, self.wrench)
+        found = newton.solve((goals - self.problem.gamma @ self._base)[None, use])
+        if found.attained[0]:
+            self.point = self._base + columns @ found.points[0]
+        self.point = self.problem.clip(self.point)
+
+    @property
+    def _base(self) -> Array:
+        return np.concatenate([part.base for part in self.parts])
+
+    def _left(
+        self, rows: Sequence[int], wide: Sequence[int], low: Array, high: Array
+    ) -> tuple[SetsNewton | None, Array, list[int]]:
+        """Return the problem of what is left, its columns, and the rows that are independent."""
+        problem, solver = self.problem, self.solver
+        count = sum(part.ways.shape[1] for part in self.parts)
+        columns, sets, k = np.zeros((problem.n, count)), [], 0
+        for part, first in zip(self.parts, problem.sets.first, strict=True):
+            size, more = part.ways.shape
+            columns[first : first + size, k : k + more] = part.ways
+            k += more
+            sets += [part.shape] if part.shape is not None else []
+        weights = solver.weights @ columns**2
+        preferred = (solver.preferred - self._base) @ columns
+        units = problem.extent[wide] / solver.greatest
+        sets += [Interval(low[row] / unit, high[row] / unit)
+                 for row, unit in zip(wide, units, strict=True)]
+        matrix = np.hstack([problem.gamma @ columns, np.zeros((len(problem.axes), len(wide)))])
+        matrix[wide, count + np.arange(len(wide))] = -units
+        weights = np.concatenate([weights, np.ones(len(wide))])
+        preferred = np.concatenate([preferred, np.zeros(len(wide))])
+        use = [rows[i] for i in independent(matrix[rows] / weights)] if sets else []
+        if not use:
+            return None, columns, use
+        return sets_newton(matrix[use], ConvexSets(sets), weights, preferred), columns, use
+
+    def _reduce(self, normal: Array) -> None:
+        """Keep the face of the sets that a normal of the boundary touches."""
+        slopes = normal @ self.problem.gamma
+        for i, (part, first) in enumerate(zip(self.parts, self.problem.sets.first, strict=True)):
+            place = slice(first, first + len(part.base))
+            self.parts[i] = face(part, slopes[place], self.point[place], LEVEL)
 
 
 AnyPrioritization = Prioritization | VectoredPrioritization

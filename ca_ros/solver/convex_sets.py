@@ -1,4 +1,4 @@
-"""Convex sets of effectors: projection, its derivative, support function and barrier."""
+"""Convex sets of effectors: projection, its derivative and support function."""
 
 from __future__ import annotations
 
@@ -102,8 +102,6 @@ class ConvexSets:
     - `first`: the first component of each set
     - `lower` and `upper` (n,): the least box around the product
     - `inner` (n,): a point inside all sets
-    - `complexity`: parameter of the barrier: along its path the gap is this over the weight of the
-      cost
     """
 
     def __init__(self, sets: Sequence[ConvexSet]) -> None:
@@ -127,7 +125,6 @@ class ConvexSets:
         self.inner[self._line] = 0.5 * (self._low + self._high)
         for group in self._groups:
             self.inner[group.places[:, 0]] = group.middle
-        self.complexity = 2.0 * len(intervals) + sum(group.complexity for group in self._groups)
 
     def support_of_axes(self, sign: float) -> Array:
         """Return the greatest value (n,) of each component times a sign."""
@@ -194,33 +191,6 @@ class ConvexSets:
             points[..., group.places] = group.farthest(slopes[..., group.places])[0]
         return points
 
-    def slacks(self, points: Array) -> Array:
-        """Return numbers that are all positive inside the sets, for one point (n,)."""
-        line = points[self._line]
-        parts = [line - self._low, self._high - line]
-        parts += [group.slacks(points[group.places]) for group in self._groups]
-        return np.concatenate(parts)
-
-    def barrier(self, points: Array) -> tuple[Array, Array]:
-        """Return gradient (n,) and a root (k, n) of the Hessian of the barrier ``-sum log``.
-
-        The Hessian is ``root.T @ root``; as a sum it would lose its digits near the boundary.
-        """
-        gradient = np.zeros(self.n)
-        line = points[self._line]
-        low, high = 1.0 / (line - self._low), 1.0 / (self._high - line)
-        gradient[self._line] = high - low
-        eye = np.eye(self.n)[self._line]
-        roots = [np.hypot(low, high)[:, None] * eye]
-        for group in self._groups:
-            place = group.places
-            gradient[place], rows = group.barrier(points[place])
-            count, each, _ = rows.shape
-            wide = np.zeros((count, each, self.n))
-            np.put_along_axis(wide, np.broadcast_to(place[:, None, :], rows.shape), rows, axis=2)
-            roots.append(wide.reshape(count * each, self.n))
-        return gradient, np.concatenate(roots)
-
     def fields(self) -> dict[str, Array | float]:
         """Return the fields of the sets in ``ca_vectored``, see `ca_ros/kernel/vectored.h`."""
         rows = [
@@ -271,13 +241,8 @@ class _Sectors:
         begin = self._least / np.where(half, np.where(self._least > 0.0, 1e-300, 1.0), self._cos)
         self._begin = np.minimum(begin, self._radius)
         self._flank = (begin < self._radius) & ~self._full
-        # Which barriers there are: of the flank as a cone, and of the plane at `least`.
-        self._cone = self._flank & ~half
-        self._plane = ~self._full & (half | (self._least > 0.0))
-        self._slope = np.where(self._cone, self._sin / np.where(half, 1.0, self._cos), 0.0)
         low = np.where(self._full, 0.0, self._least)
         self.middle = np.where(self._full, 0.0, low + 0.6 * (self._radius - low))
-        self.complexity = float(2 * len(sets) + 2 * self._cone.sum() + self._plane.sum())
 
     def project(self, points: Array) -> tuple[Array, Any, Array, Array, Array, Array]:
         """Return nearest points, the number of the case, and the half plane's coordinates.
@@ -356,49 +321,3 @@ class _Sectors:
             self._full & (length == 0.0), 0.0, to)
         ratio = (up / np.where(across > 0.0, across, 1.0))[..., None]
         return np.concatenate([to[..., None], rest * ratio], axis=-1), value
-
-    def _terms(self, points: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        along = points[:, 0]
-        across = np.linalg.norm(points[:, 1:], axis=-1)
-        length = np.hypot(along, across)
-        slope = self._slope * along
-        one = np.ones_like(along)
-        return (
-            length, across, self._radius - length, np.where(self._cone, slope - across, one),
-            np.where(self._cone, slope + across, one),
-            np.where(self._plane, along - self._least, one),
-        )
-
-    def slacks(self, points: Array) -> Array:
-        """Return numbers that are positive inside."""
-        return np.concatenate(self._terms(points)[2:])
-
-    def barrier(self, points: Array) -> tuple[Array, Array]:
-        """Return gradients (k, size) and roots (k, 4 + 2 size, size) of the Hessians."""
-        length, across, ball, cone, mirror, plane = self._terms(points)
-        size = points.shape[-1]
-        out = points / np.where(length > 0.0, length, 1.0)[:, None]
-        away = points[:, 1:] / np.where(across > 0.0, across, 1.0)[:, None]
-        zero, axis = np.zeros_like(length)[:, None], np.eye(size)[0]
-        whole = self._radius + length
-        # -log(r - length) - log(r + length), and the same of the cone; both turn about the axis.
-        flank = self._cone / cone, self._cone / mirror
-        toward = [
-            np.concatenate([self._slope[:, None] + zero, sign * away], axis=1)
-            for sign in (-1.0, 1.0)
-        ]
-        inverse = self._plane / plane
-        gradient = out * (2.0 * length / (ball * whole))[:, None] - inverse[:, None] * axis
-        for rate, row in zip(flank, toward, strict=True):
-            gradient = gradient - rate[:, None] * row
-        rows = [out * (1.0 / ball)[:, None], out * (1.0 / whole)[:, None],
-                inverse[:, None] * axis]
-        rows += [rate[:, None] * row for rate, row in zip(flank, toward, strict=True)]
-        square = np.eye(size) - out[:, :, None] * out[:, None, :]
-        stack = [row[:, None, :] for row in rows]
-        stack.append(square * np.sqrt(2.0 / (ball * whole))[:, None, None])
-        if size > 2:
-            around = np.zeros((len(points), size, size))
-            around[:, 1:, 1:] = np.eye(size - 1) - away[:, :, None] * away[:, None, :]
-            stack.append(around * np.sqrt(2.0 * flank[0] * flank[1])[:, None, None])
-        return gradient, np.concatenate(stack, axis=1)
