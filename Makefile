@@ -111,7 +111,8 @@ readme: demo
 
 explorer: ca_ros/explorer.html
 
-ca_ros/explorer.html: $(wildcard explorer/*.* explorer/src/* ca_ros/kernel/*.[ch] config/*.yaml)
+ca_ros/explorer.html: $(wildcard explorer/*.* explorer/src/* ca_ros/kernel/*.[ch] config/*.yaml \
+    ca_ros/explore.py ca_ros/settings.py ca_ros/*/*settings.py) | .venv/.demo
 	@for tool in $(page_tools); do command -v $$tool >/dev/null || \
 	    { echo "make explorer needs $$tool: apt install npm clang lld"; exit 1; }; done
 	npm ci --silent --prefix explorer

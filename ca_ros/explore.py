@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
-from ca_ros.settings import ParameterError
+from ca_ros.allocation.settings import AllocatedVehicleSettings
+from ca_ros.settings import LARGEST, RENAMED, REQUIRED, SMALLEST, ParameterError, table
 from ca_ros.vehicle.files import find
+from ca_ros.vehicle.settings import MovingBodySettings
 from ca_ros.vehicle.vehicle import Vehicle
 
 PAGE = Path(__file__).with_name('explorer.html')  # the page, which ``make explorer`` builds
 
 NO_VEHICLE = '<script type="application/json" id="start">{}</script>'
-
 
 COMMAND = 'explore', 'write the explorer, a page for a browser: drag the demand, fail rotors'
 
@@ -34,7 +36,8 @@ def run(options: argparse.Namespace) -> None:
 def page(vehicle: str | None = None) -> str:
     """Return the page, which begins with a vehicle.
 
-    Raises a ParameterError if the page was not built, or the vehicle's file is wrong.
+    Raises a ParameterError if the page was not built, the vehicle's file is wrong, or its rotors
+    tilt.
     """
     if not PAGE.is_file():
         raise ParameterError(
@@ -44,7 +47,31 @@ def page(vehicle: str | None = None) -> str:
     text = PAGE.read_text(encoding='utf-8')
     if vehicle is None:
         return text
-    Vehicle.load(vehicle)
+    if Vehicle.load(vehicle).tilts is not None:
+        raise ParameterError(f'{vehicle}: rotors that tilt: the explorer knows fixed rotors only')
     file = find(vehicle)
     start = json.dumps({file.stem: file.read_text(encoding='utf-8')}).replace('</', '<\\/')
     return text.replace(NO_VEHICLE, NO_VEHICLE.replace('{}', start))
+
+
+def settings() -> dict[str, Any]:
+    """Return the settings that the page checks, and their old names, for the page's build."""
+    known = {
+        **table(AllocatedVehicleSettings), **table(MovingBodySettings, 'vehicle.'),
+    }
+    fields = {
+        name: {
+            'words': str in field.kinds, 'whole': int in field.kinds, 'array': field.array,
+            'minimum': SMALLEST if field.positive else max(field.minimum, -LARGEST),
+            'maximum': min(field.maximum, LARGEST), 'choices': list(field.choices),
+            'sizes': list(field.sizes) or None, 'range': field.range(),
+            'default': None if field.default is REQUIRED else field.default,
+            'description': field.description,
+        }
+        for name, field in known.items()
+    }
+    return {'fields': fields, 'renamed': {old: new for old, (new, _) in RENAMED.items()}}
+
+
+if __name__ == '__main__':
+    print(json.dumps(settings()))

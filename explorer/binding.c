@@ -23,10 +23,10 @@ IN ca_real gamma[CA_M][CA_N];
 IN ca_real lower[CA_N], upper[CA_N], weight[CA_N], preferred[CA_N];
 IN ca_real forward[CA_N], reverse[CA_N], speed_min[CA_N], speed_max[CA_N];
 IN ca_real reference[CA_M], slack;
-/* A measured thrust curve, a w^2 + b w + c from each start [rad/s] and level [N] on, for rotors with
- * a k_f of `unit`. No segments: thrusts of k_f w^2. */
+/* A measured thrust curve: start [rad/s], a, b and c of each segment, which begins at a level [N], for
+ * rotors with a k_f of `unit`. No segments: thrusts of k_f w^2. */
 IN int segments;
-IN ca_real starts[SEGMENTS], levels[SEGMENTS], segment[SEGMENTS][3], unit;
+IN ca_real segment[SEGMENTS][4], levels[SEGMENTS], unit;
 IN int impaired[CA_N]; /* whether the health of a rotor is below 1 */
 IN ca_real airmode[4]; /* as ca_options */
 IN ca_real acceleration[CA_N], deceleration[CA_N], elapsed; /* time since hover [s]; 0: any time */
@@ -58,7 +58,7 @@ static void speeds_of(const ca_real *f, ca_real *w)
         int s = segments - 1;
         while (s > 0 && thrust < levels[s])
             s--;
-        const ca_real a = segment[s][0], b = segment[s][1], rest = thrust - segment[s][2];
+        const ca_real a = segment[s][1], b = segment[s][2], rest = thrust - segment[s][3];
         const ca_real r = ca_sqrt(ca_max(b * b + 4 * a * rest, 0));
         const ca_real top = b >= 0 ? 2 * rest : r - b, bottom = b >= 0 ? b + r : 2 * a;
         w[i] = ca_clip(bottom > 0 || bottom < 0 ? top / bottom : 0, speed_min[i], speed_max[i]);
@@ -71,13 +71,8 @@ static void thrusts_of(const ca_real *w, ca_real *f)
         ca_thrusts(rotors, w, forward, reverse, f);
         return;
     }
-    for (int i = 0; i < rotors; i++) {
-        const ca_real speed = ca_max(w[i], 0);
-        int s = segments - 1;
-        while (s > 0 && speed < starts[s])
-            s--;
-        f[i] = forward[i] / unit * ((segment[s][0] * speed + segment[s][1]) * speed + segment[s][2]);
-    }
+    for (int i = 0; i < rotors; i++)
+        f[i] = forward[i] / unit * ca_curve(segments, segment, ca_max(w[i], 0));
 }
 
 /* Whether the axes that are kept, without one more, are independent: the column of an axis in the
@@ -226,11 +221,35 @@ static void narrow(const ca_options *options)
     ca_copy(rotors, most, upper);
 }
 
+/* Set the middle and half of the range of each axis, also of those that are lost. */
+static void find_ranges(void)
+{
+    for (int k = 0; k < axes; k++) {
+        center[k] = extent[k] = 0;
+        for (int i = 0; i < rotors; i++) {
+            center[k] += gamma[k][i] * (upper[i] + lower[i]) / 2;
+            extent[k] += ca_abs(gamma[k][i]) * (upper[i] - lower[i]) / 2;
+        }
+        if (!(extent[k] > 0))
+            extent[k] = 1;
+    }
+}
+
+/* No axis can be controlled: the rotors are as slow as possible. */
+static int powerless(int fault)
+{
+    rows = facets = 0;
+    for (int k = 0; k < axes; k++)
+        kept[k] = 0;
+    return fault;
+}
+
 /* Prepare the vehicle; returns an enum ca_fault. */
 SHARED int prepare_vehicle(void)
 {
     ca_options options = {.policy = CA_REJECTED, .slack = slack, .thrust = -1, .airmode_limited = 1,
                           .airmode = {1, 1, 1, 1}, .reports_health = 1};
+    find_ranges();
     audit();
     rows = 0;
     for (int k = 0; k < axes; k++)
@@ -240,8 +259,8 @@ SHARED int prepare_vehicle(void)
         options.order[k] = k;
         options.reference[k] = reference[row_of[k]];
     }
-    if (set_up(&current, lower, upper, 0, &options))
-        return CA_NO_VOLUME;
+    if (rows == 0 || set_up(&current, lower, upper, 0, &options))
+        return powerless(CA_NO_VOLUME);
     set_up(&once, lower, upper, 1, &options);
     find_facets();
     for (int k = 0; k < rows; k++) {
@@ -283,12 +302,12 @@ SHARED int prepare_vehicle(void)
     }
     const int fault = set_up(&problem, lower, upper, 1, &options);
     if (fault || !(elapsed > 0))
-        return fault;
+        return fault ? powerless(fault) : 0;
     for (int k = 0; k < rows; k++)
         options.reference[k] = reference[row_of[k]];
     narrow(&options);
     if (set_up(&current, lower, upper, 0, &options))
-        return CA_NO_VOLUME;
+        return powerless(CA_NO_VOLUME);
     find_facets();
     return set_up(&once, lower, upper, 1, &options);
 }
@@ -324,7 +343,10 @@ SHARED void allocate(int method)
         u[k] = demand[row_of[k]];
     find_margin(u);
     level = 1;
-    if (method == EXACT) {
+    status = CA_REJECTED;
+    if (rows == 0)
+        ca_copy(rotors, lower, thrusts);
+    else if (method == EXACT) {
         const ca_answer answer = ca_allocate(&problem, u, thrusts);
         status = answer.status;
         level = answer.level;
@@ -342,7 +364,7 @@ SHARED void allocate(int method)
         wrench[k] = ca_dot(rotors, gamma[k], thrusts);
         missed += kept[k] ? (demand[k] - wrench[k]) * (demand[k] - wrench[k]) : 0;
     }
-    if (method != EXACT)
+    if (rows && method != EXACT)
         status = ca_sqrt(missed) <= 1e-9 * ca_max(1, ca_length(rows, u)) ? CA_EXACT : CA_INEXACT;
     speeds_of(thrusts, speeds);
 }
@@ -375,8 +397,8 @@ SHARED int section(int a, int b, int c)
     static ca_real planes[2 * FACETS][4], polygon[CORNERS][3];
     const int shown[3] = {a, b, c};
     int count = 0, polygons = 0, used = 0;
-    if (facets < 0)
-        return -1;
+    if (facets <= 0)
+        return facets;
     for (int f = 0; f < 2 * facets; f++) {
         const ca_real side = f % 2 ? -1 : 1, *facet = normal[f / 2];
         ca_real *plane = planes[count], most = width[f / 2];

@@ -2,18 +2,23 @@
 
 import json
 import shutil
+import warnings
 
 import numpy as np
 import pytest
-import yaml
 
+import ca_ros.settings
 from ca_ros import AdmissibleSet, Exact, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.__main__ import main
+from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.evaluation.comparison import FixedPseudoInverse
-from ca_ros.explore import PAGE
+from ca_ros.explore import PAGE, settings
 from ca_ros.problem.audit import audit
+from ca_ros.problem.vehicle_problem import problem_of
+from ca_ros.settings import check_given, renamed, table
 from ca_ros.vehicle.failures import read_failures, with_failures
-from ca_ros.vehicle.files import config_directory
+from ca_ros.vehicle.files import config_directory, read
 from strategies import need_kernel
 
 need_kernel()
@@ -71,6 +76,16 @@ def show(page, vehicle, **state):
                   [VEHICLES.get(vehicle, vehicle), vehicle if vehicle in VEHICLES else '', state])
 
 
+def yaml_of(given):
+    """Return a parameter file."""
+    return json.dumps({'/**': {'ros__parameters': given}}).replace('NaN', '.nan')
+
+
+def with_value(setting, value, vehicle='hexarotor'):
+    """Return the parameters of a shipped vehicle with another value of a setting."""
+    return read(config_directory() / f'{vehicle}.yaml') | {setting: value}
+
+
 def demands(problem, size):
     """Return wrenches up to twice as far from the middle of the set as its boundary."""
     inside = AdmissibleSet(problem).sample(np.random.default_rng(3), size)
@@ -97,7 +112,7 @@ def test_thousand_allocations_have_the_bits_of_python(page, name, settings):
     words = {'policy': settings.get('policy', 'prioritize'),
              'deviation': settings.get('thrust_deviation', 'prevent')}
     if 'order' in settings:
-        words['order'] = [group.split() for group in settings['order']]
+        words['order'] = settings['order']
     if limit := settings.get('airmode_limit'):
         words['airmode'] = [limit, limit, 1, 1]
     answers = page.evaluate(ALLOCATE, [VEHICLES[name], None, words, wrenches.tolist(), 'exact'])
@@ -191,7 +206,7 @@ def random_vehicle(rng):
         rotors['axes'] = rng.normal([0.0, 0.0, 1.0], 0.2, (n, 3)).ravel().tolist()
         rotors['thrust_coefficient_reverse'] = float(rng.uniform(1e-5, 1e-4))
     body = {'name': 'random', 'mass': 1.5, 'center_of_mass': rng.normal(0.0, 0.02, 3).tolist()}
-    return yaml.safe_dump({'/**': {'ros__parameters': {'vehicle': body, 'rotors': rotors}}})
+    return yaml_of({'vehicle': body, 'rotors': rotors})
 
 
 def test_matrices_and_bounds_have_the_bits_of_python(page, tmp_path):
@@ -212,6 +227,56 @@ def test_matrices_and_bounds_have_the_bits_of_python(page, tmp_path):
         assert np.array_equal(got['lower'], vehicle.thrust_min)
         assert np.array_equal(got['upper'], vehicle.thrust_max)
         assert np.array_equal(got['reference'][got['axes'].index('thrust')], vehicle.weight)
+
+
+BAD = ['x', -1.0, 2.5, 1e10, float('nan'), [1.0, 2.0], [], None, True, '5', 0.0, 1e-40]
+OTHERS = [
+    ('vehicle.wings', 2), ('rotors.speed_maxx', 3.0), ('allocation.axes', 'thrust'),
+    ('allocation.axes', ['lift']), ('allocation.axes', ['thrust', 'thrust', 'yaw']),
+    ('allocation.axs', ['thrust']), ('rotors.spins', ['cw', 'left'] * 3),
+    ('rotors.spins', ['cw', 'ccw']), ('rotors.health', 2.0), ('rotors.health', [1.0] * 5),
+    ('rotors.ring.radius', 0.0), ('rotors.ring.count', 33), ('rotors.ring.count', 3_000_000),
+    ('rotors.positions', [0.1] * 18), ('rotors.axes', [0.0] * 3), ('rotors.axes', [1.0] * 6),
+    ('rotors.speed_min', 500.0), ('rotors.deceleration_max', 5.0), ('rotors.battery_voltage', 3),
+    ('rotors.thrust_curve.thrusts', [1.0, 2.0]), ('rotors.thrust_curve.polynomial', [1.0] * 3),
+    ('rotors.thrust_curve.speeds', [50.0, 100.0]), ('rotors.thrust_curve.pwm', [1.0, 1.0]),
+    ('allocation.exact.order', ['roll', 'pitch', 'thrust']), ('allocation.exact.order', ['foo']),
+    ('allocation.exact.order', ['roll pitch', 'thrust', 'yaw', 'roll']),
+    ('allocation.exact.airmode_limit', [0.1, 0.5]), ('allocation.exact.weights', [1.0] * 5),
+    ('allocation.exact.weights', [1.0] * 5 + [1e5]), ('allocation.exact.preferred', 1e6),
+    ('allocation.exact.reversal', 'maybe'), ('allocation.exact.slack', 1.0),
+]
+
+
+def test_a_file_is_refused_where_python_refuses_it_and_in_one_line(page):
+    # The page has no vehicles with rotors that tilt, and does not need the inertia.
+    names = [name for name in settings()['fields'] if not any(
+        word in name for word in ('tilt', 'gimbal', 'servos', 'inertia', 'conventional'))]
+    names = [n for n in names if n.count('.') == 1 or n.startswith(('rotors', 'allocation.exact'))]
+    cases = [*OTHERS, *((name, value) for name in names for value in BAD)]
+    texts = [yaml_of(with_value(*case)) for case in cases]
+    found = page.evaluate("""(texts) => texts.map((text) => {
+      try { explorer.readVehicle(text); return ''; } catch (error) { return error.message; }
+    })""", texts)
+    known, different = table(AllocatedVehicleSettings), []
+    for case, got in zip(cases, found, strict=True):
+        given = with_value(*case)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore', FutureWarning)
+                given = renamed(given)
+            check_given({name: value for name, value in given.items() if name.startswith(
+                ('vehicle.', 'rotors.', 'allocation.')) and name != 'vehicle.inertia'}, known)
+            problem = problem_of(Vehicle.from_parameters(given))
+            exact = ca_ros.settings.read(ExactSettings, given, 'allocation.exact.')
+            exact.groups(problem.axes)
+            exact.preference(problem)
+            expected = ''
+        except ValueError as error:
+            expected = str(error)
+        if bool(expected) != bool(got) or '\n' in got:
+            different.append((case, expected, got))
+    assert not different
 
 
 @pytest.mark.parametrize('shown', [['roll', 'pitch', 'yaw'], ['thrust', 'yaw']])
@@ -255,7 +320,7 @@ def twelve():
         'ring': {'count': 12, 'radius': 0.6}, 'spins': ['cw', 'ccw'] * 6,
         'thrust_coefficient': 2.5e-5, 'torque_coefficient': 5e-7, 'speed_min': 40.0,
         'speed_max': 400.0}
-    return json.dumps({'/**': {'ros__parameters': {'vehicle': {'mass': 2.0}, 'rotors': rotors}}})
+    return yaml_of({'vehicle': {'mass': 2.0}, 'rotors': rotors})
 
 
 @pytest.mark.parametrize('vehicle', ['hexarotor', twelve()], ids=['hexarotor', 'twelve rotors'])
@@ -309,7 +374,10 @@ def test_a_dropped_file_is_shown_and_a_broken_one_refused_in_one_line(page):
         'vehicle: [': 'mine.yaml: not readable YAML',
         'a: 1': 'mine.yaml: expected a ROS parameter file',
         VEHICLES['hexarotor'].replace('[cw, ccw,', '[cw,'): 'rotors.spins: expected 6 words',
-        VEHICLES['hexarotor'].replace('40.0 ', '.nan '): 'rotors.speed_min: expected finite',
+        VEHICLES['hexarotor'].replace('40.0 ', '.nan '): 'rotors.speed_min: must be a finite',
+        twelve().replace('"count": 12', '"count": 3000000'): 'count: must be a whole num',
+        yaml_of(with_value('allocation.exact.policy', 'foo')): 'exact.policy: must be one',
+        yaml_of(with_value('rotors.speed_max', 1e200)): 'rotors.speed_max: must be pos',
         VEHICLES['hexarotor_realistic'].replace('2.2e-5', '-2.2e-5'): 'rotors.thrust_curve.poly',
     }.items():
         page.evaluate(DROP, [text, 'mine.yaml'])
@@ -319,6 +387,16 @@ def test_a_dropped_file_is_shown_and_a_broken_one_refused_in_one_line(page):
         assert '\n' not in said
         assert page.locator('#rotors div').count() == 12
         page.evaluate('document.querySelector("#fault").textContent = ""')
+    # The page is as it was.
+    page.locator('#rotors button').first.click()
+    assert page.locator('#status').inner_text() == 'EXACT'
+    assert page.evaluate('explorer.state.health') == [0, *[1] * 11]
+    page.locator('#hover').click()
+    assert page.evaluate('explorer.state.health') == [1] * 12
+    page.select_option('#vehicle', 'hexarotor')
+    assert page.locator('#rotors div').count() == 6
+    page.select_option('#vehicle', '')
+    assert page.locator('#rotors div').count() == 12
 
 
 @pytest.mark.parametrize('width', [1280, 390])
@@ -335,7 +413,117 @@ def test_the_command_writes_a_page_that_begins_with_the_vehicle(browser, tmp_pat
     page = browser.new_page()
     page.goto(out.as_uri())
     page.wait_for_function('window.explorer?.times.length')
-    assert page.evaluate('explorer.state.name') == 'mine'
+    assert page.locator('#vehicle option:checked').inner_text() == 'mine </script>'
     page.close()
     assert main(['explore', 'no such vehicle', '--out', str(out)]) == 1
     assert capsys.readouterr().err.count('\n') == 1
+
+
+def test_an_address_that_is_wrong_is_refused_in_a_line_and_shows_the_default(page, browser):
+    page.evaluate('location.hash = "#vehicle=x8"')
+    page.wait_for_function('explorer.state.name === "x8"')
+    for words, fault in {
+        'policy=foo': 'policy: must be one of', 'order=foo': 'order: expected groups',
+        'order=roll': 'order: expected groups', 'airmode=x': 'airmode[0]: must be in [0, 1]',
+        'airmode=-3': 'in [0, 1], got "-3"', 'health=1,1': 'health: expected 8 values, got 2',
+        'demand=1,2': 'demand: expected 4 values, got 2', 'demand=': 'demand: expected 4 values',
+        'beside=zzz': 'beside: must be one of pseudo_in', 'demand=a,b,c,d': 'demand[0]: must be',
+        'health=x,1,1,1,1,1,1,1': 'health[0]: must be', 'health=5,1,1,1,1,1,1,1': 'got "5"',
+        'deviation=zzz': 'deviation: must be one of', 'elapsed=-1': 'elapsed: must be',
+        'elapsed=x': 'elapsed: must be', 'shown=foo,bar': 'shown[0]: must be', 'foo=1': 'foo: no',
+    }.items():
+        page.evaluate('(words) => { location.hash = `#vehicle=x8&${words}`; }', words)
+        page.wait_for_function('document.querySelector("#fault").textContent')
+        said = page.locator('#fault').inner_text()
+        assert said.startswith(f'address: {fault}') or fault in said, said
+        assert page.evaluate('explorer.state.health') == [1] * 8
+        page.evaluate('document.querySelector("#fault").textContent = ""')
+    other = browser.new_page()
+    other.goto(f'{PAGE.as_uri()}#vehicle=mine')
+    other.wait_for_function('window.explorer?.times.length')
+    assert 'vehicle: expected one of' in other.locator('#fault').inner_text()
+    assert other.locator('#rotors div').count() == 6
+    other.close()
+
+
+def test_with_all_rotors_failed_the_page_and_its_address_show_it(page):
+    for button in page.locator('#rotors button').all():
+        button.click()
+    assert page.locator('#status').inner_text() == 'LOST'
+    assert 'rotors 1, 2, 3, 4, 5 and 6 lost' in page.locator('#words').inner_text()
+    rows = page.locator('#rotors div').all()
+    assert all('0 N, 0 rad/s' in row.inner_text() for row in rows)
+    assert page.locator('#rotors button[aria-pressed=true]').count() == 6
+    assert 'health=0%2C0%2C0%2C0%2C0%2C0' in page.url
+    page.locator('#hover').click()
+    assert page.locator('#status').inner_text() == 'EXACT'
+
+
+def test_a_link_to_a_vehicle_that_is_not_shipped_carries_its_file(browser, tmp_path):
+    file, out = tmp_path / 'hexarotor.yaml', tmp_path / 'page.html'
+    file.write_text(yaml_of(with_value('vehicle.mass', 1.25)))
+    assert main(['explore', str(file), '--out', str(out)]) == 0
+    page = browser.new_page()
+    page.goto(out.as_uri())
+    page.wait_for_function('window.explorer?.times.length')
+    page.goto(PAGE.as_uri() + '#' + page.url.partition('#')[2])
+    page.wait_for_function('window.explorer?.times.length')
+    assert page.evaluate('explorer.state.demand[0]') == pytest.approx(1.25 * 9.81)
+    page.close()
+
+
+def test_the_keyboard_opens_a_file_and_the_copied_link_is_confirmed(page):
+    page.locator('#vehicle').focus()
+    page.keyboard.press('Tab')
+    with page.expect_file_chooser() as chosen:
+        page.keyboard.press('Enter')
+    chosen.value.set_files(
+        {'name': 'mine.yaml', 'mimeType': 'text/yaml', 'buffer': twelve().encode()})
+    page.wait_for_function('document.querySelectorAll("#rotors div").length === 12')
+    page.locator('#link').click()
+    page.wait_for_function('document.querySelector("#link").textContent.startsWith("Cop")')
+    page.wait_for_function('document.querySelector("#link").textContent !== "Copy link"')
+
+
+def test_the_keyboard_moves_the_demand_of_a_small_vehicle(page):
+    small = twelve().replace('5e-07', '1e-11').replace('2.5e-05', '1e-8').replace('0.6', '0.04')
+    show(page, small)
+    page.locator('#set').focus()
+    for _ in range(10):
+        page.keyboard.press('PageUp')
+    yaw = page.evaluate('explorer.state.demand[3]')
+    assert yaw == pytest.approx(0.1 * 6 * 1e-11 * (400.0**2 - 40.0**2), rel=1e-2)
+
+
+def test_at_390_pixels_the_status_is_seen_beside_the_set(page):
+    page.set_viewport_size({'width': 390, 'height': 844})
+    page.evaluate('document.querySelector("#set").scrollIntoView()')
+    box, seen = page.locator('#set').bounding_box(), page.locator('#status').bounding_box()
+    assert seen['y'] + seen['height'] <= 844
+    assert box['y'] + box['height'] < seen['y']
+    page.set_viewport_size({'width': 1280, 'height': 800})
+
+
+def test_a_slow_set_waits_until_the_drag_rests(page):
+    text = twelve().replace('"count": 12', '"count": 32').replace(
+        '"spins": [', '"spins": [' + '"cw", "ccw", ' * 10)
+    show(page, text)
+    assert page.evaluate('explorer.sets[0].length') > 100
+    page.evaluate("""() => {
+      for (let i = 0; i < 3; i++) explorer.change({demand: [20 + i, 0, 0, 0.1]});
+    }""")
+    assert 'when the drag rests' in page.locator('#waits').inner_text()
+    page.wait_for_selector('#waits', state='hidden')
+    assert page.evaluate('explorer.sets[0].length') > 100
+
+
+def test_one_rotor_is_no_plural(page):
+    show(page, 'quadrotor', demand=[4.0, 0.9, 0.0, 0.0], policy='scale')
+    words = page.locator('#words').inner_text()
+    assert 'rotors 4 at' not in words
+    assert 'rotors 2 at' not in words
+
+
+def test_the_command_refuses_rotors_that_tilt(tmp_path, capsys):
+    assert main(['explore', 'tricopter', '--out', str(tmp_path / 'page.html')]) == 1
+    assert 'fixed rotors only' in capsys.readouterr().err

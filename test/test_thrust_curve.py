@@ -153,6 +153,7 @@ def test_without_a_curve_not_a_bit_changes(name):
 
 
 @pytest.mark.parametrize(('wrong', 'words'), [
+    ({CURVE + 'polynomial': 2.5}, 'polynomial: expected a, b and c, got 2.5'),
     ({CURVE + 'polynomial': [2e-5, 1.5e-3, -0.5]}, 'polynomial: -0.408 N at 40 rad/s'),
     ({CURVE + 'polynomial': [2e-2, 1.5e-3, 0.0]}, 'polynomial, thrusts: 3200.6 N at speed_max'),
     ({CURVE + 'polynomial': [-2e-5, 1e-2, 0.1]}, 'polynomial: .* least slope -0.006'),

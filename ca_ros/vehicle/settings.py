@@ -84,6 +84,8 @@ class ThrustCurveSettings(Settings):
         super().__post_init__()
         if self.polynomial != 0.0 and self.thrusts != 0.0:
             raise ParameterError('polynomial: given beside thrusts; expected one of them')
+        if self.polynomial != 0.0 and np.size(self.polynomial) != 3:
+            raise ParameterError(f'polynomial: expected a, b and c, got {self.polynomial}')
         if (self.thrusts != 0.0 or self.throttles != 0.0) and self.speeds == 0.0:
             what = 'they are the speeds of thrusts and throttles [rad/s]'
             raise MissingParameterError(f'speeds: missing; {what}')

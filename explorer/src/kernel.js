@@ -15,9 +15,9 @@ export async function loadKernel() {
   const c = new Proxy({}, {get: (cache, name) => (cache[name] ??= new (INTS.includes(name) ? Int32Array : Float64Array)(
     buffer, exports[name].value))});
 
-  /** Prepare a vehicle with rotor health; returns the axes that are lost, or throws if none is left. */
+  /** Prepare a vehicle with rotor health; returns which axes are left, and their ranges. */
   function prepare(vehicle, health, {policy, order, deviation, airmode = [1, 1, 1, 1], elapsed = 0}) {
-    const {n, axes} = vehicle, now = bounds(vehicle, health);
+    const {n, axes} = vehicle, now = bounds(vehicle, health), groups = order.map((group) => group.split(' '));
     c.rotors[0] = n;
     c.axes[0] = axes.length;
     axes.forEach((axis, k) => {
@@ -28,10 +28,10 @@ export async function loadKernel() {
       lower: now.lower, upper: now.upper,
       weight: vehicle.weight, preferred: vehicle.preferred, forward: now.forward, reverse: now.reverse,
       speed_min: now.speedMin, speed_max: now.speedMax, reference: vehicle.reference, slack: [vehicle.slack],
-      unit: [vehicle.forward[0]], segments: [vehicle.curve.length], starts: vehicle.curve.map((s) => s.start), levels: vehicle.curve.map((s) => s.level),
-      segment: vehicle.curve.flatMap((s) => s.abc), airmode, elapsed: [elapsed], acceleration: vehicle.acceleration, deceleration: vehicle.deceleration,
+      unit: [vehicle.forward[0]], segments: [vehicle.curve.length], levels: vehicle.curve.map((s) => s.level),
+      segment: vehicle.curve.flatMap((s) => [s.start, ...s.abc]), airmode, elapsed: [elapsed], acceleration: vehicle.acceleration, deceleration: vehicle.deceleration,
       impaired: health.map((h) => Number(h < 1)), policy: [POLICIES[policy]], deviation: [DEVIATIONS.indexOf(deviation)],
-      order: order.flat().map((axis) => axes.indexOf(axis)), group: order.flatMap((group, i) => group.map(() => i)),
+      order: groups.flat().map((axis) => axes.indexOf(axis)), group: groups.flatMap((group, i) => group.map(() => i)),
     })) c[name].set(values);
     const fault = exports.prepare_vehicle();
     const kept = axes.filter((_, k) => c.kept[k]);

@@ -46,8 +46,9 @@ export function drawVehicle(stage, vehicle, health, limits, answer) {
 }
 
 /** Draw the attainable set over the shown axes, in units of half of their ranges. */
-export function drawSet(stage, {axes, shown, scaled, value, sets, demand, served, beside, start}) {
+export function drawSet(stage, {axes, shown, set, sets, demand, served, beside, start}) {
   stage.clear();
+  const scaled = (u, k) => (u[k] - set.center[k]) / set.extent[k], value = (x, k) => set.center[k] + x * set.extent[k];
   const spot = (u) => new Vector3(...shown.map((k) => scaled(u, k)), ...(shown.length < 3 ? [0] : [])), flat = shown.length < 3;
   sets.forEach((polygons, i) => {
     const edges = polygons.flatMap((corners) => corners.map((corner, j) => [...corner, ...corners[(j + 1) % corners.length]]));
