@@ -198,13 +198,12 @@ def _write(
     words, problem = trajectory_words(options), VehicleProblem(case.vehicle)
     checked = flown_as_in_the_paper(case.parameters) and not options.fail and not words
     observations = list(observe(flights, problem, goal)) if checked else []
-    flown = [*words, *failure_words(failures), *['--detect'] * options.detect]
     found = {
         'duration': options.duration,
         'start': 'rest at the origin' if resting else 'the initial state of the parameters',
         'goal': str(options.goals),
         'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
-        **facts(case, 'dynamic_study', options, flown),
+        **facts(case, 'dynamic_study', options, [*words, *failure_words(failures)]),
         'methods': {
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },
