@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import expm1
-
 import numpy as np
 
 from ca_ros.arrays import Array
@@ -13,6 +11,7 @@ from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.slow_rotors import SlowRotors
+from ca_ros.flight.usual_motion import UsualMotion
 from ca_ros.flight.windows import BLOCK, WINDOWS, Windows
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.tilts import refuse_tilts
@@ -22,7 +21,6 @@ CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count
 REFINED = 0.5  # time after a failure in which its health is estimated further [s]
 USELESS = 0.2  # a rotor with less health is lost
 MOVING = 5.0  # motion of a vehicle that moves, over the noise in the settings
-FLOOR = 0.3  # least noise over that of the settings
 
 TOTAL = 0.9
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
@@ -40,9 +38,7 @@ class FailureDetector:
     second, `FailureTest` compares the sums over several windows of time with what each rotor
     should have given; rotors that three tests in a row name have failed.
 
-    The variance of each axis and window is learnt while nothing is suspected, and so are the mean
-    disturbance, and the drag along and about each axis.  Errors of thrusts and of the motors' lag
-    add to it while thrusts change.
+    While nothing is suspected, the mean disturbance, the drag and the noise are learnt.
 
     Where the speeds of the rotors are measured, `SlowRotors` finds those that do not follow their
     commands.
@@ -64,17 +60,9 @@ class FailureDetector:
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
         refuse_tilts(vehicle.tilts, 'failure detector')
         self._wrenches = rotor_wrenches(vehicle)
-        self._squares = self._wrenches**2
         tests = 3600.0 / BLOCK * len(WINDOWS)
-        self._find = FailureTest(
-            self._wrenches, tests, s.false_alarms, s.certainty, s.least_loss
-        )
-        inertia = np.diag(inertia_of(vehicle))
-        noise = np.concatenate(
-            [np.full(3, vehicle.mass * s.velocity_noise), inertia * s.angular_velocity_noise]
-        )
-        self._noise = 2.0 * noise**2
-        self._floor = FLOOR**2 * self._noise
+        self._find = FailureTest(self._wrenches, tests, s.false_alarms, s.certainty, s.least_loss)
+        self._usual = UsualMotion(vehicle, s, self._wrenches)
         self._moving = MOVING * np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._time: int | None = None
         self._turned, self._motion = np.eye(3), np.zeros(6)
@@ -96,9 +84,7 @@ class FailureDetector:
         self._slow.reset()
         self._sound = np.ones(n, bool)
         self._refined = np.full(n, np.inf)
-        self._variance = np.tile(self._noise, (len(WINDOWS), 1))
-        self._drag = np.zeros(6)
-        self._means, self._products = np.zeros((2, 6)), np.zeros((2, 6))
+        self._usual.reset()
         self._begin()
 
     def model(self) -> dict[str, Array]:
@@ -116,7 +102,7 @@ class FailureDetector:
             'learning_time': settings.learning_time, 'thrust_error': settings.thrust_error,
             'time_error': settings.time_error, 'least_loss': settings.least_loss,
             'certainty': settings.certainty, 'limit': find.limit, 'odds': find.odds,
-            'lever': find.lever, 'noise': self._noise, 'moving': self._moving,
+            'lever': find.lever, 'noise': self._usual.noise, 'moving': self._moving,
             'jump': self._observer.jump_max, 'balance': self._observer.balance,
         }
         return {name: np.array(value, float) for name, value in numbers.items()}
@@ -132,11 +118,10 @@ class FailureDetector:
 
     def _begin(self) -> None:
         """Begin a flight: the windows reach back to now."""
-        n = self.vehicle.n
-        self._flown = self._waited = 0.0
+        self._usual.begin()
+        self._waited = 0.0
         self._named: tuple[int, ...] = ()
-        self._count, self._windows = 0, Windows(n)
-        self._mean_thrusts = np.zeros(n)
+        self._count, self._windows = 0, Windows(self.vehicle.n)
 
     def command(self, time: int, speeds: Array) -> None:
         """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
@@ -166,17 +151,17 @@ class FailureDetector:
         """
         rotation = rotation_matrix(attitude)
         motion = np.concatenate([velocity, angular_velocity])
-        last, observer = self._time, self._observer
+        last, observer, usual = self._time, self._observer, self._usual
         if last is not None and 0 < time - last < RESTART:
             thrusts = self._rotors.thrusts(last, time)
             self._slow.expect(time, self._rotors.speeds)
             turned, mean = 0.5 * (self._turned + rotation), 0.5 * (self._motion + motion)
-            drag = self._drag * (mean - self._means[1])
+            drag = usual.drag(mean)
             wrench = self._wrenches @ (self.health * thrusts) + drag
             observer.expect(turned @ wrench[:3], wrench[3:], mean[3:])
             # What holds a vehicle that does not move may be the ground, which is not learnt.
             moving = bool((abs(mean) > self._moving).any())
-            observer.gain = self._gain() if moving else 0.0
+            observer.gain = usual.gain if moving and not self._suspicious else 0.0
         observer.observe(time, rotation @ velocity, angular_velocity)
         if observer.time != time or last == time:
             return False
@@ -188,51 +173,33 @@ class FailureDetector:
             if observer.standing:
                 self._begin()
             return False
-        if not self._flown:
-            self._mean_thrusts = thrusts
-        self._flown += step
+        usual.fly(step, thrusts)
         sides = np.array([observer.impulse, observer.impulse - step * observer.estimate])
         sides[:, :3] = sides[:, :3] @ turned
         if moving and not self._suspicious:
-            self._learn(step, sides[0] / step + drag, mean, thrusts)
+            usual.learn(step, sides[0] / step + drag, mean, thrusts)
         return self._windows.add(step, sides[1], thrusts) and self._test(time, moving)
-
-    def _gain(self) -> float:
-        if self._suspicious:
-            return 0.0
-        return 1.0 / min(self.settings.learning_time, self._flown + 0.05)
 
     @property
     def _suspicious(self) -> bool:
         return 0.0 < self._waited < PATIENCE
 
-    def _learn(self, step: float, lacked: Array, motion: Array, thrusts: Array) -> None:
-        """Learn the drag about the mean motion, and the mean thrusts."""
-        self._mean_thrusts = self._mean_thrusts - expm1(-step * self._gain()) * (
-            thrusts - self._mean_thrusts
-        )
-        share = -expm1(-step / min(2.5 * self.settings.learning_time, self._flown))
-        moved = np.array([lacked, motion]) - self._means
-        self._means = self._means + share * moved
-        self._products = self._products + share * (moved * moved[1] - self._products)
-        self._drag = np.minimum(self._products[0] / (self._products[1] + 0.05**2), 0.0)
-
     def _test(self, time: int, moving: bool) -> bool:
         """Test all windows that end now; return whether the health has changed."""
-        windows, block = self._windows, self._windows.block
-        if self._flown < 2.0 * block:
+        windows, block, usual = self._windows, self._windows.block, self._usual
+        if usual.flown < 2.0 * block:
             windows.forget()
             return False
         recent = np.flatnonzero(self._refined < REFINED).tolist()
         self._refined += block
-        spread, squares = np.maximum(self._variance, self._floor), windows.lacked**2
-        if not recent and (squares / spread).sum(axis=1).max() <= SUSPICION:
+        spread = usual.spread()
+        if not recent and (windows.lacked**2 / spread).sum(axis=1).max() <= SUSPICION:
             # No score exceeds this sum.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
             self.certainty = np.where(self._sound, 0.0, self.certainty)
-            self._learn_noise(block, spread, squares)
+            usual.learn_noise(windows, spread)
             return False
-        variance = spread + self._model_errors()
+        variance = spread + usual.model_errors(windows)
         found = self._find(windows.lacked, windows.given, variance, self.health)
         if found.score > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
@@ -243,7 +210,7 @@ class FailureDetector:
         self._waited = self._waited + block if suspected else 0.0
         self.suspect = found.rotor if found.score > self._find.limit else None
         if not self._suspicious:
-            self._learn_noise(block, spread, squares)
+            usual.learn_noise(windows, spread)
         self.certainty = np.where(self._sound, found.probabilities, self.certainty)
         repeated = bool(found.named) and found.named == self._named
         self._count = self._count + 1 if repeated else int(bool(found.named))
@@ -261,17 +228,6 @@ class FailureDetector:
             self.certainty[rotor] = max(self.certainty[rotor], self.settings.certainty)
             self._fail(rotor, share, time, 'motion')
         return True
-
-    def _learn_noise(self, block: float, spread: Array, squares: Array) -> None:
-        share = -expm1(-block * self._gain())
-        self._variance = spread + share * (np.minimum(squares, 9.0 * spread) - spread)
-
-    def _model_errors(self) -> Array:
-        """Return the variance (T, 6) by errors of the thrusts, the lag and the delay."""
-        s, windows = self.settings, self._windows
-        unusual = windows.given - windows.ages[:, None] * self._mean_thrusts
-        error = (s.thrust_error * unusual) ** 2 + (s.time_error * windows.change) ** 2
-        return error @ self._squares.T
 
     def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
         self.since[rotor], self.evidence[rotor] = time, evidence

@@ -5,7 +5,7 @@
 #include "numbers.h"
 
 /* The constants of ca_ros/flight: failure_detector, failure_test, momentum_observer, slow_rotors,
- * standing, windows. */
+ * standing, usual_motion, windows. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3
 #define REFINED CA_REAL(0.5)
