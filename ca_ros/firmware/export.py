@@ -155,7 +155,7 @@ def _rates(firmware: Firmware, name: str) -> dict[str, str]:
     return {
         'rates': filled(
             'rates.c', acceleration=up, deceleration=down, speeds=_inverse(firmware),
-            thrusts='ca_thrusts' if firmware.curve.square else 'curve_thrusts',
+            narrow='ca_narrow' if firmware.curve.square else 'curve_narrow',
             curve_thrusts=_curve(firmware, 'curve_thrusts.c'),
         ).lstrip() + '\n',
         'rates_header': filled('rates.h', time=literals.real(PERIOD_MAX, firmware.precision)),

@@ -75,28 +75,24 @@ static void bound(ca_problem *p, int i, ca_real lower, ca_real upper)
     p->deviation_upper[i] = p->weight[i] * (upper - p->preferred[i]);
 }
 
+/* Narrow the bounds of rotor i to the given ones, within those of the set-up. */
+static inline void narrow(ca_problem *p, int i, ca_real low, ca_real high)
+{
+    const ca_real least = p->least[i], most = p->most[i];
+    if (!(low >= least && high <= most)) {
+        low = ca_clip(low, least, most);
+        high = ca_clip(high, least, most);
+    }
+    bound(p, i, low, high);
+}
+
 int ca_set_bounds(ca_problem *p, const ca_real *lower, const ca_real *upper)
 {
-    const int n = CA_ROTORS(p);
-    int moved = 0, sound = 1;
-    for (int i = 0; i < n; i++)
-        sound = sound && lower[i] <= upper[i];
-    if (!sound)
-        return CA_BAD_NUMBER;
-    for (int i = 0; i < n; i++) {
-        const ca_real least = p->least[i], most = p->most[i];
-        ca_real low = least, high = most;
-        if (lower[i] > least) {
-            moved = 1;
-            low = ca_min(lower[i], most);
-        }
-        if (upper[i] < most) {
-            moved = 1;
-            high = ca_max(upper[i], least);
-        }
-        bound(p, i, low, high);
-    }
-    p->moved = moved;
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        if (!(lower[i] <= upper[i]))
+            return CA_BAD_NUMBER;
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        narrow(p, i, lower[i], upper[i]);
     return CA_SOUND;
 }
 
@@ -265,7 +261,7 @@ static int insist(const ca_problem *p, ca_search *search, const ca_served *serve
 /* Whether a thrust that is held by its bound is at one that `ca_set_bounds` has narrowed. */
 static int moved_bound_limits(const ca_problem *p, const ca_face *face)
 {
-    for (int i = 0; p->moved && i < CA_ROTORS(p); i++) {
+    for (int i = 0; i < CA_ROTORS(p); i++) {
         const ca_real f = face->thrusts[i], lower = p->lower[i], upper = p->upper[i];
         if (face->held[i] && ((upper < p->most[i] && upper - f <= f - lower) ||
                               (lower > p->least[i] && upper - f >= f - lower)))
@@ -353,32 +349,62 @@ static ca_real slowed(ca_real speed, ca_real time, ca_real up, ca_real down)
     return change <= speed ? speed - change : -up * (time - speed / down);
 }
 
+/* The least and greatest speeds that a rotor reaches. */
+static inline void reach(ca_real speed, ca_real time, ca_real up, ca_real down, ca_real speed_min,
+                         ca_real speed_max, ca_real *least, ca_real *greatest)
+{
+    const ca_real rise = up * time, drop = down * time;
+    if (!(speed >= speed_min && speed <= speed_max))
+        speed = ca_clip(speed, speed_min, speed_max);
+    ca_real low = speed - drop, high = speed + rise;
+    /* Few rotors turn backwards, or stop within the time. */
+    if (speed < drop) {
+        low = speed > 0 ? slowed(speed, time, up, down) : speed - rise;
+        high = speed < 0 ? -slowed(-speed, time, up, down) : high;
+    }
+    *least = ca_max(low, speed_min);
+    *greatest = ca_min(high, speed_max);
+}
+
+static inline ca_real thrust(ca_real speed, ca_real coefficient, ca_real reverse)
+{
+    const ca_real square = speed * speed;
+    return speed < 0 ? -(reverse * square) : coefficient * square;
+}
+
 void ca_reach(int n, const ca_real *speeds, ca_real time, const ca_real *up, const ca_real *down,
               const ca_real *speed_min, const ca_real *speed_max, ca_real *least,
               ca_real *greatest)
 {
-    for (int i = 0; i < n; i++) {
-        const ca_real speed = ca_clip(speeds[i], speed_min[i], speed_max[i]);
-        const ca_real rise = up[i] * time, drop = down[i] * time;
-        ca_real low = speed - drop, high = speed + rise;
-        /* Few rotors turn backwards, or stop within the time. */
-        if (speed < drop) {
-            low = speed > 0 ? slowed(speed, time, up[i], down[i]) : speed - rise;
-            high = speed < 0 ? -slowed(-speed, time, up[i], down[i]) : high;
-        }
-        least[i] = ca_max(low, speed_min[i]);
-        greatest[i] = ca_min(high, speed_max[i]);
+    for (int i = 0; i < n; i++)
+        reach(speeds[i], time, up[i], down[i], speed_min[i], speed_max[i], &least[i],
+              &greatest[i]);
+}
+
+void ca_narrow(ca_problem *p, const ca_real *speeds, ca_real time, const ca_real *up,
+               const ca_real *down, const ca_real *thrust_coefficient,
+               const ca_real *reverse_coefficient, const ca_real *speed_min,
+               const ca_real *speed_max, ca_real *least, ca_real *greatest)
+{
+    for (int i = 0; i < CA_ROTORS(p); i++) {
+        const ca_real forwards = thrust_coefficient[i];
+        ca_real low, high;
+        reach(speeds[i], time, up[i], down[i], speed_min[i], speed_max[i], &low, &high);
+        if (low >= 0)
+            narrow(p, i, forwards * (low * low), forwards * (high * high));
+        else
+            narrow(p, i, thrust(low, forwards, reverse_coefficient[i]),
+                   thrust(high, forwards, reverse_coefficient[i]));
+        least[i] = low;
+        greatest[i] = high;
     }
 }
 
 void ca_thrusts(int n, const ca_real *speeds, const ca_real *thrust_coefficient,
                 const ca_real *reverse_coefficient, ca_real *thrusts)
 {
-    for (int i = 0; i < n; i++) {
-        const ca_real square = speeds[i] * speeds[i];
-        thrusts[i] =
-            speeds[i] < 0 ? -(reverse_coefficient[i] * square) : thrust_coefficient[i] * square;
-    }
+    for (int i = 0; i < n; i++)
+        thrusts[i] = thrust(speeds[i], thrust_coefficient[i], reverse_coefficient[i]);
 }
 
 /* A unit vector normal to m - 1 columns of Gamma, by elimination with full pivoting. Returns 0 if

@@ -19,6 +19,7 @@
 #define ca_allocate CA_SYMBOL(ca_allocate)
 #define ca_set_bounds CA_SYMBOL(ca_set_bounds)
 #define ca_reach CA_SYMBOL(ca_reach)
+#define ca_narrow CA_SYMBOL(ca_narrow)
 #define ca_thrusts CA_SYMBOL(ca_thrusts)
 #define ca_explain CA_SYMBOL(ca_explain)
 #define ca_margin CA_SYMBOL(ca_margin)
@@ -93,6 +94,12 @@ void ca_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
 void ca_reach(int n, const ca_real *speeds, ca_real time, const ca_real *up, const ca_real *down,
               const ca_real *speed_min, const ca_real *speed_max, ca_real *least,
               ca_real *greatest);
+
+/* The same, and `ca_set_bounds` to the thrusts k w^2 of these speeds, in fewer instructions. */
+void ca_narrow(ca_problem *problem, const ca_real *speeds, ca_real time, const ca_real *up,
+               const ca_real *down, const ca_real *thrust_coefficient,
+               const ca_real *reverse_coefficient, const ca_real *speed_min,
+               const ca_real *speed_max, ca_real *least, ca_real *greatest);
 
 /* Thrusts [N] of rotor speeds [rad/s]: the inverse of `ca_speeds`. */
 void ca_thrusts(int n, const ca_real *speeds, const ca_real *thrust_coefficient,

@@ -395,23 +395,32 @@ static void clear(const ca_problem *p, simplex *s)
         s->held[i] = 0;
 }
 
+/* Whether `ca_set_bounds` has narrowed the bounds. */
+static int is_narrowed(const ca_problem *p)
+{
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        if (p->lower[i] > p->least[i] || p->upper[i] < p->most[i])
+            return 1;
+    return 0;
+}
+
 /* Begin at the middle of the bounds, with all thrusts nonbasic. */
-static void begin_in_middle(const ca_problem *p, simplex *s)
+static void begin_in_middle(const ca_problem *p, int moved, simplex *s)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     clear(p, s);
     s->doubt = SLACK;
     for (int i = 0; i < n; i++) {
         const ca_real middle = p->middle[i], half = p->half_range[i];
-        const int narrowed = p->moved && half > 0;
+        const int narrowed = moved && half > 0;
         const ca_real low = narrowed ? (p->lower[i] - middle) / half : -1;
         const ca_real high = narrowed ? (p->upper[i] - middle) / half : 1;
-        put(s, ROWS + i, i, p->moved ? (low + high) / 2 : 0, low, high);
+        put(s, ROWS + i, i, moved ? (low + high) / 2 : 0, low, high);
     }
     for (int k = 0; k < m; k++) {
         for (int i = 0; i < n; i++)
             s->rates[k][i] = p->gamma[k][i] * p->half_range[i] / p->extent[k];
-        put(s, k, n + k, p->moved ? ca_dot(n, s->rates[k], s->value + ROWS) : 0, -CA_INFINITY,
+        put(s, k, n + k, moved ? ca_dot(n, s->rates[k], s->value + ROWS) : 0, -CA_INFINITY,
             CA_INFINITY);
     }
 }
@@ -499,17 +508,17 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
                      int senses, simplex *s, ca_real *axes)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
-    const int thrust = senses ? p->thrust : -1;
+    const int thrust = senses ? p->thrust : -1, moved = is_narrowed(p);
     const ca_real demand = thrust < 0 ? 0 : ca_clip(goals[thrust], -1, 1);
     int variables[CA_M] = {0};
     ca_real ways[CA_M] = {0}, rest[CA_M] = {0}, share = 1, left = 0;
-    if (p->moved)
-        begin_in_middle(p, s);
+    if (moved)
+        begin_in_middle(p, 1, s);
     else
         begin(p, s);
     for (int i = 0; i < m; i++)
         variables[i] = n + p->order[i];
-    for (int i = 0; p->moved && first > 1 && i < first; i++)
+    for (int i = 0; moved && first > 1 && i < first; i++)
         release(s, variables[i]);
     if (thrust >= 0) {
         confine(s, n + thrust, demand - p->fall, demand + p->rise);
@@ -525,15 +534,15 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         for (int i = 0; i < first; i++) {
             const int axis = p->order[i];
             ways[i] = goals[axis] - p->begin[i];
-            rest[i] = p->moved ? p->begin[i] - value_of(s, variables[i]) : 0;
+            rest[i] = moved ? p->begin[i] - value_of(s, variables[i]) : 0;
         }
         const ca_real size = direction_of(first, ways, direction);
         const ca_real distance = direction_of(first, rest, back);
-        if (p->moved)
+        if (moved)
             homeward = add_ray(s, first, variables, back);
         const int length = add_ray(s, first, variables, direction);
         drop_all(s, first, variables);
-        if (p->moved) {
+        if (moved) {
             /* The bounds may keep the first group away from the line: go there first. */
             s->upper[s->place[length]] = size;
             left = 1 - push_along(s, homeward, distance, back);
@@ -617,7 +626,7 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
     s.prices = 0;
     p->on_reference = 0;
     scale(p, p->reference, reference);
-    begin_in_middle(p, &s);
+    begin_in_middle(p, 0, &s);
     if (first > 1) {
         /* The line begins at the reference, or before it if the reference is not well inside. */
         ca_real ways[CA_M] = {0}, direction[CA_M], part = 1;
@@ -635,7 +644,7 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
             part = ca_min(1, INSIDE * value_of(&s, length) / size);
         }
         p->on_reference = 1;
-        begin_in_middle(p, &s);
+        begin_in_middle(p, 0, &s);
         for (int i = 0; i < first; i++) {
             p->begin[i] = part * reference[p->order[i]];
             p->on_reference = p->on_reference && p->begin[i] == reference[p->order[i]];

@@ -72,7 +72,6 @@ typedef struct {
     X(ca_real, gamma, [CA_M][CA_N])         /* control allocation matrix */ \
     X(ca_real, lower, [CA_N])               /* bounds of the thrusts f [N] */ \
     X(ca_real, upper, [CA_N]) \
-    X(int, moved, )                         /* whether `ca_set_bounds` has narrowed them */ \
     X(ca_real, least, [CA_N])               /* the bounds at the set-up */ \
     X(ca_real, most, [CA_N]) \
     X(int, impaired, [CA_N])                /* whether the health of a rotor lowers `most` */ \

@@ -53,11 +53,8 @@ static int call(const float *u, float *f)
     static float speeds[CA_N];
     const float *from = least, *to = greatest;
 #if COUNT_RATES
-    float low[CA_N], high[CA_N], slow[CA_N], fast[CA_N];
-    ca_reach(CA_N, speeds, 0.01f, rates, rates, least, greatest, slow, fast);
-    ca_thrusts(CA_N, slow, factors, factors, low);
-    ca_thrusts(CA_N, fast, factors, factors, high);
-    ca_set_bounds(&problem, low, high);
+    float slow[CA_N], fast[CA_N];
+    ca_narrow(&problem, speeds, 0.01f, rates, rates, factors, factors, least, greatest, slow, fast);
     from = slow;
     to = fast;
 #else

@@ -7,7 +7,7 @@ int ${name}_allocate_within(int fault, const ca_real wrench[${NAME}_AXES], ca_re
     ca_real speeds[${NAME}_ROTORS])
 {
     const int row = fault >= 0 && fault < ${NAME}_FAULTS ? fault : 0;
-    ca_real u[CA_M] = {0}, thrusts[CA_N], least[CA_N], greatest[CA_N], lower[CA_N], upper[CA_N];
+    ca_real u[CA_M] = {0}, thrusts[CA_N], least[CA_N], greatest[CA_N];
     int status = CA_INVALID;
     /* The problem of the last fault, whose bounds each call moves. */
     static ca_problem moved;
@@ -17,11 +17,10 @@ int ${name}_allocate_within(int fault, const ca_real wrench[${NAME}_AXES], ca_re
         copied = row;
     }
     const ca_real elapsed = ca_clip(time, 0, ${NAME}_TIME_MAX);
-    ca_reach(CA_N, speeds, elapsed, acceleration_max, deceleration_max, speed_min[row],
-        speed_max[row], least, greatest);
-    $thrusts(CA_N, least, thrust_coefficient[row], reverse_coefficient[row], lower);
-    $thrusts(CA_N, greatest, thrust_coefficient[row], reverse_coefficient[row], upper);
-    if (command(fault, wrench, u) && ca_set_bounds(&moved, lower, upper) == CA_SOUND)
+    $narrow(&moved, speeds, elapsed, acceleration_max, deceleration_max,
+        thrust_coefficient[row], reverse_coefficient[row], speed_min[row], speed_max[row], least,
+        greatest);
+    if (command(fault, wrench, u))
         status = ca_allocate(&moved, u, thrusts).status;
     if (status == CA_INVALID || status == CA_REJECTED) {
         for (int i = 0; i < CA_N; i++)
