@@ -42,7 +42,7 @@ class Allocator:
 
     def __init__(self, graph):
         self.graph, self.sent = graph, 0
-        self.health = graph.publisher(Float64MultiArray, 'rotor_health', STANDING)
+        self.health = graph.node.create_publisher(Float64MultiArray, 'rotor_health', STANDING)
         self.command = graph.publisher(WrenchStamped, 'command/wrench')
         self.speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
         self.diagnostics = Diagnostics(graph)
@@ -128,3 +128,10 @@ def test_the_allocator_uses_the_least_health_and_knows_it_after_a_restart(graph)
     allocator.speeds.clear()
     graph.start('allocator', '--vehicle', 'hexarotor')
     allocator.commands(lost(3), 'a new allocator knows of rotor 3')
+    graph.node.destroy_publisher(allocator.health)
+
+    def warned(level, message, _):
+        return level > b'\0' and 'the monitor has ended: its last rotor_health holds' in message
+
+    allocator.diagnostics.wait('allocator', warned, 'a warning that the monitor has ended')
+    allocator.commands(lost(3), 'rotor 3 is still lost')

@@ -24,8 +24,8 @@ class HealthNode(VehicleNode):
     """A node that subscribes to `rotor_health`, and to `battery` if the voltage matters.
 
     The health in use is the lesser of the parameter `rotors.health` and of the last sound
-    message, for each rotor.  The last message holds if its publisher ends.  So does the last sound
-    voltage, with a warning; before the first one, the bounds are those of the settings.
+    message, for each rotor.  The last message holds if its publisher ends, with a warning, and so
+    does the last sound voltage; before the first one, the bounds are those of the settings.
     """
 
     heeds_monitor: ClassVar[bool] = True
@@ -80,14 +80,17 @@ class HealthNode(VehicleNode):
         return found
 
     def levels(self) -> list[tuple[bytes, str]]:
-        """Return the levels of the diagnostics; a warning if voltages have ceased."""
+        """Return the levels of the diagnostics; warnings if monitor or voltages have ceased."""
+        levels = super().levels()
+        if self._reported is not None and not self.count_publishers(topics.ROTOR_HEALTH.name):
+            levels.insert(0, (WARN, 'the monitor has ended: its last rotor_health holds'))
         if self._voltage_time is None:
-            return super().levels()
+            return levels
         age, limit = monotonic() - self._voltage_time, self.settings.battery_timeout
         if not 0.0 < limit < age:
-            return super().levels()
+            return levels
         held = 'the declared one' if self._voltage is None else f'{self._voltage:.4g} V'
-        return [(WARN, f'no sound voltage for {limit:g} s: {held} holds'), *super().levels()]
+        return [(WARN, f'no sound voltage for {limit:g} s: {held} holds'), *levels]
 
     def waits_for_health(self, time: int) -> bool:
         """Return whether the health for a state [ns] has still to come, in lockstep."""
