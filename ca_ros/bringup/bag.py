@@ -65,7 +65,10 @@ class Bag:
             qos = offered('lockstep')
             if topic == ROSOUT.path:
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-            subscription = self._node.create_subscription(kind, topic, print, qos, raw=True)
+            # Nobody calls it; `print` has no signature in Python 3.10, and rclpy wants one.
+            subscription = self._node.create_subscription(
+                kind, topic, lambda message: None, qos, raw=True
+            )
             self._subscriptions[topic] = subscription
             about: Any = {'typestore': self._types, 'offered_qos_profiles': [_noted(qos)]}
             self._connections[topic] = self._writer.add_connection(
