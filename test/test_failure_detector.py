@@ -12,12 +12,13 @@ from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.failure_test import FailureTest
-from ca_ros.flight.kernel_detector import KernelDetector, load, packed
+from ca_ros.flight.kernel_detector import KernelDetector, packed
 from ca_ros.flight.lag_check import LagCheck
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.kernel import extension
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from strategies import HEXAROTOR
 
@@ -288,10 +289,10 @@ def test_a_vehicle_at_rest_shows_no_lag():
 
 # The detector in C
 
-def in_c(case, name='_detector'):
-    module = load(name)
+def in_c(case, name='detector'):
+    module = extension(name)
     if module is None:
-        pytest.skip(f'needs ca_ros.kernel.{name}')
+        pytest.skip(f'needs ca_ros.kernel._{name}')
     reference = FailureDetector(case.vehicle, case.flown.detector)
     model = packed(reference, module.FIELDS)
     return reference, KernelDetector(module, model, case.vehicle, case.flown.detector)
@@ -347,7 +348,7 @@ def test_the_detector_in_c_is_that_in_numpy(with_a_failure, seed):
 
 def test_single_precision_finds_the_same(with_a_failure):
     case, flight = with_a_failure
-    both = in_c(case, '_detector_single')
+    both = in_c(case, 'detector_single')
     for row in disturbed(flight, np.random.default_rng(3)):
         for each in both:
             each.command(row[0], row[-1])

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from collections import Counter
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from ca_ros.arguments import full_name
 from ca_ros.bringup.link_faults import FAULT_KINDS
 from ca_ros.commands import NODES
 from ca_ros.nodes.diagnostics import OK
+from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.monitor import FOUND
+from ca_ros.nodes.qos import offered
 from ca_ros.nodes.topics import DIAGNOSTICS
-from ca_ros.process.diagnostics import DiagnosticsReader, Status, counts
+from ca_ros.process.diagnostics import Status, counts, statuses
 
 
-class Reports(DiagnosticsReader):
-    """The reports of the nodes in the namespace of a node, which subscribes to them."""
+class Reports:
+    """The newest status of each subject of the nodes in the namespace of a node."""
 
     def __init__(self, node: Node) -> None:
-        super().__init__(node)
+        self._newest: dict[str, DiagnosticArray] = {}
+        # All nodes share the topic, so the queue must hold several messages.
+        quality = offered('lockstep')
+        node.create_subscription(DIAGNOSTICS.kind, DIAGNOSTICS.name, self._receive, quality)
         self._namespace = node.get_namespace()
 
     def timeouts(self) -> Counter[str]:
@@ -54,4 +60,11 @@ class Reports(DiagnosticsReader):
         return sum((counts(status.values) for status in self._of(name)), Counter[str]())
 
     def _of(self, name: str, since: int = 0) -> list[Status]:
-        return self.statuses(full_name(self._namespace, name), since)
+        """Return the newest statuses of a node, one a subject, unless older than a time [ns]."""
+        newest = self._newest.values()
+        fresh = (array for array in newest if nanoseconds(array.header.stamp) >= since)
+        return statuses(fresh, full_name(self._namespace, name))
+
+    def _receive(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            self._newest[status.name] = DiagnosticArray(header=array.header, status=[status])

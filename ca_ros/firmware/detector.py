@@ -16,7 +16,7 @@ from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import DTYPES
 from ca_ros.firmware.literals import braced, field, indented
 from ca_ros.flight.failure_detector import FailureDetector
-from ca_ros.flight.kernel_detector import KernelDetector, load, packed
+from ca_ros.flight.kernel_detector import KernelDetector, packed
 from ca_ros.flight.rigid_body import inertia_of
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.settings import ParameterError, Settings, check_given, read, table
@@ -86,7 +86,7 @@ def golden_flight(detector: FailureDetector, precision: str) -> str:
     The vehicle moves at 1 m/s, and its rotors have constant speeds: that of hover, if one speed
     is enough.
     """
-    module = load('_detector_single' if precision == 'single' else '_detector')
+    module = kernel.extension('detector_single' if precision == 'single' else 'detector')
     if module is None:
         raise ParameterError('the extension modules of the detector are not built')
     vehicle, dtype = detector.vehicle, DTYPES[precision]

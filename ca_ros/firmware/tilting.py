@@ -13,7 +13,8 @@ from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.firmware.firmware import Firmware
-from ca_ros.kernel.vectored import load, made, padded
+from ca_ros.kernel import extension
+from ca_ros.kernel.vectored import made, padded
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.tilts import Tilts
@@ -36,7 +37,7 @@ class TiltingFirmware(Firmware):
             )
         if not problem.vehicle.curve.square:
             raise ParameterError('rotors.thrust_curve: not for the firmware of rotors that tilt')
-        module = load('vectored_single' if precision == 'single' else 'vectored')
+        module = extension('vectored_single' if precision == 'single' else 'vectored')
         if module is None or problem.n > module.N:
             raise ParameterError(
                 f'the extension module ca_ros.kernel._vectored is not built, or the vectors of '

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from importlib import import_module
 from os import environ
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.settings import DetectorSettings
+from ca_ros.kernel import extension
 from ca_ros.vehicle.vehicle import Vehicle
 
 EVIDENCE = ('', 'motion', 'rotor speed')  # the words for an enum ca_evidence
@@ -79,14 +79,6 @@ class KernelDetector:
 Detector = FailureDetector | KernelDetector
 
 
-def load(name: str = '_detector') -> Any:
-    """Return an extension module; None if it is not built."""
-    try:
-        return import_module(f'ca_ros.kernel.{name}')
-    except ImportError:
-        return None
-
-
 def packed(detector: FailureDetector, fields: dict[str, str]) -> Array | None:
     """Return the numbers of a detector's model, those of each field one after the other.
 
@@ -111,7 +103,7 @@ def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) ->
     more rotors, or more segments of the thrust curve, than the module has room for.
     """
     detector = FailureDetector(vehicle, settings)
-    module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else load()
+    module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else extension('detector')
     model = None if module is None else packed(detector, module.FIELDS)
     if model is None:
         return detector

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from os import environ
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,11 +84,15 @@ def load(name: str = 'double') -> type[Kernel] | None:
 
     `name` ('double', 'single' or 'double_4'): the precision; 'double_4' is for exactly four axes.
     """
+    return getattr(extension(name), 'Kernel', None)
+
+
+def extension(name: str) -> Any:
+    """Return an extension module of this package by its name; None if it is not built."""
     try:
-        kernel: type[Kernel] = import_module(f'ca_ros.kernel._{name}').Kernel
+        return import_module(f'ca_ros.kernel._{name}')
     except ImportError:
         return None
-    return kernel
 
 
 def chosen(n: int, m: int) -> type[Kernel] | None:

@@ -7,28 +7,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from importlib import import_module
 from os import environ
 from typing import Any
 
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.kernel import extension
 from ca_ros.solver.convex_sets import ConvexSets
 from ca_ros.solver.sets_newton import Line, SetsNewton, SetsSolution
 
 
-def load(name: str = 'vectored') -> Any:
-    """Return an extension module, 'vectored' or 'vectored_single'; None if it is not built."""
-    try:
-        return import_module(f'ca_ros.kernel._{name}')
-    except ImportError:
-        return None
-
-
 def chosen(components: int, axes: int) -> Any:
     """Return the module for a problem; None if NumPy is to do its work (`CA_ROS_KERNEL`)."""
-    module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else load()
+    module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else extension('vectored')
     fits = module is not None and components <= module.N and axes <= module.M
     return module if fits else None
 
@@ -85,7 +77,6 @@ class KernelNewton(SetsNewton):
         return made(self._module, fields)
 
     def solve(self, wrenches: Array) -> SetsSolution:
-        """Find the points of least cost that produce wrenches (K, m)."""
         size, (m, n) = len(wrenches), self.matrix.shape
         points, multipliers = np.empty((size, n)), np.empty((size, m))
         status, levels = np.empty(size, np.int8), np.empty(size)
@@ -95,7 +86,6 @@ class KernelNewton(SetsNewton):
         return SetsSolution(points, multipliers, status == 0, status < 0)
 
     def line(self, begin: Array, way: Array, end: float = np.inf) -> Line:
-        """Go as far as possible along ``begin + t way``; see `SetsNewton.line`."""
         point, normal = np.empty(self.sets.n), np.empty(len(begin))
         begin, way = np.ascontiguousarray(begin, float), np.ascontiguousarray(way, float)
         length, most = self._kernel.line(begin, way, point, normal, end)

@@ -118,7 +118,6 @@ class VectoredProblem(AllocationProblem):
         return sets_newton(self.gamma, self.sets)
 
     def attains(self, u: Array) -> bool:
-        """Tell whether a wrench (m,) is attainable, up to `tolerance` and rounding errors."""
         found = self.least_norm.solve(u[None])
         return bool(found.attained[0])
 
@@ -128,12 +127,10 @@ class VectoredProblem(AllocationProblem):
         return bool(np.abs(vectors - self.clip(vectors)).max() < 1e-12)
 
     def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
-        """Return the greatest t <= limit for which ``start + t direction`` is attainable."""
         return self.least_norm.line(start, direction, limit).length
 
     @cached_property
     def reference_inside(self) -> bool:
-        """Whether the reference is inside the admissible set, not on its boundary."""
         if not self.has_volume:
             return False
         begin = self.gamma @ self.middle

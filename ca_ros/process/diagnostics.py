@@ -7,11 +7,6 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
-
-from ca_ros.nodes.messages import nanoseconds
-from ca_ros.nodes.qos import offered
-from ca_ros.nodes.topics import DIAGNOSTICS
 
 
 class Status(NamedTuple):
@@ -36,24 +31,3 @@ def counts(values: Mapping[str, str]) -> Counter[str]:
     return Counter(
         {key: int(value) for key, value in values.items() if value.isdigit() and '[' not in key}
     )
-
-
-class DiagnosticsReader:
-    """Keeps the newest message of each status; `node` is the node that subscribes."""
-
-    def __init__(self, node: Node) -> None:
-        self._newest: dict[str, DiagnosticArray] = {}
-        # All nodes share the topic, so the queue must hold several messages.
-        quality = offered('lockstep')
-        node.create_subscription(DIAGNOSTICS.kind, DIAGNOSTICS.name, self._receive, quality)
-
-    def statuses(self, node: str, since: int = 0) -> list[Status]:
-        """Return the newest statuses of a node, one a subject, unless older than a time [ns]."""
-        return statuses(
-            (array for array in self._newest.values() if nanoseconds(array.header.stamp) >= since),
-            node,
-        )
-
-    def _receive(self, array: DiagnosticArray) -> None:
-        for status in array.status:
-            self._newest[status.name] = DiagnosticArray(header=array.header, status=[status])

@@ -18,7 +18,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.bridges.actuators_bridge import ActuatorsBridge
 from ca_ros.nodes.bridges.motors import GAZEBO_TOPIC
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import pose_arrays, twist_arrays
+from ca_ros.nodes.messages import pose_arrays, state_messages, twist_arrays
 
 
 class GazeboBridge(ActuatorsBridge):
@@ -43,14 +43,11 @@ class GazeboBridge(ActuatorsBridge):
         return found
 
     def _state(self, odometry: Odometry) -> tuple[PoseStamped, TwistStamped]:
-        pose, twist = PoseStamped(), TwistStamped()
-        pose.header.stamp = twist.header.stamp = odometry.header.stamp
-        pose.header.frame_id = self.settings.world_frame
-        twist.header.frame_id = self.settings.command_frame
-        pose.pose, twist.twist = odometry.pose.pose, odometry.twist.twist
-        if not np.isfinite(np.concatenate([*pose_arrays(pose), *twist_arrays(twist)])).all():
+        state = *pose_arrays(odometry.pose), *twist_arrays(odometry.twist)
+        if not np.isfinite(np.concatenate(state)).all():
             raise ValueError('odometry: expected finite numbers')
-        return pose, twist
+        frames = self.settings.world_frame, self.settings.command_frame
+        return state_messages(*state, odometry.header.stamp, *frames)
 
 
 ABOUT = 'Pass command/motor_speed on to Gazebo (command/motors), and its odometry back.'
