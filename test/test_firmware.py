@@ -20,6 +20,7 @@ from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.literals import real
 from ca_ros.firmware.readme import UNATTAINABLE
+from ca_ros.firmware.throttles import throttles
 from ca_ros.firmware.tilting import firmware_of as firmware_of_any
 from ca_ros.kernel import INVALID
 from ca_ros.problem.audit import audit
@@ -308,8 +309,44 @@ def test_rates_are_exported_with_a_sequence_of_answers(curve, precision, variant
     rates = {'rotors__acceleration_max': 3000.0, 'rotors__deceleration_max': 1500.0}
     file, out = 'hexarotor_realistic' if curve else variant(**rates), tmp_path / 'out'
     assert main(['--vehicle', file, '--out', str(out), '--precision', precision]) == 0
-    assert 'ALLOCATE_WITHIN' in (out / 'golden.h').read_text(encoding='utf-8')
+    text = (out / 'golden.h').read_text(encoding='utf-8')
+    assert 'ALLOCATE_WITHIN' in text
+    assert ('THROTTLES' in text) == curve
     reproduced(make(out))
+
+
+MEASURED = {'speeds': [0.0, 150.0, 300.0, 400.0], 'throttles': [0.05, 0.2, 0.6, 0.9]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('precision', 'curve', 'rotors'), length(
+    [('single', {'expo': 0.3}, {'speed_min': -300.0})],
+    [('single', {'expo': 0.3}, {'speed_min': -300.0}), ('single', MEASURED, {}),
+     ('double', {**MEASURED, 'pwm': [1100.0, 1900.0]},
+      {'speed_max_per_volt': 28.0, 'battery_voltage': 14.0})],
+))
+def test_throttles_and_pulses_are_exported(precision, curve, rotors, variant, tmp_path):
+    needs('make', 'gcc')
+    changes = {f'rotors__{name}': value for name, value in rotors.items()}
+    file, out = variant(rotors__thrust_curve=curve, **changes), tmp_path / 'out'
+    given = ['--out', str(out), '--precision', precision, '--faults', 'none']
+    assert main(['--vehicle', file, *given]) == 0
+    reproduced(make(out))
+
+
+@pytest.mark.parametrize('curve', [{'expo': 0.3}, {'polynomial': [2.2e-5, 1.4e-3, 0.0]}, MEASURED])
+@pytest.mark.parametrize('volts', [{}, {'speed_max_per_volt': 28.0, 'battery_voltage': 14.0}])
+def test_throttles_of_firmware_are_those_of_the_vehicle(curve, volts, variant):
+    rotors = {'thrust_curve': curve, 'speed_min': 40.0} | volts
+    changes = {f'rotors__{name}': value for name, value in rotors.items()}
+    parameters = read(variant(**changes))
+    vehicle = Vehicle.from_parameters(parameters)
+    firmware = Firmware.make(
+        faults_of(vehicle, ['none']), checked(parameters).allocation, 'double')
+    for speeds in np.random.default_rng(0).uniform(0.0, vehicle.speed_max, (20, vehicle.n)):
+        found, pulses = throttles(firmware, speeds)
+        np.testing.assert_allclose(found, vehicle.throttles(speeds), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(pulses, vehicle.pulses(speeds), rtol=1e-12)
 
 
 def scaled(name):

@@ -13,7 +13,7 @@ import numpy as np
 from ca_ros import kernel
 from ca_ros.allocation.slew import PERIOD_MAX
 from ca_ros.arrays import Array
-from ca_ros.firmware import golden, literals
+from ca_ros.firmware import golden, literals, throttles
 from ca_ros.firmware.detector import write_detector
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.footprint import measure
@@ -131,11 +131,12 @@ def _command(firmware: Firmware, name: str, table: Callable[..., str]) -> dict[s
             'margin_function': f'#define MARGIN {name}_margin\n',
             'margin_field': '    ca_real margin;\n',
             'kernel': 'exact least_norm priorities',
+            **throttles.filled(firmware, name),
         }
     tables = ('thrust_min', 'thrust_max', 'servos', 'angle_middle', 'angle_min', 'angle_max')
     return {
         'commands': f'{name.upper()}_COMMANDS', 'margin_function': '', 'margin_field': '',
-        'kernel': 'vectored', 'rotors': str(firmware.problem.vehicle.n),
+        'throttles_golden': '', 'kernel': 'vectored', 'rotors': str(firmware.problem.vehicle.n),
         'angles': str(len(firmware.tilts.rotors)),
         **{each: table(k, firmware.servos) for k, each in enumerate(tables)},
     }

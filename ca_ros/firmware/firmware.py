@@ -180,7 +180,7 @@ class Firmware:
         k_f, reverse, least, greatest = self.rotors[fault]
         elapsed = min(max(self.dtype(time), self.dtype(0)), self.dtype(PERIOD_MAX))
         low, high = reached(last, elapsed, *self.rates, least, greatest)
-        bounds = (self._thrusts(speeds, k_f, reverse) for speeds in (low, high))
+        bounds = (self.thrusts_at(speeds, k_f, reverse) for speeds in (low, high))
         thrusts = np.empty(self.problem.n, self.dtype)
         u = np.ascontiguousarray(wrench[self.rows[fault]])
         answer = self.kernels[fault].allocate(u, thrusts, *bounds)
@@ -189,7 +189,7 @@ class Firmware:
             return status, np.minimum(np.maximum(self.dtype(0), low), high)
         return status, rotor_speeds(thrusts, k_f, reverse, low, high, self._inverse)
 
-    def _thrusts(self, speeds: Array, k_f: Array, reverse: Array) -> Array:
+    def thrusts_at(self, speeds: Array, k_f: Array, reverse: Array) -> Array:
         """Return the thrusts (n,) of speeds (n,)."""
         if self.curve.square:
             square = speeds * speeds

@@ -413,13 +413,17 @@ class Vehicle:
 
     def throttles(self, speeds: ArrayLike) -> Array:
         """Return the throttles (..., n) of speeds (..., n) [rad/s], from -1 (or 0) to 1."""
-        full: ArrayLike = self.speed_max
-        measured = self.curve.throttle_speeds
-        if self.voltage is not None and np.all(self.speed_max_per_volt):
-            full = self.speed_max_per_volt * self.voltage
-            if len(measured):
-                speeds = np.asarray(speeds, dtype=float) * measured[-1] / full
-        return self.curve.throttle(speeds, full)
+        full, measured = self.full_speeds, self.curve.throttle_speeds
+        if full is not None and len(measured):
+            speeds = np.asarray(speeds, dtype=float) * measured[-1] / full
+        return self.curve.throttle(speeds, self.speed_max if full is None else full)
+
+    @property
+    def full_speeds(self) -> Array | None:
+        """Speeds (n,) of full throttle at the battery's voltage [rad/s]; None if it is unknown."""
+        if self.voltage is None or not np.all(self.speed_max_per_volt):
+            return None
+        return np.asarray(self.speed_max_per_volt * self.voltage)
 
     def pulses(self, speeds: ArrayLike) -> Array:
         """Return the pulse widths (..., n) [us] of speeds (..., n) [rad/s]."""

@@ -15,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from shutil import which
 
@@ -78,8 +79,10 @@ def wrenches(problem: AllocationProblem, kind: str, size: int, seed: int = 0) ->
     return drawn.astype(np.float32)
 
 
-def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
-    """Compile a method for a vehicle; return the program."""
+def build(
+    problem: AllocationProblem, method: str, folder: Path, given: Sequence[str] = ()
+) -> Path:
+    """Compile a method for a vehicle, with definitions; return the program."""
     numbers = header(problem, 'single', 'static const __attribute__((unused))')
     (folder / 'data.h').write_text(numbers, encoding='utf-8')
     sizes = f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}'
@@ -94,8 +97,9 @@ def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
         parts += map(str, objects)
     elif method == 'osqp':
         parts += ['-DWITH_OSQP', *osqp_code(problem, folder / 'osqp', use_float=True)]
-    program = folder / f'{method}.elf'
-    subprocess.check_call([COMPILER, *FLAGS, str(PROGRAM), *parts, '-lm', '-o', str(program)])
+    program = folder / f'{method}{"".join(given)[-1:]}.elf'
+    command = [COMPILER, *FLAGS, *given, str(PROGRAM), *parts, '-lm', '-o', str(program)]
+    subprocess.check_call(command)
     return program
 
 
@@ -143,6 +147,32 @@ def count_detector(vehicle: Vehicle) -> Array:
         return run(program, np.zeros((STATES, len(problem.axes)), np.float32))
 
 
+def count_rates(vehicle: Vehicle, size: int = 400, steps: int = 40) -> list[Array]:
+    """Return the instructions (N,) of a sequence's calls, speeds included, without rates and with.
+
+    The wrenches lead from one of `size` random wrenches to the next, a quarter of them outside.
+    """
+    problem, rng = VehicleProblem(vehicle), np.random.default_rng(0)
+    inside, outside = size * 3 // 4, size // 4
+    ends = np.vstack([
+        wrenches(problem, 'inside', inside, 3), wrenches(problem, 'outside', outside, 3)
+    ])
+    rng.shuffle(ends)
+    shares = np.linspace(0.0, 1.0, steps, endpoint=False)[:, None]
+    drawn = np.vstack([a + (b - a) * shares for a, b in pairwise(ends)])
+    numbers = {
+        'RATES': np.full(vehicle.n, 3000.0), 'FACTORS': vehicle.thrust_coefficient,
+        'LEAST': vehicle.speed_min, 'GREATEST': vehicle.speed_max,
+    }
+    given = [f'-D{name}={{{",".join(f"{x}f" for x in each)}}}' for name, each in numbers.items()]
+    with tempfile.TemporaryDirectory() as folder:
+        programs = [
+            build(problem, 'kernel', Path(folder), [*given, f'-DCOUNT_RATES={rates}'])
+            for rates in (0, 1)
+        ]
+        return [run(program, drawn.astype(np.float32))[:, 0] for program in programs]
+
+
 def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, ...]]:
     """Return the rows of the table for a vehicle."""
     rows = []
@@ -164,6 +194,7 @@ def main() -> None:
     add = parser.add_argument
     add('--size', type=int, default=10_000, help='wrenches of each kind')
     add('--detector', action='store_true', help='count the detector of failures alone')
+    add('--rates', action='store_true', help='count calls within the rates of the rotors alone')
     options = parser.parse_args()
     size = options.size
     if missing():
@@ -171,7 +202,12 @@ def main() -> None:
     for name in VEHICLES if options.detector else ():
         steps = count_detector(Vehicle.load(name))[1:, 0]
         print(f'{name}: {np.median(steps):.0f} instructions in the median, {steps.max()} at most')
-    if options.detector:
+    for name in VEHICLES if options.rates else ():
+        without, within = count_rates(Vehicle.load(name))
+        for word, of in (('in the median', np.median), ('at most', np.max)):
+            counts = float(of(without)), float(of(within))
+            print(f'{name}: {counts[0]:.0f} instructions {word}, with rates {counts[1]:.0f}')
+    if options.detector or options.rates:
         return
     rows = []
     for name in VEHICLES:

@@ -34,6 +34,17 @@ int main(void)
         return 1;
     }
 #endif
+#ifdef THROTTLES
+    for (int i = 0; i < (int)(sizeof outputs / sizeof *outputs); i++) {
+        ca_real throttles[CA_N], pulses[CA_N];
+        THROTTLES(outputs[i].speeds, throttles, pulses);
+        if (!memcmp(throttles, outputs[i].throttles, sizeof throttles) &&
+            !memcmp(pulses, outputs[i].pulses, sizeof pulses))
+            continue;
+        printf("%s: throttles %d differ\n", VEHICLE, i);
+        return 1;
+    }
+#endif
     printf("%s: %d of %d golden vectors are reproduced to the last bit\n", VEHICLE, count - wrong,
            count);
     return wrong != 0;

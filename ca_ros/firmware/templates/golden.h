@@ -9,7 +9,7 @@
 #define ALLOCATE ${name}_allocate
 #define COMMANDS $commands
 $margin_function
-${rates_golden}static const struct {
+${rates_golden}${throttles_golden}static const struct {
     int fault;
     ca_real wrench[CA_M];
     int status;

@@ -67,3 +67,4 @@ ${rates}ca_real ${name}_margin(int fault, const ca_real wrench[${NAME}_AXES])
     ca_real u[CA_M] = {0};
     return command(fault, wrench, u) ? ca_margin(&problems[fault], u) : -CA_INFINITY;
 }
+$throttles

@@ -45,7 +45,7 @@ $wrench
 int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
     ca_real speeds[${NAME}_ROTORS]);
 
-${rates_header}/* How far a wrench is from the limits of the rotors: the distance to the nearest facet of the set of
+${rates_header}${throttles_header}/* How far a wrench is from the limits of the rotors: the distance to the nearest facet of the set of
  * attainable wrenches, negative if the wrench is not attainable [N for a facet that limits the
  * thrust, N m for one that limits a torque]; -INFINITY if the wrench or the fault is invalid. It tests
  * all choices of as many rotors as there are axes less one: use it for a low-rate warning, not in the
