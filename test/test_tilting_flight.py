@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from ca_ros import ParameterError, Vehicle, make_allocator
+from ca_ros import ParameterError, TiltLimited, Vehicle, make_allocator
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import NULL_STATE, tilt
+from ca_ros.flight.servos import Servos
 from ca_ros.flight.settings import ControlSettings, PlantSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.settings import read
@@ -96,6 +97,20 @@ def test_servos_of_the_plant_lag_and_have_a_rate():
     assert np.diff(angles, axis=0).max() <= 6.0 * 0.02 + 1e-12
     # Within the rate, the lag is exponential: 1 - exp(-0.02 / 0.03) of what is left a step.
     assert 1.0 - angles[20] == pytest.approx((1.0 - angles[19]) * np.exp(-0.02 / 0.03))
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_azimuth_thrusters_turn_on_beyond_their_limits(side):
+    vehicle, before = Vehicle.load('azimuth_boat'), side * np.full(4, np.pi - 0.05)
+    # Backwards and a little to one side: 0.1 rad further, and not a whole turn back.
+    wrench = [-8.0 * np.cos(0.05), -side * 8.0 * np.sin(0.05), 0.0]
+    answer = TiltLimited(vehicle, 1e6, 6.0).allocate(wrench, np.full(4, 63.0), before, 0.02)
+    assert answer.status.name == 'EXACT'
+    np.testing.assert_allclose(answer.angles, side * (0.05 - np.pi), atol=1e-9)
+    servos = Servos(0.0, 3.0, vehicle)
+    start, command = (np.concatenate([answer.speeds, each]) for each in (before, answer.angles))
+    turned = servos(start, command, command, 0.02, vehicle)[4:]
+    np.testing.assert_allclose(turned, side * (np.pi + 0.01 - 2.0 * np.pi), atol=1e-12)
 
 
 def test_wrong_servos_are_named():

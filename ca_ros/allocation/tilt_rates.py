@@ -15,7 +15,7 @@ from ca_ros.arrays import Array
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
-from ca_ros.vehicle.tilts import FIXED, Tilts
+from ca_ros.vehicle.tilts import FIXED, ROUNDING, Tilts
 from ca_ros.vehicle.validation import numbers
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -87,7 +87,7 @@ class TiltLimited:
         """
         last = numbers('speeds', speeds, self.vehicle.n)
         turned = numbers('angles', angles, len(self._tilts.rotors))
-        turned = np.minimum(np.maximum(turned, self._tilts.limits[0]), self._tilts.limits[1])
+        turned = self._tilts.within(turned)
         problem = TiltingVehicleProblem(self.vehicle, self._windows(last, turned, period))
         problem.near = turned
         if not problem.has_volume:
@@ -139,7 +139,10 @@ class TiltLimited:
         """Return the middle and the half range of the angles that a servo reaches."""
         tilts = self._tilts
         low, high = float(tilts.lower[rotor]), float(tilts.upper[rotor])
-        low, high = max(low, angle - step), min(high, angle + step)
+        if high - low < 2.0 * pi - ROUNDING:
+            low, high = max(low, angle - step), min(high, angle + step)
+        else:
+            low, high = angle - step, angle + step
         return _centered(low, high, angle, away)
 
 

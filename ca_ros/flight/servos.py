@@ -27,15 +27,16 @@ class Servos:
     ) -> Array:
         """Return speeds and angles (n + k,) after a step [s]; `after` has the speeds already.
 
-        Angles stay within the limits of the vehicle: a servo that sticks has no other angle.
+        Angles stay within the limits of the vehicle: a servo that sticks has no other angle.  An
+        azimuth thruster turns the shorter way.
         """
         if vehicle.tilts is None:
             return after
-        angles = before[self._n :]
-        moved = self._lag(angles, command[self._n :], step)
+        angles, command = before[self._n :], command[self._n :]
+        shorter = angles + (command - angles + np.pi) % (2.0 * np.pi) - np.pi
+        command = np.where(vehicle.tilts.endless, shorter, command)
+        moved = self._lag(angles, command, step)
         if self._rate:
             most = self._rate * step
             moved = angles + np.minimum(np.maximum(moved - angles, -most), most)
-        low, high = vehicle.tilts.limits
-        moved = np.minimum(np.maximum(moved, low), high)
-        return np.concatenate([after[: self._n], moved])
+        return np.concatenate([after[: self._n], vehicle.tilts.within(moved)])

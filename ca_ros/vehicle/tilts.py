@@ -25,7 +25,8 @@ class Tilts:
     rotor on a gimbal has both angles, which keep its thrust in a cone about d.
 
     - `axes` (n, 3): t, unit vectors; zero for a rotor without a servo
-    - `lower` and `upper` (n,): limits of alpha [rad]; a range of a circle is an azimuth thruster
+    - `lower` and `upper` (n,): limits of alpha [rad]; a range of a circle is an azimuth thruster,
+      which turns on beyond them: its angle then is a circle less, or more
     - `gimbal` (n,): half angle of the cone of a rotor on a gimbal, or zero [rad]
     - `nominal` (n, 3): d
     - `driven` (n,): which rotors have servos, also if they are stuck
@@ -76,6 +77,18 @@ class Tilts:
             np.where(cone, self.gimbal[rotors], self.upper[rotors]),
         )
 
+    @property
+    def endless(self) -> BoolArray:
+        """Whether each servo (k,) turns an azimuth thruster."""
+        return (self.upper - self.lower)[self.rotors] > 2.0 * pi - ROUNDING
+
+    def within(self, angles: Array) -> Array:
+        """Return angles (k,) within the limits: the same direction for those without end."""
+        (low, high), whole = self.limits, 2.0 * pi * self.endless
+        angles = np.where(angles < low, angles + whole, angles)
+        angles = np.where(angles > high, angles - whole, angles)
+        return np.minimum(np.maximum(angles, low), high)
+
     def turned(self, angles: Array) -> tuple[Array, Array]:
         """Return directions (n, 3) for alphas (n,), and those a quarter turn further (n, 3)."""
         side = np.cross(self.axes, self.nominal)
@@ -102,10 +115,9 @@ class Tilts:
         rotors, second = self.rotors, np.array(self._second)
         alphas = np.arctan2(side, along)[rotors]
         betas = np.arctan2(across, np.hypot(along, side))[rotors]
-        low, high = self.limits
-        middle = (low + high) / 2.0 if near is None else near
+        middle = np.sum(self.limits, axis=0) / 2.0 if near is None else near
         alphas = middle + (alphas - middle + np.pi) % (2.0 * np.pi) - np.pi
-        return np.minimum(np.maximum(np.where(second, betas, alphas), low), high)
+        return self.within(np.where(second, betas, alphas))
 
     def stuck(self, rotor: int, angle: float) -> Tilts:
         """Return the servos with that of a rotor (from 0) stuck at an angle [rad].

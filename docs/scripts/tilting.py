@@ -120,13 +120,14 @@ def figure() -> None:
             vehicle.thrusts(jump.speeds)[0],
         ))
     mine, other, error, missed, thrust, before = np.array(found).T
+    mine = np.unwrap(mine)
     print(f'steps up to {np.abs(np.diff(mine)).max():.3f} rad, errors up to {error.max():.1e}; '
           f'pseudo-inverse {np.abs(np.diff(other)).max():.2f} rad, {missed.max():.2f} N')
     with pyplot.rc_context(style()):
         drawing, axes = pyplot.subplots(3, 1, figsize=(7.1, 5.6), sharex=True)
         for values, label, color in ((other, 'pseudo-inverse', COLORS[1]),
                                      (mine, 'exact, servos at most 3 rad/s', COLORS[0])):
-            axes[0].plot(times, np.unwrap(values) if color == COLORS[0] else values, color=color,
+            axes[0].plot(times, values, color=color,
                          label=label)
         axes[0].set_ylabel('angle [rad]')
         axes[0].legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2)
