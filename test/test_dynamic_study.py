@@ -303,7 +303,10 @@ def test_over_ros_the_flights_are_the_same_to_the_last_bit(
     for name, value in effects.items():
         command += ['-p', f'{name}:={value}']
     methods = length('exact', 'exact,conventional')
-    command += ['--methods', methods, '--fail', '2@0.4=0.3', '--announce', '0.25']
+    path = tmp_path / 'square.csv'
+    path.write_text('t,x,y,z,heading\n0,1,0,1,0\n0.5,1,1,1,1.5\n0.9,0,1,1.5,-1.5\n')
+    command += ['--methods', methods, '--fail', '2@0.4=0.3', '--fail', '1@0.505=0.8',
+                '--announce', '0.25', '--trajectory', str(path)]
     assert main([*command, '--out', str(tmp_path / 'offline')]) == 0
     assert main([*command, '--ros', '--out', str(tmp_path / 'ros')]) == 0
     flown = (tmp_path / 'ros' / 'dynamic.csv').read_bytes()

@@ -195,8 +195,8 @@ def test_a_rotor_that_is_not_there_cannot_fail(tmp_path, capsys):
 
 # Over DDS
 
-@pytest.mark.slow
-@pytest.mark.parametrize('announce', length([0.1], [0.1, None]))
+@pytest.mark.long
+@pytest.mark.parametrize('announce', [0.1, None])
 def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
         graph, tmp_path, announce):
     path = tmp_path / 'square.csv'

@@ -185,7 +185,7 @@ def test_scale_reaches_the_level_of_a_cone_program(name):
     problem, rng = PROBLEMS[name], np.random.default_rng(3)
     allocator = make_allocator('exact', problem, policy='scale')
     start = AdmissibleSet(problem).reference
-    for _ in range(max(3, WRENCHES // 40)):
+    for _ in range(max(length(1, 3), WRENCHES // 40)):
         u = start + 2.0 * problem.extent * rng.normal(size=len(start))
         answer = allocator.allocate(u)
         matrix = np.column_stack([problem.gamma, start - u])
@@ -213,7 +213,7 @@ def test_prioritize_serves_one_axis_after_the_other(name):
     order = [['roll'], ['thrust'], ['yaw'], ['pitch'], ['force_x'], ['force_y']]
     order = [group for group in order if group[0] in problem.axes]
     allocator = make_allocator('exact', problem, order=order, thrust_deviation='allow')
-    for _ in range(3):
+    for _ in range(length(1, 3)):
         u = problem.center + 1.5 * problem.extent * rng.normal(size=len(problem.axes))
         answer = allocator.allocate(u)
         held = []
@@ -389,7 +389,7 @@ def test_c_equals_numpy(name):
     costs = [(each.points**2).sum(axis=1) for each in found]
     assert (np.abs(costs[0] - costs[1]) <= 1e-9 * np.maximum(1.0, costs[0])).all()
     begin = AdmissibleSet(problem).reference
-    for _ in range(max(3, WRENCHES // 40)):
+    for _ in range(max(length(1, 3), WRENCHES // 40)):
         way = 3.0 * problem.extent * rng.normal(size=len(begin))
         first, second = (solver.line(begin, way) for solver in solvers)
         assert first.length == pytest.approx(second.length, abs=1e-9)

@@ -348,20 +348,6 @@ def test_a_command_that_nobody_looked_at_ends_one_pause_and_begins_another():
     assert pauses == [(True, True), (True, False)] * 3
 
 
-def test_it_is_over_until_a_command_comes_and_not_until_there_is_more_patience():
-    watchdog = Watchdog(timeout=0.0)
-    watchdog.feed()
-    while not watchdog.look():
-        pass
-    watchdog.timeout = 1e6
-    assert watchdog.look()
-    assert not watchdog.begun
-    watchdog.feed()
-    # Before anybody looks again.
-    assert not watchdog.over
-    assert not watchdog.look()
-
-
 def test_in_lockstep_time_may_stand_still(graph):
     node = Watched(graph, 'allocator', '-p', 'mode:=lockstep')
     node.fly()

@@ -118,7 +118,7 @@ def flights_table(found: Mapping[str, Outcomes]) -> str:
 def recovered(own: Outcomes, start: str) -> str:
     """Return how many flights of a group ended at their waypoints."""
     group = [each for (_, name), each in own.items() if name.startswith(start)]
-    return f'{sum(each.recovered for each in group):.0f} of {len(group)}'
+    return f'{sum(each.recovered for each in group):.0f}/{len(group)}'
 
 
 def realistic_table(ideal: Mapping[str, Outcomes], real: Mapping[str, Outcomes]) -> str:
