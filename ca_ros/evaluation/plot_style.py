@@ -17,7 +17,7 @@ STYLES: dict[str, tuple[str, Any, float]] = {
     'exact': (COLORS[5], '-', 5.0),
     'pseudo_inverse': (COLORS[1], (0, (6, 2)), 3.0),
     'conventional': (COLORS[2], '-', 1.6),
-    'direct': ('black', (0, (1, 1.5)), 1.0),
+    'direct': ('black', '-', 1.0),
     'weighted_pseudo_inverse': ('#777777', (0, (2, 4)), 1.4),
     'redistributed_pseudo_inverse': ('#7b3294', '-', 1.4),
     'weighted_least_squares': (COLORS[0], '-', 1.4),

@@ -1,10 +1,14 @@
-"""Records the explorer: screenshots at two widths, and 20 seconds of its use, in out/explorer."""
+"""Records the explorer in out/explorer: screenshots at two widths, and 20 seconds of its use.
+
+Also draws docs/explorer.png.
+"""
 
 import io
 import math
 import shutil
 from pathlib import Path
 
+from pages import DOCS
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
@@ -112,12 +116,17 @@ def main():
         for width, height in ((1280, 800), (390, 844)):
             for scheme in ('light', 'dark'):
                 page = opened(browser, width, height, scheme, CASE)
-                page.screenshot(path=OUT / f'{width}_{scheme}.png', full_page=True)
+                # The answer stays at the bottom of a narrow screen: show the set above it.
+                narrow = width < 700
+                if narrow:
+                    page.evaluate('document.querySelector("section + section").scrollIntoView()')
+                page.screenshot(path=OUT / f'{width}_{scheme}.png', full_page=not narrow)
                 page.close()
         first, *others = record(opened(browser, 1280, 800))
         browser.close()
     first.save(OUT / 'explorer.webp', save_all=True, append_images=others, loop=0,
                duration=round(1000 / RATE))
+    Image.open(OUT / '1280_light.png').convert('RGB').quantize(64).save(DOCS / 'explorer.png')
     print(f'Written: {OUT}, {(1 + len(others)) / RATE:g} s')
 
 

@@ -26,14 +26,12 @@ from ca_ros.evaluation.plot_style import (
     styles,
 )  # fmt: skip
 from ca_ros.figures import (
-    COLORS,
     DASHED,
     MOMENTS,
     WIDTHS,
     across,
     draw_lines,
     inches,
-    line,
     mark,
     rotor_lines,
     save,
@@ -46,7 +44,14 @@ from ca_ros.vehicle.settings import AXES
 ALIKE = 0.01
 """Greatest difference of curves that look like one, as a share of the height of a panel."""
 
-AXIS_LINES = {axis: line(i) for i, axis in enumerate(AXES)}
+COMPONENTS: list[dict[str, Any]] = [
+    {'color': '0.72', 'linewidth': 3.2}, {'color': '0.45', 'linewidth': 2.2},
+    {'color': 'black', 'linewidth': 1.0},
+]  # fmt: skip
+"""The styles of x, y and z, and of forces and torques along and about them.
+
+Where they coincide, those below are wider.
+"""
 
 AFTER = 5.0  # how long the plot of failures goes on after the last moment [s]
 
@@ -57,8 +62,8 @@ ROWS = ('position', 'tilt', 'speeds', 'margin', 'demand', 'served', 'residual')
 FAILURE_ROWS = ROWS[:4]
 
 UNITS = {
-    'position': 'position [m]', 'tilt': 'tilt [°]', 'speeds': 'rotor speed [rad/s]',
-    'margin': 'margin [N, N m]',
+    'position': 'position\n[m]', 'tilt': 'tilt\n[°]', 'speeds': 'rotor speed\n[rad/s]',
+    'margin': 'margin\n[N, N m]',
 }  # fmt: skip
 
 
@@ -177,8 +182,7 @@ def _draw_rows(
     blocks = -(-len(shown) // columns)
     titles, notes = panel_titles(groups, inches() / columns - 0.3)
     handles = [*entries(rotor_lines(study.vehicle.n))] if 'speeds' in rows else []
-    if {*rows} - {*UNITS}:
-        handles += entries({axis: AXIS_LINES[axis] for axis in study.vehicle.axes})
+    handles += _components(rows, study.vehicle.axes)
     height = (0.6 + 1.75 * len(panels)) * blocks
     figure, body = sheet(height, [*handles, *_kinds(study)], notes)
     grid = body.subplots(len(panels) * blocks, columns, sharex=True, sharey='row', squeeze=False)
@@ -200,23 +204,27 @@ def _draw_rows(
         _limit(places, study, row)
     body.align_ylabels(grid[:, 0])
     first = grid[0, 0]
-    if rows[0] == 'position':
-        first.legend(handles=first.lines[:3], loc='lower right')
     first.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     first.set_xlim(*(span or (0.0, study.end)))
     return figure
+
+
+def _components(rows: Sequence[str], commanded: Sequence[str]) -> list[Line2D]:
+    """Return the lines of a legend of what `COMPONENTS` show in these rows."""
+    looks = {}
+    for i, look in enumerate(COMPONENTS):
+        names = [axis for axis in AXES[i::3] if axis in commanded and {*rows} - {*UNITS}]
+        names = ['xyz'[i]] * ('position' in rows) + names
+        if names:
+            looks[', '.join(names)] = look
+    return entries(looks)
 
 
 def _draw_panel(axes: Axes, study: Flights, name: str, row: str, part: str) -> None:
     """Draw one row of a method."""
     flight, samples, vehicle = study.flights[name], study.samples[name], study.vehicle
     if row == 'position':
-        for i, axis in enumerate('xyz'):
-            # Where coordinates coincide, those below are wider.
-            look: dict[str, Any] = {
-                'color': ('0.65', '0.3', COLORS[1])[i], 'linewidth': 3.2 - 1.0 * i,
-            }  # fmt: skip
-            axes.plot(flight.time, flight.position[:, i], label=f'${axis}$', **look)
+        draw_lines(axes, flight.time, flight.position, dict(zip('xyz', COMPONENTS, strict=True)))
         for level in np.unique(study.trajectory.last.position):
             axes.axhline(level, **DASHED)
     elif row == 'tilt':
@@ -231,7 +239,8 @@ def _draw_panel(axes: Axes, study: Flights, name: str, row: str, part: str) -> N
     else:
         own = [axis for axis in vehicle.axes if (axis in FORCES) == (part == 'force')]
         values = samples[[f'{row}_{axis}' for axis in own]].to_numpy()
-        draw_lines(axes, flight.time, values, {axis: AXIS_LINES[axis] for axis in own})
+        looks = {axis: COMPONENTS[AXES.index(axis) % 3] for axis in own}
+        draw_lines(axes, flight.time, values, looks)
 
 
 def _limit(panels: Sequence[Axes], study: Flights, row: str) -> None:
