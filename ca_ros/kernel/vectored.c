@@ -8,25 +8,46 @@
 #define AIM CA_REAL(0.5)                /* share of the tolerance that Newton's method aims at */
 #define SUM CA_CHOOSE(4 * 2.2e-16, 4 * 1.2e-7) /* rounding error of a sum, as a share of its terms */
 #define FLAT CA_CHOOSE(1e-9, 1e-5)      /* curvature that counts as none, relative to the greatest */
+#define SHORT CA_CHOOSE(1e-6, 1e-3)     /* slope, as a share of y, whose sum loses digits */
 #define DAMPING CA_REAL(0.01) /* of steps for a line, so that they are not much longer than y */
 #define GROWTH 4 /* of the pull */
 #define GAP CA_CHOOSE(2e-10, 1e-4)      /* by which a line may be too short, as a share of it */
 #define PULL_MAX CA_CHOOSE(1e7, 1e3)    /* greatest weight of the length of a line */
 
-/* The derivative of a projection, in the directions along the axis, across it, and around it. */
+#ifdef CA_FIXED
+#define AXES(problem) ((void)(problem), CA_M)
+#define COMPONENTS(problem) ((void)(problem), CA_N)
+#else
+#define AXES(problem) ((int)(problem)->axes)
+#define COMPONENTS(problem) ((int)(problem)->components)
+#endif
+
+/* What the derivative of a projection lacks to the identity: a sum of stiff * d d^T over directions
+ * d in the half plane of the components along and across the axis, and around the axis. */
 typedef struct {
-    int inside;
-    ca_real along, mixed, across, around; /* it; `mixed` is the entry beside the diagonal */
-    ca_real away[2];                      /* the direction across */
+    int first, size;  /* components of the set */
+    ca_real to[2];    /* the first direction; the second one is normal to it */
+    ca_real stiff[3]; /* of the first, of the second, and around */
+    ca_real away[2];  /* the direction across */
 } bend;
 
 typedef struct {
     ca_real y[CA_M];     /* multipliers of the basis */
     ca_real x[CA_N];
     ca_real slope[CA_M]; /* of the dual: what is missing of the wrench, by the basis */
-    ca_real size;        /* length of what is missing [N, N m], or of the slope for a line */
-    bend bends[CA_N];
+    ca_real size;        /* its length */
+    ca_real missed;      /* what is missing [N, N m], of a line the size; infinite: a lot */
+    int moved;           /* number of vectors that the projection has moved */
+    bend bends[CA_N];    /* of these */
 } iterate;
+
+/* What Newton's method goes to: a wrench, or with e, a unit vector, one on the line along it. */
+typedef struct {
+    const ca_real *u, *e;
+    ca_real y[CA_M];   /* multipliers of u if no vector has to be projected */
+    ca_real tolerance;
+    ca_real near;      /* with a greater slope the wrench is not met */
+} goal;
 
 /* The point (to, up) of the flank or of the plane at `least` that is nearest to (a, c). */
 static void beside_arc(const ca_vectored *p, int i, ca_real a, ca_real c, ca_real *to, ca_real *up,
@@ -40,60 +61,58 @@ static void beside_arc(const ca_vectored *p, int i, ca_real a, ca_real c, ca_rea
     const ca_real pc = ca_min(c, p->inner[i]), pa = p->least[i];
     const ca_real off = (a - fa) * (a - fa) + (c - fc) * (c - fc);
     const ca_real under = (a - pa) * (a - pa) + (c - pc) * (c - pc);
-    b->along = b->mixed = b->across = 0;
+    b->to[0] = b->stiff[0] = b->stiff[1] = 1;
+    b->to[1] = 0;
     if (off <= under) {
         *to = fa;
         *up = fc;
         if (has && held >= on && held <= on) {
-            b->along = p->cosine[i] * p->cosine[i];
-            b->mixed = p->cosine[i] * p->sine[i];
-            b->across = p->sine[i] * p->sine[i];
+            b->to[0] = -p->sine[i];
+            b->to[1] = p->cosine[i];
+            b->stiff[1] = 0;
         }
         return;
     }
     *to = pa;
     *up = pc;
-    b->across = c < p->inner[i];
+    if (c < p->inner[i])
+        b->stiff[1] = 0;
 }
 
-/* Project the components of set i on it; b is the derivative. */
-static void project(const ca_vectored *p, int i, int size, ca_real *x, bend *b)
+/* Project a vector on set i, of which it is outside; b has its first component and its size. */
+static void project(const ca_vectored *p, int i, const ca_real *v, ca_real across, ca_real square,
+                    ca_real *x, bend *b)
 {
-    b->inside = 1;
-    if (size == 1) {
-        const ca_real held = ca_clip(*x, p->least[i], p->radius[i]);
-        b->inside = *x > p->least[i] && *x < p->radius[i];
-        b->along = b->mixed = b->across = b->around = 0;
-        *x = held;
+    const ca_real r = p->radius[i], a = v[0], c = across;
+    ca_real to, up;
+    if (b->size == 1) {
+        *x = ca_clip(a, p->least[i], r);
         return;
     }
-    const ca_real r = p->radius[i], a = x[0];
-    const ca_real c = size == 2 ? ca_abs(x[1]) : ca_sqrt(x[1] * x[1] + x[2] * x[2]);
-    const ca_real square = a * a + c * c;
-    const int full = p->full[i] > 0;
-    if (square <= r * r &&
-        (full || (c * p->cosine[i] <= a * p->sine[i] && a >= p->least[i])))
-        return;
-    ca_real to, up;
-    b->inside = 0;
-    if ((full || c * p->end_along[i] <= a * p->end_across[i]) && square > r * r) {
+    if (square > r * r && (p->full[i] > 0 || c * p->end_along[i] <= a * p->end_across[i])) {
         const ca_real length = ca_sqrt(square), shrink = r / length;
         to = a * shrink;
         up = c * shrink;
-        b->along = shrink * c * c / square;
-        b->mixed = -shrink * a * c / square;
-        b->across = shrink * a * a / square;
+        b->to[0] = a / length;
+        b->to[1] = c / length;
+        b->stiff[0] = 1;
+        b->stiff[1] = 1 - shrink;
     } else {
         beside_arc(p, i, a, c, &to, &up, b);
     }
-    const ca_real ratio = c > 0 ? up / c : 0;
     x[0] = to;
-    b->away[0] = size == 2 ? (x[1] < 0 ? -1 : 1) : c > 0 ? x[1] / c : 1;
-    b->away[1] = size == 3 && c > 0 ? x[2] / c : 0;
-    b->around = c > 0 ? ratio : b->across;
-    x[1] *= ratio;
-    if (size == 3)
-        x[2] *= ratio;
+    if (b->size == 2) {
+        b->away[0] = v[1] < 0 ? -1 : 1;
+        x[1] = v[1] < 0 ? -up : up;
+        return;
+    }
+    const ca_real ratio = c > 0 ? up / c : 0;
+    b->away[0] = c > 0 ? v[1] / c : 1;
+    b->away[1] = c > 0 ? v[2] / c : 0;
+    b->stiff[2] = c > 0 ? 1 - ratio
+                        : b->stiff[0] * b->to[1] * b->to[1] + b->stiff[1] * b->to[0] * b->to[0];
+    x[1] = ratio * v[1];
+    x[2] = ratio * v[2];
 }
 
 /* Greatest product of a vector of set i and a slope. */
@@ -113,18 +132,18 @@ static ca_real support(const ca_vectored *p, int i, int size, const ca_real *slo
 /* Wrench multipliers of multipliers of the basis. */
 static void multipliers(const ca_vectored *p, const ca_real *y, ca_real *normal)
 {
-    const int m = (int)p->axes;
-    for (int k = 0; k < m; k++) {
-        normal[k] = 0;
-        for (int l = 0; l < m; l++)
+    const int m = AXES(p);
+    for (int k = 0; k < m; k++)
+        normal[k] = y[0] * p->coordinates[0][k];
+    for (int l = 1; l < m; l++)
+        for (int k = 0; k < m; k++)
             normal[k] += y[l] * p->coordinates[l][k];
-    }
 }
 
 /* Greatest product of an attainable wrench and the wrench multipliers of y. */
 static ca_real height(const ca_vectored *p, const ca_real *y)
 {
-    const int m = (int)p->axes;
+    const int m = AXES(p);
     ca_real sum = 0, slopes[3];
     for (int i = 0, j = 0; i < (int)p->sets; i++) {
         const int size = (int)p->size[i];
@@ -135,75 +154,114 @@ static ca_real height(const ca_vectored *p, const ca_real *y)
     return sum;
 }
 
-/* Set what belongs to at->y. With e, a unit vector, the wrench is free along it. */
-static void evaluate(const ca_vectored *p, const ca_real *u, const ca_real *e, iterate *at)
+/* Set what belongs to at->y. */
+static void evaluate(const ca_vectored *p, const goal *g, iterate *at)
 {
-    const int m = (int)p->axes, n = (int)p->components, sets = (int)p->sets;
+    const int m = AXES(p), n = COMPONENTS(p), sets = (int)p->sets;
     ca_real left[CA_M];
+    for (int k = 0; k < m; k++)
+        at->slope[k] = g->y[k] - at->y[k];
     for (int j = 0; j < n; j++)
         at->x[j] = p->preferred[j] + ca_dot(m, p->rates[j], at->y);
-    for (int i = 0, j = 0; i < sets; j += (int)p->size[i], i++)
-        project(p, i, (int)p->size[i], at->x + j, &at->bends[i]);
+    at->moved = 0;
+    /* The vectors inside their sets produce y; the others differ by what the projection moves. */
+    for (int i = 0, j = 0, size; i < sets; i++, j += size) {
+        ca_real *x = at->x + j, c = 0, square = x[0] * x[0];
+        bend *b = &at->bends[at->moved];
+        size = (int)p->size[i];
+        if (size == 1) {
+            if (x[0] > p->least[i] && x[0] < p->radius[i])
+                continue;
+        } else {
+            c = size == 2 ? ca_abs(x[1]) : ca_sqrt(x[1] * x[1] + x[2] * x[2]);
+            square += c * c;
+            if (square <= p->radius[i] * p->radius[i] &&
+                (p->full[i] > 0 ||
+                 (c * p->cosine[i] <= x[0] * p->sine[i] && x[0] >= p->least[i])))
+                continue;
+        }
+        const ca_real v[3] = {x[0], size > 1 ? x[1] : 0, size > 2 ? x[2] : 0};
+        b->size = size;
+        project(p, i, v, c, square, x, b);
+        b->first = j;
+        at->moved++;
+        for (int l = 0; l < size; l++) {
+            const ca_real moved = p->weight[j] * (x[l] - v[l]);
+            for (int k = 0; k < m; k++)
+                at->slope[k] -= moved * p->basis[j + l][k];
+        }
+    }
+    at->size = ca_length(m, at->slope);
+    at->missed = CA_INFINITY;
+    if (at->size > g->near + SHORT * ca_length(m, at->y))
+        return;
     for (int k = 0; k < m; k++)
-        left[k] = u[k] - ca_dot(n, p->matrix[k], at->x);
+        left[k] = g->u[k] - ca_dot(n, p->matrix[k], at->x);
     for (int k = 0; k < m; k++)
         at->slope[k] = ca_dot(m, p->coordinates[k], left);
-    at->size = ca_length(m, left);
-    if (e) {
-        const ca_real along = ca_dot(m, at->slope, e);
+    if (g->e) {
+        const ca_real along = ca_dot(m, at->slope, g->e);
         for (int k = 0; k < m; k++)
-            at->slope[k] -= along * e[k];
-        at->size = ca_length(m, at->slope);
+            at->slope[k] -= along * g->e[k];
     }
+    at->size = ca_length(m, at->slope);
+    at->missed = g->e ? at->size : ca_length(m, left);
 }
 
 /* Whether what is missing is within a share of the tolerance or of the rounding error of B x. */
 static int within(const ca_vectored *p, const iterate *at, ca_real tolerance, ca_real share)
 {
     ca_real square = 0;
-    if (at->size <= share * tolerance)
+    if (at->missed <= share * tolerance)
         return 1;
-    for (int k = 0; k < (int)p->axes; k++) {
+    if (!(at->missed < CA_INFINITY))
+        return 0;
+    for (int k = 0; k < AXES(p); k++) {
         ca_real sum = 0;
-        for (int j = 0; j < (int)p->components; j++)
+        for (int j = 0; j < COMPONENTS(p); j++)
             sum += ca_abs(p->matrix[k][j] * at->x[j]);
         square += sum * sum;
     }
-    return at->size <= share * SUM * ca_sqrt(square);
+    return at->missed <= share * SUM * ca_sqrt(square);
 }
 
-/* h = basis^T D basis, with the derivative D of the projection: the identity, and a term for each
- * vector that the projection has moved. */
-static void curvature(const ca_vectored *p, const bend *bends, ca_real h[CA_M][CA_M])
+/* Deduct stiff * v v^T. */
+static void deduct(int m, ca_real h[CA_M][CA_M], ca_real stiff, const ca_real *v)
 {
-    const int m = (int)p->axes;
+    for (int k = 0; k < m; k++)
+        for (int l = 0; l <= k; l++)
+            h[k][l] -= stiff * v[k] * v[l];
+}
+
+/* h = basis^T D basis, with the derivative D of the projection: the identity, less a term for each
+ * vector that the projection has moved. */
+static void curvature(const ca_vectored *p, const iterate *at, ca_real h[CA_M][CA_M])
+{
+    const int m = AXES(p);
     for (int k = 0; k < m; k++)
         for (int l = 0; l <= k; l++)
             h[k][l] = k == l;
-    for (int i = 0, j = 0; i < (int)p->sets; j += (int)p->size[i], i++) {
-        const bend *b = &bends[i];
-        const int size = (int)p->size[i];
-        if (b->inside)
+    for (const bend *b = at->bends; b < at->bends + at->moved; b++) {
+        const ca_real *along = p->basis[b->first];
+        ca_real across[CA_M], v[CA_M];
+        if (b->size == 1) {
+            deduct(m, h, 1, along);
             continue;
-        const ca_real *along = p->basis[j];
-        ca_real across[CA_M] = {0};
-        for (int k = 0; size > 1 && k < m; k++) {
-            across[k] = b->away[0] * p->basis[j + 1][k];
-            if (size == 3)
-                across[k] += b->away[1] * p->basis[j + 2][k];
         }
-        const ca_real around = 1 - b->around;
-        const ca_real last = size == 3 ? around - (1 - b->across) : b->across - 1;
-        for (int k = 0; k < m; k++) {
-            const ca_real first = (1 - b->along) * along[k] - b->mixed * across[k];
-            const ca_real second = -b->mixed * along[k] - last * across[k];
-            for (int l = 0; l <= k; l++) {
-                h[k][l] -= first * along[l] + second * across[l];
-                if (size == 3)
-                    h[k][l] -= around * (p->basis[j + 1][k] * p->basis[j + 1][l] +
-                                         p->basis[j + 2][k] * p->basis[j + 2][l]);
-            }
-        }
+        const ca_real *one = p->basis[b->first + 1], *two = one + (b->size == 3) * CA_M;
+        for (int k = 0; k < m; k++)
+            across[k] = b->away[0] * one[k] + (b->size == 3 ? b->away[1] * two[k] : 0);
+        for (int k = 0; k < m; k++)
+            v[k] = b->to[0] * along[k] + b->to[1] * across[k];
+        deduct(m, h, b->stiff[0], v);
+        for (int k = 0; k < m; k++)
+            v[k] = b->to[0] * across[k] - b->to[1] * along[k];
+        if (b->stiff[1] > 0)
+            deduct(m, h, b->stiff[1], v);
+        for (int k = 0; b->size == 3 && k < m; k++)
+            v[k] = b->away[0] * two[k] - b->away[1] * one[k];
+        if (b->size == 3 && b->stiff[2] > 0)
+            deduct(m, h, b->stiff[2], v);
     }
 }
 
@@ -214,20 +272,19 @@ static void solve(int m, ca_real h[CA_M][CA_M], const ca_real *slope, ca_real *w
     for (int k = 0; k < m; k++)
         most = ca_max(most, h[k][k]);
     const ca_real floor = FLAT * ca_max(most, FLAT);
-    /* h = L D L^T, with D on the diagonal of h. */
-    for (int k = 0; k < m; k++) {
-        for (int l = 0; l < k; l++) {
-            for (int j = 0; j < l; j++)
-                h[k][l] -= h[k][j] * h[l][j] * h[j][j];
-            h[k][l] /= h[l][l];
-            h[k][k] -= h[k][l] * h[k][l] * h[l][l];
-        }
-        h[k][k] = ca_max(h[k][k], floor);
-    }
+    /* h = L D L^T: D goes to the diagonal of h, and L below it. */
     for (int k = 0; k < m; k++) {
         way[k] = slope[k];
         for (int l = 0; l < k; l++)
+            for (int j = 0; j < l; j++)
+                h[k][l] -= h[k][j] * h[l][j];
+        for (int l = 0; l < k; l++) {
+            const ca_real scaled = h[k][l];
+            h[k][l] = scaled / h[l][l];
+            h[k][k] -= h[k][l] * scaled;
             way[k] -= h[k][l] * way[l];
+        }
+        h[k][k] = ca_max(h[k][k], floor);
     }
     for (int k = m - 1; k >= 0; k--) {
         way[k] /= h[k][k];
@@ -275,50 +332,48 @@ static void solve_beside(int m, ca_real h[CA_M][CA_M], const ca_real *e, const c
 static int beyond(const ca_vectored *p, const ca_real *u, const ca_real *y, ca_real tolerance)
 {
     ca_real normal[CA_M];
-    const int m = (int)p->axes;
+    const int m = AXES(p);
     multipliers(p, y, normal);
     const ca_real demand = ca_dot(m, normal, u), most = height(p, y);
     const ca_real rounding = CA_CHOOSE(1e-14, 1e-5) * (ca_abs(demand) + ca_abs(most));
     return demand - most > tolerance * ca_length(m, normal) + rounding;
 }
 
-/* Go by Newton's method from y to the multipliers for u, or for u along a line with e. Returns
- * whether the goal was met; `best` is the iterate that came nearest to it. */
-static int newton(const ca_vectored *p, const ca_real *u, const ca_real *e, ca_real tolerance,
-                  iterate *best, int *unattainable, int *steps)
+/* Go by Newton's method from the multipliers of pair[0]. Returns the iterate that came nearest. */
+static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2],
+                             ca_vectored_answer *answer)
 {
-    const int m = (int)p->axes;
-    iterate now;
-    evaluate(p, u, e, best);
+    const int m = AXES(p);
+    iterate *best = &pair[0], *now = best, *spare = &pair[1];
+    ca_real last = CA_INFINITY;
+    evaluate(p, g, best);
+    answer->attained = 1;
     for (int step = 0; step < STEPS; step++) {
-        ca_real h[CA_M][CA_M], way[CA_M], low = 0, high = -1, length = 1;
-        const iterate *from = step ? &now : best;
-        if (within(p, from, tolerance, AIM)) {
-            if (step)
-                *best = now;
-            return 1;
-        }
-        if (step > 3 && !e && beyond(p, u, from->y, tolerance)) {
-            *unattainable = 1;
+        ca_real h[CA_M][CA_M], way[CA_M], y[CA_M], low = 0, high = -1, length = 1;
+        if (within(p, now, g->tolerance, AIM))
+            return now;
+        if (step > 3 && !g->e && now->size > last / 2 && beyond(p, g->u, now->y, g->tolerance)) {
+            answer->unattainable = 1;
             break;
         }
-        ++*steps;
-        curvature(p, from->bends, h);
-        if (e)
-            solve_beside(m, h, e, from->slope,
-                         DAMPING * ca_length(m, from->slope) / ca_length(m, from->y), way);
+        last = now->size;
+        answer->steps++;
+        curvature(p, now, h);
+        if (g->e)
+            solve_beside(m, h, g->e, now->slope,
+                         DAMPING * ca_length(m, now->slope) / ca_length(m, now->y), way);
         else
-            solve(m, h, from->slope, way);
-        const ca_real first = ca_dot(m, from->slope, way), limit = first / 2;
-        ca_real y[CA_M];
-        ca_copy(m, from->y, y);
+            solve(m, h, now->slope, way);
+        const ca_real first = ca_dot(m, now->slope, way), limit = first / 2;
+        ca_copy(m, now->y, y);
         if (!(first > 0))
             break;
+        now = now == best ? spare : now;
         for (int trial = 0; trial < TRIALS; trial++) {
             for (int k = 0; k < m; k++)
-                now.y[k] = y[k] + length * way[k];
-            evaluate(p, u, e, &now);
-            const ca_real slope = ca_dot(m, now.slope, way);
+                now->y[k] = y[k] + length * way[k];
+            evaluate(p, g, now);
+            const ca_real slope = ca_dot(m, now->slope, way);
             if (slope > limit)
                 low = length;
             else if (slope < -limit)
@@ -327,32 +382,44 @@ static int newton(const ca_vectored *p, const ca_real *u, const ca_real *e, ca_r
                 break;
             length = high < 0 ? 4 * low : (low + high) / 2;
         }
-        if (now.size < best->size)
-            *best = now;
+        if (now->size < best->size) {
+            spare = best;
+            best = now;
+        }
     }
-    return within(p, best, tolerance, 1);
+    answer->attained = within(p, best, g->tolerance, 1);
+    return best;
 }
 
 static ca_real size_of(const ca_vectored *p, const ca_real *u)
 {
-    return ca_max(1, ca_length((int)p->axes, u));
+    return ca_max(1, ca_length(AXES(p), u));
+}
+
+static void aim_at(const ca_vectored *p, const ca_real *u, goal *g)
+{
+    g->u = u;
+    g->e = 0;
+    for (int k = 0; k < AXES(p); k++)
+        g->y[k] = ca_dot(AXES(p), p->coordinates[k], u) - p->start[k];
+    g->tolerance = CA_TOLERANCE * size_of(p, u);
+    g->near = p->span * ca_max(g->tolerance, SUM * p->terms);
 }
 
 void ca_vectored_solve(const ca_vectored *p, const ca_real *u, ca_real *x,
                        ca_vectored_answer *answer)
 {
-    const int m = (int)p->axes;
-    iterate found;
+    iterate pair[2];
+    goal g;
     answer->unattainable = answer->steps = 0;
-    for (int k = 0; k < m; k++)
-        found.y[k] = ca_dot(m, p->coordinates[k], u) - p->start[k];
-    answer->attained = newton(p, u, 0, CA_TOLERANCE * size_of(p, u), &found,
-                              &answer->unattainable, &answer->steps);
+    aim_at(p, u, &g);
+    ca_copy(AXES(p), g.y, pair[0].y);
+    const iterate *found = newton(p, &g, pair, answer);
     answer->unattainable = answer->unattainable && !answer->attained;
     answer->status = answer->attained ? CA_EXACT : CA_INEXACT;
     answer->level = answer->most = 1;
-    multipliers(p, found.y, answer->y);
-    ca_copy((int)p->components, found.x, x);
+    multipliers(p, found->y, answer->y);
+    ca_copy(COMPONENTS(p), found->x, x);
 }
 
 /* Lower the bound of the end of a line by the plane normal to y, at which the line rises by `rise`. */
@@ -361,10 +428,10 @@ static void bound(const ca_vectored *p, const ca_real *begin, const ca_real *y, 
 {
     ca_real normal[CA_M];
     multipliers(p, y, normal);
-    const ca_real most = (height(p, y) - ca_dot((int)p->axes, normal, begin)) / rise;
+    const ca_real most = (height(p, y) - ca_dot(AXES(p), normal, begin)) / rise;
     if (most < answer->most) {
         answer->most = most;
-        ca_copy((int)p->axes, normal, answer->y);
+        ca_copy(AXES(p), normal, answer->y);
     }
 }
 
@@ -373,10 +440,11 @@ static void bound(const ca_vectored *p, const ca_real *begin, const ca_real *y, 
 void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real *way, ca_real end,
                       ca_real *x, ca_vectored_answer *answer)
 {
-    const int m = (int)p->axes, n = (int)p->components;
+    const int m = AXES(p), n = COMPONENTS(p);
     ca_real e[CA_M], u[CA_M], pull = p->greatest, t = 0;
-    iterate at;
-    int none;
+    iterate pair[2];
+    const iterate *at = pair;
+    goal g;
     answer->unattainable = answer->steps = answer->attained = 0;
     answer->most = CA_INFINITY;
     for (int k = 0; k < m; k++)
@@ -389,21 +457,24 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
     }
     for (int k = 0; k < m; k++) {
         e[k] /= size;
-        at.y[k] = pull * e[k];
+        pair[0].y[k] = pull * e[k];
     }
+    aim_at(p, begin, &g);
+    g.e = e;
+    g.near = CA_INFINITY;
     for (int trial = 0; trial < PULLS; trial++) {
-        const ca_real tolerance = CA_TOLERANCE * ca_max(p->greatest, pull / 1000);
-        newton(p, begin, e, tolerance, &at, &none, &answer->steps);
+        g.tolerance = CA_TOLERANCE * ca_max(p->greatest, pull / 1000);
+        at = newton(p, &g, pair, answer);
         ca_real left[CA_M], h[CA_M][CA_M], he[CA_M], tangent[CA_M];
         for (int k = 0; k < m; k++)
-            left[k] = ca_dot(n, p->matrix[k], at.x) - begin[k];
+            left[k] = ca_dot(n, p->matrix[k], at->x) - begin[k];
         t = 0;
         for (int k = 0; k < m; k++)
             t += ca_dot(m, p->coordinates[k], left) * e[k] / size;
         if (t >= end)
             break;
         /* The path of the multipliers goes on along its tangent, which tends to the normal. */
-        curvature(p, at.bends, h);
+        curvature(p, at, h);
         for (int k = 0; k < m; k++) {
             he[k] = 0;
             for (int l = 0; l < m; l++)
@@ -413,32 +484,34 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
         for (int k = 0; k < m; k++)
             tangent[k] += e[k];
         bound(p, begin, tangent, size, answer);
-        bound(p, begin, at.y, size * ca_dot(m, at.y, e), answer);
+        bound(p, begin, at->y, size * ca_dot(m, at->y, e), answer);
         if (answer->most - t <= GAP * t || pull >= PULL_MAX * p->greatest)
             break;
         for (int k = 0; k < m; k++)
-            at.y[k] += (GROWTH - 1) * pull * tangent[k];
+            pair[0].y[k] = at->y[k] + (GROWTH - 1) * pull * tangent[k];
         pull *= GROWTH;
     }
+    answer->attained = 0;
     if (t >= end) {
         for (int k = 0; k < m; k++)
             u[k] = begin[k] + end * way[k];
-        answer->attained = newton(p, u, 0, CA_TOLERANCE * size_of(p, u), &at, &none,
-                                  &answer->steps);
-        multipliers(p, at.y, answer->y);
+        aim_at(p, u, &g);
+        ca_copy(m, at->y, pair[0].y);
+        at = newton(p, &g, pair, answer);
+        multipliers(p, at->y, answer->y);
         t = answer->most = end;
     }
     answer->level = ca_max(t, 0);
     answer->status = CA_SCALED;
-    ca_copy(n, at.x, x);
+    ca_copy(n, at->x, x);
 }
 
 /* How far vectors miss a wrench. */
 static ca_real missed(const ca_vectored *p, const ca_real *u, const ca_real *x)
 {
     ca_real square = 0;
-    for (int k = 0; k < (int)p->axes; k++) {
-        const ca_real left = u[k] - ca_dot((int)p->components, p->matrix[k], x);
+    for (int k = 0; k < AXES(p); k++) {
+        const ca_real left = u[k] - ca_dot(COMPONENTS(p), p->matrix[k], x);
         square += left * left;
     }
     return ca_sqrt(square);
@@ -448,8 +521,8 @@ static ca_real missed(const ca_vectored *p, const ca_real *u, const ca_real *x)
 static ca_real least_share(const ca_vectored *p, const ca_real *u, const ca_real *x)
 {
     ca_real least = 1;
-    for (int k = 0; k < (int)p->axes; k++) {
-        const ca_real served = ca_dot((int)p->components, p->matrix[k], x) - p->reference[k];
+    for (int k = 0; k < AXES(p); k++) {
+        const ca_real served = ca_dot(COMPONENTS(p), p->matrix[k], x) - p->reference[k];
         const ca_real way = u[k] - p->reference[k];
         const ca_real share = way > 0 || way < 0 ? served / way : 1;
         least = ca_min(least, ca_clip(share, 0, 1));
@@ -460,7 +533,7 @@ static ca_real least_share(const ca_vectored *p, const ca_real *u, const ca_real
 void ca_vectored_allocate(const ca_vectored *p, const ca_real *u, ca_real *x,
                           ca_vectored_answer *answer)
 {
-    const int m = (int)p->axes, n = (int)p->components, policy = (int)p->policy;
+    const int m = AXES(p), n = COMPONENTS(p), policy = (int)p->policy;
     for (int k = 0; k < m; k++)
         if (!(ca_abs(u[k]) <= CA_ABSURD)) {
             ca_copy(n, p->resting, x);

@@ -39,6 +39,8 @@
     X(rates, [CA_N][CA_M])        /* the same, each row divided by its weight */ \
     X(coordinates, [CA_M][CA_M])  /* u = B x is basis^T W x = coordinates u */ \
     X(start, [CA_M])              /* of the wrench of x_p */ \
+    X(span, )                     /* greatest length of `coordinates` of a unit vector */ \
+    X(terms, )                    /* length of the sums of the greatest |B x|, term by term */ \
     X(greatest, )                 /* greatest deviation |W (x - x_p)| of a component */ \
     X(slack, )                    /* see ca_options */ \
     X(policy, ) \

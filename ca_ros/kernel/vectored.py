@@ -49,6 +49,7 @@ def made(module: Any, fields: Mapping[str, Array | float]) -> Any:
 def fields_of(newton: SetsNewton, **policy: Array | float) -> dict[str, Array | float]:
     """Return the fields of `ca_vectored` for a solver; without a policy it only solves."""
     m, n = newton.matrix.shape
+    most = np.maximum(np.abs(newton.sets.lower), np.abs(newton.sets.upper))
     none: dict[str, Array | float] = {
         'slack': 0.0, 'policy': 0.0, 'reference': np.zeros(m), 'begin': np.zeros(m),
         'on_reference': 1.0, 'resting': np.zeros(n),
@@ -58,7 +59,8 @@ def fields_of(newton: SetsNewton, **policy: Array | float) -> dict[str, Array | 
         'preferred': newton.preferred, 'basis': newton.basis, 'rates': newton.rates,
         'coordinates': newton.coordinates,
         'start': newton.coordinates @ newton.matrix @ newton.preferred,
-        'greatest': newton.greatest,
+        'span': np.linalg.norm(newton.coordinates, 2), 'greatest': newton.greatest,
+        'terms': np.linalg.norm(np.abs(newton.matrix) @ most),
     } | policy
 
 

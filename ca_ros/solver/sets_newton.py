@@ -24,7 +24,7 @@ GAP = 2e-10  # by which a line may be too short, as a share of it
 class SetsSolution(NamedTuple):
     """The result of `SetsNewton.solve`; every field has a leading K.
 
-    - `points` (K, n): in the sets; of all iterates those with the least |A x - u|
+    - `points` (K, n): in the sets; of all iterates those with the least slope of the dual
     - `multipliers` (K, m): y with ``points = P(x_p + W^-2 A^T y)``, to rounding
     - `attained` (K,): whether |A x - u| is within the tolerance, or the rounding error of A x
     - `unattainable` (K,): whether a plane proves that |A x - u| exceeds the tolerance for all x
@@ -168,15 +168,19 @@ class SetsNewton:
                 slope = left = slope - float(slope @ e) * e
             return slope, float(np.linalg.norm(left)), rate, points
 
-        best, least, nearest = y, np.inf, self.preferred
+        # Of the iterates the best is the one with the least slope.
+        best, least, sizes, last = y, np.inf, (np.inf, self.preferred), np.inf
         for step in range(STEPS):
             slope, size, rate, points = missed(y)
-            if size < least:
-                best, least, nearest = y, size, points
+            now = float(np.linalg.norm(slope))
+            if now < least:
+                best, least, sizes = y, now, (size, points)
             if self._within(size, tolerance, points, AIM):
                 return y, True, False
-            if step > 3 and e is None and self._beyond(u, y, tolerance):
-                return best, self._within(least, tolerance, nearest, 1.0), True
+            stalls = step > 3 and now > last / 2.0
+            if stalls and e is None and self._beyond(u, y, tolerance):
+                return best, self._within(sizes[0], tolerance, sizes[1], 1.0), True
+            last = now
             bend = self._curvature(rate)
             if e is None:
                 way = _solved(bend, slope)
@@ -187,7 +191,7 @@ class SetsNewton:
             if not first > 0.0:
                 break
             y = self._search(y, way, first, lambda y: missed(y)[0])
-        return best, self._within(least, tolerance, nearest, 1.0), False
+        return best, self._within(sizes[0], tolerance, sizes[1], 1.0), False
 
     def _search(self, y: Array, way: Array, first: float, slope: Any) -> Array:
         """Return y moved along a way until the slope of the dual has fallen by half."""
