@@ -327,6 +327,28 @@ def test_servos_within_their_rates_cross_zero_thrust_without_error(engine, monke
     assert np.abs(np.diff(jumps, axis=0)).max() > 1.5
 
 
+@pytest.mark.parametrize(('name', 'u', 'rates', 'status', 'words'), [
+    ('azimuth_boat', [9.5, 3.0, 0.0], (400.0, 3.0), 'EXACT', ''),
+    # Backwards at once: the servos cannot turn by half a circle.
+    ('azimuth_boat', [-8.0, 3.0, 0.0], (1e6, 3.0), 'RATE_LIMITED', 'servos 1, 2, 3, 4 at their'),
+    ('azimuth_boat', [60.0, 18.0, 0.0], (100.0, 1e4), 'RATE_LIMITED', 'rotors 1, 2, 3, 4 at'),
+    ('tricopter', [60.0, 0.0, 0.0, 0.0], (100.0, 1e4), 'RATE_LIMITED', 'at their rate'),
+    # No rate limits these: they are out of reach.
+    ('hexarotor_tilting', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'the method'),
+    ('omnidirectional_gimbals', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'the method'),
+])
+def test_what_a_rate_limits_is_named(name, u, rates, status, words):
+    vehicle = Vehicle.load(name)
+    exact, limited = make_allocator('exact', vehicle), TiltLimited(vehicle, *rates)
+    begin = [10.0, 3.0, 0.0] if len(u) == 3 else 0.5 * exact.problem.center
+    last = exact.allocate(begin)
+    answer = limited.allocate(u, last.speeds, last.angles, 0.02)
+    assert answer.status.name == status
+    said = answer.explanation.limits
+    assert not said if status == 'EXACT' else words in ''.join(said.values())
+    assert ('rate' in ''.join(said.values())) == (status == 'RATE_LIMITED')
+
+
 @pytest.mark.parametrize('name', length(['azimuth_boat'], list(PROBLEMS)[2:]))
 def test_any_command_is_reached_within_the_rates(name):
     """The wrench of a command within the rates is attainable in the next step, or nearly so."""

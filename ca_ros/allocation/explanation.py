@@ -12,6 +12,7 @@ from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.limits import BY_HEALTH, BY_RATE, Limits, limits_of, shares
 from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 
 SERVED = 1e-9  # residual, as a share of the range of an axis, that counts as none
 
@@ -65,6 +66,8 @@ class Explanation:
         ]
         if self.airmode[axis]:
             parts.append(f'the limit on airmode ({"rise" if self.airmode[axis] > 0 else "fall"})')
+        if isinstance(self.problem, TiltingVehicleProblem):
+            parts += self.problem.rate_limited
         return ' and '.join(parts) or 'the method'
 
     def __str__(self) -> str:

@@ -20,6 +20,7 @@ from ca_ros.vehicle.validation import numbers
 from ca_ros.vehicle.vehicle import Vehicle
 
 REACHED_MIN = 1e-9  # range of a thrust, as a share of the greatest, below which it is held
+AT_END = 1e-5  # distance of an angle [rad] or a thrust, as a share of the greatest, from its end
 
 
 class TiltLimited:
@@ -83,7 +84,8 @@ class TiltLimited:
         Returns
         -------
         Allocation
-            Its problem has the sets of this step.
+            Its problem has the sets of this step.  It is RATE_LIMITED if a wrench out of reach
+            is limited by the rate of a rotor or of a servo; the explanation names them.
         """
         last = numbers('speeds', speeds, self.vehicle.n)
         turned = numbers('angles', angles, len(self._tilts.rotors))
@@ -98,7 +100,56 @@ class TiltLimited:
         if (problem.sizes(answer.thrusts) <= 1e-9 * self.vehicle.thrust_max).any():
             slopes = problem.least_norm.solve(answer.wrench[None]).multipliers[0]
             problem.wanted = problem.forces(slopes @ problem.gamma)
-        return answer
+        if answer.status in (Status.PRIORITIZED, Status.SCALED):
+            problem.rate_limited = self._limits(answer, problem)
+        if not problem.rate_limited:
+            return answer
+        return Allocation(
+            problem, answer.demand, answer.thrusts, Status.RATE_LIMITED, answer.level,
+            preference=answer.preference,
+        )
+
+    def _limits(self, answer: Allocation, problem: TiltingVehicleProblem) -> list[str]:
+        """Return in words whose rates limit an answer on the boundary."""
+        vehicle, tilts = self.vehicle, self._tilts
+        rotors, servos = list[int](), list[int]()
+        low, high = tilts.limits
+        places = zip(problem.windows, problem.sets.first, strict=True)
+        for i, ((each, rows), k) in enumerate(places):
+            vector = answer.thrusts[k : k + each.size]
+            slack = AT_END * float(vehicle.thrust_max[i])
+            lower, upper = (
+                (each.lower, each.upper) if isinstance(each, Interval)
+                else (each.least, each.radius)
+            )
+            above = upper < vehicle.thrust_max[i] - slack
+            below = lower > vehicle.thrust_min[i] + slack
+            length = float(np.linalg.norm(vector))
+            if (above and length >= upper - slack) or (below and vector[0] <= lower + slack):
+                rotors.append(i + 1)
+            mine = [s for s, rotor in enumerate(tilts.rotors) if rotor == i]
+            if not mine:
+                continue
+            if length <= slack:
+                # Without the rate a full disc would give thrust.
+                bound = not tilts.gimbal[i] and tilts.upper[i] - tilts.lower[i] >= 2 * pi - AT_END
+            elif len(mine) == 2:
+                off = acos(max(-1.0, min(1.0, float(vector @ rows @ tilts.nominal[i]) / length)))
+                bound = off < tilts.gimbal[i] - AT_END
+            else:
+                turned = float(answer.angles[mine[0]])
+                bound = low[mine[0]] + AT_END < turned < high[mine[0]] - AT_END
+            half = each.half_angle if isinstance(each, Sector) else 0.0
+            side = half == 0.0 or length <= slack or (
+                acos(max(-1.0, min(1.0, float(vector[0]) / length))) >= half - AT_END)
+            if bound and side:
+                servos.append(i + 1)
+        kinds = ('rotor', rotors), ('servo', servos)
+        return [
+            f'{kind} {which[0]} at its rate' if len(which) == 1
+            else f'{kind}s {", ".join(map(str, which))} at their rates'
+            for kind, which in kinds if which
+        ]
 
     def _windows(
         self, speeds: Array, angles: Array, period: float

@@ -78,6 +78,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
 
     wanted: Array | None = None
     near: Array | None = None
+    rate_limited: Sequence[str] = ()
     effector_kind, unit = VehicleProblem.effector_kind, VehicleProblem.unit
     advice = VehicleProblem.advice
 
