@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
-from ca_ros.allocation.named_axes import check_axes, mixer
+from ca_ros.allocation.named_axes import mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.settings import Settings, setting
@@ -54,15 +54,12 @@ class BetaflightMixer(Allocator):
     @takes_settings(BetaflightMixerSettings)
     def __init__(self, problem: Subject, settings: BetaflightMixerSettings) -> None:
         super().__init__(problem)
-        check_axes('betaflight_mixer', self.problem)
         self.airmode = settings.airmode
         problem = self.problem
-        columns = mixer(problem)
+        columns, self._base, self._offset = mixer('betaflight_mixer', problem)
         self._thrust = problem.axes.index('thrust')
         self._collective = columns.pop('thrust')
         self._differences = np.column_stack([*columns.values(), np.zeros((problem.n, 0))])
-        self._base = problem.middle * (problem.half_range == 0.0)
-        self._offset = problem.gamma @ self._base
         share = self._collective
         self._counts = np.abs(share) > WEAK * np.abs(share).max()
         ends = np.array([problem.lower, problem.upper])[:, self._counts] / share[self._counts]

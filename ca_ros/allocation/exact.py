@@ -73,17 +73,13 @@ class Exact(Allocator):
         problem = self.problem
         self._n = problem.n
         self._preference = settings.preference(problem)
-        kernel = None
-        if settings.solver == 'newton' and not isinstance(problem, VectoredProblem):
-            kernel = chosen(problem.n, len(problem.axes))
-        self.engine = 'C' if kernel else 'NumPy'
         self._vectored = isinstance(problem, VectoredProblem)
         self._engine: Any
         if isinstance(problem, VectoredProblem):
             self._engine = VectoredEngine(problem, settings)
             self.engine = self._engine.engine
-        elif kernel:
-            self._engine = kernel_for(kernel, problem, settings)
+        elif settings.solver == 'newton' and (kernel := chosen(problem.n, len(problem.axes))):
+            self._engine, self.engine = kernel_for(kernel, problem, settings), 'C'
         else:
             self._engine = NumpyEngine(problem, settings)
         if self.engine == 'NumPy' and settings.solver == 'newton':

@@ -9,10 +9,14 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.settings import AXES
 
 
-def check_axes(method: str, problem: AllocationProblem) -> None:
-    """Raise a ValueError unless the axes are those of a multirotor, thrust among them.
+def mixer(method: str, problem: AllocationProblem) -> tuple[dict[str, Array], Array, Array]:
+    """Return the column (n,) of the pseudo-inverse for each axis: thrust per wrench.
 
-    Axes may be missing, because a vehicle that loses rotors can lose its yaw.
+    Rotors that cannot change their thrust, such as lost ones, have zeros.  Their thrusts (n,) and
+    the wrench (m,) that these give come after the columns.
+
+    Raises a ValueError unless the axes are those of a multirotor, thrust among them.  Axes may be
+    missing, because a vehicle that loses rotors can lose its yaw.
     """
     strange = [axis for axis in problem.axes if axis not in AXES]
     if strange or 'thrust' not in problem.axes:
@@ -21,12 +25,6 @@ def check_axes(method: str, problem: AllocationProblem) -> None:
             f'{method} is for multirotors: it knows the axes {", ".join(AXES)}, {fault}; '
             f'this problem has {", ".join(problem.axes)}'
         )
-
-
-def mixer(problem: AllocationProblem) -> dict[str, Array]:
-    """Return the column (n,) of the pseudo-inverse for each axis: thrust per wrench.
-
-    Rotors that cannot change their thrust, such as lost ones, have zeros.
-    """
     inverse = np.linalg.pinv(problem.gamma * (problem.half_range > 0.0))
-    return dict(zip(problem.axes, inverse.T, strict=True))
+    fixed = problem.middle * (problem.half_range == 0.0)
+    return dict(zip(problem.axes, inverse.T, strict=True)), fixed, problem.gamma @ fixed

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
-from ca_ros.allocation.named_axes import check_axes, mixer
+from ca_ros.allocation.named_axes import mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.settings import Settings, setting
@@ -61,15 +61,13 @@ class SequentialDesaturation(Allocator):
     @takes_settings(SequentialDesaturationSettings)
     def __init__(self, problem: Subject, settings: SequentialDesaturationSettings) -> None:
         super().__init__(problem)
-        check_axes('sequential_desaturation', self.problem)
         self.airmode = settings.airmode
         problem = self.problem
-        self._columns = mixer(problem)
+        found = mixer('sequential_desaturation', problem)
+        self._columns, self._base, self._offset = found
         self._strong = _strong(self._columns)
         self._yaw = problem.axes.index('yaw') if 'yaw' in problem.axes else None
         self._least_relief = FOLD_MIN * 2.0 * problem.half_range.max(initial=0.0)
-        self._base = problem.middle * (problem.half_range == 0.0)
-        self._offset = problem.gamma @ self._base
 
     def _allocate(self, u: Array) -> Allocation:
         return self._clipped(u, self._desaturated(u - self._offset))

@@ -55,7 +55,6 @@ class Bag:
         except (WriterError, OSError) as error:
             raise CaRosError(f'--bag: {error}') from None
 
-
     def listen(self, namespace: str) -> None:
         """Subscribe to all topics; `write` takes the messages without an executor."""
         without: Any = {'start_parameter_services': False, 'enable_rosout': False}

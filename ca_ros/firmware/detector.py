@@ -119,4 +119,3 @@ def golden_flight(detector: FailureDetector, precision: str) -> str:
         parts: list[Array] = [state, command, answers.health, answers.certainty]
         lines.append(indented(f'{{{", ".join(braced(p, precision) for p in parts)}}},', 1))
     return '\n'.join(lines)
-

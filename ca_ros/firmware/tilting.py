@@ -108,5 +108,3 @@ def firmware_of(
 def _vectored(fault: Fault) -> TiltingVehicleProblem:
     assert isinstance(fault.problem, TiltingVehicleProblem)
     return fault.problem
-
-

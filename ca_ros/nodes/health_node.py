@@ -112,7 +112,11 @@ class HealthNode(VehicleNode):
         before = np.ones(n) if self._reported is None else self._reported
         self._reported = health
         if not np.array_equal(health, before):
-            self._use()
+            self._rebuild()
+            parameter = repeated('rotors.health', self.settings.rotors.health, n)
+            reduced = [f'rotor {i + 1}' for i in np.flatnonzero(health < parameter)]
+            found = f'failed: {", ".join(reduced)}' if reduced else 'all rotors are as announced'
+            self.get_logger().warning(f'the monitor reports: {found}')
         self._reported_time = -1 if time is None else time
         self.health_came()
 
@@ -136,12 +140,3 @@ class HealthNode(VehicleNode):
         built = self.build(settings) if lockstep else self._build_beside(settings).result()
         self._built = built
         self.adopt(built)
-
-    def _use(self) -> None:
-        """Build for the health in use, and say so."""
-        self._rebuild()
-        assert self._reported is not None
-        parameter = repeated('rotors.health', self.settings.rotors.health, len(self._reported))
-        reduced = [f'rotor {i + 1}' for i in np.flatnonzero(self._reported < parameter)]
-        found = f'failed: {", ".join(reduced)}' if reduced else 'all rotors are as announced'
-        self.get_logger().warning(f'the monitor reports: {found}')

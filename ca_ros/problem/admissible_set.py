@@ -276,9 +276,7 @@ class AdmissibleSet:
         served, levels = u.copy(), np.ones(u.shape)
         if u.ndim == 1:
             # For a single wrench, computing all facets would take too long.
-            if self.problem.attains_unbounded(u):
-                return served, levels
-            if self.problem.attains(u):
+            if self.problem.attains_unbounded(u) or self.problem.attains(u):
                 return served, levels
             answer = serve(u)
             return answer.wrenches, answer.levels

@@ -153,8 +153,6 @@ class VectoredProblem(AllocationProblem):
         )
 
 
-
-
 def problem_with(sets: Sequence[Mapping[str, Any]], **given: Any) -> VectoredProblem:
     """Return the problem of the entries of a file; a ValueError names what is wrong.
 
