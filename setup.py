@@ -27,7 +27,7 @@ cluster = ['distributed>=2024.1']
 exact = ('exact', 'least_norm', 'priorities', 'module')
 # The detector of rotor failures, and the allocator of rotors that tilt.
 detector = ('detector', 'detector_module')
-vectored = ('vectored', 'vectored_module')
+vectored = ('vectored', 'vectored_priorities', 'vectored_module')
 kernels = [
     Extension(
         f'{package}.kernel._{name}',

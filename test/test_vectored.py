@@ -208,7 +208,10 @@ def test_scale_reaches_the_level_of_a_cone_program(name):
 
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_prioritize_serves_one_axis_after_the_other(name):
-    """Stage by stage Clarabel serves no more than the stated error allows."""
+    """Step by step Clarabel serves no more, if it may move the axes before by 1e-9 of their range.
+
+    On a curved boundary this alone is worth the root of it.
+    """
     problem, rng = PROBLEMS[name], np.random.default_rng(4)
     order = [['roll'], ['thrust'], ['yaw'], ['pitch'], ['force_x'], ['force_y']]
     order = [group for group in order if group[0] in problem.axes]
@@ -221,7 +224,7 @@ def test_prioritize_serves_one_axis_after_the_other(name):
             row = problem.axes.index(axis)
             sign = np.sign(u[row] - answer.wrench[row])
             if abs(answer.wrench[row] - u[row]) > 1e-6 * problem.extent[row]:
-                bounds = [(-w, w) for w in 2e-7 * problem.extent[held]]
+                bounds = [(-w, w) for w in 1e-9 * problem.extent[held]]
                 matrix = np.hstack([problem.gamma[held], -np.eye(len(held))])
                 linear = np.append(-sign * problem.gamma[row], np.zeros(len(held)))
                 best = clarabel_minimum(
@@ -229,7 +232,7 @@ def test_prioritize_serves_one_axis_after_the_other(name):
                     bounds=bounds,
                 )[: problem.n]
                 further = sign * (problem.gamma[row] @ best - answer.wrench[row])
-                assert -1e-9 < further / problem.extent[row] < 2e-3
+                assert -1e-7 < further / problem.extent[row] < 2e-4
             held.append(row)
 
 
@@ -422,7 +425,7 @@ def test_c_equals_numpy(name):
             np.testing.assert_allclose(problem.clip(line.point), line.point, atol=2e-15)
 
 
-@pytest.mark.parametrize('policy', ['scale', 'reject'])
+@pytest.mark.parametrize('policy', ['prioritize', 'scale', 'reject'])
 def test_allocators_in_c_and_numpy_agree(policy, monkeypatch):
     problem, rng = PROBLEMS['hexarotor_tilting'], np.random.default_rng(9)
     wrenches = problem.center + problem.extent * rng.normal(size=(6, len(problem.axes)))

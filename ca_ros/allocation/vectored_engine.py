@@ -20,7 +20,7 @@ INSIDE = 0.99  # greatest share of the way from the middle to the boundary where
 
 
 class VectoredEngine:
-    """`exact` on a `VectoredProblem`: in C where it is built, except for the priorities.
+    """`exact` on a `VectoredProblem`: in C where it is built.
 
     Newton's method answers attainable wrenches.  On the boundary of the attainable set there may
     be no finite multipliers; there, and for `scale`, the answer is the end of the line to the
@@ -63,25 +63,27 @@ class VectoredEngine:
     @cached_property
     def fields(self) -> dict[str, Array | float]:
         """The fields of ``ca_vectored`` in C."""
+        prioritizes = self._settings.status is Status.PRIORITIZED
+        given = self._serve.fields if prioritizes else {'reference': self._serving.reference}
         return fields_of(
             self._solver, slack=self._settings.residual_slack, policy=float(self._settings.status),
-            reference=self._serving.reference, begin=self._begin,
-            on_reference=float(self._serving.on_reference), resting=self._problem.resting_thrusts,
+            begin=self._begin, on_reference=float(self._serving.on_reference),
+            resting=self._problem.resting_thrusts, **given,
         )
 
     @cached_property
     def _kernel(self) -> Any:
-        solver = self._solver
-        return solver.with_fields(self.fields) if isinstance(solver, KernelNewton) else None
+        solver, status = self._solver, self._settings.status
+        if not isinstance(solver, KernelNewton):
+            return None
+        fits = solver.prioritizes or status is not Status.PRIORITIZED
+        return solver.with_fields(self.fields) if fits else None
 
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
         """Write the vectors for u; see `ca_ros.kernel.Kernel.allocate`."""
         if self._kernel is not None:
             answer: tuple[int, float, int, int] | None = self._kernel.allocate(u, thrusts)
-            if answer is None or answer[0] != Status.PRIORITIZED:
-                return answer
-            thrusts[:], level = self._prioritized(u)
-            return int(Status.PRIORITIZED), level, *answer[2:]
+            return answer
         thrusts[:], status, level = self._answer(self._problem.check(u))
         return None if status == Status.EXACT else (int(status), level, 0, 0)
 
@@ -91,8 +93,6 @@ class VectoredEngine:
         """Write vectors, status and levels for wrenches; see `Kernel.allocate_batch`."""
         if self._kernel is not None:
             self._kernel.allocate_batch(wrenches, thrusts, status, levels, None)
-            for i in np.flatnonzero(status == Status.PRIORITIZED).tolist():
-                thrusts[i], levels[i] = self._prioritized(wrenches[i])
             return
         for i, u in enumerate(wrenches):
             thrusts[i], found, levels[i] = self._answer(u)
@@ -117,16 +117,11 @@ class VectoredEngine:
         if status is Status.REJECTED:
             return problem.resting_thrusts, status, 0.0
         if status is Status.PRIORITIZED:
-            points, level = self._prioritized(u)
-            return points, status, level
+            served = self._serve(u)
+            return served.thrusts, status, float(served.levels.min())
         level, way = line.length, u - self._serving.reference
         if not self._serving.on_reference:
             served = problem.gamma @ line.point - self._serving.reference
             shares = np.divide(served, way, out=np.ones_like(way), where=way != 0.0)
             level = float(np.clip(shares, 0.0, 1.0).min())
         return line.point, status, level
-
-    def _prioritized(self, u: Array) -> tuple[Array, float]:
-        """Return the vectors that the priorities serve, and the level."""
-        served = self._serve(u)
-        return served.thrusts, float(served.levels.min())

@@ -565,6 +565,8 @@ void ca_vectored_allocate(const ca_vectored *p, const ca_real *u, ca_real *x,
             answer->level = least_share(p, u, x);
     }
     answer->status = policy;
+    if (policy == CA_PRIORITIZED)
+        ca_vectored_prioritize(p, u, x, answer);
     if (policy == CA_REJECTED) {
         ca_copy(n, p->resting, x);
         answer->level = 0;

@@ -13,6 +13,7 @@
 #define ca_vectored_allocate CA_SYMBOL(ca_vectored_allocate)
 #define ca_vectored_solve CA_SYMBOL(ca_vectored_solve)
 #define ca_vectored_line CA_SYMBOL(ca_vectored_line)
+#define ca_vectored_prioritize CA_SYMBOL(ca_vectored_prioritize)
 #define ca_vectored_command CA_SYMBOL(ca_vectored_command)
 
 /* The prepared problem: constant data, which Python prepares. CA_N is the number of components.
@@ -47,7 +48,13 @@
     X(reference, [CA_M])          /* from which demands are counted */ \
     X(begin, [CA_M])              /* an attainable wrench; there the line to a demand begins */ \
     X(on_reference, )             /* whether it is the reference */ \
-    X(resting, [CA_N])            /* vectors of a wrench that is rejected */
+    X(resting, [CA_N])            /* vectors of a wrench that is rejected */ \
+    X(extent, [CA_M])             /* half of the range of each axis; from here on: priorities */ \
+    X(middle, [CA_N])             /* vectors inside the sets */ \
+    X(order, [CA_M])              /* axes, the most important first */ \
+    X(group, [CA_M])              /* group of each entry of `order`, from 0 */ \
+    X(sense, [CA_M])              /* nonzero if less important axes must not reverse an axis */ \
+    X(line_begin, [CA_M])         /* where the line of the first group begins */
 
 #define CA_VECTORED_MEMBER(name, dimensions) ca_real name dimensions;
 typedef struct {
@@ -66,8 +73,7 @@ typedef struct {
     ca_real y[CA_M];        /* multipliers of B x = u; normal to the set where a line ends */
 } ca_vectored_answer;
 
-/* Find vectors x[n] in the sets for u[m]. With the policy `prioritize`, CA_PRIORITIZED only says
- * that u is not attainable: the priorities are not part of this library. */
+/* Find vectors x[n] in the sets for u[m]. */
 void ca_vectored_allocate(const ca_vectored *problem, const ca_real *u, ca_real *x,
                           ca_vectored_answer *answer);
 
@@ -79,6 +85,11 @@ void ca_vectored_solve(const ca_vectored *problem, const ca_real *u, ca_real *x,
  * least cost there. `answer->level` is t. */
 void ca_vectored_line(const ca_vectored *problem, const ca_real *begin, const ca_real *way,
                       ca_real end, ca_real *x, ca_vectored_answer *answer);
+
+/* Serve the axes in the order of their priority; returns the share of the way from `line_begin` to u
+ * that the first group went. CA_N has to be at least the numbers of components and axes together. */
+ca_real ca_vectored_prioritize(const ca_vectored *problem, const ca_real *u, ca_real *x,
+                               ca_vectored_answer *answer);
 
 /* Lengths of the vectors within bounds, and angles of the servos within theirs [rad]. A rotor has 0,
  * 1 or 2 servos; the angles of its first one are counted from `middle`. A vector without a length

@@ -52,7 +52,9 @@ def fields_of(newton: SetsNewton, **policy: Array | float) -> dict[str, Array | 
     most = np.maximum(np.abs(newton.sets.lower), np.abs(newton.sets.upper))
     none: dict[str, Array | float] = {
         'slack': 0.0, 'policy': 0.0, 'reference': np.zeros(m), 'begin': np.zeros(m),
-        'on_reference': 1.0, 'resting': np.zeros(n),
+        'on_reference': 1.0, 'resting': np.zeros(n), 'extent': np.ones(m), 'middle': np.zeros(n),
+        'order': np.arange(m), 'group': np.arange(m), 'sense': np.zeros(m),
+        'line_begin': np.zeros(m),
     }
     return none | newton.sets.fields() | {
         'axes': m, 'matrix': newton.matrix, 'weight': newton.weights,
@@ -72,6 +74,7 @@ class KernelNewton(SetsNewton):
     def __init__(self, module: Any, *given: Any) -> None:
         super().__init__(*given)
         self._module = module
+        self.prioritizes = self.sets.n + len(self.matrix) <= module.N
         self._kernel = self.with_fields(fields_of(self))
 
     def with_fields(self, fields: Mapping[str, Array | float]) -> Any:
@@ -101,3 +104,10 @@ def sets_newton(
     module = chosen(sets.n, len(matrix))
     given = matrix, sets, weights, preferred
     return SetsNewton(*given) if module is None else KernelNewton(module, *given)
+
+
+def priorities(solver: SetsNewton, fields: Mapping[str, Array]) -> Any:
+    """Return a `Vectored` that prioritizes; None if NumPy is to do it."""
+    if not isinstance(solver, KernelNewton) or not solver.prioritizes:
+        return None
+    return solver.with_fields(fields_of(solver, **fields))

@@ -104,6 +104,22 @@ static PyObject *line(object *self, PyObject *const *arguments, Py_ssize_t count
     return Py_BuildValue("(dd)", (double)answer.level, (double)answer.most);
 }
 
+static PyObject *prioritize(object *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    const char formats[2] = {FORMAT, FORMAT};
+    const Py_ssize_t widths[2] = {axes(self), components(self)};
+    Py_buffer views[2];
+    ca_vectored_answer answer = {0};
+    if (!ready(self, count, 2))
+        return NULL;
+    if (!get_all(arguments, 2, views, formats, widths, NULL, 1))
+        return NULL;
+    const ca_real share =
+        ca_vectored_prioritize(&self->problem, views[0].buf, views[1].buf, &answer);
+    release(2, views);
+    return PyFloat_FromDouble((double)share);
+}
+
 static PyObject *command(object *self, PyObject *const *arguments, Py_ssize_t count)
 {
     const int sets = (int)self->problem.sets;
@@ -160,6 +176,8 @@ static PyMethodDef methods[] = {
            "alone; status 0: attained, -1: not attainable"),
     METHOD(line, METH_FASTCALL,
            "line(begin, way, vectors, normal, end): return how far it goes, and at most could go"),
+    METHOD(prioritize, METH_FASTCALL,
+           "prioritize(u, vectors): return the share of its line that the first group went"),
     METHOD(command, METH_FASTCALL,
            "command(vectors, shortest, longest, servos, middle, least, greatest, lengths, angles)"),
     {NULL, NULL, 0, NULL}};

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.kernel.vectored import sets_newton
+from ca_ros.kernel.vectored import priorities, sets_newton
 from ca_ros.problem.prioritization import (
     AIRMODE,
     INSIDE,
@@ -78,15 +80,40 @@ class VectoredPrioritization:
                 wrenches.reshape(u.shape), levels.reshape(u.shape), reached.reshape(shape),
                 thrusts.reshape(*shape, problem.n),
             )
-        run = self._serve(u)
-        served, way = problem.gamma @ run.point, u - self.reference
+        point, share = self._answer(u)
+        served, way = problem.gamma @ point, u - self.reference
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             levels = np.clip(np.where(way != 0.0, (served - self.reference) / way, 0.0), 0.0, 1.0)
         if (self.begin == self.reference[self.groups[0]]).all():
-            levels[self.groups[0]] = run.share
+            levels[self.groups[0]] = share
         near = np.abs(served - u) <= YIELD * problem.extent
         levels[near] = 1.0
-        return Served(served, levels, np.asarray(near.all()), run.point)
+        return Served(served, levels, np.asarray(near.all()), point)
+
+    @cached_property
+    def fields(self) -> dict[str, Array]:
+        """The fields of the priorities in ``ca_vectored`` in C."""
+        problem, m = self.problem, len(self.problem.axes)
+        begin, sense = np.zeros(m), np.zeros(m)
+        begin[self.groups[0]], sense[self.senses] = self.begin, 1.0
+        groups = np.repeat(np.arange(len(self.groups)), [len(group) for group in self.groups])
+        return {
+            'reference': self.reference, 'extent': problem.extent, 'middle': problem.middle,
+            'order': np.concatenate(self.groups), 'group': groups, 'sense': sense,
+            'line_begin': begin,
+        }
+
+    @cached_property
+    def _kernel(self) -> Any:
+        return priorities(self.solver, self.fields)
+
+    def _answer(self, u: Array) -> tuple[Array, float]:
+        """Return vectors (n,), and the share of its line that the first group went."""
+        if self._kernel is None:
+            run = self._serve(u)
+            return run.point, run.share
+        point = np.empty(self.problem.n)
+        return point, self._kernel.prioritize(np.ascontiguousarray(u, float), point)
 
     def _serve(self, u: Array) -> _Run:
         run, (first, *later) = _Run(self.problem, self.solver), self.groups
