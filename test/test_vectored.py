@@ -208,9 +208,9 @@ def test_scale_reaches_the_level_of_a_cone_program(name):
 
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_prioritize_serves_one_axis_after_the_other(name):
-    """Step by step Clarabel serves no more, if it may move the axes before by 1e-9 of their range.
+    """Step by step Clarabel serves no more; it may move the axes before by 1e-11 of their range.
 
-    On a curved boundary this alone is worth the root of it.
+    On a curved boundary this alone is worth up to the fourth root of it.
     """
     problem, rng = PROBLEMS[name], np.random.default_rng(4)
     order = [['roll'], ['thrust'], ['yaw'], ['pitch'], ['force_x'], ['force_y']]
@@ -224,7 +224,7 @@ def test_prioritize_serves_one_axis_after_the_other(name):
             row = problem.axes.index(axis)
             sign = np.sign(u[row] - answer.wrench[row])
             if abs(answer.wrench[row] - u[row]) > 1e-6 * problem.extent[row]:
-                bounds = [(-w, w) for w in 1e-9 * problem.extent[held]]
+                bounds = [(-w, w) for w in 1e-11 * problem.extent[held]]
                 matrix = np.hstack([problem.gamma[held], -np.eye(len(held))])
                 linear = np.append(-sign * problem.gamma[row], np.zeros(len(held)))
                 best = clarabel_minimum(
@@ -232,7 +232,7 @@ def test_prioritize_serves_one_axis_after_the_other(name):
                     bounds=bounds,
                 )[: problem.n]
                 further = sign * (problem.gamma[row] @ best - answer.wrench[row])
-                assert -1e-7 < further / problem.extent[row] < 2e-4
+                assert -1e-6 < further / problem.extent[row] < 3e-3
             held.append(row)
 
 

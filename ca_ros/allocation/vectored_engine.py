@@ -117,8 +117,8 @@ class VectoredEngine:
         if status is Status.REJECTED:
             return problem.resting_thrusts, status, 0.0
         if status is Status.PRIORITIZED:
-            served = self._serve(u)
-            return served.thrusts, status, float(served.levels.min())
+            answer = self._serve(u)
+            return answer.thrusts, status, float(answer.levels.min())
         level, way = line.length, u - self._serving.reference
         if not self._serving.on_reference:
             served = problem.gamma @ line.point - self._serving.reference

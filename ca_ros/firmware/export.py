@@ -27,7 +27,9 @@ KERNEL_FILES = (
     *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'numbers.h'),
     *('exact.c', 'least_norm.c', 'priorities.c'),
 )
-TILTING_FILES = ('vectored.h', 'problem.h', 'numbers.h', 'vectored.c')
+TILTING_FILES = (
+    'vectored.h', 'problem.h', 'numbers.h', 'vectored.c', 'vectored_priorities.c',
+)
 DETECTOR_FILES = (
     '| `{name}_detector.h`, `{name}_detector.c`; `detector.h`, `detector.c`; `golden_flight.h`, '
     "`check_detector.c` | the detector of rotor failures: the vehicle's constants, the code, its "
@@ -111,7 +113,8 @@ def _numbers(firmware: Firmware, name: str) -> dict[str, str]:
         return '\n'.join(literals.indented(f'{literals.braced(v, precision)},', 1) for v in values)
 
     return {
-        'n': str(problem.n), 'm': str(len(problem.axes)), 'count': str(len(firmware.faults)),
+        'n': str(firmware.columns), 'm': str(len(problem.axes)),
+        'count': str(len(firmware.faults)),
         'problems': literals.problems(firmware),
         'axes': '\n'.join(f'    {literals.braced(row)},' for row in rows),
         'thrust_coefficient': table(0), 'reverse_coefficient': table(1), 'speed_min': table(2),
@@ -136,7 +139,8 @@ def _command(firmware: Firmware, name: str, table: Callable[..., str]) -> dict[s
     tables = ('thrust_min', 'thrust_max', 'servos', 'angle_middle', 'angle_min', 'angle_max')
     return {
         'commands': f'{name.upper()}_COMMANDS', 'margin_function': '', 'margin_field': '',
-        'throttles_golden': '', 'kernel': 'vectored', 'rotors': str(firmware.problem.vehicle.n),
+        'throttles_golden': '', 'kernel': 'vectored vectored_priorities',
+        'rotors': str(firmware.problem.vehicle.n),
         'angles': str(len(firmware.tilts.rotors)),
         **{each: table(k, firmware.servos) for k, each in enumerate(tables)},
     }
@@ -190,7 +194,7 @@ def _words(firmware: Firmware, name: str) -> dict[str, str]:
     """Return the fields of the header and of vehicle.mk."""
     problem, single = firmware.problem, firmware.single
     fixed = all(fault.problem.axes == problem.axes for fault in firmware.faults)
-    definitions = f'-DCA_N={problem.n} -DCA_M={len(problem.axes)}'
+    definitions = f'-DCA_N={firmware.columns} -DCA_M={len(problem.axes)}'
     definitions += ' -DCA_FIXED' * fixed + ' -DCA_FLOAT' * single
     faults = [
         f'    {name.upper()}_{fault.constant} = {i}, /* {fault.meaning}{_dropped(firmware, i)} */'

@@ -78,6 +78,11 @@ class Firmware:
         """The problem without a fault."""
         return self.faults[0].problem
 
+    @property
+    def columns(self) -> int:
+        """``CA_N`` in C."""
+        return self.problem.n
+
     @cached_property
     def constants(self) -> Sequence[Fields]:
         """For each fault, the fields of its problem in C."""

@@ -15,6 +15,7 @@ from ca_ros.firmware.faults import Fault
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.kernel import extension
 from ca_ros.kernel.vectored import made, padded
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.tilts import Tilts
@@ -30,24 +31,25 @@ class TiltingFirmware(Firmware):
         """Set the kernels up; see `Firmware.make`."""
         problem = faults[0].problem
         assert isinstance(problem, TiltingVehicleProblem)
-        if settings.exact.policy == 'prioritize':
-            raise ParameterError(
-                'allocation.exact.policy: expected scale or reject for the firmware of rotors '
-                'that tilt, got prioritize'
-            )
         if not problem.vehicle.curve.square:
             raise ParameterError('rotors.thrust_curve: not for the firmware of rotors that tilt')
         module = extension('vectored_single' if precision == 'single' else 'vectored')
-        if module is None or problem.n > module.N:
+        if module is None or components(problem, settings) > module.N:
             raise ParameterError(
                 f'the extension module ca_ros.kernel._vectored is not built, or the vectors of '
-                f'the rotors have more than 32 components: {problem.n}'
+                f'the rotors have more than 32 components: {components(problem, settings)}, with '
+                f'those of the axes for the policy prioritize'
             )
         with full_names(settings):
             fields = [VectoredEngine(_vectored(f), settings.exact).fields for f in faults]
         firmware = cls(faults, [made(module, each) for each in fields], settings, precision)
         firmware.__dict__['constants'] = [padded(module, each) for each in fields]
         return firmware
+
+    @property
+    def columns(self) -> int:
+        """``CA_N`` in C."""
+        return components(self.problem, self.settings)
 
     @property
     def tilts(self) -> Tilts:
@@ -103,6 +105,11 @@ def firmware_of(
     """Return the firmware of a vehicle, whether its rotors tilt or not; see `Firmware.make`."""
     kind = TiltingFirmware if faults[0].problem.vehicle.tilts is not None else Firmware
     return kind.make(faults, settings, precision)
+
+
+def components(problem: AllocationProblem, settings: VehicleMethodSettings) -> int:
+    """Return the number of components that the kernel needs: the priorities add one an axis."""
+    return problem.n + len(problem.axes) * (settings.exact.policy == 'prioritize')
 
 
 def _vectored(fault: Fault) -> TiltingVehicleProblem:

@@ -53,7 +53,7 @@ def fields_of(newton: SetsNewton, **policy: Array | float) -> dict[str, Array | 
     none: dict[str, Array | float] = {
         'slack': 0.0, 'policy': 0.0, 'reference': np.zeros(m), 'begin': np.zeros(m),
         'on_reference': 1.0, 'resting': np.zeros(n), 'extent': np.ones(m), 'middle': np.zeros(n),
-        'order': np.arange(m), 'group': np.arange(m), 'sense': np.zeros(m),
+        'order': np.zeros(m), 'group': np.zeros(m), 'sense': np.zeros(m),
         'line_begin': np.zeros(m),
     }
     return none | newton.sets.fields() | {
