@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from ca_ros.bringup.plots import draw_flight
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
+from ca_ros.evaluation.dynamic.plots import ROWS
 from ca_ros.evaluation.plot_style import PANELS_MAX, panel_titles
 from ca_ros.evaluation.sets import attainable
 from ca_ros.evaluation.static import study as static_study
@@ -45,7 +46,7 @@ def dynamic(out):
     methods = 'exact,redistributed_pseudo_inverse,fixed_pseudo_inverse,weighted_least_squares'
     assert dynamic_study.main([
         '--fail', '1@4', '--duration', '5', '--methods', methods, *PRINT, '--out', str(out),
-        '--plot-rows', 'demand,served,residual,margin']) == 0
+        '--plot-rows', ','.join(ROWS)]) == 0
     assert (out / 'rows.pdf').is_file()
 
 

@@ -20,7 +20,7 @@ from ca_ros import AdmissibleSet
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.plot_style import title
-from ca_ros.evaluation.tables import table
+from ca_ros.evaluation.tables import latex, table
 from ca_ros.evaluation.wrench_metrics import NOTED, metrics
 from ca_ros.evaluation.wrench_sets import samples
 from ca_ros.figures import save, sheet, style
@@ -166,6 +166,8 @@ def main() -> None:
         '--realistic', action='store_true', help='fill the table of the realistic vehicle alone'
     )
     parser.add_argument('--methods', nargs='+', default=list(CONTENDERS), choices=CONTENDERS)
+    formats = ('markdown', 'latex')
+    parser.add_argument('--tables', choices=formats, default='markdown', help='with --vehicle')
     options = parser.parse_args()
     labels = ['exact', *(label for label in options.methods if label != 'exact')]
     # The state of a tumbling vehicle overflows.
@@ -183,7 +185,8 @@ def main() -> None:
     wrenches = static(options.vehicle or 'hexarotor', labels)
     tables = {'wrenches': wrenches_table(wrenches), 'flights': flights_table(found)}
     if options.vehicle:
-        print(*tables.values(), sep='\n\n')
+        text = '\n\n'.join(tables.values())
+        print(latex(text) if options.tables == 'latex' else text)
     else:
         fill('comparison.md', **tables)
         save(draw(wrenches, found), DOCS / 'comparison', ['png'])
