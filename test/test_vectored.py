@@ -426,8 +426,9 @@ def test_c_equals_numpy(name):
 
 
 @pytest.mark.parametrize('policy', ['prioritize', 'scale', 'reject'])
-def test_allocators_in_c_and_numpy_agree(policy, monkeypatch):
-    problem, rng = PROBLEMS['hexarotor_tilting'], np.random.default_rng(9)
+@pytest.mark.parametrize('name', ['hexarotor_tilting', 'azimuth_boat'])
+def test_allocators_in_c_and_numpy_agree(name, policy, monkeypatch):
+    problem, rng = PROBLEMS[name], np.random.default_rng(9)
     wrenches = problem.center + problem.extent * rng.normal(size=(6, len(problem.axes)))
     wrenches[0] = problem.reference
     in_c = make_allocator('exact', problem, policy=policy)

@@ -227,6 +227,8 @@ def _solved(bend: Array, slope: Array) -> Array:
 
 def _beside(bend: Array, e: Array, slope: Array, damping: float) -> Array:
     """Return the same for a way normal to e, a unit vector."""
+    if len(e) == 1:
+        return np.zeros(1)
     normal = np.linalg.svd(e[None])[2][1:]
     less = normal @ bend @ normal.T + damping * np.eye(len(normal))
     return np.asarray(normal.T @ _solved(less, normal @ slope), float)
