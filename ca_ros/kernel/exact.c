@@ -76,7 +76,7 @@ static void bound(ca_problem *p, int i, ca_real lower, ca_real upper)
 }
 
 /* Narrow the bounds of rotor i to the given ones, within those of the set-up. */
-static inline void narrow(ca_problem *p, int i, ca_real low, ca_real high)
+static inline void narrow_rotor(ca_problem *p, int i, ca_real low, ca_real high)
 {
     const ca_real least = p->least[i], most = p->most[i];
     if (!(low >= least && high <= most)) {
@@ -92,7 +92,7 @@ int ca_set_bounds(ca_problem *p, const ca_real *lower, const ca_real *upper)
         if (!(lower[i] <= upper[i]))
             return CA_BAD_NUMBER;
     for (int i = 0; i < CA_ROTORS(p); i++)
-        narrow(p, i, lower[i], upper[i]);
+        narrow_rotor(p, i, lower[i], upper[i]);
     return CA_SOUND;
 }
 
@@ -391,9 +391,9 @@ void ca_narrow(ca_problem *p, const ca_real *speeds, ca_real time, const ca_real
         ca_real low, high;
         reach(speeds[i], time, up[i], down[i], speed_min[i], speed_max[i], &low, &high);
         if (low >= 0)
-            narrow(p, i, forwards * (low * low), forwards * (high * high));
+            narrow_rotor(p, i, forwards * (low * low), forwards * (high * high));
         else
-            narrow(p, i, thrust(low, forwards, reverse_coefficient[i]),
+            narrow_rotor(p, i, thrust(low, forwards, reverse_coefficient[i]),
                    thrust(high, forwards, reverse_coefficient[i]));
         least[i] = low;
         greatest[i] = high;
