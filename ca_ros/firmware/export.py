@@ -193,7 +193,9 @@ def _curve(firmware: Firmware, file: str) -> str:
 def _words(firmware: Firmware, name: str) -> dict[str, str]:
     """Return the fields of the header and of vehicle.mk."""
     problem, single = firmware.problem, firmware.single
-    fixed = all(fault.problem.axes == problem.axes for fault in firmware.faults)
+    # Priorities of vectors have problems of many sizes.
+    fixed = firmware.columns == problem.n and all(
+        fault.problem.axes == problem.axes for fault in firmware.faults)
     definitions = f'-DCA_N={firmware.columns} -DCA_M={len(problem.axes)}'
     definitions += ' -DCA_FIXED' * fixed + ' -DCA_FLOAT' * single
     faults = [

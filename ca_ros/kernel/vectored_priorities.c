@@ -75,6 +75,18 @@ static int split(int rows, ca_vectored *q, int *use)
         use[used++] = i;
     }
     q->axes = (ca_real)used;
+    q->span = q->terms = 0;
+    for (int l = 0; l < used; l++) {
+        ca_real sum = 0;
+        for (int i = 0, j = 0; i < (int)q->sets; j += (int)q->size[i], i++)
+            for (int k = j; k < j + (int)q->size[i]; k++)
+                sum += ca_abs(q->matrix[l][k]) * ca_max(ca_abs(q->least[i]), ca_abs(q->radius[i]));
+        q->terms += sum * sum;
+        q->span += ca_dot(l + 1, q->coordinates[l], q->coordinates[l]);
+    }
+    /* The length of all coordinates is at least that of a unit vector. */
+    q->span = ca_sqrt(q->span);
+    q->terms = ca_sqrt(q->terms);
     for (int k = 0; k < used; k++) {
         ca_real wrenches[CA_M];
         for (int l = 0; l <= k; l++)
