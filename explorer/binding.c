@@ -203,7 +203,7 @@ static int set_up(ca_problem *made, const ca_real *least, const ca_real *most, i
 }
 
 /* Narrow the bounds to what the rotors reach from hover in the time that has elapsed. */
-static void narrow(const ca_options *options)
+static void narrow_to_reach(const ca_options *options)
 {
     ca_real least[CA_N], most[CA_N], now[CA_N];
     ca_allocate(&problem, options->reference, now);
@@ -305,7 +305,7 @@ SHARED int prepare_vehicle(void)
         return fault ? powerless(fault) : 0;
     for (int k = 0; k < rows; k++)
         options.reference[k] = reference[row_of[k]];
-    narrow(&options);
+    narrow_to_reach(&options);
     if (set_up(&current, lower, upper, 0, &options))
         return powerless(CA_NO_VOLUME);
     find_facets();
