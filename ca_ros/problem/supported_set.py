@@ -61,7 +61,9 @@ class SupportedSet:
         inside = found.attained.copy()
         for i in np.flatnonzero(~inside):
             most = max(tolerance, float(problem.tolerance(rows[i])))
-            inside[i] = self._outside(rows[i])[0] >= -most
+            # Mostly the multipliers already give a plane between the wrench and the set.
+            between = np.any(found.multipliers[i]) and -self._plane(rows[i], found.multipliers[i])[0]
+            inside[i] = between <= most and self._outside(rows[i])[0] >= -most
         return inside.reshape(u.shape[:-1])
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
