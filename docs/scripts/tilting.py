@@ -158,13 +158,14 @@ def instructions(name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
         folder = Path(place)
         (folder / 'vectored_data.h').write_text(literals.problems(made), encoding='utf-8')
         own = AdmissibleSet(boxes).sample(np.random.default_rng(0), size).astype(np.float32)
-        kernel = counting.build(boxes, 'kernel', folder)
-        box, same = counting.run(kernel, own), counting.run(kernel, drawn)
+        built = counting.build(boxes, 'kernel', folder)
+        box, same = counting.run(built, own), counting.run(built, drawn)
         program, sizes = folder / 'vectored.elf', made.problem.gamma.shape
         parts = [f'-I{folder}', f'-I{counting.KERNEL}', f'-I{DOCS.parent / "benchmarks"}',
                  f'-DCA_M={sizes[0]}', f'-DCA_N={sizes[1]}', '-DCA_FLOAT', '-DCA_FIXED',
                  '-DCOUNT_VECTORED']
-        sources = [str(counting.PROGRAM), str(counting.KERNEL / 'vectored.c')]
+        kernel = [counting.KERNEL / f'vectored{part}.c' for part in ('', '_priorities')]
+        sources = [str(counting.PROGRAM), *map(str, kernel)]
         command = [counting.COMPILER, *counting.FLAGS, *counting.KERNEL_FLAGS, *parts, *sources]
         subprocess.check_call([*command, '-lm', '-o', str(program)])
         found = counting.run(program, drawn)
