@@ -62,8 +62,9 @@ class SupportedSet:
         for i in np.flatnonzero(~inside):
             most = max(tolerance, float(problem.tolerance(rows[i])))
             # Mostly the multipliers already give a plane between the wrench and the set.
-            between = np.any(found.multipliers[i]) and -self._plane(rows[i], found.multipliers[i])[0]
-            inside[i] = between <= most and self._outside(rows[i])[0] >= -most
+            normal = found.multipliers[i]
+            apart = -self._plane(rows[i], normal)[0] if normal.any() else 0.0
+            inside[i] = apart <= most and self._outside(rows[i])[0] >= -most
         return inside.reshape(u.shape[:-1])
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
