@@ -10,7 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ca_ros import AdmissibleSet, AllocationProblem, CaRosError, Status, Vehicle
+from ca_ros import (
+    AdmissibleSet,
+    AllocationProblem,
+    CaRosError,
+    ParameterError,
+    Status,
+    Vehicle,
+)
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import split
 from ca_ros.evaluation.cases import PAPER, Case
@@ -279,6 +286,23 @@ def test_a_problem_has_the_names_of_its_axes_and_one_error(tmp_path, plain):
 
 
 @pytest.mark.slow
+def test_rotors_that_tilt_are_studied(tmp_path):
+    command = ['--vehicle', 'azimuth_boat', '--methods', 'exact,pseudo_inverse', '--samples', '40']
+    assert main([*command, '--out', str(tmp_path)]) == 0
+    found = metrics_of(tmp_path)['methods']
+    assert found['exact']['violations'] == 0
+    assert found['pseudo_inverse']['violations'] > 0
+    assert (tmp_path / 'violations.png').stat().st_size > 20_000
+    admissible = AdmissibleSet(Vehicle.load('azimuth_boat'))
+    wrenches = samples(admissible, 'boundary', 0, 0, 20)
+    np.testing.assert_allclose(gauge(admissible, wrenches), 1.0, atol=1e-8)
+    for share, inside in ((0.999, True), (1.001, False)):
+        moved = admissible.center + share * (wrenches - admissible.center)
+        assert (admissible.contains(moved) == inside).all()
+    with pytest.raises(ParameterError, match='sampling thrusts'):
+        samples(admissible, 'thrusts', 0, 0, 20)
+
+
 def test_a_problem_of_any_names_is_drawn_and_takes_options_of_its_file(tmp_path):
     file = tmp_path / 'plane.yaml'
     file.write_text("""

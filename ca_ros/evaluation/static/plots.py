@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.path import Path as Polygon
 from matplotlib.ticker import MaxNLocator
 
 from ca_ros.allocation import Allocator
@@ -99,10 +100,11 @@ def _draw_violations(admissible: AdmissibleSet, rows: pd.DataFrame) -> Figure:
     panels = body.subplots(2, 2).flatten()
     inverse, images = np.linalg.pinv(problem.gamma).T, []
     for cut, axes in zip(cuts, panels, strict=False):
-        points = cut.wrenches(*np.meshgrid(*cut.grid(CELLS)))
-        excess = problem.violation(points @ inverse)
+        x, y = np.meshgrid(*cut.grid(CELLS))
+        excess = problem.violation(cut.wrenches(x, y) @ inverse)
         (outline,) = axes.fill(*cut.outline.T, facecolor='0.92')
-        if (worst := float(excess[admissible.contains(points)].max())) > VIOLATION:
+        inside = Polygon(cut.outline).contains_points(np.column_stack([x.ravel(), y.ravel()]))
+        if (worst := float(excess.ravel()[inside].max())) > VIOLATION:
             # Rasterized: as a vector graphic each cell would be a polygon, 100 MB.
             field = np.where(excess > VIOLATION, excess, np.nan)
             look = {'cmap': 'viridis_r', 'vmin': 0.0, 'vmax': worst, 'rasterized': True}
