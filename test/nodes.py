@@ -195,9 +195,12 @@ STALL = 0.03
 
 def stood_still(pid):
     """Return how long a process and this one have waited for a processor [s]."""
-    waited = sum(
-        int(path.read_text().split()[1])
-        for each in (pid, os.getpid()) for path in Path(f'/proc/{each}/task').glob('*/schedstat'))
+    waited = 0
+    for each in (pid, os.getpid()):
+        for path in Path(f'/proc/{each}/task').glob('*/schedstat'):
+            # A thread may just have ended.
+            with suppress(OSError):
+                waited += int(path.read_text().split()[1])
     return waited / 1e9 + stolen()
 
 
