@@ -64,6 +64,14 @@ def test_a_boat_reaches_its_waypoint_also_after_the_loss_of_a_thruster():
     assert np.abs(flight.position[:, 2]).max() < 1e-9
 
 
+def test_a_tricopter_reaches_its_waypoint_though_its_tail_pushes_to_the_side():
+    given, goal = files.read('tricopter'), Waypoint.of(0.5, 0.5, 0.5, 0.5)
+    flight = fly(*parts(Vehicle.from_parameters(given), given), goal, 10.0, 0.02)
+    assert abs(flight.angles[-1, 0]) > 0.05
+    assert flight.position_error(goal) < 0.005
+    assert abs(flight.heading[-1] - 0.5) < 0.01
+
+
 @pytest.mark.parametrize('failure', ['servo', 'rotor'])
 def test_announced_failure_of_one_servo_or_rotor(failure):
     given = files.read('hexarotor_tilting')
