@@ -303,6 +303,28 @@ def turn(before, after):
     return np.abs((after - before + np.pi) % (2.0 * np.pi) - np.pi)
 
 
+BEYOND = [2.26777, 15.01897, 9.66983, -2.55439, 1.86059, 4.72231]
+"""A demand on hexarotor_tilting for which a later step touches a curved boundary."""
+
+
+@pytest.mark.parametrize('name', ['hexarotor_tilting', 'omnidirectional_gimbals', 'tricopter'])
+def test_roll_and_pitch_keep_their_direction_far_beyond_the_set(name):
+    rng, allocator = np.random.default_rng(3), make_allocator('exact', Vehicle.load(name))
+    problem = allocator.problem
+    if problem.least_norm.engine != 'C':
+        pytest.skip('NumPy takes seconds for these')
+    rows = [problem.axes.index('roll'), problem.axes.index('pitch')]
+    ways = rng.normal(size=(length(3, 20), len(problem.axes))) * problem.extent
+    demands = [problem.center + share * way for way in ways for share in np.linspace(0.2, 2.5, 60)]
+    if name == 'hexarotor_tilting':
+        demands += [share * np.array(BEYOND) for share in np.linspace(0.999, 1.001, 21)]
+    for demand in demands:
+        served, limit = allocator.allocate(demand).wrench, problem.extent[rows].max()
+        (x, y), (a, b) = (served - problem.reference)[rows], (demand - problem.reference)[rows]
+        assert abs(x * b - y * a) < 1e-6 * np.hypot(a, b) * limit
+        assert x * a + y * b >= 0.0
+
+
 @pytest.mark.parametrize('engine', ['c', 'numpy'])
 def test_servos_within_their_rates_cross_zero_thrust_without_error(engine, monkeypatch):
     """Two thrusters of the boat pass through zero thrust; their exact angles jump there."""

@@ -15,6 +15,8 @@
 #define STILL CA_CHOOSE(1e-12, 1e-6)
 /* Distance from the demand, as a share of an axis's range, that counts as served. */
 #define YIELD CA_CHOOSE(1e-7, 1e-4)
+/* Change of a more important axis, as a share of its range, for which a step is left out. */
+#define MOVED CA_CHOOSE(1e-6, 1e-3)
 /* Least weight of an axis in its group, as a share of its range, and relative to the greatest. */
 #define LAG CA_REAL(1e-3)
 #define LAG_RATIO CA_REAL(1e-6)
@@ -384,6 +386,26 @@ static void approach(const ca_vectored *p, run *r, int count, const int *group, 
     }
 }
 
+/* Undo a step that moved an axis of the steps before it: near a curved boundary the normal may not
+ * be exact enough to tell the face. */
+static void check(const ca_vectored *p, const run *before, run *r)
+{
+    const int steps = r->steps;
+    for (int k = 0; k < (int)p->axes; k++) {
+        if (before->state[k] == FREE)
+            continue;
+        const ca_real kept = wrench(p, before, k), now = wrench(p, r, k);
+        const ca_real rounding = MOVED * p->extent[k];
+        const int held = before->state[k] == KEPT;
+        if (now < (held ? ca_min(kept, before->least[k]) : kept) - rounding ||
+            now > (held ? ca_max(kept, before->most[k]) : kept) + rounding) {
+            *r = *before;
+            r->steps = steps;
+            return;
+        }
+    }
+}
+
 /* Take the vectors of least cost that give the same wrench. */
 static void settle(const ca_vectored *p, run *r)
 {
@@ -414,6 +436,7 @@ ca_real ca_vectored_prioritize(const ca_vectored *p, const ca_real *u, ca_real *
 {
     const int m = (int)p->axes, n = (int)p->components;
     run r = {0};
+    run before;
     int order[CA_M], first = 0, on_reference = 1;
     ca_real begin[CA_M], way[CA_M], longest = 0, share = 1;
     ca_copy(n, p->middle, r.x);
@@ -444,18 +467,27 @@ ca_real ca_vectored_prioritize(const ca_vectored *p, const ca_real *u, ca_real *
         keep(&r, order[i], u[order[i]], u[order[i]]);
     for (int i = first; i < m; i++) {
         const int k = order[i];
+        before = r;
         if (p->sense[k] > 0)
             bring(p, &r, k, ca_min(u[k], p->reference[k]), ca_max(u[k], p->reference[k]));
+        check(p, &before, &r);
     }
     for (int i = first, count; i < m; i += count) {
         for (count = 1; i + count < m && !(p->group[i + count] > p->group[i]);)
             count++;
+        before = r;
         if (count > 1)
             approach(p, &r, count, order + i, u);
-        for (int l = i; l < i + count; l++)
+        check(p, &before, &r);
+        for (int l = i; l < i + count; l++) {
+            before = r;
             bring(p, &r, order[l], u[order[l]], u[order[l]]);
+            check(p, &before, &r);
+        }
     }
+    before = r;
     settle(p, &r);
+    check(p, &before, &r);
     ca_copy(n, r.x, x);
     answer->level = 1;
     for (int i = 0; i < m; i++) {

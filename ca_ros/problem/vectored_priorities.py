@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any
@@ -30,6 +30,9 @@ from ca_ros.solver.sets_newton import SetsNewton
 
 YIELD = 1e-7
 """How far a more important axis may give way to the next steps, as a share of its range."""
+
+MOVED = 1e-6
+"""Change of a more important axis, as a share of its range, for which a step is left out."""
 
 STILL = 1e-12  # distance to a goal, as a share of an axis's range, that counts as none
 
@@ -125,13 +128,13 @@ class VectoredPrioritization:
         if run.share == 1.0:
             run.keep(first, u[first], u[first])
         for row in self.senses:
-            run.bring(row, *sorted((float(u[row]), float(self.reference[row]))))
+            run.attempt(run.bring, row, *sorted((float(u[row]), float(self.reference[row]))))
         for group in later:
             if len(group) > 1:
-                self._approach(run, group, u)
+                run.attempt(self._approach, run, group, u)
             for row in group:
-                run.bring(row, float(u[row]), float(u[row]))
-        run.settle()
+                run.attempt(run.bring, row, float(u[row]), float(u[row]))
+        run.attempt(run.settle)
         return run
 
     def _approach(self, run: _Run, group: Sequence[int], u: Array) -> None:
@@ -195,6 +198,19 @@ class _Run:
     def keep(self, rows: Sequence[int], low: Array | float, high: Array | float) -> None:
         """Keep axes in ranges from now on, unless they follow from others."""
         self.low[rows], self.high[rows], self.state[rows] = low, high, KEPT
+
+    def attempt(self, step: Callable[..., None], *given: Any) -> None:
+        """Take a step, and undo it if it moved an axis of the steps before it.
+
+        Near a curved boundary the normal may not be exact enough to tell the face.
+        """
+        before, kept, axes = self.copy(), self.wrench, self.state != FREE
+        step(*given)
+        held, rounding = before.state == KEPT, MOVED * self.problem.extent
+        low = np.where(held, np.minimum(kept, before.low), kept) - rounding
+        high = np.where(held, np.maximum(kept, before.high), kept) + rounding
+        if ((self.wrench < low) | (self.wrench > high))[axes].any():
+            self.__dict__.update(before.__dict__)
 
     def bring(self, row: int, low: float, high: float) -> None:
         """Bring an axis into a range, or as near to it as possible, and keep it there."""
