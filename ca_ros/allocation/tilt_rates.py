@@ -15,7 +15,7 @@ from ca_ros.arrays import Array
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
-from ca_ros.vehicle.tilts import FIXED, ROUNDING, Tilts
+from ca_ros.vehicle.tilts import FIXED, Tilts
 from ca_ros.vehicle.validation import numbers
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -132,7 +132,7 @@ class TiltLimited:
                 continue
             if length <= slack:
                 # Without the rate a full disc would give thrust.
-                bound = not tilts.gimbal[i] and tilts.upper[i] - tilts.lower[i] >= 2 * pi - AT_END
+                bound = bool(tilts.endless[mine[0]])
             elif len(mine) == 2:
                 off = acos(max(-1.0, min(1.0, float(vector @ rows @ tilts.nominal[i]) / length)))
                 bound = off < tilts.gimbal[i] - AT_END
@@ -188,12 +188,10 @@ class TiltLimited:
 
     def _arc(self, rotor: int, angle: float, step: float, away: float) -> tuple[float, float]:
         """Return the middle and the half range of the angles that a servo reaches."""
-        tilts = self._tilts
-        low, high = float(tilts.lower[rotor]), float(tilts.upper[rotor])
-        if high - low < 2.0 * pi - ROUNDING:
-            low, high = max(low, angle - step), min(high, angle + step)
-        else:
-            low, high = angle - step, angle + step
+        low, high = angle - step, angle + step
+        if not self._tilts.endless[self._tilts.rotors.index(rotor)]:
+            low = max(low, float(self._tilts.lower[rotor]))
+            high = min(high, float(self._tilts.upper[rotor]))
         return _centered(low, high, angle, away)
 
 

@@ -17,7 +17,7 @@ from ca_ros.arrays import Array
 from ca_ros.flight.drag import Drag
 from ca_ros.flight.integrators import Derivative, euler
 from ca_ros.settings import MissingParameterError
-from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
+from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
 POSITION, VELOCITY, ATTITUDE, ANGULAR_VELOCITY = (
@@ -113,9 +113,7 @@ class RigidBody:
             wrench = self._wrenches @ vehicle.thrusts(speeds)
         else:
             speeds, angles = np.split(speeds, [vehicle.n])
-            directions = vehicle.tilts.directions(angles)
-            columns = thrust_wrenches(vehicle, range(vehicle.n), directions)
-            wrench = columns @ vehicle.thrusts(speeds)
+            wrench = rotor_wrenches(vehicle, angles) @ vehicle.thrusts(speeds)
         x, y, z, w = state[ATTITUDE].tolist()
         omega = state[ANGULAR_VELOCITY]
         rotation = rotation_matrix(state[ATTITUDE])

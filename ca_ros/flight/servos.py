@@ -6,6 +6,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.rigid_body import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -33,7 +34,7 @@ class Servos:
         if vehicle.tilts is None:
             return after
         angles, command = before[self._n :], command[self._n :]
-        shorter = angles + (command - angles + np.pi) % (2.0 * np.pi) - np.pi
+        shorter = angles + difference(command, angles)
         command = np.where(vehicle.tilts.endless, shorter, command)
         moved = self._lag(angles, command, step)
         if self._rate:

@@ -130,8 +130,7 @@ class AllocatorNode(HealthNode):
         last, self._n = self._last if self.counts['served'] else vehicle.idle_command, vehicle.n
         speeds, angles = np.split(last, [vehicle.n])
         if vehicle.tilts is not None:
-            low, high = vehicle.tilts.limits
-            angles = np.minimum(np.maximum(angles, low), high)
+            angles = vehicle.tilts.within(angles)
         low, high = vehicle.speed_limits
         speeds = np.minimum(np.maximum(speeds, np.minimum(low, 0.0)), high)
         self._last, self._message = np.concatenate([speeds, angles]), speeds_message(speeds, None)

@@ -14,13 +14,16 @@ if TYPE_CHECKING:
     from ca_ros.vehicle.vehicle import Vehicle
 
 
-def rotor_wrenches(vehicle: Vehicle) -> Array:
+def rotor_wrenches(vehicle: Vehicle, angles: Array | None = None) -> Array:
     """Return force and torque about the centre of mass per unit of thrust, Eqs. (5)-(6).
 
     The rows of the matrix (6, n) are force x, y, z [N/N] and torque x, y, z [N m/N] in the body
-    frame.
+    frame.  For rotors that tilt, `angles` (k,) of the servos may be given [rad].
     """
-    return thrust_wrenches(vehicle, range(vehicle.n), vehicle.rotor_axes)
+    directions = vehicle.rotor_axes
+    if vehicle.tilts is not None and angles is not None:
+        directions = vehicle.tilts.directions(angles)
+    return thrust_wrenches(vehicle, range(vehicle.n), directions)
 
 
 def thrust_wrenches(vehicle: Vehicle, rotors: Sequence[int], directions: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import replace
-from math import cos, inf, pi, radians, sin
+from math import cos, inf, radians, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from ca_ros.evaluation.tables import table
 from ca_ros.evaluation.wrench_metrics import energy
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, difference
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 
@@ -158,7 +158,7 @@ def flown(
         lost = dict.fromkeys(('height_lost', 'energy', 'change', 'heading_error'), inf)
         return {'recovered': 0, **lost, **counter.counts}
     thrusts, step = case.vehicle.thrusts(flight.speeds), flight.time[1]
-    off = (flight.heading - goals[-1].heading + pi) % (2.0 * pi) - pi
+    off = difference(flight.heading, goals[-1].heading)
     return {
         'recovered': int(flight.position_error(goals[-1]) <= RECOVERED),
         'height_lost': height_lost(flight, min(float(each.position[2]) for each in goals)),

@@ -18,7 +18,7 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.vehicle.effectiveness import control_allocation_matrix, thrust_wrenches
+from ca_ros.vehicle.effectiveness import control_allocation_matrix, rotor_wrenches
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -156,9 +156,9 @@ def _served(vehicle: Vehicle, thrusts: Array, angles: Array) -> Array:
     """Return the wrenches (K, m) of thrusts (K, n), and of servo angles (K, k) [rad]."""
     if vehicle.tilts is None:
         return thrusts @ control_allocation_matrix(vehicle).T
-    rows, rotors = [AXES.index(axis) for axis in vehicle.axes], range(vehicle.n)
-    columns = (thrust_wrenches(vehicle, rotors, vehicle.tilts.directions(a)) for a in angles)
-    return np.array([gamma[rows] @ f for gamma, f in zip(columns, thrusts, strict=True)])
+    rows = [AXES.index(axis) for axis in vehicle.axes]
+    pairs = zip(thrusts, angles, strict=True)
+    return np.array([rotor_wrenches(vehicle, turned)[rows] @ f for f, turned in pairs])
 
 
 def _margin(vehicle: Vehicle, axes: Sequence[str], wrenches: Array) -> Any:
