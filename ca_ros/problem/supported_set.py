@@ -61,7 +61,7 @@ class SupportedSet:
         inside = found.attained.copy()
         for i in np.flatnonzero(~inside):
             most = max(tolerance, float(problem.tolerance(rows[i])))
-            # Mostly the multipliers already give a plane between the wrench and the set.
+            # Often the multipliers already give a plane between the wrench and the set.
             normal = found.multipliers[i]
             apart = -self._plane(rows[i], normal)[0] if normal.any() else 0.0
             inside[i] = apart <= most and self._outside(rows[i])[0] >= -most

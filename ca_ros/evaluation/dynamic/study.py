@@ -106,15 +106,15 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     if strange:
         made.error(f'--manoeuvres {", ".join(sorted(strange))}: expected {", ".join(MANOEUVRES)}')
     named = _given(made, own)
-    if 'manoeuvres' not in named and 'seeds' in named:
-        made.error('--seeds: only with --manoeuvres')
-    if 'manoeuvres' in named and (strange := named - FOR_MANOEUVRES):
-        words = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(strange))
-        made.error(f'--manoeuvres: not with {words}')
     # The results name the command, without the options that do not count.
     if 'manoeuvres' in named:
+        if strange := named - FOR_MANOEUVRES:
+            words = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(strange))
+            made.error(f'--manoeuvres: not with {words}')
         options.duration = None
     else:
+        if 'seeds' in named:
+            made.error('--seeds: only with --manoeuvres')
         options.seeds = None
     return options
 
