@@ -108,9 +108,11 @@ def test_what_was_cut_and_why_is_said():
     np.testing.assert_array_equal(whole.shares, 1.0)
     # Equal speeds of all rotors make no torque.
     still = replace(SHORT.flight, speeds=np.full_like(SHORT.flight.speeds, 255.7))
-    found = served(replace(SHORT, flight=still), goal, RotorFailures())
-    assert all('limited by the method' in text for text in found.cuts)
-    np.testing.assert_allclose(found.shares[0, 1:], 0.0, atol=1e-9)
+    for method, other in {'exact': 'a command that came late', 'direct': 'the method'}.items():
+        flew = PARAMETERS | {'allocation.method': method}
+        found = served(replace(SHORT, flight=still, parameters=flew), goal, RotorFailures())
+        assert all(text.endswith(f'limited by {other}') for text in found.cuts)
+        np.testing.assert_allclose(found.shares[0, 1:], 0.0, atol=1e-9)
     # Motors that take seconds.
     slow = PARAMETERS | {'rotors.acceleration_max': 200.0}
     vehicle = Vehicle.from_parameters(slow)

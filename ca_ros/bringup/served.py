@@ -107,4 +107,6 @@ def _limit(
     last = speeds[i - 1] if i else by.vehicle.idle_speeds
     elapsed = time[i] - time[i - 1] if i else PERIOD_MAX
     answer = allocate_next(allocator, demand, last, round(1e9 * elapsed), 0)
-    return answer.explanation.limits.get(axis, 'the method')
+    exact_flew = flown.parameters.get('allocation.method') == 'exact'
+    other = 'a command that came late' if exact_flew else 'the method'
+    return answer.explanation.limits.get(axis, other)
