@@ -41,14 +41,14 @@ class Reports:
         }
 
     def faults(self) -> Counter[str]:
-        """Return how many messages the fault proxy received, and how many had each fault."""
+        """Return how many messages the fault proxy received, and had each fault."""
         total = self._sum('fault_proxy')
-        return Counter({kind: total[kind] for kind in ('received', *FAULT_KINDS)})
+        return +Counter({kind: total[kind] for kind in ('received', *FAULT_KINDS)})
 
-    def missing(self, since: int) -> list[str]:
-        """Return the topic if a status of the fault proxy is older than a time [ns]."""
-        newest, fresh = self._of('fault_proxy'), self._of('fault_proxy', since)
-        return [] if newest and len(fresh) == len(newest) else [DIAGNOSTICS.name]
+    def missing(self, nodes: list[str], since: int) -> list[str]:
+        """Return the topic if a status of one of the nodes is older than a time [ns]."""
+        counts = ((len(self._of(name)), len(self._of(name, since))) for name in nodes)
+        return [] if all(0 < newest == fresh for newest, fresh in counts) else [DIAGNOSTICS.name]
 
     def faults_of_nodes(self) -> str:
         """Return what the nodes report other than OK, in brackets; empty if there is nothing."""

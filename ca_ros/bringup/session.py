@@ -122,11 +122,10 @@ class Session:
             end = recorder.end(duration)
             self._wait(lambda: bag.behind(end))
         wall = time.monotonic() - began
-        faults: Counter[str] = Counter()
-        if plan.faults is not None:
-            now = recorder.get_clock().now().nanoseconds
-            self._wait(lambda: self._reports.missing(now))
-            faults = self._reports.faults()
+        late = ['monitor'] * plan.detect + ['fault_proxy'] * (plan.faults is not None)
+        now = recorder.get_clock().now().nanoseconds
+        self._wait(lambda: self._reports.missing(late, now))
+        faults = self._reports.faults()
         flight = recorder.flight(duration)
         if common['mode'] == 'lockstep' and (lost := flight.missing(duration)):
             raise CaRosError(f'{lost} samples were lost: the recorder did not keep up')
