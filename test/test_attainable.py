@@ -6,6 +6,7 @@ from matplotlib import image
 
 from ca_ros import AdmissibleSet, Vehicle
 from ca_ros.evaluation.sets.attainable import draw, main
+from strategies import length
 
 
 def grey(path):
@@ -15,11 +16,9 @@ def grey(path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('arguments', [
-    ['--axes', 'roll,pitch', '--fail', '3=0.6'],
-    ['--axes', 'roll,pitch,yaw', '--fail', '3'],
-    ['--axes', 'thrust,yaw', '--projection', '--figure-width', 'column'],
-    ['--vehicle', 'admire'],
+    ['--axes', 'thrust,yaw', '--projection', '--figure-width', 'column', '--fail', '3=0.6'],
     ['--vehicle', 'rov', '--axes', 'force_x,force_y,thrust', '--at', 'yaw=5,roll=-3'],
+    *length([], [['--axes', 'roll,pitch,yaw', '--fail', '3'], ['--vehicle', 'admire']]),
 ])
 def test_it_draws_what_it_states(arguments, tmp_path, capsys):
     assert main([*arguments, '--out', str(tmp_path / 'set'), '--figures', 'png,pdf']) == 0

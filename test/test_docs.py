@@ -21,9 +21,10 @@ PAGES = sorted(
     path.relative_to(ROOT).as_posix()
     for pattern in ('*.md', 'docs/*.md', 'examples/*.md') for path in ROOT.glob(pattern))
 
-STUDIES = {f'docs/{page}.md' for page in (
-    'failure', 'performance', 'plant_effects', 'px4', 'reproduction', 'studies', 'tilting')}
-"""Pages whose commands are README's with other arguments, for `make test-all`."""
+LATER = {'CONTRIBUTING.md', *(f'docs/{page}.md' for page in (
+    'failure', 'firmware', 'own_method', 'performance', 'plant_effects', 'px4', 'reproduction',
+    'studies', 'tilting'))}
+"""Pages for `make test-all`: README has their commands, or other tests do what they do."""
 
 NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
@@ -141,7 +142,7 @@ static_study --methods exact,mean --out out/mean
 
 @pytest.mark.slow
 @pytest.mark.parametrize('page', [
-    pytest.param(page, marks=pytest.mark.long if page in STUDIES else ()) for page in PAGES])
+    pytest.param(page, marks=pytest.mark.long if page in LATER else ()) for page in PAGES])
 def test_the_commands_of_a_page_run_one_after_the_other(page, clone, graph):
     for block in blocks(page):
         if block.mark.startswith(('file ', 'insert ')):

@@ -289,7 +289,7 @@ def test_the_wrench_of_rotors_that_tilt_is_that_of_their_angles(name):
 
 # Over ROS
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_over_ros_the_flights_are_the_same_to_the_last_bit(
         graph, tmp_path, plain):
     pytest.importorskip('rclpy')
