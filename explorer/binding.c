@@ -1,62 +1,64 @@
 /* The kernel for the page: one vehicle, its attainable set, and other methods beside `exact`.
  *
- * The page writes the variables marked IN, calls a function, and reads those marked OUT. Rows are
- * axes in the order of the vehicle, columns rotors. After a failure, axes that the rotors cannot
- * control independently are left out, as `ca_ros.problem.audit` does.
+ * The page writes numbers, calls a function, and reads numbers. Rows are axes, columns rotors.
  */
-#include "exact.c" /* for span and normal_of */
+#include "exact.c" /* for span, normal_of, half_width and next_choice */
 
 #define SHARED __attribute__((visibility("default")))
-#define IN SHARED
-#define OUT SHARED
+#define INTS(name, place) SHARED int *const int_##name = place;
+#define REALS(name, place) SHARED ca_real *const real_##name = place;
 #define FACETS 8192
 #define POINTS 65536
 #define CORNERS 128 /* of one polygon */
 #define INDEPENDENCE_MIN 0.05
 #define SEGMENTS 64
-#define THRUST 2 /* in the order force_x, force_y, thrust, roll, pitch, yaw */
 
 enum method { EXACT, CLIPPED, COMPUTED_ONCE };
 
-IN int rotors, axes, axis[CA_M]; /* `axis` has the place in the order above */
-IN ca_real gamma[CA_M][CA_N];
-IN ca_real lower[CA_N], upper[CA_N], weight[CA_N], preferred[CA_N];
-IN ca_real forward[CA_N], reverse[CA_N], speed_min[CA_N], speed_max[CA_N];
-IN ca_real reference[CA_M], slack;
-/* A measured thrust curve: start [rad/s], a, b and c of each segment, which begins at a level [N], for
- * rotors with a k_f of `unit`. No segments: thrusts of k_f w^2. */
-IN int segments;
-IN ca_real segment[SEGMENTS][4], levels[SEGMENTS], unit;
-IN int impaired[CA_N]; /* whether the health of a rotor is below 1 */
-IN ca_real airmode[4]; /* as ca_options */
-IN ca_real acceleration[CA_N], deceleration[CA_N], elapsed; /* time since hover [s]; 0: any time */
-IN int policy, order[CA_M], group[CA_M], deviation; /* deviation: 0 prevent, 1 avoid, 2 allow */
-IN ca_real demand[CA_M], base[CA_M];
+/* What the page writes: a vehicle, the case, and a demand. */
+static int n, m, axis[CA_M]; /* `axis`: places among force_x, force_y, thrust, roll, pitch, yaw */
+static ca_real gamma[CA_M * CA_N], lower[CA_N], upper[CA_N], forward[CA_N], reverse[CA_N];
+static ca_real speed_min[CA_N], speed_max[CA_N], acceleration[CA_N], deceleration[CA_N];
+/* A thrust curve: start, a, b and c of its segments, for rotors with a k_f of `unit`. */
+static int segments;
+static ca_real segment[SEGMENTS][4], unit, elapsed; /* `elapsed`: time since hover; 0: any time */
+static ca_options options = {.airmode_limited = 1, .reports_health = 1};
+static ca_real hover[CA_M], demand[CA_M], base[CA_M];
+static ca_real center[CA_M], extent[CA_M]; /* the unit of `points` is `extent`, from `center` */
+INTS(n, &n) INTS(m, &m) INTS(axis, axis) INTS(segments, &segments)
+INTS(policy, &options.policy) INTS(order, options.order) INTS(group, options.group)
+INTS(keep_sense, options.keep_sense) INTS(weighted, &options.weighted)
+INTS(impaired, options.impaired) INTS(thrust, &options.thrust)
+REALS(weight, options.weight) REALS(preferred, options.preferred) REALS(slack, &options.slack)
+REALS(airmode, options.airmode) REALS(gamma, gamma) REALS(lower, lower) REALS(upper, upper)
+REALS(forward, forward) REALS(reverse, reverse) REALS(speedMin, speed_min)
+REALS(speedMax, speed_max) REALS(acceleration, acceleration) REALS(deceleration, deceleration)
+REALS(unit, &unit) REALS(segment, segment[0]) REALS(elapsed, &elapsed) REALS(hover, hover)
+REALS(demand, demand) REALS(base, base) REALS(center, center) REALS(extent, extent)
 
-OUT int kept[CA_M];                            /* whether the axis is controlled */
-OUT ca_real center[CA_M], extent[CA_M];        /* of the attainable set [N, N m] */
-OUT int facets;                                /* pairs of parallel facets; -1: too many */
-OUT ca_real thrusts[CA_N], speeds[CA_N], wrench[CA_M], level, margin;
-OUT ca_real served[CA_M];                      /* as ca_explanation */
-OUT int blocked[CA_M][CA_N], airmode_blocks[CA_M], cause[CA_N];
-OUT int status, saturation[CA_N], limit[CA_N]; /* `limit`: rotors at the nearest facet */
-OUT ca_real points[POINTS][3];                 /* corners of polygons, in units of `extent` */
-OUT int corners[FACETS * 2];
+/* What it reads. */
+static int facets; /* pairs of parallel facets; -1: too many */
+static int status, saturation[CA_N], limit[CA_N]; /* `limit`: rotors at the nearest facet */
+static ca_real thrusts[CA_N], speeds[CA_N], level, margin;
+static ca_explanation why;
+static ca_real points[POINTS][3]; /* the corners of polygons, and how many each has */
+static int corners[FACETS * 2];
+INTS(facets, &facets) INTS(status, &status) INTS(saturation, saturation) INTS(limit, limit)
+INTS(cause, why.limit) INTS(corners, corners) REALS(thrusts, thrusts) REALS(speeds, speeds)
+REALS(level, &level) REALS(margin, &margin) REALS(served, why.served) REALS(gain, why.gain[0])
+REALS(airmodeGain, why.airmode) REALS(points, points[0])
 
-static ca_problem problem, current, once;
-static int rows, row_of[CA_M]; /* axes that are controlled */
+static ca_problem problem, current, once; /* `current` without lost rotors, `once` with them */
 static ca_real normal[FACETS][CA_M], width[FACETS];
 
 static void speeds_of(const ca_real *f, ca_real *w)
 {
-    if (!segments) {
-        ca_speeds(rotors, f, forward, reverse, speed_min, speed_max, w);
-        return;
-    }
-    for (int i = 0; i < rotors; i++) {
+    if (!segments)
+        ca_speeds(n, f, forward, reverse, speed_min, speed_max, w);
+    for (int i = 0; segments && i < n; i++) {
         const ca_real thrust = unit * (ca_max(f[i], 0) / forward[i]);
         int s = segments - 1;
-        while (s > 0 && thrust < levels[s])
+        while (s > 0 && thrust < ca_curve(segments, segment, segment[s][0]))
             s--;
         const ca_real a = segment[s][1], b = segment[s][2], rest = thrust - segment[s][3];
         const ca_real r = ca_sqrt(ca_max(b * b + 4 * a * rest, 0));
@@ -67,31 +69,28 @@ static void speeds_of(const ca_real *f, ca_real *w)
 
 static void thrusts_of(const ca_real *w, ca_real *f)
 {
-    if (!segments) {
-        ca_thrusts(rotors, w, forward, reverse, f);
-        return;
-    }
-    for (int i = 0; i < rotors; i++)
+    ca_thrusts(n, w, forward, reverse, f);
+    for (int i = 0; segments && i < n; i++)
         f[i] = forward[i] / unit * ca_curve(segments, segment, ca_max(w[i], 0));
 }
 
-/* Whether the axes that are kept, without one more, are independent: the column of an axis in the
- * pseudo-inverse has the inverse of the distance of its row from the span of the others as length. */
+/* Whether the axes, without one more, are independent: the column of an axis in the pseudo-inverse
+ * has the inverse of the distance of its row from the span of the others as length. */
 static int independent(int without)
 {
     static ca_problem part;
-    part.n = rotors;
+    part.n = n;
     part.m = 0;
-    for (int i = 0; i < rotors; i++)
+    for (int i = 0; i < n; i++)
         part.half_range[i] = (upper[i] - lower[i]) / 2;
-    for (int k = 0; k < axes; k++)
-        if (kept[k] && k != without)
-            ca_copy(rotors, gamma[k], part.gamma[part.m++]);
+    for (int k = 0; k < m; k++)
+        if (k != without)
+            ca_copy(n, &gamma[k * n], part.gamma[part.m++]);
     if (!span(&part, 1))
         return 0;
     for (int k = 0; k < part.m; k++) {
         ca_real row = 0, column = 0;
-        for (int i = 0; i < rotors; i++)
+        for (int i = 0; i < n; i++)
             row += part.gamma[k][i] * part.half_range[i] * part.gamma[k][i] * part.half_range[i];
         for (int j = k; j < part.m; j++)
             column += part.coordinates[j][k] * part.coordinates[j][k];
@@ -101,67 +100,67 @@ static int independent(int without)
     return 1;
 }
 
-/* Give axes up until the others are independent; an axis whose loss suffices is preferred. */
-static void audit(void)
+/* Give axes up until the others are independent, as `ca_ros.problem.audit` does: the first that
+ * suffices, or else the first. */
+SHARED void audit(void)
 {
-    static const int expendable[] = {1, 0, 5, 4, 3};
-    for (int k = 0; k < axes; k++)
-        kept[k] = 1;
+    static const int last_to_first[] = {3, 4, 5, 0, 1};
     while (!independent(-1)) {
-        int first = -1, enough = -1;
+        int gone = -1, suffices = 0;
         for (int e = 0; e < 5; e++)
-            for (int k = 0; k < axes; k++)
-                if (kept[k] && axis[k] == expendable[e]) {
-                    first = first < 0 ? k : first;
-                    enough = enough < 0 && independent(k) ? k : enough;
+            for (int k = 0; k < m; k++)
+                if (axis[k] == last_to_first[e] && (independent(k) || !suffices)) {
+                    suffices = independent(k);
+                    gone = k;
                 }
-        if (first < 0)
+        if (gone < 0)
             return;
-        kept[enough < 0 ? first : enough] = 0;
+        m--;
+        for (int k = gone; k < m; k++) {
+            axis[k] = axis[k + 1];
+            ca_copy(n, &gamma[(k + 1) * n], &gamma[k * n]);
+        }
     }
+}
+
+/* Set up a problem for the other methods, with the columns of lost rotors or without. */
+static int set_up(ca_problem *made, int columns)
+{
+    ca_options plain = {.policy = CA_REJECTED, .thrust = -1, .slack = options.slack};
+    ca_real matrix[CA_M * CA_N];
+    for (int i = 0; i < m * n; i++)
+        matrix[i] = columns || upper[i % n] > lower[i % n] ? gamma[i] : 0;
+    for (int k = 0; k < m; k++)
+        plain.order[k] = k;
+    return ca_set_up(made, n, m, matrix, lower, upper, &plain);
 }
 
 static void find_facets(void)
 {
-    const int n = current.n, m = current.m, size = m - 1;
     int choice[CA_M];
-    facets = 0;
-    for (int r = 0; r < size; r++)
+    for (int r = 0; r < m; r++)
         choice[r] = r;
-    for (;;) {
-        ca_real *found = normal[facets];
-        if (normal_of(&current, choice, found)) {
-            int known = 0;
-            for (int f = 0; f < facets && !known; f++) {
-                ca_real same = 0, other = 0;
-                for (int k = 0; k < m; k++) {
-                    same = ca_max(same, ca_abs(found[k] - normal[f][k]));
-                    other = ca_max(other, ca_abs(found[k] + normal[f][k]));
-                }
-                known = ca_min(same, other) < 1e-9;
-            }
-            width[facets] = 0;
-            for (int i = 0; i < n; i++) {
-                ca_real side = 0;
-                for (int k = 0; k < m; k++)
-                    side += found[k] * current.gamma[k][i];
-                width[facets] += ca_abs(side) * current.half_range[i];
-            }
-            facets += !known;
-        }
-        int r = size - 1;
-        while (r >= 0 && choice[r] == n - size + r)
-            r--;
-        if (r < 0)
-            return;
+    facets = 0;
+    do {
         if (facets == FACETS) {
             facets = -1;
             return;
         }
-        choice[r]++;
-        for (int i = r + 1; i < size; i++)
-            choice[i] = choice[i - 1] + 1;
-    }
+        ca_real *found = normal[facets];
+        if (!normal_of(&current, choice, found))
+            continue;
+        int known = 0;
+        for (int f = 0; f < facets && !known; f++) {
+            ca_real same = 0, other = 0;
+            for (int k = 0; k < m; k++) {
+                same = ca_max(same, ca_abs(found[k] - normal[f][k]));
+                other = ca_max(other, ca_abs(found[k] + normal[f][k]));
+            }
+            known = ca_min(same, other) < 1e-9;
+        }
+        width[facets] = half_width(&current, found);
+        facets += !known;
+    } while (next_choice(n, m - 1, choice));
 }
 
 /* The distance of a wrench from the nearest facet, and the rotors at their bounds there. */
@@ -172,7 +171,7 @@ static void find_margin(const ca_real *u)
     margin = CA_INFINITY;
     for (int f = 0; f < facets; f++) {
         ca_real height = 0;
-        for (int k = 0; k < rows; k++)
+        for (int k = 0; k < m; k++)
             height += normal[f][k] * (u[k] - current.center[k]);
         if (width[f] - ca_abs(height) < margin) {
             margin = width[f] - ca_abs(height);
@@ -180,214 +179,156 @@ static void find_margin(const ca_real *u)
             side = height < 0 ? -1 : 1;
         }
     }
-    for (int i = 0; i < rotors; i++) {
+    for (int i = 0; i < n; i++) {
         ca_real sum = 0, size = 0;
-        for (int k = 0; k < rows; k++) {
+        for (int k = 0; k < m; k++) {
             sum += side * normal[nearest][k] * current.gamma[k][i];
             size += ca_abs(normal[nearest][k] * current.gamma[k][i]);
         }
-        limit[i] = facets <= 0 || current.half_range[i] <= 0 || ca_abs(sum) <= 1e-10 * size ? 0
-                   : sum > 0                                                               ? 1
-                                                                                           : -1;
-    }
-}
-
-static int set_up(ca_problem *made, const ca_real *least, const ca_real *most, int columns,
-                  const ca_options *options)
-{
-    ca_real matrix[CA_M * CA_N];
-    for (int k = 0; k < rows; k++)
-        for (int i = 0; i < rotors; i++)
-            matrix[k * rotors + i] = columns || most[i] > least[i] ? gamma[row_of[k]][i] : 0;
-    return ca_set_up(made, rotors, rows, matrix, least, most, options);
-}
-
-/* Narrow the bounds to what the rotors reach from hover in the time that has elapsed. */
-static void narrow_to_reach(const ca_options *options)
-{
-    ca_real least[CA_N], most[CA_N], now[CA_N];
-    ca_allocate(&problem, options->reference, now);
-    speeds_of(now, now);
-    ca_reach(rotors, now, elapsed, acceleration, deceleration, speed_min, speed_max, least, most);
-    thrusts_of(least, least);
-    thrusts_of(most, most);
-    for (int i = 0; i < rotors; i++) {
-        /* A lost rotor has a coefficient of 1. */
-        least[i] = ca_clip(least[i], lower[i], upper[i]);
-        most[i] = ca_clip(most[i], lower[i], upper[i]);
-    }
-    ca_set_bounds(&problem, least, most);
-    ca_copy(rotors, least, lower);
-    ca_copy(rotors, most, upper);
-}
-
-/* Set the middle and half of the range of each axis, also of those that are lost. */
-static void find_ranges(void)
-{
-    for (int k = 0; k < axes; k++) {
-        center[k] = extent[k] = 0;
-        for (int i = 0; i < rotors; i++) {
-            center[k] += gamma[k][i] * (upper[i] + lower[i]) / 2;
-            extent[k] += ca_abs(gamma[k][i]) * (upper[i] - lower[i]) / 2;
-        }
-        if (!(extent[k] > 0))
-            extent[k] = 1;
+        const int at_bound = facets > 0 && upper[i] > lower[i] && ca_abs(sum) > 1e-10 * size;
+        limit[i] = at_bound ? (sum > 0) - (sum < 0) : 0;
     }
 }
 
 /* No axis can be controlled: the rotors are as slow as possible. */
 static int powerless(int fault)
 {
-    rows = facets = 0;
-    for (int k = 0; k < axes; k++)
-        kept[k] = 0;
+    m = facets = 0;
     return fault;
 }
 
-/* Prepare the vehicle; returns an enum ca_fault. */
+/* Narrow the bounds to what the rotors reach from hover in the time that has elapsed. */
+static void narrow_to_reach(void)
+{
+    ca_real least[CA_N], most[CA_N], now[CA_N];
+    ca_allocate(&problem, hover, now);
+    speeds_of(now, now);
+    ca_reach(n, now, elapsed, acceleration, deceleration, speed_min, speed_max, least, most);
+    thrusts_of(least, least);
+    thrusts_of(most, most);
+    ca_set_bounds(&problem, least, most);
+    ca_copy(n, problem.lower, lower);
+    ca_copy(n, problem.upper, upper);
+}
+
+/* Prepare the vehicle, whose axes are independent; returns an enum ca_fault. */
 SHARED int prepare_vehicle(void)
 {
-    ca_options options = {.policy = CA_REJECTED, .slack = slack, .thrust = -1, .airmode_limited = 1,
-                          .airmode = {1, 1, 1, 1}, .reports_health = 1};
-    find_ranges();
-    audit();
-    rows = 0;
-    for (int k = 0; k < axes; k++)
-        if (kept[k])
-            row_of[rows++] = k;
-    for (int k = 0; k < rows; k++) {
-        options.order[k] = k;
-        options.reference[k] = reference[row_of[k]];
-    }
-    if (rows == 0 || set_up(&current, lower, upper, 0, &options))
+    if (m == 0 || set_up(&current, 0))
         return powerless(CA_NO_VOLUME);
-    set_up(&once, lower, upper, 1, &options);
+    set_up(&once, 1);
     find_facets();
-    for (int k = 0; k < rows; k++) {
-        center[row_of[k]] = current.center[k];
-        extent[row_of[k]] = current.extent[k];
-        if (axis[row_of[k]] == THRUST)
-            options.thrust = k;
-    }
-    options.policy = policy;
-    ca_copy(4, airmode, options.airmode);
-    for (int i = 0; i < rotors; i++) {
-        options.impaired[i] = impaired[i];
-        options.weight[i] = weight[i];
-        options.preferred[i] = preferred[i];
-        if (weight[i] < 1 || weight[i] > 1 || preferred[i] < 0 || preferred[i] > 0)
-            options.weighted = 1;
-    }
-    if (policy == CA_PRIORITIZED) {
-        int count = 0, last = -1, number = -1;
-        for (int k = 0; k < axes; k++) {
-            if (!kept[order[k]])
-                continue;
-            number += group[k] != last;
-            last = group[k];
-            int row = 0;
-            while (row_of[row] != order[k])
-                row++;
-            options.order[count] = row;
-            options.group[count++] = number;
-            options.keep_sense[row] =
-                number > 0 && (deviation == 1 || (deviation == 0 && axis[order[k]] != THRUST));
-        }
-    } else {
-        options.on_reference = 1;
-        find_margin(options.reference);
+    ca_copy(m, hover, options.reference);
+    options.on_reference = options.policy != CA_PRIORITIZED;
+    if (options.on_reference) {
+        find_margin(hover);
         if (!(margin > 1e-12))
-            for (int k = 0; k < rows; k++)
-                options.reference[k] = current.center[k];
+            ca_copy(m, current.center, options.reference);
     }
-    const int fault = set_up(&problem, lower, upper, 1, &options);
+    const int fault = ca_set_up(&problem, n, m, gamma, lower, upper, &options);
     if (fault || !(elapsed > 0))
         return fault ? powerless(fault) : 0;
-    for (int k = 0; k < rows; k++)
-        options.reference[k] = reference[row_of[k]];
-    narrow_to_reach(&options);
-    if (set_up(&current, lower, upper, 0, &options))
+    narrow_to_reach();
+    if (set_up(&current, 0))
         return powerless(CA_NO_VOLUME);
     find_facets();
-    return set_up(&once, lower, upper, 1, &options);
+    return set_up(&once, 1);
 }
 
-static void pseudo_inverse(const ca_problem *p, const ca_real *u, ca_real *f)
+static void pseudo_inverse(const ca_problem *p, const ca_real *u)
 {
-    for (int i = 0; i < rotors; i++) {
-        f[i] = 0;
-        for (int j = 0; j < rows; j++)
-            f[i] += p->basis[i][j] * ca_dot(j + 1, p->coordinates[j], u);
+    for (int i = 0; i < n; i++) {
+        thrusts[i] = 0;
+        for (int j = 0; j < m; j++)
+            thrusts[i] += p->basis[i][j] * ca_dot(j + 1, p->coordinates[j], u);
     }
-}
-
-static void explain(const ca_real *u)
-{
-    static ca_explanation found;
-    ca_explain(&problem, u, thrusts, &found);
-    for (int k = 0; k < rows; k++) {
-        served[row_of[k]] = found.served[k];
-        airmode_blocks[row_of[k]] = ca_abs(found.airmode[k]) > 0;
-        for (int i = 0; i < rotors; i++)
-            blocked[row_of[k]][i] = found.gain[k][i] > 0;
-    }
-    for (int i = 0; i < rotors; i++)
-        cause[i] = found.limit[i];
 }
 
 /* Allocate the demand with a method; sets all results but the polygons. */
 SHARED void allocate(int method)
 {
-    ca_real u[CA_M];
-    for (int k = 0; k < rows; k++)
-        u[k] = demand[row_of[k]];
-    find_margin(u);
+    const ca_real allowed = 1e-9 * ca_max(1, ca_length(m, demand));
+    ca_real missed[CA_M];
+    find_margin(demand);
     level = 1;
     status = CA_REJECTED;
-    if (rows == 0)
-        ca_copy(rotors, lower, thrusts);
+    if (m == 0)
+        ca_copy(n, lower, thrusts);
     else if (method == EXACT) {
-        const ca_answer answer = ca_allocate(&problem, u, thrusts);
+        const ca_answer answer = ca_allocate(&problem, demand, thrusts);
         status = answer.status;
         level = answer.level;
-        explain(u);
+        ca_explain(&problem, demand, thrusts, &why);
     } else
-        pseudo_inverse(method == CLIPPED ? &current : &once, u, thrusts);
-    for (int i = 0; i < rotors; i++) {
+        pseudo_inverse(method == CLIPPED ? &current : &once, demand);
+    for (int i = 0; i < n; i++) {
         thrusts[i] = ca_clip(thrusts[i], lower[i], upper[i]);
         const ca_real below = 1e-12 * ca_max(1, ca_abs(lower[i]));
         const ca_real above = 1e-12 * ca_max(1, ca_abs(upper[i]));
         saturation[i] = thrusts[i] <= lower[i] + below ? -1 : thrusts[i] >= upper[i] - above;
     }
-    ca_real missed = 0;
-    for (int k = 0; k < axes; k++) {
-        wrench[k] = ca_dot(rotors, gamma[k], thrusts);
-        missed += kept[k] ? (demand[k] - wrench[k]) * (demand[k] - wrench[k]) : 0;
-    }
-    if (rows && method != EXACT)
-        status = ca_sqrt(missed) <= 1e-9 * ca_max(1, ca_length(rows, u)) ? CA_EXACT : CA_INEXACT;
+    for (int k = 0; k < m; k++)
+        missed[k] = demand[k] - ca_dot(n, &gamma[k * n], thrusts);
+    if (m && method != EXACT)
+        status = ca_length(m, missed) <= allowed ? CA_EXACT : CA_INEXACT;
     speeds_of(thrusts, speeds);
 }
 
 /* Cut a polygon by a plane: keep what satisfies g x <= h. Returns the number of corners. */
 static int cut(int count, ca_real polygon[CORNERS][3], const ca_real *g)
 {
-    static ca_real kept_part[CORNERS][3];
+    static ca_real whole[CORNERS][3];
     int left = 0;
+    ca_copy(3 * count, polygon[0], whole[0]);
     for (int i = 0; i < count && left < CORNERS - 1; i++) {
-        const ca_real *from = polygon[i], *to = polygon[(i + 1) % count];
+        const ca_real *from = whole[i], *to = whole[(i + 1) % count];
         const ca_real a = ca_dot(3, g, from) - g[3], b = ca_dot(3, g, to) - g[3];
         if (a <= 0)
-            ca_copy(3, from, kept_part[left++]);
+            ca_copy(3, from, polygon[left++]);
         if ((a < 0 && b > 0) || (a > 0 && b < 0)) {
             for (int k = 0; k < 3; k++)
-                kept_part[left][k] = from[k] + a / (a - b) * (to[k] - from[k]);
+                polygon[left][k] = from[k] + a / (a - b) * (to[k] - from[k]);
             left++;
         }
     }
-    for (int i = 0; i < left; i++)
-        ca_copy(3, kept_part[i], polygon[i]);
     return left;
+}
+
+/* The facets as planes g x <= h over the shown rows, with the other axes at `base`. Returns their
+ * number; -1 if `base` is outside of them. */
+static int find_planes(const int *shown, ca_real (*planes)[4])
+{
+    int count = 0;
+    for (int f = 0; f < 2 * facets; f++) {
+        const ca_real side = f % 2 ? -1 : 1, *facet = normal[f / 2], most = width[f / 2];
+        ca_real *plane = planes[count], at[CA_M];
+        ca_copy(m, base, at);
+        for (int s = 0; s < 3; s++) {
+            plane[s] = shown[s] < 0 ? 0 : side * facet[shown[s]] * extent[shown[s]];
+            if (shown[s] >= 0)
+                at[shown[s]] = center[shown[s]];
+        }
+        plane[3] = most;
+        for (int k = 0; k < m; k++)
+            plane[3] -= side * facet[k] * (at[k] - current.center[k]);
+        const ca_real length = ca_length(3, plane);
+        if (length <= 1e-12 * most) {
+            if (plane[3] < -1e-9 * most)
+                return -1;
+            continue;
+        }
+        int known = 0;
+        for (int k = 0; k < 4; k++)
+            plane[k] /= length;
+        for (int j = 0; j < count && !known; j++) {
+            ca_real apart = 0;
+            for (int k = 0; k < 4; k++)
+                apart += ca_abs(plane[k] - planes[j][k]);
+            known = apart < 1e-9;
+        }
+        count += !known;
+    }
+    return count;
 }
 
 /* The attainable wrenches whose other axes are those of `base`: polygons over rows a, b and c, or
@@ -395,56 +336,23 @@ static int cut(int count, ca_real polygon[CORNERS][3], const ca_real *g)
 SHARED int section(int a, int b, int c)
 {
     static ca_real planes[2 * FACETS][4], polygon[CORNERS][3];
-    const int shown[3] = {a, b, c};
-    int count = 0, polygons = 0, used = 0;
+    const int shown[3] = {a, b, c}, count = find_planes(shown, planes);
+    int polygons = 0, used = 0;
     if (facets <= 0)
         return facets;
-    for (int f = 0; f < 2 * facets; f++) {
-        const ca_real side = f % 2 ? -1 : 1, *facet = normal[f / 2];
-        ca_real *plane = planes[count], most = width[f / 2];
-        plane[0] = plane[1] = plane[2] = 0;
-        for (int k = 0; k < rows; k++) {
-            int place = -1;
-            for (int s = 0; s < 3; s++)
-                place = shown[s] == row_of[k] ? s : place;
-            const ca_real at = place >= 0 ? center[row_of[k]] : base[row_of[k]];
-            if (place >= 0)
-                plane[place] = side * facet[k] * extent[row_of[k]];
-            most -= side * facet[k] * (at - current.center[k]);
-        }
-        const ca_real length = ca_length(3, plane);
-        if (length <= 1e-12 * width[f / 2]) {
-            if (most < -1e-9 * width[f / 2])
-                return 0;
-            continue;
-        }
-        for (int k = 0; k < 3; k++)
-            plane[k] /= length;
-        plane[3] = most / length;
-        int known = 0;
-        for (int j = 0; j < count && !known; j++)
-            known = ca_abs(plane[0] - planes[j][0]) + ca_abs(plane[1] - planes[j][1]) +
-                        ca_abs(plane[2] - planes[j][2]) + ca_abs(plane[3] - planes[j][3]) < 1e-9;
-        count += !known;
-    }
-    for (int f = 0; f < (c < 0 ? 1 : count); f++) {
+    for (int f = 0; f < (c < 0 ? count > 0 : count); f++) {
         const ca_real flat[4] = {0, 0, 1, 0}, *plane = c < 0 ? flat : planes[f];
-        ca_real side[3], up[3];
-        int least = 0;
+        int up = 0, size = 4;
         for (int k = 1; k < 3; k++)
-            least = ca_abs(plane[k]) < ca_abs(plane[least]) ? k : least;
-        for (int k = 0; k < 3; k++)
-            side[k] = (k == least) - plane[least] * plane[k];
-        const ca_real length = ca_length(3, side);
-        for (int k = 0; k < 3; k++)
-            side[k] /= length;
-        for (int k = 0; k < 3; k++)
-            up[k] = plane[(k + 1) % 3] * side[(k + 2) % 3] - plane[(k + 2) % 3] * side[(k + 1) % 3];
-        for (int i = 0; i < 4; i++)
-            for (int k = 0; k < 3; k++)
-                polygon[i][k] = plane[k] * plane[3] + 4 * ((i == 0 || i == 3 ? 1 : -1) * side[k] +
-                                                           (i < 2 ? 1 : -1) * up[k]);
-        int size = 4;
+            up = ca_abs(plane[k]) > ca_abs(plane[up]) ? k : up;
+        /* A part of the plane that is greater than the set. */
+        const int x = (up + 1) % 3, y = (up + 2) % 3;
+        for (int i = 0; i < 4; i++) {
+            polygon[i][x] = i == 0 || i == 3 ? 4 : -4;
+            polygon[i][y] = i < 2 ? 4 : -4;
+            polygon[i][up] = (plane[3] - plane[x] * polygon[i][x] - plane[y] * polygon[i][y]) /
+                             plane[up];
+        }
         for (int j = 0; j < count && size > 0; j++)
             if (c < 0 || j != f)
                 size = cut(size, polygon, planes[j]);
@@ -452,8 +360,7 @@ SHARED int section(int a, int b, int c)
             continue;
         if (used + size > POINTS)
             return -1;
-        for (int i = 0; i < size; i++)
-            ca_copy(3, polygon[i], points[used + i]);
+        ca_copy(3 * size, polygon[0], points[used]);
         used += size;
         corners[polygons++] = size;
     }

@@ -471,6 +471,33 @@ static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
     return 1;
 }
 
+/* Half of the size of the admissible set along a normal. */
+static ca_real half_width(const ca_problem *p, const ca_real *normal)
+{
+    ca_real width = 0;
+    for (int i = 0; i < CA_ROTORS(p); i++) {
+        ca_real side = 0;
+        for (int k = 0; k < CA_AXES(p); k++)
+            side += normal[k] * p->gamma[k][i];
+        width += ca_abs(side) * p->half_range[i];
+    }
+    return width;
+}
+
+/* The next choice of `size` of n rotors in lexicographic order; returns 0 after the last. */
+static int next_choice(int n, int size, int *choice)
+{
+    int r = size - 1;
+    while (r >= 0 && choice[r] == n - size + r)
+        r--;
+    if (r < 0)
+        return 0;
+    choice[r]++;
+    for (int i = r + 1; i < size; i++)
+        choice[i] = choice[i - 1] + 1;
+    return 1;
+}
+
 ca_real ca_margin(const ca_problem *p, const ca_real *u)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), size = m - 1;
@@ -480,27 +507,13 @@ ca_real ca_margin(const ca_problem *p, const ca_real *u)
         return -CA_INFINITY;
     for (int r = 0; r < size; r++)
         choice[r] = r;
-    for (;;) {
-        ca_real normal[CA_M], height = 0, width = 0;
+    do {
+        ca_real normal[CA_M], height = 0;
         if (normal_of(p, choice, normal)) {
             for (int k = 0; k < m; k++)
                 height += normal[k] * (u[k] - p->center[k]);
-            for (int i = 0; i < n; i++) {
-                ca_real side = 0;
-                for (int k = 0; k < m; k++)
-                    side += normal[k] * p->gamma[k][i];
-                width += ca_abs(side) * p->half_range[i];
-            }
-            margin = ca_min(margin, width - ca_abs(height));
+            margin = ca_min(margin, half_width(p, normal) - ca_abs(height));
         }
-        /* The next choice in lexicographic order. */
-        int r = size - 1;
-        while (r >= 0 && choice[r] == n - size + r)
-            r--;
-        if (r < 0)
-            return margin;
-        choice[r]++;
-        for (int i = r + 1; i < size; i++)
-            choice[i] = choice[i - 1] + 1;
-    }
+    } while (next_choice(n, size, choice));
+    return margin;
 }

@@ -5,8 +5,7 @@ A `ParameterError` names the setting whose value has a wrong shape.
 
 from __future__ import annotations
 
-from fractions import Fraction
-from math import cos, sin, tau
+from math import cos, floor, sin, tau
 
 import numpy as np
 
@@ -24,25 +23,31 @@ def rotor_positions(rotors: RotorSettings) -> Array:
 
 def ring(settings: RingSettings) -> Array:
     """Return the positions (n, 3) of rotors on a ring [m]."""
-    first = Fraction(settings.first_angle) / 360
-    turns = [first + Fraction(i, settings.count) for i in range(settings.count)]
-    circle = settings.radius * np.array([direction(turn) for turn in turns])
+    n = settings.count
+    circle = [direction(settings.first_angle, i, n) for i in range(n)]
     # No -0.0.
-    return np.column_stack([circle, np.full(len(turns), settings.height)]) + 0.0
+    return np.column_stack([settings.radius * np.array(circle), np.full(n, settings.height)]) + 0.0
 
 
-def direction(turn: Fraction) -> tuple[float, float]:
-    """Return cosine and sine of an angle in turns; mirrored angles give the same digits."""
-    quarters = round(4 * turn)
-    rest = turn - Fraction(quarters, 4)
-    c, s = cos(tau * abs(rest)), sin(tau * abs(rest))
-    if abs(rest) == Fraction(1, 12):
+def direction(first: float, i: int, n: int) -> tuple[float, float]:
+    """Return cosine and sine of ``first + 360 i / n`` degrees; mirrored angles have equal digits.
+
+    The distance from the nearest quarter turn is counted in n-ths of a degree, which are exact.
+    """
+    before = floor(first / 90.0 + 0.5)
+    whole, part = divmod(360 * i, 90 * n)
+    rest = part + (first - 90.0 * before) * n
+    more = floor(rest / (90 * n) + 0.5)
+    rest -= more * 90 * n
+    size = abs(rest) / (360 * n)
+    c, s = cos(tau * size), sin(tau * size)
+    if 12.0 * abs(rest) == 360 * n:
         s = 0.5
-    elif abs(rest) == Fraction(1, 8):
+    elif 8.0 * abs(rest) == 360 * n:
         s = c
-    if rest < 0:
+    if rest < 0.0:
         s = -s
-    return ((c, s), (-s, c), (-c, -s), (s, -c))[quarters % 4]
+    return ((c, s), (-s, c), (-c, -s), (s, -c))[(before + whole + more) % 4]
 
 
 def rotor_axes(rotors: RotorSettings, n: int) -> Array:

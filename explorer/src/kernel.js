@@ -2,69 +2,75 @@
 import wasm from 'kernel.wasm';
 import {AXES, bounds} from './vehicle.js';
 
-const ROTORS = 32, INTS = ['rotors', 'axes', 'axis', 'policy', 'order', 'group', 'deviation', 'kept', 'facets', 'status',
-  'saturation', 'limit', 'corners', 'impaired', 'blocked', 'airmode_blocks', 'cause', 'segments'];
-const POLICIES = {prioritize: 1, scale: 2, reject: 4}, DEVIATIONS = ['prevent', 'avoid', 'allow'];
-export const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALID', 'RATE_LIMITED'];
-export const METHODS = {exact: 0, pseudo_inverse: 1, fixed_pseudo_inverse: 2};
+const ROTORS = 32, POLICIES = {prioritize: 1, scale: 2, reject: 4};
+const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALID', 'RATE_LIMITED'];
+const METHODS = ['exact', 'pseudo_inverse', 'fixed_pseudo_inverse'];
+
+const count = (size, make) => Array.from({length: size}, (_, i) => make(i));
+const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
 export async function loadKernel() {
-  const {instance} = await WebAssembly.instantiate(wasm, {});
-  const {exports} = instance, buffer = exports.memory.buffer;
-  // Variables of C by name.
-  const c = new Proxy({}, {get: (cache, name) => (cache[name] ??= new (INTS.includes(name) ? Int32Array : Float64Array)(
-    buffer, exports[name].value))});
+  const {exports} = (await WebAssembly.instantiate(wasm, {})).instance, {buffer} = exports.memory;
+  // Numbers of C by name: the kernel exports pointers to them.
+  const find = (name) => {
+    const type = exports[`int_${name}`] ? Int32Array : Float64Array;
+    const pointer = exports[`int_${name}`] ?? exports[`real_${name}`];
+    return new type(buffer, new Int32Array(buffer, pointer.value, 1)[0]);
+  };
+  const c = new Proxy({}, {get: (known, name) => (known[name] ??= find(name))});
+  const set = (given) => Object.entries(given).forEach(([name, values]) => c[name].set([values].flat(2)));
+  const get = (name, size) => [...c[name].subarray(0, size)];
+  let rowOf; // by axis its row in the kernel, -1 if it is lost
 
   /** Prepare a vehicle with rotor health; returns which axes are left, and their ranges. */
-  function prepare(vehicle, health, {policy, order, deviation, airmode = [1, 1, 1, 1], elapsed = 0}) {
-    const {n, axes} = vehicle, now = bounds(vehicle, health), groups = order.map((group) => group.split(' '));
-    c.rotors[0] = n;
-    c.axes[0] = axes.length;
-    axes.forEach((axis, k) => {
-      c.axis[k] = AXES.indexOf(axis);
-      c.gamma.set(vehicle.gamma[k], k * ROTORS);
+  function prepare(vehicle, health, {policy, order, deviation, airmode, elapsed = 0}) {
+    const {n, axes, gamma, weight, preferred, slack, curve, acceleration, deceleration, reference} = vehicle;
+    const now = bounds(vehicle, health);
+    set({
+      n, m: axes.length, axis: axes.map((axis) => AXES.indexOf(axis)), gamma, ...now, acceleration, deceleration,
+      unit: vehicle.forward[0], segments: curve.length, segment: curve, elapsed, policy: POLICIES[policy], airmode,
+      slack, weight, preferred, weighted: weight.some((w) => w !== 1) || preferred.some((f) => f !== 0),
+      impaired: health.map((h) => h < 1),
     });
-    for (const [name, values] of Object.entries({
-      lower: now.lower, upper: now.upper,
-      weight: vehicle.weight, preferred: vehicle.preferred, forward: now.forward, reverse: now.reverse,
-      speed_min: now.speedMin, speed_max: now.speedMax, reference: vehicle.reference, slack: [vehicle.slack],
-      unit: [vehicle.forward[0]], segments: [vehicle.curve.length], levels: vehicle.curve.map((s) => s.level),
-      segment: vehicle.curve.flatMap((s) => [s.start, ...s.abc]), airmode, elapsed: [elapsed], acceleration: vehicle.acceleration, deceleration: vehicle.deceleration,
-      impaired: health.map((h) => Number(h < 1)), policy: [POLICIES[policy]], deviation: [DEVIATIONS.indexOf(deviation)],
-      order: groups.flat().map((axis) => axes.indexOf(axis)), group: groups.flatMap((group, i) => group.map(() => i)),
-    })) c[name].set(values);
-    const fault = exports.prepare_vehicle();
-    const kept = axes.filter((_, k) => c.kept[k]);
+    exports.audit();
+    const kept = get('axis', c.m[0]).map((place) => AXES[place]), rows = kept.map((axis) => axes.indexOf(axis));
+    rowOf = axes.map((axis) => kept.indexOf(axis));
+    const groups = (policy === 'prioritize' ? order : [kept.join(' ')])
+      .map((group) => group.split(' ').filter((axis) => kept.includes(axis))).filter((group) => group.length);
+    const keeps = (axis) => deviation === 'avoid' || (deviation === 'prevent' && axis !== 'thrust');
+    const half = (lower, upper) => (row) => dot(row, upper.map((most, i) => (most + lower[i]) / 2));
+    const center = gamma.map(half(now.lower, now.upper));
+    const extent = gamma.map((row) => half(now.lower.map((f) => -f), now.upper)(row.map(Math.abs)) || 1);
+    const kernelRows = (list) => rows.map((k) => list[k]);
+    set({
+      order: groups.flat().map((axis) => kept.indexOf(axis)), group: groups.flatMap((group, i) => group.map(() => i)),
+      keep_sense: kept.map((axis) => !groups[0].includes(axis) && keeps(axis)), thrust: kept.indexOf('thrust'),
+      hover: kernelRows(reference), center: kernelRows(center), extent: kernelRows(extent),
+    });
+    const fault = exports.prepare_vehicle(), left = fault ? [] : kept;
+    return {fault, kept: left, lost: axes.filter((axis) => !left.includes(axis)), center, extent,
+      lower: get('lower', n), upper: get('upper', n)};
+  }
+
+  function allocate({n, gamma}, demand, method = 'exact') {
+    rowOf.forEach((row, k) => row >= 0 && c.demand.fill(demand[k], row, row + 1));
+    exports.allocate(METHODS.indexOf(method));
+    const thrusts = get('thrusts', n);
     return {
-      fault, kept, lost: axes.filter((_, k) => !c.kept[k]), facets: 2 * c.facets[0],
-      center: [...c.center.subarray(0, axes.length)], extent: [...c.extent.subarray(0, axes.length)], ...now,
-      lower: [...c.lower.subarray(0, n)], upper: [...c.upper.subarray(0, n)],
+      status: STATUS[c.status[0]], level: c.level[0], margin: c.margin[0], thrusts, speeds: get('speeds', n),
+      wrench: gamma.map((row) => dot(row, thrusts)), saturation: get('saturation', n), limit: get('limit', n),
+      served: rowOf.map((row) => c.served[row]), cause: get('cause', n),
+      airmodeBlocks: rowOf.map((row) => Math.abs(c.airmodeGain[row]) > 0),
+      blocked: rowOf.map((row) => count(n, (i) => c.gain[row * ROTORS + i] > 0)),
     };
   }
 
-  function allocate(vehicle, demand, method = 'exact') {
-    c.demand.set(demand);
-    exports.allocate(METHODS[method]);
-    const list = (name, size) => [...c[name].subarray(0, size)];
-    const {n} = vehicle, m = demand.length;
-    return {
-      status: STATUS[c.status[0]], level: c.level[0], margin: c.margin[0], thrusts: list('thrusts', n),
-      speeds: list('speeds', n), wrench: list('wrench', m), saturation: list('saturation', n), limit: list('limit', n),
-      served: list('served', m), cause: list('cause', n), airmodeBlocks: list('airmode_blocks', m),
-      blocked: Array.from({length: m}, (_, k) => [...c.blocked.subarray(k * ROTORS, k * ROTORS + n)]),
-    };
-  }
-
-  /** Polygons of the attainable set over two or three rows, the other axes at `base`. */
-  function section(base, shown) {
-    c.base.set(base);
-    const count = exports.section(shown[0], shown[1], shown[2] ?? -1);
-    if (count < 0) return null;
-    const polygons = [];
-    for (let f = 0, at = 0; f < count; at += c.corners[f++]) {
-      polygons.push(Array.from({length: c.corners[f]}, (_, i) => [...c.points.subarray(3 * (at + i), 3 * (at + i) + 3)]));
-    }
-    return polygons;
+  /** Polygons of the attainable set over two or three axes, the other axes at `base`. */
+  function section(base, [a, b, c3]) {
+    rowOf.forEach((row, k) => row >= 0 && c.base.fill(base[k], row, row + 1));
+    const polygons = exports.section(rowOf[a], rowOf[b], rowOf[c3] ?? -1);
+    let at = 0;
+    return count(Math.max(0, polygons), (f) => count(c.corners[f], () => [...c.points.subarray(3 * at, 3 * ++at)]));
   }
   return {prepare, allocate, section};
 }

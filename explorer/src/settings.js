@@ -4,25 +4,21 @@ import {load} from 'js-yaml';
 /** By name the settings that a vehicle and its allocation can have; see ca_ros.explore.settings. */
 export const FIELDS = SETTINGS.fields;
 
+export function insist(sound, message) {
+  if (!sound) throw new Error(message);
+}
+
 const isMap = (value) => value !== null && typeof value === 'object' && !Array.isArray(value);
 
 /** Return the value of a setting with its type, or say what is wrong with it. */
 export function check(name, value, field) {
-  const size = Array.isArray(value) ? value.length : 1;
-  if (Array.isArray(value) && !field.array) {
-    throw new Error(`${name}: expected one value (${field.range}), got ${size}`);
-  }
-  if (field.sizes && !field.sizes.includes(size)) {
-    throw new Error(`${name}: expected ${field.sizes.join(' or ')} values, got ${size}`);
-  }
-  if (Array.isArray(value)) {
-    const entry = {...field, array: false, sizes: null};
-    return value.map((each, i) => check(`${name}[${i}]`, each, entry));
-  }
-  const found = field.words ? word(value, field) : number(value, field);
-  if (found === undefined) {
-    throw new Error(`${name}: must be ${field.range}, got ${String(JSON.stringify(value)).slice(0, 80)}`);
-  }
+  const {array, sizes, range} = field, isList = Array.isArray(value), size = isList ? value.length : 1;
+  insist(array || !isList, `${name}: expected one value (${range}), got ${size}`);
+  insist(!sizes || sizes.includes(size), `${name}: expected ${sizes?.join(' or ')} values, got ${size}`);
+  const one = {...field, array: false, sizes: null};
+  if (isList) return value.map((entry, i) => check(`${name}[${i}]`, entry, one));
+  const found = (field.words ? word : number)(value, field);
+  insist(found !== undefined, `${name}: must be ${range}, got ${String(JSON.stringify(value)).slice(0, 80)}`);
   return found;
 }
 
@@ -32,52 +28,45 @@ function word(value, {choices}) {
 }
 
 function number(value, {minimum, maximum, whole}) {
-  const isNumber = typeof value === 'number' || (typeof value === 'string' && value.trim());
-  const x = isNumber ? Number(value) : NaN;
+  const x = typeof value === 'number' || (typeof value === 'string' && value.trim()) ? Number(value) : NaN;
   return x >= minimum && x <= maximum && !(whole && x % 1) ? x : undefined;
 }
 
 /** Return what a file gives the allocator, by full name. */
 function given(text) {
-  let content;
+  let content, sections = 0;
   try {
     content = load(text);
   } catch (error) {
     throw new Error(`not readable YAML: ${String(error.message).split('\n')[0]}`);
   }
-  if (content?.problem) throw new Error('a problem without a vehicle, which has no rotors to show');
-  const found = {};
-  const flatten = (tree, prefix) => {
-    for (const [key, value] of Object.entries(tree)) {
-      const name = prefix + key;
-      if (isMap(value)) flatten(value, `${name}.`);
-      else found[SETTINGS.renamed[name] ?? name] = value;
-    }
-  };
-  let sections = 0;
-  const visit = (tree, node) => {
-    for (const [key, below] of Object.entries(tree)) {
-      if (!isMap(below)) continue;
-      if (key !== 'ros__parameters') visit(below, key.split('/').at(-1));
-      else if (/(\*|^allocator)$/.test(node)) flatten(below, '', ++sections);
-    }
-  };
-  if (isMap(content)) visit(content, '');
-  if (!sections) throw new Error("expected a ROS parameter file: '/**:' and 'ros__parameters:'");
+  insist(!content?.problem, 'a problem without a vehicle, which has no rotors to show');
+  const found = {}, entries = (tree) => isMap(tree) ? Object.entries(tree) : [];
+  const flatten = (tree, prefix) => entries(tree).forEach(([key, value]) => {
+    const name = prefix + key;
+    if (isMap(value)) flatten(value, `${name}.`);
+    else found[SETTINGS.renamed[name] ?? name] = value;
+  });
+  const visit = (tree, node) => entries(tree).forEach(([key, below]) => {
+    if (key !== 'ros__parameters') visit(below, key.split('/').at(-1));
+    else if (isMap(below) && /(\*|^allocator)$/.test(node)) flatten(below, '', ++sections);
+  });
+  visit(content, '');
+  insist(sections, "expected a ROS parameter file: '/**:' and 'ros__parameters:'");
   return found;
 }
 
 /** Return a function that returns settings by name, and what the file gives of them. */
 export function readSettings(text) {
   const found = Object.entries(given(text)).filter(([name]) => /^(vehicle|rotors|allocation)(\.|$)/.test(name));
-  const values = new Map();
+  const values = {};
   for (const [name, value] of found) {
-    if (name in FIELDS) values.set(name, check(name, value, FIELDS[name]));
-    else if (/^(vehicle|rotors|allocation\.exact)\b|^allocation\.\w+$/.test(name)) throw new Error(`${name}: no such parameter`);
+    if (Object.hasOwn(FIELDS, name)) values[name] = check(name, value, FIELDS[name]);
+    else insist(!/^(vehicle|rotors|allocation\.exact)\b|^allocation\.\w+$/.test(name), `${name}: no such parameter`);
   }
   const get = (name) => {
-    const value = values.get(name) ?? FIELDS[name].default;
-    if (value === null) throw new Error(`${name}: missing; it is the ${FIELDS[name].description}`);
+    const value = values[name] ?? FIELDS[name].default;
+    insist(value !== null, `${name}: missing; it is the ${FIELDS[name].description}`);
     return value;
   };
   return [get, Object.fromEntries(found)];

@@ -1,55 +1,53 @@
 // What the numbers of the kernel mean, in words.
-import {UNITS} from './pictures.js';
-
+export const UNITS = {force_x: 'N', force_y: 'N', thrust: 'N', roll: 'N m', pitch: 'N m', yaw: 'N m'};
 export const METHODS = {'': 'no other method', pseudo_inverse: 'clipped pseudo-inverse',
   fixed_pseudo_inverse: 'clipped pseudo-inverse, computed once'};
-const BOUNDS = [['maximum', 1], ['minimum', -1]];
-const CAUSES = [['at maximum', 1], ['at minimum', -1], ['speeding up', 2], ['slowing down', -2], ['lost or weak', 3], ['lost or weak', -3]];
+const BOUNDS = [['at maximum', 1], ['at minimum', -1]];
+const CAUSES = [...BOUNDS, ['speeding up', 2], ['slowing down', -2], ['lost or weak', 3], ['lost or weak', -3]];
 const NEAR = 1e-6; // shortfall that counts as none, as a share of half of the axis's range
 
 export const digits = (x) => String(Math.abs(x) < 1e-9 ? 0 : Number(x.toPrecision(3)));
 const listed = (words) => words.length > 1 ? `${words.slice(0, -1).join(', ')} and ${words.at(-1)}` : words.join('');
+const capital = (words) => words[0].toUpperCase() + words.slice(1);
 const numbers = (flags, value) => flags.flatMap((flag, i) => flag === value ? [i + 1] : []);
 const rotors = (some) => `rotor${some.length > 1 ? 's' : ''} ${listed(some)}`;
-const capital = (words) => words[0].toUpperCase() + words.slice(1);
+/** Return which rotors have which of the flags, such as "rotors 1 and 2 at maximum". */
+const which = (flags, names) => names.flatMap(([name, flag]) => {
+  const some = numbers(flags, flag);
+  return some.length ? [`${rotors(some)} ${name}`] : [];
+});
 
 /** Return whether an axis does not get what is asked. */
 export const short = (extent, asked, got) => Math.abs(asked - got) > NEAR * extent;
+
+/** Return the colour of a rotor: failed, at a bound, or free. */
+export const kind = (health, saturation) => health < 1e-9 ? 'lost' : ['min', 'free', 'max'][saturation + 1];
 
 /** Return the lines that explain an answer. */
 export function explain({vehicle, state, set}, answer, beside, hover) {
   const {axes} = vehicle, lost = numbers(state.health.map((h) => h < 1e-9), true);
   if (set.fault) return [`No axis can be controlled: ${lost.length ? `${rotors(lost)} lost` : 'too few rotors'}.`];
   const missing = ({wrench}) => axes.flatMap((axis, k) => short(set.extent[k], state.demand[k], wrench[k])
-    ? [`${axis} ${digits(wrench[k])} instead of ${digits(state.demand[k])} ${UNITS[axis]}`] : []);
-  const lines = [];
-  if (answer.status === 'EXACT') lines.push(`Served in full; ${digits(answer.margin)} from the limit with ${limitOf(answer, set)}.`);
-  else if (answer.status === 'REJECTED') lines.push('Not attainable, and rejected: all rotors are as slow as possible.');
-  else lines.push(`Not attainable${answer.status === 'RATE_LIMITED' ? ' yet' : ''}: ${missing(answer).join(', ')}.`, ...reasons(axes, answer));
+    ? [`${axis} ${digits(wrench[k])} instead of ${digits(state.demand[k])} ${UNITS[axis]}`] : []).join(', ');
+  const near = which(answer.limit.map((flag, i) => set.upper[i] > set.lower[i] ? flag : 0), BOUNDS);
+  const lines = {
+    EXACT: [`Served in full; ${digits(answer.margin)} from the limit with ${listed(near)}.`],
+    REJECTED: ['Not attainable, and rejected: all rotors are as slow as possible.'],
+  }[answer.status] ?? [`Not attainable${answer.status === 'RATE_LIMITED' ? ' yet' : ''}: ${missing(answer)}.`,
+    ...reasons(axes, answer)];
   if (set.lost.length) lines.push(`Lost: ${listed(set.lost)}. The rotors cannot control it independently.`);
   if (lost.length) lines.push(`${capital(rotors(lost))} lost: ${hovers(vehicle, set, hover)}`);
-  if (beside) lines.push(`${capital(METHODS[state.beside])}: ${missing(beside).join(', ') || 'served in full'}.`);
+  if (beside) lines.push(`${capital(METHODS[state.beside])}: ${missing(beside) || 'served in full'}.`);
   return lines;
-}
-
-function limitOf({limit}, {lower, upper}) {
-  const flags = limit.map((flag, i) => upper[i] > lower[i] ? flag : 0);
-  return listed(BOUNDS.flatMap(([name, sign]) => {
-    const some = numbers(flags, sign);
-    return some.length ? [`${rotors(some)} at ${name}`] : [];
-  }));
 }
 
 /** Say which rotors, or the limit on airmode, keep an axis from its demand. */
 function reasons(axes, {blocked, cause, airmodeBlocks, served}) {
   const limited = {};
   axes.forEach((axis, k) => {
-    const parts = CAUSES.flatMap(([how, flag]) => {
-      const some = numbers(blocked[k].map((blocks, i) => blocks && cause[i]), flag);
-      return some.length ? [`${rotors(some)} ${how}`] : [];
-    });
-    const what = [...parts, ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])];
-    if (served[k] < 1 && what.length) (limited[what.join(', ')] ??= []).push(axis);
+    const what = [...which(blocked[k].map((blocks, i) => blocks && cause[i]), CAUSES),
+      ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])].join(', ');
+    if (served[k] < 1 && what) (limited[what] ??= []).push(axis);
   });
   return Object.entries(limited).map(([what, some]) => `What limits ${listed(some)}: ${what}.`);
 }
@@ -57,6 +55,6 @@ function reasons(axes, {blocked, cause, airmodeBlocks, served}) {
 function hovers({axes, reference}, {extent}, {wrench, margin}) {
   const off = axes.filter((_, k) => short(extent[k], reference[k], wrench[k]));
   if (!off.length) return `hover is still attainable, ${digits(margin)} from the limit.`;
-  if (String(off) === 'yaw') return `hover leaves a yaw torque of ${digits(wrench[axes.indexOf('yaw')])} N m, so the vehicle spins.`;
-  return `hover is not attainable (${listed(off)}).`;
+  if (String(off) !== 'yaw') return `hover is not attainable (${listed(off)}).`;
+  return `hover leaves a yaw torque of ${digits(wrench[axes.indexOf('yaw')])} N m, so the vehicle spins.`;
 }
