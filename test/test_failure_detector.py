@@ -261,6 +261,7 @@ def with_a_failure(request):
 @pytest.mark.parametrize('source', ['motion', 'measured speeds'])
 @pytest.mark.parametrize(('lag', 'delay', 'sums'), [
     (0.02, 0.01, '20 + 10 ms'), (0.05, 0.01, ''), (0.05, 0.05, '50 + 50 ms'), (0.04, 0.02, ''),
+    (0.099, 0.01, '99 + 10 ms'),
 ])
 def test_a_wrong_lag_or_delay_is_warned_of(with_a_failure, source, lag, delay, sums):
     # The motors have a lag of 50 ms and a delay of 10 ms.  Only their sum shows.
@@ -378,11 +379,10 @@ def test_rotors_follow_commands_with_delay_and_lag():
 
 def windows(rng, spread=1.0, lost=0.0):
     """Return unexplained impulses of one window and rotor 3's lost share."""
-    wrenches = rotor_wrenches(HEXAROTOR)
-    given = np.full((1, 6), 0.16)
+    given = 0.16 * rotor_wrenches(HEXAROTOR)[None]
     variance = np.array([[0.01, 0.01, 0.01, 1e-6, 1e-6, 1e-6]])
     noise = spread * variance**0.5 * rng.standard_normal((1, 6))
-    return noise - lost * given[:, 2:3] * wrenches[:, 2], given, variance
+    return noise - lost * given[:, :, 2], given, variance
 
 
 def test_the_score_is_the_reduction_of_chi_square():

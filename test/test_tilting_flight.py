@@ -116,8 +116,7 @@ def test_azimuth_thrusters_turn_on_beyond_their_limits(side):
     assert answer.status.name == 'EXACT'
     np.testing.assert_allclose(answer.angles, side * (0.05 - np.pi), atol=1e-9)
     servos = Servos(0.0, 3.0, vehicle)
-    start, command = (np.concatenate([answer.speeds, each]) for each in (before, answer.angles))
-    turned = servos(start, command, command, 0.02, vehicle)[4:]
+    turned = servos.move(before, answer.angles, 0.02, vehicle)
     np.testing.assert_allclose(turned, side * (np.pi + 0.01 - 2.0 * np.pi), atol=1e-12)
 
 

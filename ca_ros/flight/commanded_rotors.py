@@ -6,6 +6,9 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.rigid_body import difference
+from ca_ros.flight.servos import Servos
+from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
 COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest are dropped
@@ -15,34 +18,46 @@ class CommandedRotors:
     """Predicts what the rotors of a sound vehicle do.
 
     `time_constant` and `delay`: of the motors [s].  With C time constants (C, 1), speeds and
-    thrusts are (C, n).
+    thrusts are (C, n).  `servos`: of rotors that tilt; they have the same delay.
 
-    `speeds` (n,): [rad/s]; zero before the first command.
+    - `speeds` (n,): [rad/s]; zero before the first command
+    - `wrenches` (6, n): force and torque per thrust of each rotor, in the last interval
     """
 
-    def __init__(self, vehicle: Vehicle, time_constant: float | Array, delay: float) -> None:
+    def __init__(
+        self, vehicle: Vehicle, time_constant: float | Array, delay: float,
+        servos: Servos | None = None,
+    ) -> None:
         self._vehicle, self._lag = vehicle.with_health(1.0), MotorLag(time_constant)
+        self._servos = servos or Servos(0.0, 0.0, vehicle)
         self._delay = round(delay * 1e9)
-        self._waiting: list[tuple[int, Array]] = []
-        self._command = self.speeds = np.zeros(vehicle.n)
+        self._waiting: list[tuple[int, Array, Array]] = []
+        self.speeds, self._angles = self._command = self._servos.resting
+        self.wrenches = rotor_wrenches(vehicle, self._angles)
 
-    def command(self, time: int, speeds: Array) -> None:
-        """Take a command (n,) [rad/s] that was sent at a time [ns]."""
-        self._waiting.append((time + self._delay, speeds))
+    def command(self, time: int, command: Array) -> None:
+        """Take a command that was sent at a time [ns]: speeds (n,) and then angles (k,)."""
+        n = self._vehicle.n
+        self._waiting.append((time + self._delay, command[:n], command[n:]))
         if len(self._waiting) > 1 and self._waiting[-2][0] > self._waiting[-1][0]:
             self._waiting.sort(key=lambda waiting: waiting[0])
         del self._waiting[:-COMMANDS_MAX]
 
     def thrusts(self, start: int, end: int) -> Array:
         """Return the mean thrusts (n,) between two times [ns], as of sound rotors [N]."""
-        total, now = np.zeros_like(self.speeds), start
+        total, now, angles = np.zeros(()), start, self._angles
         while now < end:
             while self._waiting and self._waiting[0][0] <= now:
-                self._command = self._waiting.pop(0)[1]
+                self._command = self._waiting.pop(0)[1:]
             until = min(end, self._waiting[0][0]) if self._waiting else end
-            before, step = self.speeds, until - now
-            self.speeds = self._lag(before, self._command, step / 1e9)
-            share = step / (end - start)
-            total = total + share * self._vehicle.thrusts(0.5 * (before + self.speeds))
+            before, step = self.speeds, (until - now) / 1e9
+            self.speeds = self._lag(before, self._command[0], step)
+            self._angles = self._servos.move(self._angles, self._command[1], step, self._vehicle)
+            thrusts = self._vehicle.thrusts(0.5 * (before + self.speeds))
+            share = (until - now) / (end - start)
+            total = thrusts if share == 1.0 else total + share * thrusts
             now = until
+        if len(angles):
+            middle = angles + 0.5 * difference(self._angles, angles)
+            self.wrenches = rotor_wrenches(self._vehicle, middle)
         return total

@@ -106,11 +106,13 @@ class Controller:
         # As in `demand`.
         with np.errstate(over='ignore', invalid='ignore'):
             rotation = rotation_matrix(attitude)
-            self.disturbances.observe(time, rotation @ velocity, angular_velocity)
+            motion = np.concatenate([rotation @ velocity, angular_velocity])
+            self.disturbances.observe(time, motion)
         wrench = self._attainable(self.demand(*state, waypoint))
         full = np.zeros(len(AXES))
         full[self._rows] = wrench
-        self.disturbances.expect(rotation @ full[:3], full[3:], angular_velocity)
+        full[:3] = rotation @ full[:3]
+        self.disturbances.expect(full, angular_velocity)
         return wrench
 
     def _attainable(self, demand: Array) -> Array:

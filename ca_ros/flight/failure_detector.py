@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import gt
+
 import numpy as np
 
 from ca_ros.arrays import Array
@@ -9,11 +11,11 @@ from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_test import FailureTest, Finding
 from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
+from ca_ros.flight.servos import Servos
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.slow_rotors import SlowRotors
 from ca_ros.flight.usual_motion import UsualMotion
 from ca_ros.flight.windows import BLOCK, WINDOWS, Windows
-from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -28,6 +30,8 @@ commands so low that its health cannot be estimated further."""
 
 SUSPICION, PATIENCE = 12.0, 1.0
 """Score from which the noise is not learnt, and for how long at most [s]."""
+
+ALL, ONE, NOBODY = np.ones(6), np.eye(6), np.zeros(())
 
 
 class FailureDetector:
@@ -46,7 +50,6 @@ class FailureDetector:
     `vehicle`: with the announced health.
 
     - `health` (n,): the announced one, less what was found; it never grows until `reset`
-    - `certainty` (n,): probability that each rotor has failed, now or before
     - `since`: when each rotor was found to have failed [ns]
     - `evidence`: what each failure was found by: 'motion' or 'rotor speed'
     - `suspect`: the rotor that may be failing now
@@ -55,17 +58,17 @@ class FailureDetector:
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
         s = self.settings = settings or DetectorSettings()
         self.vehicle = vehicle
+        refuse_tilts(vehicle.tilts, 'failure detector')
         self._slow = SlowRotors(vehicle.n, s.least_loss)
         self._start_rotors()
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
-        refuse_tilts(vehicle.tilts, 'failure detector')
-        self._wrenches = rotor_wrenches(vehicle)
-        tests = 3600.0 / BLOCK * len(WINDOWS)
-        self._find = FailureTest(self._wrenches, tests, s.false_alarms, s.certainty, s.least_loss)
-        self._usual = UsualMotion(vehicle, s, self._wrenches)
-        self._moving = MOVING * np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
+        tests, wrenches = 3600.0 / BLOCK * len(WINDOWS), self._rotors.wrenches
+        self._find = FailureTest(wrenches, tests, s.false_alarms, s.certainty, s.least_loss)
+        self._usual = UsualMotion(vehicle, s)
+        noises = np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
+        self._moving = (MOVING * noises).tolist()
         self._time: int | None = None
-        self._turned, self._motion = np.eye(3), np.zeros(6)
+        self._turn, self._motion = ONE, np.zeros(6)
         self.reset()
 
     @property
@@ -73,17 +76,23 @@ class FailureDetector:
         """Whether the vehicle stands; then nothing is detected."""
         return self._observer.standing
 
+    @property
+    def certainty(self) -> Array:
+        """Probability that each rotor has failed, now or before, (n,)."""
+        return np.where(self._sound, self._probabilities, self._found)
+
     def reset(self) -> None:
         """Forget all failures, and what was learnt of the noise."""
         n = self.vehicle.n
         self.health = np.array(self.vehicle.health)
-        self.certainty = np.zeros(n)
+        self._found: Array = np.zeros(n)
+        self._probabilities: Array = NOBODY
         self.since: list[int | None] = [None] * n
         self.evidence = [''] * n
         self.suspect: int | None = None
         self._slow.reset()
         self._sound = np.ones(n, bool)
-        self._refined = np.full(n, np.inf)
+        self._refined: dict[int, float] = {}
         self._usual.reset()
         self._begin()
 
@@ -93,7 +102,7 @@ class FailureDetector:
         sound, curve = vehicle.with_health(1.0), vehicle.curve
         numbers = {
             'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
-            'inertia': inertia_of(vehicle), 'wrenches': self._wrenches,
+            'inertia': inertia_of(vehicle), 'wrenches': self._rotors.wrenches,
             'segments': len(curve.rows), 'curve': curve.rows,
             'thrust': sound.thrust_per_squared_speed / curve.coefficient,
             'reverse_thrust': sound.reverse_thrust_per_squared_speed * curve.square,
@@ -114,19 +123,21 @@ class FailureDetector:
 
     def _start_rotors(self) -> None:
         s = self.settings
-        self._rotors = CommandedRotors(self.vehicle, s.motor_time_constant, s.delay)
+        servos = Servos(s.servo_time_constant, s.servo_rate, self.vehicle)
+        self._rotors = CommandedRotors(self.vehicle, s.motor_time_constant, s.delay, servos)
 
     def _begin(self) -> None:
         """Begin a flight: the windows reach back to now."""
         self._usual.begin()
+        self._learnt = self._motion
         self._waited = 0.0
         self._named: tuple[int, ...] = ()
         self._count, self._windows = 0, Windows(self.vehicle.n)
 
-    def command(self, time: int, speeds: Array) -> None:
-        """Take commanded rotor speeds (n,) [rad/s] with their stamp [ns]."""
-        self._rotors.command(time, speeds)
-        self._slow.command(time, speeds)
+    def command(self, time: int, command: Array) -> None:
+        """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad]."""
+        self._rotors.command(time, command)
+        self._slow.command(time, command[: self.vehicle.n])
 
     def measure(self, time: int, speeds: Array) -> bool:
         """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed."""
@@ -136,7 +147,7 @@ class FailureDetector:
             # When they failed is not known: the motion before shows nothing more.
             self._windows.forget()
         for rotor, share in failed:
-            self.certainty[rotor] = 1.0
+            self._found[rotor] = 1.0
             self._fail(rotor, share * self.health[rotor], time, 'rotor speed')
         return bool(failed)
 
@@ -149,58 +160,57 @@ class FailureDetector:
         - `attitude` (4,): quaternion x, y, z, w, body to world
         - `velocity` and `angular_velocity` (3,): in the body frame [m/s, rad/s]
         """
-        rotation = rotation_matrix(attitude)
+        turn = ONE.copy()
+        turn[:3, :3] = rotation_matrix(attitude)
         motion = np.concatenate([velocity, angular_velocity])
         last, observer, usual = self._time, self._observer, self._usual
         if last is not None and 0 < time - last < RESTART:
             thrusts = self._rotors.thrusts(last, time)
+            given = self._rotors.wrenches * thrusts
             self._slow.expect(time, self._rotors.speeds)
-            turned, mean = 0.5 * (self._turned + rotation), 0.5 * (self._motion + motion)
-            drag = usual.drag(mean)
-            wrench = self._wrenches @ (self.health * thrusts) + drag
-            observer.expect(turned @ wrench[:3], wrench[3:], mean[3:])
+            turned, mean = 0.5 * (self._turn + turn), 0.5 * (self._motion + motion)
+            wrench = given.dot(self.health) + usual.drag(mean)
+            observer.expect(turned.dot(wrench), mean[3:])
             # What holds a vehicle that does not move may be the ground, which is not learnt.
-            moving = bool((abs(mean) > self._moving).any())
+            moving = any(map(gt, abs(mean).tolist(), self._moving))
             observer.gain = usual.gain if moving and not self._suspicious else 0.0
-        observer.observe(time, rotation @ velocity, angular_velocity)
+        observer.observe(time, turn.dot(motion))
         if observer.time != time or last == time:
             return False
         if last is not None and time < last:
             self._start_rotors()
-        self._time, self._turned, self._motion = time, rotation, motion
+        self._time, self._turn, self._motion = time, turn, motion
         step = observer.step
         if not step:
             if observer.standing:
                 self._begin()
             return False
-        usual.fly(step, thrusts)
-        sides = np.array([observer.impulse, observer.impulse - step * observer.estimate])
-        sides[:, :3] = sides[:, :3] @ turned
-        if moving and not self._suspicious:
-            usual.learn(step, sides[0] / step + drag, mean, thrusts)
-        return self._windows.add(step, sides[1], thrusts) and self._test(time, moving)
+        usual.fly(step, given)
+        lacked = observer.lacked.dot(turned)
+        return self._windows.add(step, lacked, given) and self._test(time, moving, given)
 
     @property
     def _suspicious(self) -> bool:
         return 0.0 < self._waited < PATIENCE
 
-    def _test(self, time: int, moving: bool) -> bool:
+    def _test(self, time: int, moving: bool, given: Array) -> bool:
         """Test all windows that end now; return whether the health has changed."""
         windows, block, usual = self._windows, self._windows.block, self._usual
         if usual.flown < 2.0 * block:
             windows.forget()
             return False
-        recent = np.flatnonzero(self._refined < REFINED).tolist()
-        self._refined += block
-        spread = usual.spread()
-        if not recent and (windows.lacked**2 / spread).sum(axis=1).max() <= SUSPICION:
+        recent = list(self._refined)
+        if recent:
+            ages = {i: age + block for i, age in self._refined.items()}
+            self._refined = {i: age for i, age in ages.items() if age < REFINED}
+        if not recent and max((windows.lacked**2 / usual.spread).dot(ALL).tolist()) <= SUSPICION:
             # No score exceeds this sum.
-            self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
-            self.certainty = np.where(self._sound, 0.0, self.certainty)
-            usual.learn_noise(windows, spread)
+            self._clear()
+            self._learn(moving, given)
             return False
-        variance = spread + usual.model_errors(windows)
-        found = self._find(windows.lacked, windows.given, variance, self.health)
+        impulses, changes = windows.rotors()
+        variance = usual.spread + usual.model_errors(windows.ages, impulses, changes)
+        found = self._find(windows.lacked, impulses, variance, self.health)
         if found.score > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
             windows.forget()
@@ -209,9 +219,8 @@ class FailureDetector:
         suspected = found.score > SUSPICION or recent
         self._waited = self._waited + block if suspected else 0.0
         self.suspect = found.rotor if found.score > self._find.limit else None
-        if not self._suspicious:
-            usual.learn_noise(windows, spread)
-        self.certainty = np.where(self._sound, found.probabilities, self.certainty)
+        self._learn(moving, given)
+        self._probabilities = found.probabilities
         repeated = bool(found.named) and found.named == self._named
         self._count = self._count + 1 if repeated else int(bool(found.named))
         self._named = found.named
@@ -225,9 +234,24 @@ class FailureDetector:
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             if share * longer >= TOTAL * self.health[rotor]:
                 share = self.health[rotor]
-            self.certainty[rotor] = max(self.certainty[rotor], self.settings.certainty)
+            self._found[rotor] = max(self.certainty[rotor], self.settings.certainty)
             self._fail(rotor, share, time, 'motion')
         return True
+
+    def _clear(self) -> None:
+        """Suspect no rotor."""
+        self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
+        self._probabilities = NOBODY
+
+    def _learn(self, moving: bool, given: Array) -> None:
+        """Learn what is usual, unless a failure is suspected."""
+        if not self._usual.due(self._windows.block):
+            return
+        before, self._learnt = self._learnt, self._motion
+        if not self._suspicious:
+            steady = self._observer.estimate.dot(self._turn)
+            motion = 0.5 * (before + self._learnt) if moving else None
+            self._usual.learn(self._windows, motion, steady, given)
 
     def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
         self.since[rotor], self.evidence[rotor] = time, evidence
@@ -240,7 +264,7 @@ class FailureDetector:
         whole = self.vehicle.health[rotor]
         left = min(max(self.health[rotor] - share, 0.0), whole)
         left = 0.0 if left < USELESS * whole else left
-        self._windows.explain(rotor, self.health[rotor] - left, self._wrenches[:, rotor])
+        self._windows.explain(rotor, self.health[rotor] - left)
         self.health = self.health.copy()
         self.health[rotor] = left
 

@@ -65,7 +65,6 @@ class FailureTest:
         self, wrenches: Array, tests: float, false_alarms: float, certainty: float,
         least_loss: float,
     ) -> None:
-        self._wrenches, self._squares = wrenches, wrenches**2
         share = min(1.0, false_alarms / (tests * wrenches.shape[1]))
         self.limit = float(chdtri(1.0, share))
         self.odds = 2.0 * log(certainty / (1.0 - certainty))
@@ -76,12 +75,12 @@ class FailureTest:
         """Test windows.
 
         - `lacked` and `variance` (T, 6): the unexplained impulse of each window, and its variance
-        - `given` (T, n): the integral of the thrust of each rotor, as if it were sound [N s]
+        - `given` (T, 6, n): the impulse of each rotor, as if it were sound
         - `health` (n,)
         """
         weights = 1.0 / variance
-        products = -((weights * lacked) @ self._wrenches) * given
-        squares = (weights @ self._squares) * given**2 + 1e-12
+        products = -np.einsum('tk,tki->ti', weights * lacked, given)
+        squares = np.einsum('tk,tki->ti', weights, given**2) + 1e-12
         raw = products / squares
         shares = np.minimum(np.maximum(raw, 0.0), health)
         scores = shares * (2.0 * products - shares * squares)
@@ -120,7 +119,7 @@ class FailureTest:
         health: Array,
     ) -> tuple[tuple[int, ...], Array]:
         """Return the two rotors whose failures explain a window, and what they lost, if any."""
-        mixed = (self._wrenches.T * weights) @ self._wrenches * np.outer(given, given)
+        mixed = (given.T * weights) @ given
         determinant = np.outer(squares, squares) - mixed**2
         # Rotors with parallel wrenches cannot be told apart.
         apart = determinant > 1e-6 * np.outer(squares, squares)
@@ -136,7 +135,7 @@ class FailureTest:
         rival = max(float(upper.max()), self.limit)
         if score - rival <= self.odds or score <= EXPLAINED * seen:
             return (), np.zeros(0)
-        taken = self._wrenches[:, [i, j]] @ (given[[i, j]] * [first[i, j], first[j, i]])
+        taken = given[:, [i, j]] @ [first[i, j], first[j, i]]
         force, torque = taken.reshape(2, 3)
         if np.linalg.norm(torque) < self.lever * np.linalg.norm(force):
             return (), np.zeros(0)

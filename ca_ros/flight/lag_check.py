@@ -8,14 +8,15 @@ from ca_ros.arrays import Array
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.rigid_body import cross, inertia_of
 from ca_ros.flight.settings import DetectorSettings
-from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
 LAGS: Array = np.linspace(0.005, 0.16, 32)  # candidates [s]
 SLOW = 0.5  # time over which errors of the prediction are learnt as disturbances [s]
 MEMORY = 3000.0  # number of samples over which old ones are forgotten
 CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
-SHARE, LEAST = 0.5, 0.018  # a set lag off by more than this share, and time [s], is warned of
+SHARE, LEAST, MOST = 0.5, 0.018, 0.04
+"""A set lag is warned of if it is off by more than this share of it, but at least and at most
+these times [s]."""
 
 
 class LagCheck:
@@ -33,7 +34,6 @@ class LagCheck:
         self._set, self._delay = settings.motor_time_constant, settings.delay
         self._rotors = CommandedRotors(vehicle, LAGS[:, None], settings.delay)
         self._inertia = inertia_of(vehicle)
-        self._torques = rotor_wrenches(vehicle)[3:].T
         self._time: int | None = None
         self._predicted = self._slow = np.zeros((len(LAGS), 3))
         self._squares, self._count = np.zeros((len(LAGS), 3)), 0.0
@@ -53,7 +53,7 @@ class LagCheck:
         costs, given = self._costs(), self._set
         likely = float(LAGS[costs.argmin()])
         clear = np.interp(given, LAGS, costs) - costs.min() > CLEAR
-        if not clear or abs(likely - given) <= max(SHARE * given, LEAST):
+        if not clear or abs(likely - given) <= min(max(SHARE * given, LEAST), MOST):
             return ''
         return (
             f'lag and delay of the motors are about {1e3 * (likely + self._delay):.0f} ms, but '
@@ -74,7 +74,8 @@ class LagCheck:
             self._predicted = np.tile(angular_velocity, (len(LAGS), 1))
             return
         turned = cross(angular_velocity, self._inertia @ angular_velocity)
-        torques = (health * self._rotors.thrusts(last, time)) @ self._torques - turned
+        thrusts = health * self._rotors.thrusts(last, time)
+        torques = thrusts @ self._rotors.wrenches[3:].T - turned
         self._predicted = self._predicted + step * np.linalg.solve(self._inertia, torques.T).T
         error = angular_velocity - self._predicted
         self._slow = self._slow + step / SLOW * (error - self._slow)

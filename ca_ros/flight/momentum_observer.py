@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from math import expm1
+from operator import le
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class MomentumObserver:
     - `estimate` (6,): force in the world frame before torque in the body frame [N, N m]
     - `step`: time between the last two states [s]; 0 if the last one was ignored, or the vehicle
       stands
-    - `impulse` (6,): the integral of d over the last step [N s, N m s]
+    - `lacked` (6,): the integral of d less its estimate over the last step [N s, N m s]
     - `counts`: how many states were ignored as 'late', because of a 'step' of their stamps by
       seconds, or because of a 'jump' of the velocity
     """
@@ -54,14 +55,17 @@ class MomentumObserver:
         self.gain = gain
         self.counts: Counter[str] = Counter()
         self._vehicle = vehicle
-        self._mass, self._weight = vehicle.mass, vehicle.weight
+        self._weight = np.array([0.0, 0.0, vehicle.weight])
         self._inertia = inertia_of(vehicle)
+        self._masses = np.diag(np.full(6, vehicle.mass))
+        self._masses[3:, 3:] = self._inertia
         self.jump_max = JUMP_MAX * np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
+        self._jump_max = self.jump_max.tolist()
         self._time: int | None = None
         self._doubtful: int | None = None
         self._momentum = self._wrench = np.zeros(6)
         self._standing, self._flown = Standing(vehicle), 0.0
-        self.step, self.impulse = 0.0, np.zeros(6)
+        self.step, self.lacked = 0.0, np.zeros(6)
         self.estimate: Array = np.zeros(6)
         self._before = self._latest = self.estimate
 
@@ -80,7 +84,7 @@ class MomentumObserver:
         """Whether the vehicle stands."""
         return self._standing.standing
 
-    def observe(self, time: int, velocity: Array, angular_velocity: Array) -> None:
+    def observe(self, time: int, motion: Array) -> None:
         """Update the estimate with a new state.
 
         A time for the second time, or a little earlier than the last one, changes nothing.  After
@@ -88,11 +92,11 @@ class MomentumObserver:
         zero; after a step forward it continues.
 
         - `time`: [ns]
-        - `velocity` (3,): in the world frame [m/s]
-        - `angular_velocity` (3,): in the body frame [rad/s]
+        - `motion` (6,): velocity in the world frame before angular velocity in the body frame
+          [m/s, rad/s]
         """
         self.step = 0.0
-        momentum = np.concatenate([self._mass * velocity, self._inertia @ angular_velocity])
+        momentum = self._masses.dot(motion)
         step = 0 if self._time is None else time - self._time
         if self._time is not None and not 0 < step < RESTART:
             confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
@@ -105,31 +109,29 @@ class MomentumObserver:
                 self._standing, self._flown = Standing(self._vehicle), 0.0
                 self.estimate = self._before = self._latest = np.zeros(6)
         else:
-            self._update(step / 1e9, momentum, np.concatenate([velocity, angular_velocity]))
+            self._update(step / 1e9, momentum, motion)
         self._time, self._doubtful, self._momentum = time, None, momentum
 
     def _update(self, step: float, momentum: Array, motion: Array) -> None:
         stood = self.standing
-        impulse = momentum - self._momentum - (0.0 if stood else step) * self._wrench
-        excess = impulse - (0.0 if stood else step) * self.estimate
-        if step and not (abs(excess) <= self.jump_max).all():
+        known = 0.0 if stood else step
+        lacked = momentum - self._momentum - known * (self._wrench + self.estimate)
+        if step and not all(map(le, abs(lacked).tolist(), self._jump_max)):
             self.counts['jump'] += 1
         elif self._standing.observe(step, motion, self._wrench) or stood:
             self.estimate = self._before if not stood else self.estimate
         else:
-            self.step, self.impulse = step, impulse
-            share = -expm1(-self.gain * step)
-            self.estimate = self.estimate + share * (impulse / step - self.estimate)
+            self.step, self.lacked = step, lacked
+            self.estimate = self.estimate - expm1(-self.gain * step) / step * lacked
             self._flown += step * (self._standing.still == 0.0)
             if self._flown > KEEP:
                 self._before, self._latest, self._flown = self._latest, self.estimate, 0.0
 
-    def expect(self, force: Array, torque: Array, angular_velocity: Array) -> None:
+    def expect(self, wrench: Array, angular_velocity: Array) -> None:
         """Set what the rotors do from this state on.
 
-        `force` (3,): in the world frame [N].  `torque` and `angular_velocity` (3,): in the body
-        frame [N m, rad/s].
+        `wrench` (6,): force in the world frame before torque in the body frame [N, N m].
+        `angular_velocity` (3,): in the body frame [rad/s].
         """
-        gyroscopic = cross(angular_velocity, self._inertia @ angular_velocity)
-        self._wrench = np.concatenate([force, torque - gyroscopic])
-        self._wrench[2] -= self._weight
+        gyroscopic = cross(angular_velocity, self._inertia.dot(angular_velocity))
+        self._wrench = wrench - np.concatenate([self._weight, gyroscopic])

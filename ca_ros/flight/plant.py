@@ -86,7 +86,7 @@ class Plant:
             )
         self._lag = MotorLag(settings.motor_time_constant)
         self._servos = Servos(settings.servo_time_constant, settings.servo_rate, body.vehicle)
-        self.speeds = self._servos.initial
+        self.speeds = np.concatenate(self._servos.resting)
         late = delay_steps('simulator.command_delay', settings.command_delay, self._sub_step)
         self._commands = Delay(late, self.speeds)
         late = delay_steps('simulator.state_delay', settings.state_delay, self._sub_step)
@@ -109,14 +109,14 @@ class Plant:
         Raises a FloatingPointError if the vehicle tumbles so fast that the steps diverge; the
         state stays.
         """
-        state, step = self.state, self._sub_step
+        state, step, n = self.state, self._sub_step, self.body.vehicle.n
         for _ in range(self._sub_steps):
             given = self._commands(command)
-            after = self._lag(self.speeds, given, step)
-            self.speeds = self._servos(self.speeds, given, after, step, self.body.vehicle)
+            speeds = self._lag(self.speeds[:n], given[:n], step)
+            angles = self._servos.move(self.speeds[n:], given[n:], step, self.body.vehicle)
+            self.speeds = np.concatenate([speeds, angles])
             if self._settings.lost_rotors == 'stop':
                 lost = np.flatnonzero(self.body.vehicle.lost)
-                self.speeds = self.speeds.copy()
                 self.speeds[lost] = 0.0
             state = self.body.step(state, self.speeds, step, self._wind(step), self._integrate)
             if self._grounded:

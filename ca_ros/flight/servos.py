@@ -11,33 +11,30 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 
 class Servos:
-    """Moves the servo angles that follow the rotor speeds in an array.
+    """Moves the servo angles.
 
     `time_constant`: of the lag [s]; 0: none.  `rate`: greatest rate [rad/s]; 0: unlimited.
 
-    `initial` (n + k,): speeds and angles at rest: the angles nearest to zero [rad/s, rad].
+    `resting`: speeds (n,) and angles (k,) at rest: the angles nearest to zero [rad/s, rad].
     """
 
     def __init__(self, time_constant: float, rate: float, vehicle: Vehicle) -> None:
         angles = np.zeros(0) if vehicle.tilts is None else vehicle.tilts.resting
-        self._n, self._rate, self._lag = vehicle.n, rate, MotorLag(time_constant)
-        self.initial = np.concatenate([np.zeros(vehicle.n), angles])
+        self._rate, self._lag = rate, MotorLag(time_constant)
+        self.resting = np.zeros(vehicle.n), angles
 
-    def __call__(
-        self, before: Array, command: Array, after: Array, step: float, vehicle: Vehicle
-    ) -> Array:
-        """Return speeds and angles (n + k,) after a step [s]; `after` has the speeds already.
+    def move(self, angles: Array, command: Array, step: float, vehicle: Vehicle) -> Array:
+        """Return the angles (k,) after a step [s] towards a command (k,).
 
         Angles stay within the limits of the vehicle: a servo that sticks has no other angle.  An
         azimuth thruster turns the shorter way.
         """
         if vehicle.tilts is None:
-            return after
-        angles, command = before[self._n :], command[self._n :]
+            return angles
         shorter = angles + difference(command, angles)
         command = np.where(vehicle.tilts.endless, shorter, command)
         moved = self._lag(angles, command, step)
         if self._rate:
             most = self._rate * step
             moved = angles + np.minimum(np.maximum(moved - angles, -most), most)
-        return np.concatenate([after[: self._n], vehicle.tilts.within(moved)])
+        return vehicle.tilts.within(moved)

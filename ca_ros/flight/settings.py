@@ -77,6 +77,11 @@ class DetectorSettings(Settings):
     delay: float = setting(
         0.0, 'time from a command to its effect on the motors, plus the age of a state', unit='s',
         minimum=0.0, maximum=1.0)
+    servo_time_constant: float = setting(
+        0.0, 'time constant of the lag of servos that tilt rotors', unit='s', minimum=0.0,
+        maximum=1.0)
+    servo_rate: float = setting(
+        0.0, 'greatest rate of a tilt angle; 0: unlimited', unit='rad/s', minimum=0.0)
     false_alarms: float = setting(
         0.01, 'false alarms in an hour of flight, if all errors are Gaussian', unit='1/h',
         positive=True, maximum=1000.0)

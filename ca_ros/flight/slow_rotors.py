@@ -45,13 +45,13 @@ class SlowRotors:
         if self._commanded is None or time - self._commanded >= STALE:
             self._least[:] = 0.0
         self._commanded = time
-        self._least[0] = np.minimum(self._least[0], np.abs(speeds))
+        np.minimum(self._least[0], np.abs(speeds), out=self._least[0])
 
     def expect(self, time: int, speeds: Array) -> None:
         """Take the speeds (n,) [rad/s] that the commands should have given at a time [ns]."""
         speeds = np.abs(speeds)
         if time // LATE == self._interval:
-            self._least[0] = np.minimum(self._least[0], speeds)
+            np.minimum(self._least[0], speeds, out=self._least[0])
         else:
             self._interval = time // LATE
             self._least = np.array([speeds, *self._least[:2]])

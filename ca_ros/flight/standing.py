@@ -35,7 +35,7 @@ class Standing:
         arm = np.linalg.norm(vehicle.arms, axis=1).mean()
         limits = np.array([FORCE, *3 * [TORQUE * arm]])
         self.limits = vehicle.mass * vehicle.gravity * limits
-        self._motion = np.zeros(6)
+        self._motion = [0.0] * 6
 
     def observe(self, step: float, motion: Array, wrench: Array) -> bool:
         """Return whether the vehicle stands after a step.
@@ -45,8 +45,9 @@ class Standing:
         - `wrench` (6,): of rotors and weight during the step: force in the world frame before
           torque [N, N m]
         """
-        self._motion = self._motion + min(1.0, step / AVERAGING) * (motion - self._motion)
-        if (abs(self._motion) > MOTION).any():
+        share, now = min(1.0, step / AVERAGING), motion.tolist()
+        self._motion = [m + share * (x - m) for m, x in zip(self._motion, now, strict=True)]
+        if max(map(abs, self._motion)) > MOTION:
             self.standing, self.still = False, 0.0
         else:
             self.still += step

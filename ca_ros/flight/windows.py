@@ -1,4 +1,4 @@
-"""Sums of impulses and thrusts over windows of time that end now."""
+"""Sums of impulses over windows of time that end now."""
 
 from __future__ import annotations
 
@@ -8,51 +8,73 @@ from ca_ros.arrays import Array
 
 BLOCK = 0.0095  # least length of a block [s]
 LENGTH = 34  # blocks that are kept: of this length or longer they cover the longest window
+ROOM = 8 * LENGTH  # rows, of which those that are kept move on
+ROTORS = 7  # first column of what rotors give
 WINDOWS = np.array([0.04, 0.06, 0.08, 0.12, 0.16, 0.24, 0.32])  # lengths [s]
 
 
 class Windows:
     """Sums over T windows of blocks, of about a hundredth of a second each, the last one new.
 
+    Of n rotors, each with its force and torque as if it were sound, in the body frame.
+
     - `block`: length of the last block [s]
     - `ages` (T,): length of each window [s]
     - `lacked` (T, 6): the unexplained impulse [N s, N m s]
-    - `given` (T, n): the integral of the thrust of each rotor, as if it were sound [N s]
-    - `change` (T, n): by how much this thrust changed [N]
     """
 
     def __init__(self, n: int) -> None:
-        self.block, self._usual, self._thrusts = 0.0, np.inf, np.zeros(n)
+        self.block, self._usual, self._last = 0.0, np.inf, np.zeros((6, n))
         # A row a block, the newest first: length, lacked, given, change.
-        self._rows, self._row = np.zeros((LENGTH, 7 + 2 * n)), np.zeros(7 + 2 * n)
+        self._all, self._newest = np.zeros((ROOM, ROTORS + 12 * n)), ROOM - LENGTH
+        self._rows, self._row = self._all[self._newest :], np.zeros(ROTORS + 12 * n)
+        self._lacked = self._row[1:ROTORS]
+        self._given, self._change = self._row[ROTORS:].reshape(2, 6, n)
 
-    def add(self, step: float, lacked: Array, thrusts: Array) -> bool:
-        """Take a step [s], with its impulse (6,) and thrusts (n,); return whether it ends a block.
+    def add(self, step: float, lacked: Array, given: Array) -> bool:
+        """Take a step [s]; return whether it ends a block.
+
+        - `lacked` (6,): the unexplained impulse [N s, N m s]
+        - `given` (6, n): what the rotors gave [N, N m]
         """
-        rows, row, n = self._rows, self._row, len(thrusts)
-        row[0] += step
-        row[1:7] += lacked
-        row[7 : 7 + n] += step * thrusts
-        if row[0] < BLOCK:
+        self._row[0] += step
+        self._lacked += lacked
+        self._given += step * given
+        if self._row[0] < BLOCK:
             return False
-        self.block = float(row[0])
-        row[7 + n :], self._thrusts = thrusts - self._thrusts, thrusts
-        rows[1:], rows[0] = rows[:-1], row
-        row[:] = 0.0
+        self.block = float(self._row[0])
+        np.subtract(given, self._last, out=self._change)
+        self._last = given
+        if self._newest == 0:
+            self._newest = ROOM - LENGTH
+            self._all[self._newest + 1 :] = self._rows[:-1]
+        else:
+            self._newest -= 1
+        self._rows = self._all[self._newest : self._newest + LENGTH]
+        self._rows[0] = self._row
+        self._row.fill(0.0)
         if not 0.9 < self.block / self._usual < 1.1:
             self._usual = self.block
             self._blocks = np.clip(np.rint(WINDOWS / self.block).astype(int), 1, LENGTH)
             self._of = (np.arange(LENGTH) < self._blocks[:, None]).astype(float)
-        sums = self._of @ rows
-        self.ages, self.lacked = sums[:, 0], sums[:, 1:7]
-        self.given, self.change = sums[:, 7 : 7 + n], sums[:, 7 + n :]
+        sums = self._of.dot(self._rows[:, :ROTORS])
+        self.ages, self.lacked = sums[:, 0], sums[:, 1:]
         return True
+
+    def rotors(self) -> tuple[Array, Array]:
+        """Return what the rotors gave in each window, (T, 6, n) [N s, N m s], and its change.
+
+        The change is [N, N m].
+        """
+        sums = (self._of @ self._rows[:, ROTORS:]).reshape(len(WINDOWS), 2, 6, -1)
+        return sums[:, 0], sums[:, 1]
 
     def forget(self, before: int | None = None) -> None:
         """Forget all blocks, or those before a window."""
         kept = 0 if before is None else self._blocks[before]
         self._rows[kept:] = self._row[:] = 0.0
 
-    def explain(self, rotor: int, share: float, wrench: Array) -> None:
-        """Explain what is lacked by the lost share of a rotor's thrust with this wrench (6,)."""
-        self._rows[:, 1:7] += np.outer(share * self._rows[:, 7 + rotor], wrench)
+    def explain(self, rotor: int, share: float) -> None:
+        """Explain what is lacked by the lost share of what a rotor gave."""
+        n = self._given.shape[1]
+        self._rows[:, 1:7] += share * self._rows[:, ROTORS + rotor : ROTORS + 6 * n : n]

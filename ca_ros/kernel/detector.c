@@ -14,6 +14,7 @@
 #define SUSPICION CA_REAL(12.0)
 #define PATIENCE CA_REAL(1.0)
 #define FLOOR CA_REAL(0.09)
+#define LEARNT CA_REAL(0.95)
 #define EXPLAINED CA_REAL(0.7)
 #define NEAR CA_REAL(4.0)
 #define RESTART INT64_C(2000000000)
@@ -56,6 +57,19 @@ static int64_t distance(int64_t a, int64_t b)
 static ca_real seconds(int64_t nanoseconds)
 {
     return (ca_real)nanoseconds / CA_REAL(1e9);
+}
+
+static void rotate(const ca_real rotation[3][3], const ca_real *vector, ca_real *rotated)
+{
+    for (int k = 0; k < 3; k++)
+        rotated[k] = ca_dot(3, rotation[k], vector);
+}
+
+static void rotate_back(const ca_real rotation[3][3], ca_real *vector)
+{
+    const ca_real x = vector[0], y = vector[1], z = vector[2];
+    for (int k = 0; k < 3; k++)
+        vector[k] = rotation[0][k] * x + rotation[1][k] * y + rotation[2][k] * z;
 }
 
 /* Commanded rotors. */
@@ -162,17 +176,18 @@ static int stands(ca_detector *detector, ca_real step, const ca_real *motion)
     return detector->standing;
 }
 
-/* Update the estimate after a step; return whether the impulse of the step counts. */
+/* Update the estimate after a step; return whether what the step lacks counts. */
 static int update(ca_detector *detector, ca_real step, const ca_real *momentum,
                   const ca_real *motion, ca_real gain)
 {
     const int stood = detector->standing;
     const ca_real known = stood ? 0 : step;
-    ca_real impulse[6];
+    ca_real lacked[6];
     int jumped = 0;
     for (int k = 0; k < 6; k++) {
-        impulse[k] = momentum[k] - detector->momentum[k] - known * detector->wrench[k];
-        jumped |= !(ca_abs(impulse[k] - known * detector->estimate[k]) <= detector->model->jump[k]);
+        lacked[k] = momentum[k] - detector->momentum[k] -
+                    known * (detector->wrench[k] + detector->estimate[k]);
+        jumped |= !(ca_abs(lacked[k]) <= detector->model->jump[k]);
     }
     if (step > 0 && jumped)
         return 0;
@@ -183,8 +198,8 @@ static int update(ca_detector *detector, ca_real step, const ca_real *momentum,
     }
     const ca_real share = settled(gain * step);
     for (int k = 0; k < 6; k++)
-        detector->estimate[k] += share * (impulse[k] / step - detector->estimate[k]);
-    ca_copy(6, impulse, detector->impulse);
+        detector->estimate[k] += share / step * lacked[k];
+    ca_copy(6, lacked, detector->lacked);
     /* `still` is 0 unless the vehicle rests. */
     if (!(detector->still > 0))
         detector->kept += step;
@@ -374,8 +389,9 @@ static ca_real learning_gain(const ca_detector *detector)
 /* Begin a flight: the windows reach back to now. */
 static void begin(ca_detector *detector)
 {
-    detector->flown = detector->waited = detector->usual = 0;
+    detector->flown = detector->waited = detector->unlearnt = detector->usual = 0;
     detector->names = detector->count = 0;
+    ca_copy(6, detector->motion, detector->learnt);
     memset(detector->thrusts, 0, sizeof detector->thrusts);
     memset(&detector->sums, 0, sizeof detector->sums);
     memset(detector->blocks, 0, sizeof detector->blocks);
@@ -432,24 +448,29 @@ static int refine(ca_detector *detector, const finding *found, ca_real block)
     return changed;
 }
 
-/* Learn the drag about the mean motion, and the mean thrusts. */
-static void learn(ca_detector *detector, ca_real step, const ca_real *lacked,
-                  const ca_real *motion, const ca_real *thrusts)
+/* Learn the drag about the mean motion, and the mean thrusts, from the shortest window. */
+static void learn_motion(ca_detector *detector, const ca_block *window, const ca_real *mean,
+                         const ca_real *thrusts)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    const ca_real quick = settled(step * learning_gain(detector));
+    const ca_real quick = settled(window->length * learning_gain(detector));
     for (int i = 0; i < n; i++)
         detector->mean_thrusts[i] += quick * (thrusts[i] - detector->mean_thrusts[i]);
     const ca_real share =
-        settled(step / ca_min(CA_REAL(2.5) * model->learning_time, detector->flown));
+        settled(window->length / ca_min(CA_REAL(2.5) * model->learning_time, detector->flown));
+    /* The mean disturbance in the body frame is no part of what the window lacks. */
+    ca_real steady[6];
+    ca_copy(6, detector->estimate, steady);
+    rotate_back((const ca_real(*)[3])detector->rotation, steady);
     for (int k = 0; k < 6; k++) {
         ca_real moment[4];
         for (int j = 0; j < 4; j++)
             moment[j] = detector->moments[j][k];
-        const ca_real moved = motion[k] - moment[1];
-        const ca_real now[4] = {lacked[k], motion[k], (lacked[k] - moment[0]) * moved,
-                                moved * moved};
+        const ca_real moved = mean[k] - moment[1];
+        const ca_real force =
+            window->impulse[k] / window->length + steady[k] + detector->drag[k] * moved;
+        const ca_real now[4] = {force, mean[k], (force - moment[0]) * moved, moved * moved};
         for (int j = 0; j < 4; j++)
             detector->moments[j][k] = moment[j] + share * (now[j] - moment[j]);
         detector->drag[k] = ca_min(
@@ -457,16 +478,29 @@ static void learn(ca_detector *detector, ca_real step, const ca_real *lacked,
     }
 }
 
-static void learn_noise(ca_detector *detector, ca_real block, ca_real spread[CA_WINDOWS][6],
-                        const ca_block *windows)
+/* Learn what is usual, once in the time of the shortest window, unless a failure is suspected. */
+static void learn(ca_detector *detector, ca_real block, ca_real spread[CA_WINDOWS][6],
+                  const ca_block *windows, const ca_real *thrusts, int moving)
 {
-    const ca_real share = settled(block * learning_gain(detector));
+    ca_real mean[6];
+    detector->unlearnt += block;
+    if (detector->unlearnt < LEARNT * WINDOWS[0])
+        return;
+    detector->unlearnt = 0;
+    for (int k = 0; k < 6; k++)
+        mean[k] = CA_REAL(0.5) * (detector->learnt[k] + detector->motion[k]);
+    ca_copy(6, detector->motion, detector->learnt);
+    if (suspicious(detector))
+        return;
+    const ca_real share = settled(windows->length * learning_gain(detector));
     for (int t = 0; t < CA_WINDOWS; t++)
         for (int k = 0; k < 6; k++) {
             const ca_real square = windows[t].impulse[k] * windows[t].impulse[k];
             const ca_real now = ca_min(square, 9 * spread[t][k]);
             detector->variance[t][k] = spread[t][k] + share * (now - spread[t][k]);
         }
+    if (moving)
+        learn_motion(detector, windows, mean, thrusts);
 }
 
 /* Set the number of blocks of each window. */
@@ -588,7 +622,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     if (!refining && greatest <= SUSPICION) {
         /* No score exceeds this sum. */
         clear_suspicion(detector);
-        learn_noise(detector, block, spread, windows);
+        learn(detector, block, spread, windows, thrusts, moving);
         return 0;
     }
     add_model_errors(detector, windows, variance);
@@ -601,8 +635,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     const int changed = refine(detector, &found, block);
     detector->waited = found.score > SUSPICION || refining ? detector->waited + block : 0;
     detector->suspect = found.score > model->limit ? found.rotor : -1;
-    if (!suspicious(detector))
-        learn_noise(detector, block, spread, windows);
+    learn(detector, block, spread, windows, thrusts, moving);
     for (int i = 0; i < n; i++)
         if (detector->sound[i])
             detector->certainty[i] = found.probabilities[i];
@@ -703,19 +736,6 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
     return changed;
 }
 
-static void rotate(const ca_real rotation[3][3], const ca_real *vector, ca_real *rotated)
-{
-    for (int k = 0; k < 3; k++)
-        rotated[k] = ca_dot(3, rotation[k], vector);
-}
-
-static void rotate_back(const ca_real rotation[3][3], ca_real *vector)
-{
-    const ca_real x = vector[0], y = vector[1], z = vector[2];
-    for (int k = 0; k < 3; k++)
-        vector[k] = rotation[0][k] * x + rotation[1][k] * y + rotation[2][k] * z;
-}
-
 static void rotation_of(const ca_real attitude[4], ca_real rotation[3][3])
 {
     const ca_real length = ca_length(4, attitude);
@@ -808,20 +828,10 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     if (!(detector->flown > 0))
         ca_copy(n, thrusts, detector->mean_thrusts);
     detector->flown += step;
-    ca_real lacked[6], force[6];
-    for (int k = 0; k < 6; k++) {
-        force[k] = detector->impulse[k];
-        lacked[k] = force[k] - step * detector->estimate[k];
-    }
-    rotate_back((const ca_real(*)[3])turned, lacked);
-    rotate_back((const ca_real(*)[3])turned, force);
-    for (int k = 0; k < 6; k++)
-        force[k] = force[k] / step + drag[k];
-    if (moving && !suspicious(detector))
-        learn(detector, step, force, mean, thrusts);
+    rotate_back((const ca_real(*)[3])turned, detector->lacked);
     detector->sums.length += step;
     for (int k = 0; k < 6; k++)
-        detector->sums.impulse[k] += lacked[k];
+        detector->sums.impulse[k] += detector->lacked[k];
     for (int i = 0; i < n; i++)
         detector->sums.given[i] += step * thrusts[i];
     return detector->sums.length >= BLOCK && test_windows(detector, time, thrusts, moving);

@@ -89,12 +89,12 @@ typedef struct {
     int timed, doubted;
     int64_t time, doubtful;
     ca_real momentum[6], wrench[6], estimate[6], before[6], latest[6];
-    ca_real kept, still, mean_motion[6], impulse[6];
+    ca_real kept, still, mean_motion[6], lacked[6];
     /* the last state, and what is learnt */
     ca_real rotation[3][3], motion[6];
-    ca_real moments[4][6], drag[6], variance[CA_WINDOWS][6], mean_thrusts[CA_N];
+    ca_real learnt[6], moments[4][6], drag[6], variance[CA_WINDOWS][6], mean_thrusts[CA_N];
     /* the test */
-    ca_real flown, waited, usual, refined[CA_N];
+    ca_real flown, waited, unlearnt, usual, refined[CA_N];
     int named[2], names, count, windows[CA_WINDOWS];
     int sound[CA_N];
     ca_real thrusts[CA_N];

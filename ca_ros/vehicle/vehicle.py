@@ -365,7 +365,7 @@ class Vehicle:
             shares = self.thrust_per_squared_speed / self.curve.coefficient
             return shares * self.curve.thrust(np.maximum(speeds, 0.0))
         forwards = self.thrust_per_squared_speed * np.square(speeds)
-        if not (speeds < 0.0).any():
+        if not np.count_nonzero(speeds < 0.0):
             return forwards
         backwards = self.reverse_thrust_per_squared_speed * np.square(speeds)
         return np.where(speeds < 0.0, -backwards, forwards)
