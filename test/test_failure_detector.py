@@ -20,6 +20,7 @@ from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.kernel import extension
 from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.vehicle import Vehicle
 from strategies import HEXAROTOR
 
 REALISTIC = [
@@ -29,6 +30,10 @@ REALISTIC = [
     'simulator.attitude_noise:=0.005', 'simulator.angular_velocity_noise:=0.02',
     'simulator.rotor_drag:=5.0e-4', 'simulator.wind:=[1.0, 0.0, 0.0]',
     'simulator.gust_intensity:=[0.5, 0.5, 0.5]', 'controller.integral_gain:=0.5',
+]
+SERVOS = [
+    f'{part}.{name}' for part in ('simulator', 'detector')
+    for name in ('servo_time_constant:=0.03', 'servo_rate:=6.0')
 ]
 SETTINGS = DetectorSettings(motor_time_constant=0.05, delay=0.01)
 UP = Waypoint.of(0.0, 0.0, 1.0, 0.0)
@@ -54,10 +59,10 @@ def without(n, **lost):
 
 @pytest.mark.parametrize(('vehicle', 'n', 'rotor', 'delay'), [
     ('hexarotor', 6, 2, 0.08), ('hexarotor_tilted', 6, 1, 0.08), ('octorotor', 8, 8, 0.08),
-    ('x8', 8, 3, 0.15), ('y6', 6, 4, 0.15),
+    ('x8', 8, 3, 0.15), ('y6', 6, 4, 0.15), ('hexarotor_tilting', 6, 5, 0.08),
 ])
 def test_a_lost_rotor_is_found_and_the_vehicle_flies_on(vehicle, n, rotor, delay):
-    case = Case.load(vehicle, REALISTIC)
+    case = Case.load(vehicle, [*REALISTIC, *SERVOS])
     flight, detection = flown(case, {2.0: without(n, **{f'rotor_{rotor}': 0.0})}, 5.0)
     assert 2.0 < detection.found[0][0] / 1e9 <= 2.0 + delay
     np.testing.assert_array_equal(
@@ -363,7 +368,7 @@ def test_single_precision_finds_the_same(with_a_failure):
 # The parts
 
 def test_rotors_follow_commands_with_delay_and_lag():
-    rotors = CommandedRotors(HEXAROTOR, 0.05, 0.015)
+    rotors = CommandedRotors(HEXAROTOR, replace(SETTINGS, delay=0.015))
     rotors.command(0, np.full(6, 100.0))
     rotors.command(10_000_000, np.full(6, 200.0))
     rotors.thrusts(0, 30_000_000)
@@ -375,6 +380,24 @@ def test_rotors_follow_commands_with_delay_and_lag():
     for i in range(3, 60):
         thrusts = rotors.thrusts(i * 10_000_000, (i + 1) * 10_000_000)
     np.testing.assert_allclose(thrusts, 2.5e-5 * 200.0**2, rtol=1e-3)
+
+
+def test_rotors_that_tilt_are_where_their_servos_are():
+    vehicle = Vehicle.load('hexarotor_tilting')
+    settings = DetectorSettings(servo_time_constant=0.03, servo_rate=6.0, delay=0.01)
+    rotors = CommandedRotors(vehicle, settings)
+    rotors.command(0, np.repeat([250.0, 1.0], 6))
+    rotors.thrusts(0, 10_000_000)
+    np.testing.assert_allclose(rotors.wrenches, rotor_wrenches(vehicle), atol=1e-12)
+    # At the greatest rate; in the middle of the step, half of the angle.
+    rotors.thrusts(10_000_000, 20_000_000)
+    np.testing.assert_allclose(
+        rotors.wrenches, rotor_wrenches(vehicle, np.full(6, 0.03)), atol=1e-12)
+    # In the end, where the command is.
+    rotors.thrusts(20_000_000, 900_000_000)
+    rotors.thrusts(900_000_000, 910_000_000)
+    np.testing.assert_allclose(
+        rotors.wrenches, rotor_wrenches(vehicle, np.full(6, 1.0)), atol=1e-6)
 
 
 def windows(rng, spread=1.0, lost=0.0):

@@ -19,8 +19,15 @@ HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.slow
-def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit():
-    case = Case.load('hexarotor_realistic')
+@pytest.mark.parametrize(('vehicle', 'changes'), [
+    pytest.param('hexarotor_realistic', [], marks=pytest.mark.long),
+    ('hexarotor_tilting', [
+        f'{part}.{name}' for part in ('simulator', 'detector')
+        for name in ('motor_time_constant:=0.02', 'servo_time_constant:=0.03', 'servo_rate:=6.0')
+    ]),
+])
+def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(vehicle, changes):
+    case = Case.load(vehicle, changes)
     failures = RotorFailures((RotorFailure(2, 1.5),), None)
     detection = case.detection('exact')
     offline = fly(
@@ -29,7 +36,7 @@ def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit():
     words = ['--fail', '2@1.5', '--announce', 'never', '--detect']
     flown = fly_over_ros(case, 'exact', 2.0, words)
     assert 1.5 < detection.found[0][0] / 1e9 < 1.6
-    for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds'):
+    for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds', 'angles'):
         np.testing.assert_array_equal(getattr(flown, name), getattr(offline, name))
 
 

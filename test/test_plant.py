@@ -280,7 +280,7 @@ def test_all_off_is_the_rigid_body_to_the_last_bit():
         command = rng.uniform(40.0, 400.0, 6)
         state = body.step(state, command, 0.01)
         assert flown.step(command).tobytes() == state.tobytes()
-        assert flown.speeds is command
+        assert flown.speeds.tobytes() == command.tobytes()
 
 
 def flight(seed):

@@ -13,13 +13,13 @@ from ca_ros import ParameterError, Vehicle
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.bringup.flight_options import failure_words
 from ca_ros.evaluation.cases import Case
+from ca_ros.firmware.detector import detector_of
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.bridges.ros2_control_bridge import Ros2ControlBridge
 from ca_ros.nodes.messages import speeds_message, speeds_stamp
-from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.problem_allocator import ProblemAllocatorNode
 from ca_ros.nodes.settings import load
 from ca_ros.nodes.simulator import SimulatorNode
@@ -164,9 +164,12 @@ def test_what_takes_no_rotors_that_tilt_refuses_them_in_one_line(graph):
     with pytest.raises(ParameterError, match='exact, pseudo_inverse, ') as refusal:
         made(graph, AllocatorNode, **{'allocation.method': 'direct'})
     assert all(name in str(refusal.value) for name in takers)
-    for kind in (MonitorNode, partial(Ros2ControlBridge, 'bridge')):
+    for taker in (
+        partial(made, graph, partial(Ros2ControlBridge, 'bridge')),
+        partial(detector_of, HEXAROTOR, {}),
+    ):
         with pytest.raises(ParameterError, match='takes fixed rotors only; expected none that ti'):
-            made(graph, kind)
+            taker()
     with pytest.raises(ParameterError, match='PseudoInverse does not keep the rates'):
         made(graph, AllocatorNode, **{
             'allocation.method': 'pseudo_inverse', 'rotors.tilt_rate_max': 1.0})

@@ -21,6 +21,7 @@ from ca_ros.flight.rigid_body import inertia_of
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.settings import ParameterError, Settings, check_given, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 KERNEL_FILES = ('detector.h', 'detector.c')
@@ -44,8 +45,9 @@ class DetectedSettings(Settings):
 def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
     """Return the detector of a vehicle's file.
 
-    Raises a ParameterError if a setting is wrong.
+    Raises a ParameterError if a setting is wrong, or rotors tilt.
     """
+    refuse_tilts(vehicle.tilts, 'detector in C')
     ours = {name: value for name, value in given.items() if name.startswith('detector.')}
     check_given(ours, table(DetectedSettings))
     return FailureDetector(vehicle, read(DetectedSettings, ours).detector)

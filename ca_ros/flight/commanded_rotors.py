@@ -8,6 +8,7 @@ from ca_ros.arrays import Array
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.servos import Servos
+from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -17,20 +18,21 @@ COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest ar
 class CommandedRotors:
     """Predicts what the rotors of a sound vehicle do.
 
-    `time_constant` and `delay`: of the motors [s].  With C time constants (C, 1), speeds and
-    thrusts are (C, n).  `servos`: of rotors that tilt; they have the same delay.
+    `settings`: the lags and the delay.  `lags`: C time constants (C, 1) of the motors instead of
+    that of the settings [s]; speeds and thrusts then are (C, n).
 
     - `speeds` (n,): [rad/s]; zero before the first command
     - `wrenches` (6, n): force and torque per thrust of each rotor, in the last interval
     """
 
     def __init__(
-        self, vehicle: Vehicle, time_constant: float | Array, delay: float,
-        servos: Servos | None = None,
+        self, vehicle: Vehicle, settings: DetectorSettings, lags: Array | None = None
     ) -> None:
-        self._vehicle, self._lag = vehicle.with_health(1.0), MotorLag(time_constant)
-        self._servos = servos or Servos(0.0, 0.0, vehicle)
-        self._delay = round(delay * 1e9)
+        s = settings
+        self._vehicle = vehicle.with_health(1.0)
+        self._lag = MotorLag(s.motor_time_constant if lags is None else lags)
+        self._servos = Servos(s.servo_time_constant, s.servo_rate, vehicle)
+        self._delay = round(s.delay * 1e9)
         self._waiting: list[tuple[int, Array, Array]] = []
         self.speeds, self._angles = self._command = self._servos.resting
         self.wrenches = rotor_wrenches(vehicle, self._angles)

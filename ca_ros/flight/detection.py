@@ -38,20 +38,21 @@ class Detection:
         self.found.append((time, self.detector.health))
         return self._rebuild(self.detector.health)
 
-    def command(self, time: int, speeds: Array) -> None:
-        """Take the rotor speeds (n,) [rad/s] that answer the state of a time [ns]."""
-        self.detector.command(time, speeds)
+    def command(self, time: int, command: Array) -> None:
+        """Take the command (n + k,) [rad/s, rad] that answers the state of a time [ns]."""
+        self.detector.command(time, command)
 
 
 def replay(detector: Detector, flight: Flight) -> _Found:
     """Return what a detector finds in a recorded flight, as it did in the flight itself."""
     found: _Found = []
+    angles = np.reshape(flight.angles, (len(flight.time), -1))
     samples = zip(
         np.round(flight.time * 1e9).astype(int).tolist(), flight.attitude, flight.velocity,
-        flight.angular_velocity, flight.speeds, strict=True,
+        flight.angular_velocity, np.column_stack([flight.speeds, angles]), strict=True,
     )
-    for time, attitude, velocity, angular_velocity, speeds in samples:
+    for time, attitude, velocity, angular_velocity, command in samples:
         if detector.observe(time, attitude, velocity, angular_velocity):
             found.append((time, detector.health))
-        detector.command(time, speeds)
+        detector.command(time, command)
     return found

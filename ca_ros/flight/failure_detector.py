@@ -11,12 +11,10 @@ from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_test import FailureTest, Finding
 from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
-from ca_ros.flight.servos import Servos
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.slow_rotors import SlowRotors
 from ca_ros.flight.usual_motion import UsualMotion
 from ca_ros.flight.windows import BLOCK, WINDOWS, Windows
-from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count as failed
@@ -58,9 +56,8 @@ class FailureDetector:
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
         s = self.settings = settings or DetectorSettings()
         self.vehicle = vehicle
-        refuse_tilts(vehicle.tilts, 'failure detector')
         self._slow = SlowRotors(vehicle.n, s.least_loss)
-        self._start_rotors()
+        self._rotors = CommandedRotors(vehicle, s)
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
         tests, wrenches = 3600.0 / BLOCK * len(WINDOWS), self._rotors.wrenches
         self._find = FailureTest(wrenches, tests, s.false_alarms, s.certainty, s.least_loss)
@@ -121,11 +118,6 @@ class FailureDetector:
         self.vehicle = self.vehicle.with_health(health)
         self.health = np.minimum(self.health, health)
 
-    def _start_rotors(self) -> None:
-        s = self.settings
-        servos = Servos(s.servo_time_constant, s.servo_rate, self.vehicle)
-        self._rotors = CommandedRotors(self.vehicle, s.motor_time_constant, s.delay, servos)
-
     def _begin(self) -> None:
         """Begin a flight: the windows reach back to now."""
         self._usual.begin()
@@ -178,7 +170,7 @@ class FailureDetector:
         if observer.time != time or last == time:
             return False
         if last is not None and time < last:
-            self._start_rotors()
+            self._rotors = CommandedRotors(self.vehicle, self.settings)
         self._time, self._turn, self._motion = time, turn, motion
         step = observer.step
         if not step:

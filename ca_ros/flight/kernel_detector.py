@@ -99,11 +99,13 @@ def packed(detector: FailureDetector, fields: dict[str, str]) -> Array | None:
 def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) -> Detector:
     """Return a detector of rotor failures: in C where it can.
 
-    It is in NumPy without the extension module, with `CA_ROS_KERNEL=numpy`, and for vehicles with
-    more rotors, or more segments of the thrust curve, than the module has room for.
+    It is in NumPy without the extension module, with `CA_ROS_KERNEL=numpy`, and for vehicles whose
+    rotors tilt, or with more rotors, or segments of the thrust curve, than the module has room
+    for.
     """
     detector = FailureDetector(vehicle, settings)
-    module = None if environ.get('CA_ROS_KERNEL') == 'numpy' else extension('detector')
+    fixed = vehicle.tilts is None and environ.get('CA_ROS_KERNEL') != 'numpy'
+    module = extension('detector') if fixed else None
     model = None if module is None else packed(detector, module.FIELDS)
     if model is None:
         return detector

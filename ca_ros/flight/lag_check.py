@@ -32,7 +32,7 @@ class LagCheck:
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
         self._set, self._delay = settings.motor_time_constant, settings.delay
-        self._rotors = CommandedRotors(vehicle, LAGS[:, None], settings.delay)
+        self._rotors = CommandedRotors(vehicle, settings, LAGS[:, None])
         self._inertia = inertia_of(vehicle)
         self._time: int | None = None
         self._predicted = self._slow = np.zeros((len(LAGS), 3))

@@ -60,7 +60,7 @@ class MonitorNode(VehicleNode):
         self._message.layout.dim[0].label = LABEL
         topic = topics.ROTOR_HEALTH
         self._health = self.create_publisher(topic.kind, topic.name, STANDING)
-        self.subscribe_stream(topics.SPEED_COMMAND, self._receive_command)
+        self.subscribe_commands(self._receive_command, self.detector.vehicle.tilts)
         self.subscribe_stream(topics.POSE, self._receive_pose)
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
         if self.mode == 'realtime':
@@ -124,19 +124,22 @@ class MonitorNode(VehicleNode):
             **since,
         }
 
-    def _receive_command(self, message: Float64MultiArray) -> None:
+    def _receive_command(self, message: Float64MultiArray, *angles: Float64MultiArray) -> None:
         self.counts['received'] += 1
-        speeds, time = np.array(message.data), speeds_stamp(message)
-        if speeds.shape != self.detector.health.shape or not np.isfinite(speeds).all():
-            self.drop('numbers', f'rotor speeds {speeds}: expected {len(self.detector.health)}')
+        parts, time = [message.data, *(each.data for each in angles)], speeds_stamp(message)
+        command, expected = np.concatenate(parts), self.detector.vehicle.idle_command
+        n = self.detector.vehicle.n
+        if len(parts[0]) != n or command.shape != expected.shape or not np.isfinite(command).all():
+            what = f'{n} rotor speeds and {len(expected) - n} tilt angles'
+            self.drop('numbers', f'command {command}: expected {what}')
             return
         time = self._observed if time is None else time
         # In lockstep a second answer to a repeated state would be a second command.
         if time is None or (self.mode == 'lockstep' and time == self._commanded):
             return
         self._commanded = time
-        self.detector.command(time, speeds)
-        self._lag_check.command(time, speeds)
+        self.detector.command(time, command)
+        self._lag_check.command(time, command)
         self._observe()
 
     def _receive_speeds(self, message: Float64MultiArray) -> None:
