@@ -38,20 +38,23 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
     </header>
     <main>
       <section aria-label="Vehicle">
-        <h2>Vehicle <small>click a rotor to make it fail, or to repair it</small></h2>
+        <h2>Vehicle</h2>
+        <p class="hint"><b>Click a rotor to make it fail</b>; click it again to repair it.</p>
         <div class="view" id="body"></div>
-        <p class="legend"><b>Thrust of a rotor:</b> <span>${mark('free')}between its bounds</span>
-          <span>${mark('max')}at its maximum</span> <span>${mark('min')}at its minimum</span>
-          <span>${mark('lost')}failed</span></p>
+        <p class="legend">Thrust (arrows): <span>${mark('free')}between its bounds</span> <span>${mark('max')}at its
+          maximum</span> <span>${mark('min')}at its minimum</span> <span>${mark('lost')}failed rotor</span></p>
       </section>
       <section aria-label="Attainable set">
-        <h2>${title} <small>drag the ring, the demand</small></h2>
+        <h2>${title}</h2>
+        <p class="hint"><b>Drag the orange ring</b>: it is the demand.${
+          view.length > 2 ? ' Elsewhere a drag turns the picture.' : ''}</p>
         <div class="view" id="set" tabindex="0" aria-label="Demand: arrow keys move it" @keydown=${act.step}></div>
-        <div id="shown" class="tabs" role="group" aria-label="Axes shown">${views(axes).map((list) => html`
+        <div id="shown" class="row" role="group" aria-label="Axes shown">${views(axes).map((list) => html`
           <button value=${list} aria-pressed=${String(list) === String(state.shown)}
             @click=${() => act.change({shown: list})}>${list.length > 2 ? 'all torques' : list.join('–')}</button>`)}
         </div>
-        <p class="legend"><span>${mark('demand')}demand</span> <span>${mark('served')}what the rotors produce</span>
+        <p class="legend"><span>${mark('demand')}demand</span>
+          <span>${mark('served')}what the rotors produce (method exact)</span>
           <span id="moved" ?hidden=${!moved}>${mark('dashed')}attainable with what the other axes get</span>
           <span id="waits" ?hidden=${!waits}>the set is drawn when the drag rests</span>
           <span ?hidden=${!beside}>${mark('beside')}${METHODS[state.beside]}</span></p>
@@ -59,9 +62,10 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
       <section id="panel" aria-label="Settings and results">
         <div id="answer" aria-live="polite"><strong id="status" class=${answer.status === 'EXACT' ? '' : 'short'}>${
           answer.status}</strong><ul id="words">${words.map((line) => html`<li>${line}</li>`)}</ul></div>
-        <h2>Demand <small>and what the rotors produce</small></h2>
+        <h2>Demand</h2>
         <div id="demand">${axes.map((axis, k) => demandRow(axis, k, set, demand, answer.wrench, act))}</div>
-        <h2>Rotors <small>press a number to make it fail; the slider weakens it</small></h2>
+        <h2>Rotors</h2>
+        <p class="hint">Press a number to make the rotor fail or to repair it. The slider weakens it.</p>
         <div id="rotors">${health.map((_, i) => rotorRow(i, vehicle, health, set, answer, beside, act))}</div>
         <h2>If the demand is not attainable</h2>
         <div class="row">

@@ -14,7 +14,7 @@ export function drawVehicle(stage, {arms, directions, speedMax, forward}, health
   const most = Math.max(...speedMax.map((s, i) => forward[i] * s * s));
   stage.rod(new Vector3(0, 0, -0.05), new Vector3(0, 0, 0.05), 0.16, 'soft');
   stage.rod(new Vector3(0.16, 0, 0), new Vector3(0.34, 0, 0), 0.07, 'soft', 0);
-  stage.label('front', new Vector3(0.42, 0, -0.12), 'tick');
+  stage.label('front', new Vector3(0.5, 0, -0.16), 'tick');
   places.forEach((place, i) => {
     const name = kind(health[i], answer.saturation[i]), axis = new Vector3(...directions[i]);
     const along = (length) => place.clone().addScaledVector(axis, length), end = (thrust) => along(0.9 * thrust / most);
