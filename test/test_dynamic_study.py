@@ -357,9 +357,12 @@ def test_intervals_of_shares_and_medians():
 
 
 def test_tables_in_latex():
-    assert latex('# x\n\n| a | b_1 [%] |\n| --- | ---: |\n| `p_q` | 1.2e-05 |\n\nend\n') == (
-        '\\begin{tabular}{lr}\n\\toprule\na & b\\_1 [\\%] \\\\\n\\midrule\n'
-        '\\texttt{p\\_q} & 1.2\\,$\\cdot$\\,10$^{-5}$ \\\\\n\\bottomrule\n\\end{tabular}\n')
+    rows = '| a | b_1, height lost [N m] |\n| --- | ---: |\n| `p_q` | 1.2e-05 |\n'
+    assert latex(f'# x\n\n{rows}\nend\n') == (
+        '{\\footnotesize\\setlength{\\tabcolsep}{3pt}\n\\begin{tabular}{lr}\n\\toprule\n'
+        # Without the braces LaTeX would take the brackets for an option.
+        'a & \\begin{tabular}[b]{@{}r@{}}b\\_1, height \\\\{} lost [N~m]\\end{tabular} \\\\\n'
+        '\\midrule\n\\texttt{p\\_q} & $1.2\\cdot10^{-5}$ \\\\\n\\bottomrule\n\\end{tabular}}\n')
 
 
 @pytest.mark.parametrize(('words', 'error'), [

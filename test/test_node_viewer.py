@@ -9,7 +9,7 @@ from ca_ros import Vehicle
 from ca_ros.testing import Diagnostics
 
 messages = pytest.importorskip('visualization_msgs.msg', reason='needs visualization_msgs')
-from ca_ros.nodes.markers import View, markers, upright  # noqa: E402
+from ca_ros.nodes.markers import View, markers, status_text, upright  # noqa: E402
 
 TURN = np.array([0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4)])
 """Ninety degrees about z."""
@@ -65,6 +65,12 @@ def test_torques_path_waypoint_and_status():
     assert len(of(found, 'path')[0].points) == 2
     assert of(found, 'waypoint')[0].pose.position.x == 4.0
     assert of(found, 'status')[0].text == 'EXACT'
+
+
+def test_the_text_has_the_status_first_and_no_long_audit():
+    message = 'yaw lost; it spins; hover margin 0.9; around hover: roll -1 to +1 N m; EXACT'
+    assert status_text('x8', message) == 'x8: EXACT\nyaw lost\nit spins'
+    assert status_text('x8', 'EXACT') == 'x8: EXACT'
 
 
 @pytest.mark.parametrize('axis', [[0, 0, 1], [0, 0, -1], [0.6, 0, 0.8], [0, -0.6, -0.8]])

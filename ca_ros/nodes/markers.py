@@ -18,12 +18,13 @@ from ca_ros.vehicle.vehicle import Vehicle
 COLORS = {
     'free': (0.0, 0.45, 0.70), 'maximum': (0.84, 0.37, 0.0), 'minimum': (0.90, 0.62, 0.0),
     'lost': (0.54, 0.57, 0.61), 'demand': (0.84, 0.37, 0.0), 'served': (0.0, 0.45, 0.70),
-    'body': (0.35, 0.40, 0.46), 'path': (0.0, 0.62, 0.45),
+    'body': (0.35, 0.40, 0.46), 'path': (0.0, 0.62, 0.45), 'text': (0.55, 0.55, 0.55),
 }  # fmt: skip
-"""Those of Okabe and Ito, which the colour-blind can tell apart."""
+"""Those of Okabe and Ito, which the colour-blind can tell apart; text: on dark and on light."""
 
 KINDS = {0: 'free', 1: 'maximum', -1: 'minimum', -2: 'lost'}  # by the values of ``~/saturation``
 DISC = 0.42  # radius of a rotor as a share of the least distance between two
+LINES_MAX = 2  # of the audit, which can be long
 
 
 @dataclass
@@ -79,14 +80,17 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
         return marker
 
     def arrow(space: str, color: str, start: Array, way: Array, width: float) -> None:
+        length = float(np.linalg.norm(way))
         # A head of no length is no arrow.
-        if np.linalg.norm(way) > 1e-6:
-            shape = add(space, Marker.ARROW, color, (width, 2.2 * width, 3.0 * width))
+        if length > 1e-6:
+            head = min(3.0 * width, length)
+            shape = add(space, Marker.ARROW, color, (width, 2.2 * width, head))
             shape.points = points([start, start + way])
 
     add('arms', Marker.LINE_LIST, 'body', (0.05 * size, 0.0, 0.0)).points = points(
         [end for hub in hubs for end in (center, hub)]
     )
+    arrow('front', 'body', center, 0.4 * size * turn[:, 0], 0.08 * size)
     for hub, axis, thrust, state in zip(hubs, axes, thrusts, view.saturation, strict=True):
         name = KINDS[int(state)]
         width = 2.0 * radius(vehicle)
@@ -101,10 +105,16 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
     if view.waypoint is not None:
         goal = add('waypoint', Marker.SPHERE, 'path', (0.12, 0.12, 0.12), 0.7)
         goal.pose.position = points([view.waypoint])[0]
-    text = add('status', Marker.TEXT_VIEW_FACING, 'body', (0.0, 0.0, 0.25 * size))
+    text = add('status', Marker.TEXT_VIEW_FACING, 'text', (0.0, 0.0, 0.2 * size))
     text.text = view.text
     text.pose.position = points([center + np.array([0.0, 0.0, 1.6 * size])])[0]
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL), *found])
+
+
+def status_text(name: str, message: str) -> str:
+    """Return the status of a message of the allocator, then `LINES_MAX` lines of its audit."""
+    *audit, answer = message.split('; ')
+    return '\n'.join([f'{name}: {answer}', *audit[:LINES_MAX]])
 
 
 def points(places: Sequence[Array]) -> list[Point]:

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.markers import View, markers
+from ca_ros.nodes.markers import View, markers, status_text
 from ca_ros.nodes.messages import pose_arrays, wrench_numbers
 from ca_ros.nodes.qos import COMMAND, requested
 from ca_ros.nodes.settings import ViewerSettings
@@ -104,7 +104,7 @@ class ViewerNode(VehicleNode):
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.endswith('allocator: allocation'):
-                self._view.text = f'{self.settings.vehicle.name}: {status.message}'
+                self._view.text = status_text(self.settings.vehicle.name, status.message)
 
     def _draw(self) -> None:
         if self._pose is None or not self._new or not self._markers.get_subscription_count():
