@@ -750,10 +750,9 @@ static void rotation_of(const ca_real attitude[4], ca_real rotation[3][3])
 
 /* Set the wrench that rotors, weight and drag give. */
 static void expect(ca_detector *detector, const ca_real turned[3][3], const ca_real *thrusts,
-                   const ca_real *mean, const ca_real *drag)
+                   const ca_real *omega, const ca_real *drag)
 {
     const ca_detector_model *model = detector->model;
-    const ca_real *omega = mean + 3;
     ca_real wrench[6], angular_momentum[3];
     for (int k = 0; k < 6; k++) {
         wrench[k] = drag[k];
@@ -808,7 +807,7 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
             for (int k = 0; k < 3; k++)
                 for (int j = 0; j < 3; j++)
                     turned[k][j] = CA_REAL(0.5) * (detector->rotation[k][j] + rotation[k][j]);
-            expect(detector, (const ca_real(*)[3])turned, thrusts, mean, drag);
+            expect(detector, (const ca_real(*)[3])turned, thrusts, mean + 3, drag);
             /* What holds a vehicle that does not move may be the ground, which is not learnt. */
             gain = moving ? learning_gain(detector) : 0;
         }
