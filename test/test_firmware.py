@@ -319,6 +319,11 @@ def test_rates_are_exported_with_a_sequence_of_answers(curve, precision, variant
     text = (out / 'golden.h').read_text(encoding='utf-8')
     assert 'ALLOCATE_WITHIN' in text
     assert ('THROTTLES' in text) == curve
+    text = (out / 'README.md').read_text(encoding='utf-8')
+    assert '_allocate_within`. No memory' in text
+    # The copy of the problem.
+    ram = re.search(r'(\d+) bytes \| \d+ bytes \|$', text, re.MULTILINE)
+    assert 'not installed' in text or int(ram[1]) > 1000
     reproduced(make(out))
 
 

@@ -88,6 +88,7 @@ def write(
         shutil.copyfile(templates / file, out / file)
     fields = {'name': name, 'NAME': name.upper(), **_words(firmware, name)}
     fields |= _numbers(firmware, name)
+    fields['measured'] = f'{name}_allocate{"_within" * (firmware.rates is not None)}'
     fields['detector'] = 'yes' if detector else ''
     fields['detector_files'] = DETECTOR_FILES.format(name=name) if detector else ''
     if detector:
@@ -95,7 +96,7 @@ def write(
     core = 'Cortex-M4F' if firmware.single else 'Cortex-M7'
     for template, target in (TILTING_TEMPLATES if tilting else TEMPLATES).items():
         if template == 'README.md':
-            fields |= facts(firmware, measure(out, name, core), out)
+            fields |= facts(firmware, measure(out, fields['measured'], core), out)
         elif target == 'README.md':
             fields |= words(firmware)
         text = Template((templates / template).read_text(encoding='utf-8')).substitute(fields)

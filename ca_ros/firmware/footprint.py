@@ -25,22 +25,22 @@ class Footprint(NamedTuple):
     core: str
 
 
-def measure(folder: Path, name: str, core: str) -> Footprint | str:
+def measure(folder: Path, function: str, core: str) -> Footprint | str:
     """Compile an exported vehicle; return its footprint, or why it is not known.
 
     - `folder`: the folder of the export; it is not changed
-    - `name`: the name of the vehicle
+    - `function`: that of vehicle.mk
     - `core`: what its Makefile compiles for
     """
     if missing := [tool for tool in TOOLS if not which(tool)]:
         return f'{", ".join(missing)} not installed'
     try:
-        return _measured(folder, name, core)
+        return _measured(folder, function, core)
     except OSError as error:
         return ' '.join(str(error).split())
 
 
-def _measured(folder: Path, name: str, core: str) -> Footprint:
+def _measured(folder: Path, function: str, core: str) -> Footprint:
     with tempfile.TemporaryDirectory() as build:
         _run(
             'make', '-s', '-C', str(folder), 'CROSS=arm-none-eabi-', f'BUILD={build}',
@@ -50,7 +50,7 @@ def _measured(folder: Path, name: str, core: str) -> Footprint:
         graph = ''.join(file.read_text(encoding='utf-8') for file in Path(build).glob('*.ci'))
     text, data, bss = map(int, sizes[:3])
     compiler = _run('arm-none-eabi-gcc', '--version').partition('\n')[0]
-    return Footprint(text + data, data + bss, deepest(graph, f'{name}_allocate'), compiler, core)
+    return Footprint(text + data, data + bss, deepest(graph, function), compiler, core)
 
 
 def deepest(graph: str, function: str) -> int:

@@ -25,11 +25,16 @@ from pages import DOCS, fill, telling
 import ca_ros
 from ca_ros.arrays import Array
 from ca_ros.evaluation.wrench_sets import gauge, near_boundary
+from ca_ros.firmware.command import checked
 from ca_ros.firmware.detector import STATES, write_detector
+from ca_ros.firmware.export import write
+from ca_ros.firmware.faults import faults_of
+from ca_ros.firmware.tilting import firmware_of
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
 
 sys.path.append(str(DOCS.parent))
@@ -40,6 +45,10 @@ KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 
 VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
 KINDS = ('inside', 'boundary', 'outside')
+RATED = (*((name, 'single') for name in VEHICLES), ('hexarotor', 'double'),
+         ('hexarotor_realistic', 'single'))
+"""Vehicles with their precision, of the option --rates; the last has a thrust curve."""
+
 METHODS = {
     'clipped_pinv': 'clipped pseudo-inverse', 'kernel': 'kernel of `exact`',
     'osqp': "OSQP's generated code",
@@ -50,14 +59,22 @@ COMPILER, EMULATOR = 'arm-none-eabi-gcc', 'qemu-system-arm'
 TOOLS = COMPILER, EMULATOR
 
 KERNEL_FLAGS = ('-O3', '-fno-math-errno', '-finline-limit=2000')
+CORE = '-mcpu=cortex-m4', '-mthumb', '-mfloat-abi=hard', '-mfpu=fpv4-sp-d16'
+BOARDS = {
+    'single': (CORE, 'mps2-an386'),
+    'double': (('-mcpu=cortex-m7', *CORE[1:3], '-mfpu=fpv5-d16'), 'mps2-an500'),
+}
+"""Options for the core, and the board of QEMU that has it."""
+
+MEMORY = {'mps2-an386': '0x21000000', 'mps2-an500': '0x60000000'}  # of a board, for the wrenches
+
 FLAGS = [
-    *('-std=c99', '-O2', '-ffp-contract=off', '-mcpu=cortex-m4', '-mthumb', '-mfloat-abi=hard'),
-    *('-mfpu=fpv4-sp-d16', '-nostartfiles'),
+    *('-std=c99', '-O2', '-ffp-contract=off', *CORE, '-nostartfiles'),
     '-Wl,--entry=0,--section-start=.vectors=0,-Ttext=0x100,-Tdata=0x20000000',
 ]
 
 EMULATION = [
-    *('-M', 'mps2-an386', '-nographic', '-monitor', 'none', '-serial', 'none'),
+    *('-nographic', '-monitor', 'none', '-serial', 'none'),
     *('-icount', 'shift=6,sleep=off', '-semihosting-config', 'enable=on,target=native'),
 ]
 
@@ -103,12 +120,12 @@ def build(
     return program
 
 
-def run(program: Path, drawn: Array) -> Array:
+def run(program: Path, drawn: Array, board: str = BOARDS['single'][1]) -> Array:
     """Run a program for wrenches (size, m); return instructions and status (size, 2)."""
     load = program.with_suffix('.wrenches')
-    load.write_bytes(np.uint32(len(drawn)).tobytes() + drawn.tobytes())
-    device = f'loader,file={load},addr=0x21000000,force-raw=on'
-    command = [EMULATOR, *EMULATION, '-device', device, '-kernel', str(program)]
+    load.write_bytes(np.array([len(drawn), 0], np.uint32).tobytes() + drawn.tobytes())
+    device = f'loader,file={load},addr={MEMORY[board]},force-raw=on'
+    command = [EMULATOR, '-M', board, *EMULATION, '-device', device, '-kernel', str(program)]
     printed = subprocess.check_output(command, stderr=subprocess.STDOUT, text=True)
     fault, *lines = printed.splitlines()
     if fault != '0' or len(lines) != len(drawn):
@@ -147,12 +164,15 @@ def count_detector(vehicle: Vehicle) -> Array:
         return run(program, np.zeros((STATES, len(problem.axes)), np.float32))
 
 
-def count_rates(vehicle: Vehicle, size: int = 400, steps: int = 40) -> list[Array]:
-    """Return the instructions (N,) of a sequence's calls, speeds included, without rates and with.
+def count_rates(name: str, precision: str, size: int = 400, steps: int = 40) -> list[Array]:
+    """Return the instructions (N,) of an exported vehicle's calls, without rates and with them.
 
     The wrenches lead from one of `size` random wrenches to the next, a quarter of them outside.
+    The rates are those of the vehicle's file, or 3000 rad/s^2.
     """
-    problem, rng = VehicleProblem(vehicle), np.random.default_rng(0)
+    given = {'rotors.acceleration_max': 3000.0, **read(name)}
+    faults = faults_of(Vehicle.from_parameters(given), ['none'])
+    problem, rng = faults[0].problem, np.random.default_rng(0)
     inside, outside = size * 3 // 4, size // 4
     ends = np.vstack([
         wrenches(problem, 'inside', inside, 3), wrenches(problem, 'outside', outside, 3)
@@ -160,17 +180,22 @@ def count_rates(vehicle: Vehicle, size: int = 400, steps: int = 40) -> list[Arra
     rng.shuffle(ends)
     shares = np.linspace(0.0, 1.0, steps, endpoint=False)[:, None]
     drawn = np.vstack([a + (b - a) * shares for a, b in pairwise(ends)])
-    numbers = {
-        'RATES': np.full(vehicle.n, 3000.0), 'FACTORS': vehicle.thrust_coefficient,
-        'LEAST': vehicle.speed_min, 'GREATEST': vehicle.speed_max,
-    }
-    given = [f'-D{name}={{{",".join(f"{x}f" for x in each)}}}' for name, each in numbers.items()]
-    with tempfile.TemporaryDirectory() as folder:
-        programs = [
-            build(problem, 'kernel', Path(folder), [*given, f'-DCOUNT_RATES={rates}'])
-            for rates in (0, 1)
-        ]
-        return [run(program, drawn.astype(np.float32))[:, 0] for program in programs]
+    firmware = firmware_of(faults, checked(given).allocation, precision)
+    core, board = BOARDS[precision]
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / 'counted'
+        write(firmware, 'counted', folder)
+        make = 'make', '-s', '-C', folder, 'CROSS=arm-none-eabi-', f'CPU={" ".join(core)}'
+        subprocess.check_call([*make, 'BUILD=made', 'made/libcounted.a'])
+        found = []
+        for within in (0, 1):
+            program = folder / f'counted{within}.elf'
+            parts = f'-I{folder}', f'-DCOUNT_EXPORTED={within}', f'-DMEMORY={MEMORY[board]}u'
+            sources = PROGRAM, folder / 'made' / 'libcounted.a'
+            command = COMPILER, *FLAGS, *core, *parts, *sources, '-lm', '-o', program
+            subprocess.check_call(command)
+            found.append(run(program, drawn.astype(firmware.dtype), board)[:, 0])
+        return found
 
 
 def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, ...]]:
@@ -202,11 +227,12 @@ def main() -> None:
     for name in VEHICLES if options.detector else ():
         steps = count_detector(Vehicle.load(name))[1:, 0]
         print(f'{name}: {np.median(steps):.0f} instructions in the median, {steps.max()} at most')
-    for name in VEHICLES if options.rates else ():
-        without, within = count_rates(Vehicle.load(name))
+    for name, precision in RATED if options.rates else ():
+        without, within = count_rates(name, precision)
         for word, of in (('in the median', np.median), ('at most', np.max)):
             counts = float(of(without)), float(of(within))
-            print(f'{name}: {counts[0]:.0f} instructions {word}, with rates {counts[1]:.0f}')
+            ratio = f'{counts[1]:.0f} ({counts[1] / counts[0]:.2f})'
+            print(f'{name}, {precision}: {counts[0]:.0f} {word}, with rates {ratio}', flush=True)
     if options.detector or options.rates:
         return
     rows = []

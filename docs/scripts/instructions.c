@@ -1,17 +1,25 @@
 /* Counts the instructions of a method, per call, on an emulated Cortex-M4F (QEMU, mps2-an386).
  *
  * With `-icount shift=6` an instruction takes 64 ns of virtual time, and the board's timer ticks
- * every 40 ns. So each call is counted to the instruction. `data.h` has the vehicle's numbers;
+ * every 40 ns. So each call is counted to the instruction. `data.h` or `counted.h` has the vehicle;
  * the wrenches are loaded into memory by QEMU, their number first.
  */
 #include <stdint.h>
 
+#ifdef COUNT_EXPORTED
+#include "counted.h"
+typedef ca_real number;
+#else
 #include "methods.h"
+#endif
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 #define TIMER 0x40000000u /* CMSDK timer 0: control, value, reload; it counts down */
 #define CPACR 0xE000ED88u
-#define WRENCHES ((const uint32_t *)0x21000000u)
+#ifndef MEMORY
+#define MEMORY 0x21000000u
+#endif
+#define WRENCHES ((const uint32_t *)MEMORY)
 #define STACK 0x20400000u
 
 static void semihosting(int operation, const void *argument)
@@ -43,33 +51,27 @@ static uint32_t start(void)
     return (uint32_t)ca_set_up(&problem, CA_N, CA_M, &matrix[0][0], lower, upper, &options);
 }
 
-#ifdef COUNT_RATES
-static const float rates[CA_N] = RATES, factors[CA_N] = FACTORS, least[CA_N] = LEAST,
-                   greatest[CA_N] = GREATEST;
-
-/* With speeds; and within what the rotors reach from the last answer in 10 ms. */
-static int call(const float *u, float *f)
-{
-    static float speeds[CA_N];
-    const float *from = least, *to = greatest;
-#if COUNT_RATES
-    float slow[CA_N], fast[CA_N];
-    ca_narrow(&problem, speeds, 0.01f, rates, rates, factors, factors, least, greatest, slow, fast);
-    from = slow;
-    to = fast;
-#else
-    (void)rates;
-#endif
-    const int status = ca_allocate(&problem, u, f).status;
-    ca_speeds(CA_N, f, factors, factors, from, to, speeds);
-    return status;
-}
-#else
-static int call(const float *u, float *f)
+static int call(const number *u, number *f)
 {
     return ca_allocate(&problem, u, f).status;
 }
+#elif defined COUNT_EXPORTED
+static uint32_t start(void)
+{
+    return 0;
+}
+
+static int call(const number *u, number *speeds)
+{
+#if COUNT_EXPORTED
+    /* Within what the rotors reach from the last answer in 10 ms. */
+    static number last[CA_N];
+    (void)speeds;
+    return counted_allocate_within(0, u, (number)0.01, last);
+#else
+    return counted_allocate(0, u, speeds);
 #endif
+}
 #elif defined COUNT_VECTORED
 #include "vectored.h"
 static const ca_vectored problem[1] = {
@@ -81,7 +83,7 @@ static uint32_t start(void)
     return 0;
 }
 
-static int call(const float *u, float *f)
+static int call(const number *u, number *f)
 {
     ca_vectored_answer answer;
     ca_vectored_allocate(problem, u, f, &answer);
@@ -99,7 +101,7 @@ static uint32_t start(void)
     return 0;
 }
 
-static int call(const float *u, float *f)
+static int call(const number *u, number *f)
 {
     const int64_t time = (int64_t)row * 10000000;
     (void)u;
@@ -121,17 +123,17 @@ static uint32_t start(void)
 #endif
 #endif
 
-static int nothing(const float *u, float *f)
+static int nothing(const number *u, number *f)
 {
     (void)u;
     (void)f;
     return 0;
 }
 
-static uint32_t instructions(int (*volatile method)(const float *, float *), const float *u,
+static uint32_t instructions(int (*volatile method)(const number *, number *), const number *u,
                              int *status)
 {
-    float f[CA_N];
+    number f[CA_N];
     const uint32_t before = REGISTER(TIMER + 4);
     *status = method(u, f);
     return (uint32_t)((uint64_t)(before - REGISTER(TIMER + 4)) * 40 / 64);
@@ -146,7 +148,7 @@ static void run(void)
     REGISTER(TIMER) = 1;
     print(start(), '\n');
     const uint32_t size = WRENCHES[0];
-    const float *u = (const float *)(WRENCHES + 1);
+    const number *u = (const number *)(WRENCHES + 2);
     const uint32_t empty = instructions(nothing, u, &status);
     for (uint32_t i = 0; i < size; i++, u += CA_M) {
         const uint32_t count = instructions(call, u, &status) - empty;

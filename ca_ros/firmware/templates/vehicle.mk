@@ -6,3 +6,5 @@ KERNEL := $kernel
 DETECTOR := $detector
 # Double precision is for cores that have it in hardware.
 CORE := $core
+# The function whose memory is measured.
+MEASURED := $measured
