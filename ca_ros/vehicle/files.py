@@ -122,8 +122,8 @@ def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:
     """Return the parameters that ROS would give a node by name; later sections override."""
     if isinstance(content, Mapping) and 'problem' in content:
         raise ParameterError(
-            'a problem without a vehicle, which has no rotors to fly with; static_study, '
-            'attainable and AllocationProblem.load take it'
+            'a problem without a vehicle, which has no rotors to fly with; allocator, '
+            'static_study, attainable and AllocationProblem.load take it'
         )
     sections = _sections(content) if isinstance(content, Mapping) else []
     if not sections or not all(isinstance(section, Mapping) for _, section in sections):
