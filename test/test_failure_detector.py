@@ -17,6 +17,7 @@ from ca_ros.flight.lag_check import LagCheck
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 from ca_ros.flight.settings import DetectorSettings
+from ca_ros.flight.stuck_servos import StuckServos
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.kernel import extension
 from ca_ros.vehicle.effectiveness import rotor_wrenches
@@ -71,6 +72,27 @@ def test_a_lost_rotor_is_found_and_the_vehicle_flies_on(vehicle, n, rotor, delay
     assert detection.detector.certainty[rotor - 1] >= 0.995
     assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 1.0
     assert np.flatnonzero(flight.speeds[-1] == 0.0).tolist() == [rotor - 1]
+
+
+@pytest.mark.parametrize(('vehicle', 'angle', 'left'), [
+    ('hexarotor_tilting', 0.6, 0.0), ('tricopter', -0.3, 1.0),
+])
+def test_a_servo_that_sticks_is_found(vehicle, angle, left):
+    # Its rotor is taken out of use, unless the vehicle would fall without it.
+    case = Case.load(vehicle, [*REALISTIC, *SERVOS])
+    detection, health = case.detection('exact'), np.ones(case.vehicle.n)
+    change = Change(2_000_000_000, body=case.body(health, [2.0, angle]))
+    flight = fly(case.controller(), case.allocator('exact'), case.plant(), UP, 3.5,
+                 changes=[change], detection=detection)
+    detector = detection.detector
+    assert detector.since[1] is not None
+    assert 2.0 < detector.since[1] / 1e9 < 2.6
+    assert detector.since.count(None) == len(health) - 1
+    found = float(re.fullmatch('servo sticks at (.*) rad', detector.evidence[1])[1])
+    assert found == pytest.approx(angle, abs=0.15)
+    assert detector.health.tolist() == [1.0, left, *health[2:]]
+    assert detection.found == [] if left else len(detection.found) == 1
+    assert np.linalg.norm(flight.position[-50:] - UP.position, axis=1).max() < 1.0
 
 
 @pytest.mark.parametrize('left', [0.4, 0.5])
@@ -409,7 +431,7 @@ def windows(rng, spread=1.0, lost=0.0):
 
 
 def test_the_score_is_the_reduction_of_chi_square():
-    find = FailureTest(rotor_wrenches(HEXAROTOR), 1e6, 0.01, 0.995, 0.35)
+    find = FailureTest(rotor_wrenches(HEXAROTOR), None, 1e6, 0.01, 0.995, 0.35)
     lacked, given, variance = windows(np.random.default_rng(0), lost=0.6)
     found = find(lacked, given, variance, np.ones(6))
     scale = variance[0] ** -0.5
@@ -421,11 +443,31 @@ def test_the_score_is_the_reduction_of_chi_square():
     np.testing.assert_allclose(found.errors[2], np.linalg.norm(signature) ** -1, rtol=1e-6)
 
 
+def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
+    tilts, rng = Vehicle.load('hexarotor_tilting').tilts, np.random.default_rng(0)
+    lacked, given = rng.standard_normal((2, 6)), rng.standard_normal((2, 6, 18))
+    weights, health = rng.uniform(0.5, 2.0, (2, 6)), rng.uniform(0.5, 1.0, 6)
+    # In the second window servo 4 sticks at 0.5 rad.
+    rotor = given[1, :, [3, 9, 15]]
+    lacked[1] = 10.0 * lacked[1] * 1e-3 + health[3] * (
+        np.cos(0.5) * rotor[1] + np.sin(0.5) * rotor[2] - rotor[0])
+    scores, likeliest = StuckServos(tilts)(lacked, weights, given, health)
+    assert (likeliest.rotor, likeliest.window) == (3, 1)
+    assert likeliest.angle == pytest.approx(0.5, abs=0.05)
+    assert scores.argmax() == 3
+    moved = np.cos(likeliest.angle) * rotor[1] + np.sin(likeliest.angle) * rotor[2] - rotor[0]
+    rest = lacked[1] - health[3] * moved
+    np.testing.assert_allclose(
+        likeliest.score, weights[1] @ (lacked[1] ** 2 - rest**2), rtol=1e-9)
+    np.testing.assert_allclose(
+        likeliest.share, np.linalg.norm(moved[:3]) / np.linalg.norm((moved + rotor[0])[:3]))
+
+
 def test_false_alarms_are_as_rare_as_promised():
     # One window, six rotors: with 6 e5 tests an hour and 6 e4 false alarms, one score in ten tests
     # of Gaussian noise at most is over the limit, and by the two senses of a loss half as many.
     wrenches = rotor_wrenches(HEXAROTOR)
-    find = FailureTest(wrenches, 6e5, 6e4, 0.995, 0.35)
+    find = FailureTest(wrenches, None, 6e5, 6e4, 0.995, 0.35)
     assert find.limit == pytest.approx(chi2.isf(6e4 / 6e5 / 6.0, 1), rel=1e-9)
     rng = np.random.default_rng(1)
     over = sum(find(*windows(rng), np.ones(6)).score > find.limit for _ in range(2000))
@@ -434,7 +476,7 @@ def test_false_alarms_are_as_rare_as_promised():
 
 def test_two_opposite_rotors_may_be_a_load():
     wrenches = rotor_wrenches(HEXAROTOR)
-    find = FailureTest(wrenches, 1e6, 0.01, 0.995, 0.35)
+    find = FailureTest(wrenches, None, 1e6, 0.01, 0.995, 0.35)
     _, given, variance = windows(np.random.default_rng(0))
     for second, named in ((1, (0, 1)), (3, ())):
         lacked = -0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])

@@ -9,7 +9,7 @@ from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.servos import Servos
 from ca_ros.flight.settings import DetectorSettings
-from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
 COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest are dropped
@@ -21,25 +21,34 @@ class CommandedRotors:
     `settings`: the lags and the delay.  `lags`: C time constants (C, 1) of the motors instead of
     that of the settings [s]; speeds and thrusts then are (C, n).
 
+    - `vehicle`: may be replaced by one with servos that stick
     - `speeds` (n,): [rad/s]; zero before the first command
     - `wrenches` (6, n): force and torque per thrust of each rotor, in the last interval
+    - `planar` (s,): the rotors with a single servo
+    - `columns`: n + 2 s
     """
 
     def __init__(
         self, vehicle: Vehicle, settings: DetectorSettings, lags: Array | None = None
     ) -> None:
         s = settings
-        self._vehicle = vehicle.with_health(1.0)
+        self.vehicle = vehicle.with_health(1.0)
         self._lag = MotorLag(s.motor_time_constant if lags is None else lags)
         self._servos = Servos(s.servo_time_constant, s.servo_rate, vehicle)
         self._delay = round(s.delay * 1e9)
         self._waiting: list[tuple[int, Array, Array]] = []
         self.speeds, self._angles = self._command = self._servos.resting
         self.wrenches = rotor_wrenches(vehicle, self._angles)
+        self.planar = [] if vehicle.tilts is None else vehicle.tilts.planar
+        self.columns = vehicle.n + 2 * len(self.planar)
+        if vehicle.tilts is not None:
+            both = vehicle.tilts.turned(np.zeros(vehicle.n))
+            planes = [thrust_wrenches(vehicle, self.planar, each[self.planar]) for each in both]
+            self._planes = np.concatenate(planes, axis=1)
 
     def command(self, time: int, command: Array) -> None:
         """Take a command that was sent at a time [ns]: speeds (n,) and then angles (k,)."""
-        n = self._vehicle.n
+        n = self.vehicle.n
         self._waiting.append((time + self._delay, command[:n], command[n:]))
         if len(self._waiting) > 1 and self._waiting[-2][0] > self._waiting[-1][0]:
             self._waiting.sort(key=lambda waiting: waiting[0])
@@ -54,12 +63,24 @@ class CommandedRotors:
             until = min(end, self._waiting[0][0]) if self._waiting else end
             before, step = self.speeds, (until - now) / 1e9
             self.speeds = self._lag(before, self._command[0], step)
-            self._angles = self._servos.move(self._angles, self._command[1], step, self._vehicle)
-            thrusts = self._vehicle.thrusts(0.5 * (before + self.speeds))
+            self._angles = self._servos.move(self._angles, self._command[1], step, self.vehicle)
+            thrusts = self.vehicle.thrusts(0.5 * (before + self.speeds))
             share = (until - now) / (end - start)
             total = thrusts if share == 1.0 else total + share * thrusts
             now = until
         if len(angles):
             middle = angles + 0.5 * difference(self._angles, angles)
-            self.wrenches = rotor_wrenches(self._vehicle, middle)
+            self.wrenches = rotor_wrenches(self.vehicle, middle)
         return total
+
+    def given(self, start: int, end: int) -> Array:
+        """Return the mean force and torque of each rotor between two times [ns], (6, n + 2 s).
+
+        Those of the n sound rotors come first.  Then come those that the s rotors with a single
+        servo would give at its angle zero, and after a quarter turn [N, N m].
+        """
+        thrusts = self.thrusts(start, end)
+        given = self.wrenches * thrusts
+        if self.planar:
+            given = np.concatenate([given, self._planes * thrusts[2 * self.planar]], axis=1)
+        return given

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import cos, sin
 from operator import gt
 
 import numpy as np
@@ -15,6 +16,7 @@ from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.slow_rotors import SlowRotors
 from ca_ros.flight.usual_motion import UsualMotion
 from ca_ros.flight.windows import BLOCK, WINDOWS, Windows
+from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import Vehicle
 
 CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count as failed
@@ -47,9 +49,9 @@ class FailureDetector:
 
     `vehicle`: with the announced health.
 
-    - `health` (n,): the announced one, less what was found; it never grows until `reset`
     - `since`: when each rotor was found to have failed [ns]
-    - `evidence`: what each failure was found by: 'motion' or 'rotor speed'
+    - `evidence`: what each failure was found by: 'motion' or 'rotor speed', or at which angle its
+      servo sticks
     - `suspect`: the rotor that may be failing now
     """
 
@@ -60,7 +62,8 @@ class FailureDetector:
         self._rotors = CommandedRotors(vehicle, s)
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
         tests, wrenches = 3600.0 / BLOCK * len(WINDOWS), self._rotors.wrenches
-        self._find = FailureTest(wrenches, tests, s.false_alarms, s.certainty, s.least_loss)
+        chances = tests, s.false_alarms, s.certainty, s.least_loss
+        self._find = FailureTest(wrenches, vehicle.tilts, *chances)
         self._usual = UsualMotion(vehicle, s)
         noises = np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._moving = (MOVING * noises).tolist()
@@ -74,6 +77,14 @@ class FailureDetector:
         return self._observer.standing
 
     @property
+    def health(self) -> Array:
+        """The announced health, less what was found; it never grows until `reset`, (n,).
+
+        A rotor whose servo sticks has none, if the vehicle can do without it.
+        """
+        return np.where(self._stuck, 0.0, self._delivered)
+
+    @property
     def certainty(self) -> Array:
         """Probability that each rotor has failed, now or before, (n,)."""
         return np.where(self._sound, self._probabilities, self._found)
@@ -81,7 +92,8 @@ class FailureDetector:
     def reset(self) -> None:
         """Forget all failures, and what was learnt of the noise."""
         n = self.vehicle.n
-        self.health = np.array(self.vehicle.health)
+        self._delivered, self._stuck = np.array(self.vehicle.health), np.zeros(n, bool)
+        self._rotors.vehicle = self.vehicle.with_health(1.0)
         self._found: Array = np.zeros(n)
         self._probabilities: Array = NOBODY
         self.since: list[int | None] = [None] * n
@@ -116,7 +128,7 @@ class FailureDetector:
     def announce(self, health: Array) -> None:
         """Take the announced health (n,); what was found before holds."""
         self.vehicle = self.vehicle.with_health(health)
-        self.health = np.minimum(self.health, health)
+        self._delivered = np.minimum(self._delivered, health)
 
     def _begin(self) -> None:
         """Begin a flight: the windows reach back to now."""
@@ -124,7 +136,7 @@ class FailureDetector:
         self._learnt = self._motion
         self._waited = 0.0
         self._named: tuple[int, ...] = ()
-        self._count, self._windows = 0, Windows(self.vehicle.n)
+        self._count, self._windows = 0, Windows(self._rotors.columns)
 
     def command(self, time: int, command: Array) -> None:
         """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad]."""
@@ -157,11 +169,11 @@ class FailureDetector:
         motion = np.concatenate([velocity, angular_velocity])
         last, observer, usual = self._time, self._observer, self._usual
         if last is not None and 0 < time - last < RESTART:
-            thrusts = self._rotors.thrusts(last, time)
-            given = self._rotors.wrenches * thrusts
+            given = self._rotors.given(last, time)
+            own = given[:, : self.vehicle.n]
             self._slow.expect(time, self._rotors.speeds)
             turned, mean = 0.5 * (self._turn + turn), 0.5 * (self._motion + motion)
-            wrench = given.dot(self.health) + usual.drag(mean)
+            wrench = own.dot(self._delivered) + usual.drag(mean)
             observer.expect(turned.dot(wrench), mean[3:])
             # What holds a vehicle that does not move may be the ground, which is not learnt.
             moving = any(map(gt, abs(mean).tolist(), self._moving))
@@ -170,16 +182,16 @@ class FailureDetector:
         if observer.time != time or last == time:
             return False
         if last is not None and time < last:
-            self._rotors = CommandedRotors(self.vehicle, self.settings)
+            self._rotors = CommandedRotors(self._rotors.vehicle, self.settings)
         self._time, self._turn, self._motion = time, turn, motion
         step = observer.step
         if not step:
             if observer.standing:
                 self._begin()
             return False
-        usual.fly(step, given)
+        usual.fly(step, own)
         lacked = observer.lacked.dot(turned)
-        return self._windows.add(step, lacked, given) and self._test(time, moving, given)
+        return self._windows.add(step, lacked, given) and self._test(time, moving, own)
 
     @property
     def _suspicious(self) -> bool:
@@ -201,7 +213,9 @@ class FailureDetector:
             self._learn(moving, given)
             return False
         impulses, changes = windows.rotors()
-        variance = usual.spread + usual.model_errors(windows.ages, impulses, changes)
+        own = slice(self.vehicle.n)
+        errors = usual.model_errors(windows.ages, impulses[..., own], changes[..., own])
+        variance = usual.spread + errors
         found = self._find(windows.lacked, impulses, variance, self.health)
         if found.score > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
@@ -223,12 +237,16 @@ class FailureDetector:
         # The window may have begun a block before the failure.
         age = windows.ages[found.window]
         longer = age / max(age - block, block)
+        before = self.health
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             if share * longer >= TOTAL * self.health[rotor]:
                 share = self.health[rotor]
             self._found[rotor] = max(self.certainty[rotor], self.settings.certainty)
-            self._fail(rotor, share, time, 'motion')
-        return True
+            if found.angle is None:
+                self._fail(rotor, share, time, 'motion')
+            else:
+                self._stick(rotor, found.angle, time)
+        return changed or not np.array_equal(self.health, before)
 
     def _clear(self) -> None:
         """Suspect no rotor."""
@@ -251,14 +269,28 @@ class FailureDetector:
         self._refined[rotor] = 0.0
         self._reduce(rotor, share)
 
+    def _stick(self, rotor: int, angle: float, time: int) -> None:
+        """Take a rotor whose servo sticks out of use, if the vehicle can do without it."""
+        self.since[rotor], self.evidence[rotor] = time, f'servo sticks at {angle:.2f} rad'
+        self._sound[rotor] = False
+        # What it gives until it stops is known.
+        planar, first = self._rotors.planar, self.vehicle.n
+        for column, share in (
+            (rotor, 1.0), (first + planar.index(rotor), -cos(angle)),
+            (first + len(planar) + planar.index(rotor), -sin(angle)),
+        ):
+            self._windows.explain(column, share * self._delivered[rotor])
+        self._rotors.vehicle = self._rotors.vehicle.with_stuck_servo(rotor + 1, angle)
+        without = np.where(np.arange(first) == rotor, 0.0, self.health)
+        self._stuck[rotor] = audit(self.vehicle.with_health(without)).sound
+
     def _reduce(self, rotor: int, share: float) -> None:
         """Take a share of a rotor's health, as if from the start of the windows on."""
         whole = self.vehicle.health[rotor]
-        left = min(max(self.health[rotor] - share, 0.0), whole)
+        left = min(max(self._delivered[rotor] - share, 0.0), whole)
         left = 0.0 if left < USELESS * whole else left
-        self._windows.explain(rotor, self.health[rotor] - left)
-        self.health = self.health.copy()
-        self.health[rotor] = left
+        self._windows.explain(rotor, self._delivered[rotor] - left)
+        self._delivered[rotor] = left
 
     def _refine(self, found: Finding, recent: list[int]) -> bool:
         """Estimate the health of rotors that have just failed; return whether it changes."""

@@ -9,6 +9,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from ca_ros.arrays import Array
+from ca_ros.flight.stuck_servos import StuckServos
+from ca_ros.vehicle.tilts import Tilts
 
 EXPLAINED = 0.7  # least share of what is seen that a failure explains
 NEAR = 4.0  # windows whose score is this many standard deviations below the best are as likely
@@ -29,6 +31,7 @@ class Finding:
     - `probabilities` (n,): that each rotor, and no other, has failed
     - `named`: rotors that have failed with the wanted certainty
     - `lost`: share of the thrust of a sound rotor that each has lost
+    - `angle`: at which the servo of the named rotor sticks [rad]; None: the rotor has failed
     - `window`: the shortest likely one
     - `shares` and `errors` (n,): in the longest window, the share that each rotor alone would have
       lost, which may be negative, and its standard deviation
@@ -39,6 +42,7 @@ class Finding:
     probabilities: Array
     named: tuple[int, ...]
     lost: Array
+    angle: float | None
     window: int
     shares: Array
     errors: Array
@@ -53,32 +57,34 @@ class FailureTest:
     theta_i (-2 (s_i, c) - theta_i (s_i, s_i)), the greatest of all windows (Willsky and Jones,
     IEEE Trans. Automatic Control 21, 1976).  A rotor is named if its score is over the limit of
     the false alarms, explains most of what is seen, and is over that of any other rotor by the
-    odds of the wanted certainty.  If no single rotor explains what is seen, all pairs are tested
-    whose loss cannot be a load.
+    odds of the wanted certainty.  Servos that stick compete with the rotors: see `StuckServos`.
+    If no single rotor explains what is seen, all pairs are tested whose loss cannot be a load.
 
     - `wrenches` (6, n): force and torque per thrust of each rotor
+    - `tilts`: the servos of the rotors
     - `tests`: tests in an hour
     - `false_alarms`, `certainty` and `least_loss`: see `DetectorSettings`
     """
 
     def __init__(
-        self, wrenches: Array, tests: float, false_alarms: float, certainty: float,
-        least_loss: float,
+        self, wrenches: Array, tilts: Tilts | None, tests: float, false_alarms: float,
+        certainty: float, least_loss: float,
     ) -> None:
         share = min(1.0, false_alarms / (tests * wrenches.shape[1]))
         self.limit = float(chdtri(1.0, share))
         self.odds = 2.0 * log(certainty / (1.0 - certainty))
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
         self._least_loss = least_loss
+        self._servos = StuckServos(tilts) if tilts is not None and tilts.planar else None
 
     def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:
         """Test windows.
 
         - `lacked` and `variance` (T, 6): the unexplained impulse of each window, and its variance
-        - `given` (T, 6, n): the impulse of each rotor, as if it were sound
+        - `given` (T, 6, n + 2 s): the impulses of the rotors, see `CommandedRotors.given`
         - `health` (n,)
         """
-        weights = 1.0 / variance
+        weights, everything, given = 1.0 / variance, given, given[:, :, : len(health)]
         products = -np.einsum('tk,tki->ti', weights * lacked, given)
         squares = np.einsum('tk,tki->ti', weights, given**2) + 1e-12
         raw = products / squares
@@ -87,30 +93,40 @@ class FailureTest:
         best = scores.max(axis=0)
         rotor = int(best.argmax())
         score, window = float(best[rotor]), int(scores[:, rotor].argmax())
+        stuck = None
+        if self._servos is not None:
+            of_servos, stuck = self._servos(lacked, weights, everything, health)
+            best = np.maximum(best, of_servos)
+            seen = float(weights[stuck.window] @ lacked[stuck.window] ** 2)
+            if stuck.score > max(score, EXPLAINED * seen):
+                rotor, score, window = stuck.rotor, stuck.score, stuck.window
+            else:
+                stuck = None
         top = max(self.limit, score)
         likelihoods = np.exp(0.5 * (best - top))
         none = np.exp(0.5 * (self.limit - top))
         named: tuple[int, ...] = ()
-        lost = np.zeros(0)
+        lost, angle = np.zeros(0), None
         if score > self.limit:
             seen = float(weights[window] @ lacked[window] ** 2)
-            if score > EXPLAINED * seen:
+            rivals = best.copy()
+            rivals[rotor] = self.limit
+            leads = score - rivals.max() > self.odds
+            if stuck is not None:
+                if leads and stuck.share >= self._least_loss:
+                    named, lost, angle = (rotor,), health[[rotor]], stuck.angle
+            elif score > EXPLAINED * seen:
                 likely = scores[:, rotor] >= score - NEAR * score**0.5
                 window = int(np.where(likely, shares[:, rotor], -1.0).argmax())
-                rivals = best.copy()
-                rivals[rotor] = self.limit
                 share = shares[window, rotor]
-                if (
-                    score - rivals.max() > self.odds
-                    and share >= self._least_loss * health[rotor]
-                ):
+                if leads and share >= self._least_loss * health[rotor]:
                     named, lost = (rotor,), np.array([share])
             else:
                 named, lost = self._pair(
                     products[window], squares[window], weights[window], given[window], seen, health
                 )
         return Finding(
-            score, rotor, likelihoods / (none + likelihoods.sum()), named, lost, window,
+            score, rotor, likelihoods / (none + likelihoods.sum()), named, lost, angle, window,
             raw[-1], squares[-1] ** -0.5,
         )
 

@@ -16,7 +16,7 @@ WINDOWS = np.array([0.04, 0.06, 0.08, 0.12, 0.16, 0.24, 0.32])  # lengths [s]
 class Windows:
     """Sums over T windows of blocks, of about a hundredth of a second each, the last one new.
 
-    Of n rotors, each with its force and torque as if it were sound, in the body frame.
+    Of n columns of what rotors give: force and torque in the body frame.
 
     - `block`: length of the last block [s]
     - `ages` (T,): length of each window [s]
@@ -74,7 +74,7 @@ class Windows:
         kept = 0 if before is None else self._blocks[before]
         self._rows[kept:] = self._row[:] = 0.0
 
-    def explain(self, rotor: int, share: float) -> None:
-        """Explain what is lacked by the lost share of what a rotor gave."""
+    def explain(self, column: int, share: float) -> None:
+        """Explain what is lacked by the lost share of a column of what rotors gave."""
         n = self._given.shape[1]
-        self._rows[:, 1:7] += share * self._rows[:, ROTORS + rotor : ROTORS + 6 * n : n]
+        self._rows[:, 1:7] += share * self._rows[:, ROTORS + column : ROTORS + 6 * n : n]

@@ -68,6 +68,11 @@ class Tilts:
         return [i for i in driven for _ in range(1 + (self.gimbal[i] > 0))]
 
     @property
+    def planar(self) -> list[int]:
+        """The rotors with a single servo, not on a gimbal."""
+        return np.flatnonzero(self.driven & (self.gimbal == 0.0)).tolist()
+
+    @property
     def limits(self) -> tuple[Array, Array]:
         """Least and greatest angle of each servo [rad]."""
         rotors = self.rotors
