@@ -65,6 +65,15 @@ def test_an_undisturbed_flight_has_no_further_lines():
     assert lines() == []
 
 
+def test_the_tolerance_of_position_and_heading_is_that_of_the_user():
+    there = fly_offline('exact', 0.5, (0.0, 0.0, 0.0, 0.0))
+    for goal, needed in (((0.1, 0.0, 0.0, 0.0), 0.1), ((0.0, 0.0, 0.0, np.radians(5.0)), 0.2)):
+        for tolerance in (0.99 * needed, 1.01 * needed):
+            _, reached = summarize(
+                replace(SHORT, flight=there), Waypoint.of(*goal), RotorFailures(), (), tolerance)
+            assert reached == (tolerance > needed)
+
+
 def test_a_healthy_flight_that_is_too_short_does_not_blame_the_machine(monkeypatch):
     monkeypatch.setattr(summary.os, 'getloadavg', lambda: (9.0, 0.0, 0.0))
     for timeouts in (Counter(), Counter(controller=1)):

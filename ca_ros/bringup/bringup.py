@@ -75,7 +75,8 @@ def _bringup(plan: Plan, out: Path) -> int:
         foreign = 'controller' in plan.replacements
         shares = None if foreign else served(flown, plan.trajectory, plan.failures)
         cuts = () if shares is None else shares.cuts
-        summary, reached = summarize(flown, plan.trajectory.last, plan.failures, cuts)
+        summary, reached = summarize(
+            flown, plan.trajectory.last, plan.failures, cuts, plan.tolerance)
         print(summary)
         write_results(plan, out, flown, shares)
     except (CaRosError, OSError) as error:

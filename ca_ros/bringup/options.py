@@ -12,7 +12,7 @@ from ca_ros.allocation import ALLOCATORS, method_class
 from ca_ros.arguments import HelpFormatter, positive, renamed, shown
 from ca_ros.bringup.flight_options import add_options, failures_of, trajectory_of
 from ca_ros.bringup.link_faults import FaultSettings
-from ca_ros.bringup.plan import Plan
+from ca_ros.bringup.plan import POSITION_TOLERANCE, Plan
 from ca_ros.figures import add_options as add_figure_options
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split
 from ca_ros.nodes.settings import NodeSettings
@@ -21,7 +21,10 @@ from ca_ros.settings import table
 REPLACEMENTS = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}
 """The options that start a program of one's own, and the node whose place it takes."""
 
-SAME = ('detect', 'view', 'duration', 'faults', 'respawn', 'out', 'bag', 'figures', 'figure_width')
+SAME = (
+    *('detect', 'view', 'duration', 'tolerance', 'faults', 'respawn', 'out', 'bag', 'figures'),
+    'figure_width',
+)
 """The options that the plan has under the same name."""
 
 
@@ -69,6 +72,9 @@ def _parser() -> argparse.ArgumentParser:
     about = "follow the clock, or step as fast as possible (default: the parameter file's)"
     add('--mode', choices=table(NodeSettings)['mode'].choices, help=about)
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
+    about = 'greatest distance from the waypoint at the end; 0.25 degrees of heading a cm'
+    add('--tolerance', type=positive(float), metavar='METRES', default=POSITION_TOLERANCE,
+        help=about)
     add_options(parser)
     about = 'also start the viewer: markers for RViz and Foxglove on viewer/markers'
     add('--view', action='store_true', help=about)

@@ -19,12 +19,15 @@ from ca_ros.nodes.topics import MARKERS
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import ParameterFile
 
+POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
     """What is flown, with which nodes, and what is written.
 
-    The duration is in s.  `vehicle` is a shipped one or a file, or None if `ros`, the ROS
+    The duration is in s.  `tolerance` is the greatest distance from the waypoint at the end [m].
+    `vehicle` is a shipped one or a file, or None if `ros`, the ROS
     arguments of all nodes, names a file.  `parameters` are those that options set.  A program of
     `replacements` takes the place of a node.  With `detect` the monitor flies along, with `view`
     the viewer.  `faults` are
@@ -35,6 +38,7 @@ class Plan:
     trajectory: Trajectory
     failures: RotorFailures = field(default_factory=RotorFailures)
     duration: float = 10.0
+    tolerance: float = POSITION_TOLERANCE
     vehicle: str | None = None
     parameters: Mapping[str, str] = field(default_factory=dict)
     namespace: str = '/'

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
+from ca_ros.bringup.plan import POSITION_TOLERANCE
 from ca_ros.bringup.session import Flown
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import difference
@@ -20,15 +21,17 @@ from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 ANNOUNCED = 1.0  # time in which an announced failure takes effect in real time [s]
 RECENT = 1.0  # time of the flight that shows whether the vehicle approaches its waypoint [s]
 
-POSITION_TOLERANCE, HEADING_TOLERANCE = 0.02, math.radians(0.5)  # at the end of a flight [m, rad]
+HEADING_TOLERANCE = math.radians(0.5) / 0.02  # of the heading, over that of the position [rad/m]
 
 
 def summarize(
-    flown: Flown, waypoint: Waypoint, failures: RotorFailures, cuts: Sequence[str] = ()
+    flown: Flown, waypoint: Waypoint, failures: RotorFailures, cuts: Sequence[str] = (),
+    tolerance: float = POSITION_TOLERANCE,
 ) -> tuple[str, bool]:
     """Return the summary of a flight, and whether the waypoint was reached.
 
-    Where yaw is lost, the position alone decides.  `cuts` are those of `Served`.
+    Where yaw is lost, the position alone decides.  `cuts` are those of `Served`; `tolerance` is
+    that of the position [m], the heading has `HEADING_TOLERANCE` of it.
     """
     flight, mode = flown.flight, flown.parameters['mode']
     vehicle = flown.vehicle
@@ -37,12 +40,12 @@ def summarize(
     end = round(flight.time[-1] * 1e9)
     last = _known(flown, failures, end, told=False)
     lost = audit(last).lost
-    reached = error <= POSITION_TOLERANCE
+    reached = error <= tolerance
     if 'yaw' in lost:
         away = f'{1e3 * error:.1f} mm away; the heading is given up'
     else:
         heading_error = flight.attitude_error(waypoint) if posed else heading_error
-        reached = reached and heading_error <= HEADING_TOLERANCE
+        reached = reached and heading_error <= HEADING_TOLERANCE * tolerance
         away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
     speeds, inside = flight.speeds, 'within' if _within_bounds(flown, failures) else 'OUT OF'
     how = f'{mode}, {len(flight.time)} samples, in {flown.wall:.1f} s'
@@ -69,7 +72,7 @@ def summarize(
         lines.append(f'  at the end    {weak}{axes}')
     lines += _incidents(flown)
     if not reached:
-        lines += _hint(flown, waypoint, 'yaw' in lost)
+        lines += _hint(flown, waypoint, 'yaw' in lost, tolerance)
     return '\n'.join(lines), reached
 
 
@@ -110,11 +113,11 @@ def _incidents(flown: Flown) -> list[str]:
     return lines
 
 
-def _hint(flown: Flown, waypoint: Waypoint, spins: bool) -> list[str]:
+def _hint(flown: Flown, waypoint: Waypoint, spins: bool, tolerance: float) -> list[str]:
     """Return a line on why the waypoint was missed, if that is known."""
     load, processors = os.getloadavg()[0], os.cpu_count() or 1
     late = flown.timeouts or load > processors
-    if speed := _approach(flown.flight, waypoint, spins):
+    if speed := _approach(flown.flight, waypoint, spins, tolerance):
         hint = f'it was still approaching, {speed}: try a longer --duration'
     elif flown.parameters['mode'] == 'realtime' and late and not flown.faults:
         why = f'load average {load:.1f} on {processors} processors'
@@ -124,13 +127,13 @@ def _hint(flown: Flown, waypoint: Waypoint, spins: bool) -> list[str]:
     return [f'  hint          {hint}']
 
 
-def _approach(flight: Flight, waypoint: Waypoint, spins: bool) -> str:
+def _approach(flight: Flight, waypoint: Waypoint, spins: bool, tolerance: float) -> str:
     """Return how fast the vehicle approached all the time of the last `RECENT` seconds, or ''."""
     late = flight.time >= flight.time[-1] - RECENT
     distance = np.linalg.norm(flight.position[late] - waypoint.position, axis=1)
     angle = np.abs(difference(flight.heading[late], waypoint.heading))
     unit, error = 'mm', 1e3 * distance
-    if distance[-1] <= POSITION_TOLERANCE and not spins:
+    if distance[-1] <= tolerance and not spins:
         unit, error = 'degrees', np.degrees(angle)
     time = float(flight.time[-1] - flight.time[late][0])
     # Sensors have noise.
