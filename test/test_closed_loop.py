@@ -97,7 +97,7 @@ def test_a_change_takes_effect_at_the_first_sample_that_is_not_before_it():
     there, back = Waypoint.of(1.0, 0.0, 0.0, 0.0), Waypoint.of(-1.0, 0.0, 0.0, 0.0)
     loop = case.controller(), case.allocator('exact'), case.body()
     plain, turned = fly(*loop, there, 1.0), fly(
-        *loop, there, 1.0, changes=[Change(495_000_001, waypoint=back)])
+        *loop, there, 1.0, changes=[Change(495_000_001, waypoint=way) for way in (there, back)])
     np.testing.assert_array_equal(turned.speeds[:50], plain.speeds[:50])
     assert np.any(turned.speeds[50] != plain.speeds[50])
 

@@ -64,7 +64,8 @@ def fly(
       stamps of ROS.  A plant has its own
     - `state` (13,): initial state, see `ca_ros.flight.rigid_body`; by default at rest in the
       origin, or that of the plant
-    - `changes`: each takes effect at the first sample at or after its time
+    - `changes`: each takes effect at the first sample at or after its time, of several at one time
+      the last
     - `detection`: failures that it finds in a sample take effect at that sample
     """
     states: list[Array] = []
@@ -77,7 +78,7 @@ def fly(
         raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
     plant = body.restarted(state)
     step_ns, time_step = plant.time_step_ns, plant.time_step
-    pending = sorted(changes, key=lambda change: change.time, reverse=True)
+    pending = sorted(changes, key=lambda change: change.time)[::-1]
     for step in range(steps(duration, time_step) + 1):
         while pending and pending[-1].time <= step * step_ns:
             change = pending.pop()
