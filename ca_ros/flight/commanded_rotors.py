@@ -63,7 +63,9 @@ class CommandedRotors:
             until = min(end, self._waiting[0][0]) if self._waiting else end
             before, step = self.speeds, (until - now) / 1e9
             self.speeds = self._lag(before, self._command[0], step)
-            self._angles = self._servos.move(self._angles, self._command[1], step, self.vehicle)
+            if len(angles):
+                moved = self._servos.move(self._angles, self._command[1], step, self.vehicle)
+                self._angles = moved
             thrusts = self.vehicle.thrusts(0.5 * (before + self.speeds))
             share = (until - now) / (end - start)
             total = thrusts if share == 1.0 else total + share * thrusts

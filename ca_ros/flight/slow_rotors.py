@@ -13,9 +13,10 @@ STALE = 60_000_000
 """Time after a command in which the next one comes [ns]; motors without commands may idle."""
 
 LATE = 50_000_000
-"""Interval whose least speeds are kept, and those of the two before it [ns]."""
+"""Interval whose speeds are kept, and those of the two before it [ns]."""
 
 MOST = 2  # rotors that fail at once
+KEPT = 100  # speeds of an interval that are kept
 
 
 class SlowRotors:
@@ -30,31 +31,39 @@ class SlowRotors:
     """
 
     def __init__(self, n: int, least_loss: float) -> None:
-        self._share = (1.0 - least_loss) ** 0.5
+        self._share, self._n = (1.0 - least_loss) ** 0.5, n
         self._commanded: int | None = None
-        self._interval, self._least = 0, np.zeros((3, n))
+        self._interval = 0
+        self._forget()
         self.reset()
 
     def reset(self) -> None:
         """Forget all measurements."""
-        n = self._least.shape[1]
-        self._measured, self._slow = np.full(n, np.inf), np.zeros(n, int)
+        self._measured, self._slow = np.full(self._n, np.inf), np.zeros(self._n, int)
+
+    def _forget(self) -> None:
+        """Compare with zero until all of the last intervals are new."""
+        self._expected = [[np.zeros(self._n)] for _ in range(3)]
 
     def command(self, time: int, speeds: Array) -> None:
         """Take commanded speeds (n,) [rad/s] with their stamp [ns]."""
         if self._commanded is None or time - self._commanded >= STALE:
-            self._least[:] = 0.0
+            self._forget()
         self._commanded = time
-        np.minimum(self._least[0], np.abs(speeds), out=self._least[0])
+        self._keep(speeds)
 
     def expect(self, time: int, speeds: Array) -> None:
         """Take the speeds (n,) [rad/s] that the commands should have given at a time [ns]."""
-        speeds = np.abs(speeds)
-        if time // LATE == self._interval:
-            np.minimum(self._least[0], speeds, out=self._least[0])
-        else:
+        if time // LATE != self._interval:
             self._interval = time // LATE
-            self._least = np.array([speeds, *self._least[:2]])
+            self._expected = [[], *self._expected[:2]]
+        self._keep(speeds)
+
+    def _keep(self, speeds: Array) -> None:
+        kept = self._expected[0]
+        kept.append(speeds)
+        if len(kept) > KEPT:
+            kept[:] = [np.abs(kept).min(axis=0)]
 
     def measure(self, time: int, speeds: Array, sound: Array) -> list[tuple[int, float]] | None:
         """Return the rotors that have failed, each with the share of its thrust that it lost.
@@ -65,7 +74,8 @@ class SlowRotors:
         - `speeds` (n,): measured [rad/s]
         - `sound` (n,): which rotors are not known to have failed
         """
-        expected, measured = self._least.min(axis=0), np.abs(speeds)
+        last = [each for interval in self._expected for each in interval]
+        expected, measured = np.abs(last).min(axis=0), np.abs(speeds)
         fresh = self._commanded is not None and time - self._commanded < STALE
         slow = fresh & (measured < self._share * expected)
         slow &= measured <= self._measured + 0.01 * expected
