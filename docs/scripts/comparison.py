@@ -1,26 +1,27 @@
 """Compare all methods on wrenches and in flight; fill the tables of docs/comparison.md.
 
-Also draws the plot of the page.  Takes some minutes.
+Also draws the plot of the page.  Takes about half an hour.
 """
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
 import numpy as np
-from flights import Outcome, both_masses, compared
+import pandas as pd
+from flights import both_masses
 from matplotlib.figure import Figure
 from pages import DOCS, fill
 
 from ca_ros import AdmissibleSet
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.dynamic.manoeuvres import MANOEUVRES, fly_seeds
 from ca_ros.evaluation.plot_style import title
-from ca_ros.evaluation.tables import latex, table
+from ca_ros.evaluation.tables import table
 from ca_ros.evaluation.wrench_metrics import NOTED, metrics
 from ca_ros.evaluation.wrench_sets import samples
 from ca_ros.figures import save, sheet, style
@@ -36,30 +37,36 @@ CONTENDERS: dict[str, tuple[str, tuple[str, ...]]] = {
 """Method and parameters of each row."""
 
 VEHICLES = ('quadrotor', 'hexarotor', 'octorotor', 'x8', 'y6')
+REALISTIC = 'hexarotor_realistic'
 SAMPLES, SEED = 1000, 0
-
-GROUPS = {'upsets': 'upset', 'spins': 'spin', 'rotor lost': 'loss', 'slalom': 'slalom'}
-"""How the names of the manoeuvres of each group begin."""
-
-Outcomes = dict[tuple[str, str], Outcome]
+SEEDS = 4  # of each manoeuvre
+TITLES = [name.replace('_', ' ') for name in MANOEUVRES]
 
 
-def outcomes(label: str, vehicles: Sequence[str]) -> Outcomes:
-    """Return the outcomes of all flights of a contender by vehicle and manoeuvre."""
-    method, changes = CONTENDERS[label]
-    return {
-        (title, manoeuvre): outcome for name in vehicles
-        for title, case in both_masses(name, changes, [method])
-        for manoeuvre, outcome in compared(case, method)
-    }
+def flights(vehicles: Sequence[str]) -> pd.DataFrame:
+    """Fly all manoeuvres, also heavy: rows as in manoeuvres.csv, with vehicle and contender."""
+    return pd.DataFrame(
+        {**row, 'vehicle': name, 'contender': label}
+        for name in vehicles for label, (method, changes) in CONTENDERS.items()
+        for _, case in both_masses(name, changes, [method])
+        for row in fly_seeds(
+            case, [method], [each for each in MANOEUVRES if survivable(case, each)], SEEDS
+        )
+    )
 
 
-def static(name: str, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
+def survivable(case: Case, manoeuvre: str) -> bool:
+    """Whether a vehicle can recover: a quadrotor falls without one of its rotors."""
+    return manoeuvre != 'rotor_lost' or case.vehicle.n > 4
+
+
+def static(name: str) -> dict[str, dict[str, Any]]:
     """Return the metrics of each contender on wrenches inside and outside the admissible set."""
-    chosen = {label: CONTENDERS[label] for label in labels}
-    cases = {label: Case.load(name, own, [method]) for label, (method, own) in chosen.items()}
-    allocators = {label: cases[label].allocator(CONTENDERS[label][0]) for label in labels}
-    admissible = AdmissibleSet(next(iter(cases.values())).problem)
+    allocators = {
+        label: Case.load(name, own, [method]).allocator(method)
+        for label, (method, own) in CONTENDERS.items()
+    }
+    admissible = AdmissibleSet(Case.load(name).problem)
     problem = admissible.problem
     found: dict[str, dict[str, Any]] = {}
     demands = {kind: samples(admissible, kind, SEED, 0, SAMPLES) for kind in ('volume', 'outside')}
@@ -96,58 +103,51 @@ def wrenches_table(found: Mapping[str, Mapping[str, Any]]) -> str:
     return table(titles, rows)
 
 
-def flights_table(found: Mapping[str, Outcomes]) -> str:
-    """Return the table of recoveries, height lost, energy and smoothness."""
-
-    def slalom(own: Outcomes) -> float:
-        return sum(each.change for (_, name), each in own.items() if name == 'slalom')
-
-    rows = []
-    for label, own in found.items():
-        recoveries = [recovered(own, start) for start in GROUPS.values()]
-        drops = [each.height_lost for (_, name), each in own.items() if name.startswith('upset')]
-        change = 100.0 * slalom(own) / slalom(found['exact'])
-        rows.append((f'`{label}`', *recoveries, f'{np.median(drops):.2f}', f'{change:.1f}'))
-    titles = (
-        *('method', *GROUPS, 'height lost in upsets, median [m]'),
-        'change of thrust, slalom [% of `exact`]',
-    )
-    return table(titles, rows)
+def recoveries(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return how many flights recovered, by contender and manoeuvre."""
+    counts = rows.groupby(['contender', 'manoeuvre'], sort=False)['recovered']
+    return counts.agg(lambda own: f'{own.sum()}/{len(own)}').unstack()
 
 
-def recovered(own: Outcomes, start: str) -> str:
-    """Return how many flights of a group ended at their waypoints."""
-    group = [each for (_, name), each in own.items() if name.startswith(start)]
-    return f'{sum(each.recovered for each in group):.0f}/{len(group)}'
-
-
-def realistic_table(ideal: Mapping[str, Outcomes], real: Mapping[str, Outcomes]) -> str:
-    """Return the table of recoveries of an ideal vehicle, and of a realistic one."""
-    rows = [
-        (f'`{label}`', *(f'{recovered(ideal[label], start)}, {recovered(real[label], start)}'
-                         for start in GROUPS.values()))
-        for label in real
+def flights_table(rows: pd.DataFrame) -> str:
+    """Return the table of recoveries, height lost and smoothness."""
+    slalom = rows[rows['manoeuvre'] == 'slalom'].groupby('contender')['change'].sum()
+    drops = rows[rows['manoeuvre'] == 'upsets'].groupby('contender')['height_lost'].median()
+    hits = recoveries(rows)
+    cells = [
+        (f'`{label}`', *hits.loc[label, [*MANOEUVRES]], f'{drops[label]:.2f}',
+         f'{100.0 * slalom[label] / slalom["exact"]:.1f}')
+        for label in CONTENDERS
     ]  # fmt: skip
-    return table(('method', *(f'{group}: ideal, realistic' for group in GROUPS)), rows)
+    more = 'height lost in upsets, median [m]', 'change of thrust, slalom [% of `exact`]'
+    return table(('method', *TITLES, *more), cells)
 
 
-def draw(wrenches: Mapping[str, Mapping[str, Any]], found: Mapping[str, Outcomes]) -> Figure:
+def realistic_table(ideal: pd.DataFrame, real: pd.DataFrame) -> str:
+    """Return the table of recoveries of an ideal vehicle, and of a realistic one."""
+    both = recoveries(ideal) + ', ' + recoveries(real)
+    cells = [(f'`{label}`', *both.loc[label, [*MANOEUVRES]]) for label in CONTENDERS]
+    return table(('method', *(f'{each}: ideal, realistic' for each in TITLES)), cells)
+
+
+def draw(wrenches: Mapping[str, Mapping[str, Any]], rows: pd.DataFrame) -> Figure:
     """Draw four metrics as bars, one row per method; black is `exact`."""
     outside = [own['outside'] for own in wrenches.values()]
     tilts = [100.0 * own['lost']['roll and pitch'] for own in outside]
-    lost = [float(sum(not each.recovered for each in own.values())) for own in found.values()]
+    flown = rows.groupby('contender', sort=False)['recovered']
+    lost = [*(flown.size() - flown.sum()).astype(float)]
     panels: dict[str, list[float]] = {
         'attainable\nwrenches\nmissed [%]': [100.0 * own['missed'] for own in wrenches.values()],
         'roll and pitch\nlost, unat-\ntainable [%]': tilts,
         'reversed axis,\nunattainable\n[%]': [100.0 * own['reversed'] for own in outside],
-        f'flights lost\nof {len(found["exact"])}': lost,
+        f'flights lost\nof {flown.size()["exact"]}': lost,
     }
     with matplotlib.rc_context(style()):
         figure, body = sheet(3.4)
         parts = body.subplots(1, len(panels), sharey=True)
         for axes, (words, values) in zip(parts, panels.items(), strict=True):
-            colors = ['black' if name == 'exact' else '0.65' for name in found]
-            bars = axes.barh([title(name) for name in found], values, color=colors)
+            colors = ['black' if name == 'exact' else '0.65' for name in CONTENDERS]
+            bars = axes.barh([title(name) for name in CONTENDERS], values, color=colors)
             axes.bar_label(bars, [f'{value:.0f}' for value in values], padding=4)
             axes.set_title(words)
             axes.set_xlim(0.0, 1.25 * max(values))
@@ -159,37 +159,16 @@ def draw(wrenches: Mapping[str, Mapping[str, Any]], found: Mapping[str, Outcomes
 
 
 def main() -> None:
-    """Fill the page and draw the plot, or print the tables of another vehicle."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--vehicle', help='print the tables of this vehicle, and fill no page')
-    parser.add_argument(
-        '--realistic', action='store_true', help='fill the table of the realistic vehicle alone'
-    )
-    parser.add_argument('--methods', nargs='+', default=list(CONTENDERS), choices=CONTENDERS)
-    formats = ('markdown', 'latex')
-    parser.add_argument('--tables', choices=formats, default='markdown', help='with --vehicle')
-    options = parser.parse_args()
-    labels = ['exact', *(label for label in options.methods if label != 'exact')]
+    """Fill the page and draw the plot."""
     # The state of a tumbling vehicle overflows.
     warnings.simplefilter('ignore', RuntimeWarning)
-    if options.realistic or not options.vehicle:
-        ideal, real = (
-            {label: outcomes(label, [name]) for label in labels}
-            for name in ('hexarotor', 'hexarotor_realistic')
-        )
-        fill('comparison.md', realistic=realistic_table(ideal, real))
-    if options.realistic:
-        return
-    vehicles = [options.vehicle] if options.vehicle else VEHICLES
-    found = {label: outcomes(label, vehicles) for label in labels}
-    wrenches = static(options.vehicle or 'hexarotor', labels)
-    tables = {'wrenches': wrenches_table(wrenches), 'flights': flights_table(found)}
-    if options.vehicle:
-        text = '\n\n'.join(tables.values())
-        print(latex(text) if options.tables == 'latex' else text)
-    else:
-        fill('comparison.md', **tables)
-        save(draw(wrenches, found), DOCS / 'comparison', ['png'])
+    rows, real = flights(VEHICLES), flights([REALISTIC])
+    wrenches = static('hexarotor')
+    fill(
+        'comparison.md', wrenches=wrenches_table(wrenches), flights=flights_table(rows),
+        realistic=realistic_table(rows[rows['vehicle'] == 'hexarotor'], real),
+    )
+    save(draw(wrenches, rows), DOCS / 'comparison', ['png'])
 
 
 if __name__ == '__main__':

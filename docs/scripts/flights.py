@@ -10,19 +10,10 @@ import numpy as np
 from ca_ros.allocation import Allocation, Allocator
 from ca_ros.arrays import Array
 from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic.manoeuvres import (
-    SLALOM_DURATION,
-    Counter,
-    Manoeuvre,
-    flown,
-    goal,
-    upset,
-)
+from ca_ros.evaluation.dynamic.manoeuvres import Counter, Manoeuvre, flown, goal, upset
 from ca_ros.flight.rigid_body import NULL_STATE
-from ca_ros.flight.rotor_failures import RotorFailure
 
 HEAVY = 1.35  # ratio of greatest thrust to weight of the heavy vehicles
-FAIL = 0.5  # time of the loss of a rotor [s]
 
 ROUNDING = 1e-9
 
@@ -47,13 +38,6 @@ MANOEUVRES = {
     'turning back in a climb': to(5, 5, -3, -170, upset(turn=(0, 0, 8), velocity=(0, 0, 6))),
     'fast attitude commands': to(3, 0, 3, 90, upset(turn=(8, -8, 0))),
 }
-
-TURNS = (
-    (0.0, goal(1.5, 1.5, 0, 90)), (1.2, goal(3.0, -1.5, 1, -90)), (2.4, goal(4.5, 1.5, 0, 90)),
-    (3.6, goal(6.0, -1.5, 1, -90)), (4.8, goal(7.5, 0, 0, 0)),
-)
-"""Times [s] and waypoints of a slalom; each waypoint is left before it is reached."""
-
 
 class Recorder(Counter):
     """An allocator that counts inexact answers, and those with a wrong yaw."""
@@ -102,14 +86,3 @@ def both_masses(
     yield f'`{name}`', case
     mass = float(case.vehicle.thrust_max.sum()) / case.vehicle.gravity / HEAVY
     yield f'`{name}`, heavy', Case.load(name, (*changes, f'vehicle.mass:={mass}'), methods)
-
-
-def compared(case: Case, method: str) -> Iterator[tuple[str, Outcome]]:
-    """Fly upsets, spins, a slalom and the losses of two rotors."""
-    for name, manoeuvre in MANOEUVRES.items():
-        if name.startswith(('upset', 'spin')):
-            yield name, outcome(case, method, manoeuvre)
-    yield 'slalom', outcome(case, method, Manoeuvre(NULL_STATE, TURNS, None, SLALOM_DURATION))
-    for rotor in (1, 2) if case.vehicle.n > 4 else ():
-        lost = to(1, 1, 1, 0)._replace(failed=RotorFailure(rotor, FAIL))
-        yield f'loss of rotor {rotor}', outcome(case, method, lost)

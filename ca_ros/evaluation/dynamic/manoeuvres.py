@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import product
 from math import cos, inf, radians, sin
 from typing import Any, NamedTuple
 
@@ -166,6 +167,16 @@ def flown(
         'change': float(changes_of(thrusts).sum() / flight.time[-1]),
         'heading_error': float(np.abs(off).sum() * step), **counter.counts,
     }
+
+
+def fly_seeds(
+    case: Case, methods: Iterable[str], names: Iterable[str], seeds: int
+) -> Iterator[dict[str, Any]]:
+    """Fly manoeuvres of each seed with each method, all the same ones; yield their rows."""
+    for name, seed, method in product(names, range(seeds), methods):
+        rng = np.random.default_rng([seed, list(MANOEUVRES).index(name)])
+        row = {'manoeuvre': name, 'seed': seed, 'method': method}
+        yield {**row, **flown(case, method, MANOEUVRES[name](rng, case.vehicle.n))}
 
 
 def share_of(hits: int, count: int) -> tuple[float, float]:

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
@@ -23,7 +22,7 @@ from ca_ros.bringup.flight_options import (
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
 from ca_ros.evaluation.dynamic.flights import Flights
-from ca_ros.evaluation.dynamic.manoeuvres import MANOEUVRES, flown, summary
+from ca_ros.evaluation.dynamic.manoeuvres import MANOEUVRES, fly_seeds, summary
 from ca_ros.evaluation.dynamic.metrics import RECOVERED, metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import findings, observe
 from ca_ros.evaluation.dynamic.plots import ROWS, draw
@@ -140,17 +139,10 @@ def _fly_manoeuvres(
 ) -> str:
     """Fly each manoeuvre of each seed with each method; write the files, return manoeuvres.md."""
     names = options.manoeuvres.split(',')
-    flights = [
-        (name, seed, method) for name in names for seed in range(options.seeds)
-        for method in allocators
-    ]
-    rows = []
-    for name, seed, method in tqdm(flights, unit=' flights', disable=None):
-        # Each method flies the same manoeuvres.
-        rng = np.random.default_rng([seed, list(MANOEUVRES).index(name)])
-        drawn = MANOEUVRES[name](rng, case.vehicle.n)
-        row = {'manoeuvre': name, 'seed': seed, 'method': method}
-        rows.append({**row, **flown(case, method, drawn)})
+    rows = tqdm(
+        fly_seeds(case, list(allocators), names, options.seeds), unit=' flights', disable=None,
+        total=len(names) * options.seeds * len(allocators),
+    )
     found = pd.DataFrame(rows)
     text = render(
         'manoeuvres.md', table=summary(found), recovered=RECOVERED,
