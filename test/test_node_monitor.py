@@ -18,24 +18,29 @@ from ca_ros.testing import Diagnostics, wrench
 HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)
 
 
+SERVOS = [
+    f'{part}.{name}' for part in ('simulator', 'detector')
+    for name in ('motor_time_constant:=0.02', 'servo_time_constant:=0.03', 'servo_rate:=6.0')
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(('vehicle', 'changes'), [
-    pytest.param('hexarotor_realistic', [], marks=pytest.mark.long),
-    ('hexarotor_tilting', [
-        f'{part}.{name}' for part in ('simulator', 'detector')
-        for name in ('motor_time_constant:=0.02', 'servo_time_constant:=0.03', 'servo_rate:=6.0')
-    ]),
+@pytest.mark.parametrize(('vehicle', 'changes', 'failure'), [
+    pytest.param('hexarotor_realistic', [], '2@1.5', marks=pytest.mark.long),
+    pytest.param('hexarotor_tilting', SERVOS, '2@1.5', marks=pytest.mark.long),
+    ('hexarotor_tilting', SERVOS, '2@1.5=0.6rad'),
 ])
-def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(vehicle, changes):
+def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(vehicle, changes, failure):
     case = Case.load(vehicle, changes)
-    failures = RotorFailures((RotorFailure(2, 1.5),), None)
+    failures = RotorFailures((RotorFailure.parse(failure),), None)
     detection = case.detection('exact')
     offline = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(1, 1, 1, np.pi / 4),
         2.0, changes=case.failing('exact', failures), detection=detection)
-    words = ['--fail', '2@1.5', '--announce', 'never', '--detect']
+    words = ['--fail', failure, '--announce', 'never', '--detect']
     flown = fly_over_ros(case, 'exact', 2.0, words)
     assert 1.5 < detection.found[0][0] / 1e9 < 1.6
+    assert detection.detector.health.tolist() == [1.0, 0.0, 1.0, 1.0, 1.0, 1.0]
     for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds', 'angles'):
         np.testing.assert_array_equal(getattr(flown, name), getattr(offline, name))
 
