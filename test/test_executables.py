@@ -84,7 +84,10 @@ def test_a_wrong_vehicle_is_refused_in_one_line_by_all_that_read_it(tmp_path):
         files[fault] = str(tmp_path / f'{fault}.yaml')
         assert old in HEXAROTOR
         Path(files[fault]).write_text(HEXAROTOR.replace(old, new), encoding='utf-8')
+    boat = tmp_path / 'boat.yaml'
+    boat.write_text('problem: {matrix: [[1, 1]], lower: 0, upper: 1, unit: N}', encoding='utf-8')
     refused([
+        (('allocator', '--vehicle', str(boat)), ['boat.yaml: problem.unit: no such entry']),
         *(((*way, files[fault]), words)
           for way, (fault, (_, _, words)) in zip(ways, cycle(WRONG.items()), strict=False)),
         *(((name, '--vehicle', files['no yaw']), [

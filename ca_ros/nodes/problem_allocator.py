@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from ca_ros.nodes.settings import ProblemSettings
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError, Settings, check_given, table
-from ca_ros.vehicle.files import find
+from ca_ros.vehicle.files import ParameterFile, find
 
 COMPONENTS = (
     ('force_x', 'surge'), ('force_y', 'sway'), ('force_z', 'heave', 'thrust'),
@@ -96,22 +96,16 @@ def rows_of(axes: Sequence[str]) -> list[int]:
     return found
 
 
-def problem_in(argv: Sequence[str]) -> tuple[str, dict[str, Any]] | None:
-    """Return the file of a problem that a command line names, and the options in it."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument('--vehicle')
-    own, _ = split(argv)
-    vehicle = parser.parse_known_args(own)[0].vehicle
-    found = None if vehicle is None else read_problem(vehicle, AllocationProblem)
-    return None if found is None else (str(find(vehicle).resolve()), found[1])
-
-
 def names_problem(argv: Sequence[str]) -> bool:
     """Tell whether a command line names the file of a problem; errors are reported later."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument('--vehicle', default='')
+    vehicle = parser.parse_known_args(split(argv)[0])[0].vehicle
     try:
-        return '--help' not in argv and problem_in(argv) is not None
+        content = ParameterFile(vehicle).content if '--help' not in argv else None
     except ValueError:
         return False
+    return isinstance(content, Mapping) and 'problem' in content
 
 
 def parse_problem(
@@ -121,11 +115,10 @@ def parse_problem(
     parser = argparse.ArgumentParser(prog=prog, description=description)
     parser.add_argument('--vehicle', metavar='NAME|FILE', help='the file of a problem')
     own, ros = split(argv)
-    parser.parse_args(own)
-    found = problem_in(argv)
+    vehicle = parser.parse_args(own).vehicle
+    found = read_problem(vehicle, AllocationProblem)
     assert found is not None
-    file, options = found
-    check_given(options, table(declared))
-    values = {'problem': file, **options}
+    check_given(found[1], table(declared))
+    values = {'problem': str(find(vehicle).resolve()), **found[1]}
     words = [f'{name}:={json.dumps(value)}' for name, value in values.items()]
     return ['--ros-args', *(part for word in words for part in ('-p', word)), '--', *ros]
