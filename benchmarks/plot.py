@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from benchmarks.contenders import BASELINE
 from benchmarks.parts import SETS
@@ -38,7 +39,9 @@ def draw(results: pd.DataFrame) -> Figure:
             bars = axes.barh(places, own['ratio'], 0.25, color=faces, edgecolor=color)
             pairs = zip(own['ratio'], wrong, strict=True)
             words = [f'{ratio:#.3g}' + ', wrong' * bad for ratio, bad in pairs]
-            axes.bar_label(bars, words, padding=3, fontsize=7)
+            labels = axes.bar_label(bars, words, padding=3, fontsize=6.5)
+            for label in labels:  # the line at 1 may be behind it
+                label.set_path_effects([withStroke(linewidth=1.2, foreground='white')])
             axes.barh([0.0], [np.nan], color=color, label=kind)
         axes.axvline(1.0, **DASHED)
         axes.set_xscale('log')
