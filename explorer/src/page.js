@@ -36,10 +36,10 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
       <button id="link" aria-live="polite" title="Copy the address of this case" @click=${act.copy}>Copy link</button>
       <output id="fault" role="alert"></output>
     </header>
-    <main>
+    <main><div id="pictures">
       <section aria-label="Vehicle">
         <h2>Vehicle</h2>
-        <p class="hint"><b>Click a rotor to make it fail</b>; click it again to repair it.</p>
+        <p class="hint"><b>Click a rotor to make it fail</b>, or to repair it.</p>
         <div class="view" id="body"></div>
         <p class="legend">Thrust (arrows): <span>${mark('free')}between its bounds</span> <span>${mark('max')}at its
           maximum</span> <span>${mark('min')}at its minimum</span> <span>${mark('lost')}failed rotor</span></p>
@@ -59,9 +59,10 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
           <span id="waits" ?hidden=${!waits}>the set is drawn when the drag rests</span>
           <span ?hidden=${!beside}>${mark('beside')}${METHODS[state.beside]}</span></p>
       </section>
-      <section id="panel" aria-label="Settings and results">
-        <div id="answer" aria-live="polite"><strong id="status" class=${answer.status === 'EXACT' ? '' : 'short'}>${
-          answer.status}</strong><ul id="words">${words.map((line) => html`<li>${line}</li>`)}</ul></div>
+      <section id="answer" aria-live="polite"><strong id="status" class=${answer.status === 'EXACT' ? '' : 'short'}>${
+        answer.status}</strong><ul id="words">${words.map((line) => html`<li>${line}</li>`)}</ul></section>
+      </div>
+      <section id="panel" aria-label="Settings">
         <h2>Demand</h2>
         <div id="demand">${axes.map((axis, k) => demandRow(axis, k, set, demand, answer.wrench, act))}</div>
         <h2>Rotors</h2>

@@ -1,5 +1,5 @@
 // What the numbers of the kernel mean, in words.
-export const UNITS = {force_x: 'N', force_y: 'N', thrust: 'N', roll: 'N m', pitch: 'N m', yaw: 'N m'};
+export const UNITS = {force_x: 'N', force_y: 'N', thrust: 'N', roll: 'N\xa0m', pitch: 'N\xa0m', yaw: 'N\xa0m'};
 export const METHODS = {'': 'no other method', pseudo_inverse: 'clipped pseudo-inverse',
   fixed_pseudo_inverse: 'clipped pseudo-inverse, computed once'};
 const BOUNDS = [['at maximum', 1], ['at minimum', -1]];
