@@ -9,12 +9,13 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from pages import fill, telling
+from pages import DOCS, fill, shipped
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
 from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.metrics import sample_errors
+from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.detection import Detection
 from ca_ros.flight.plant import Plant
@@ -23,7 +24,8 @@ from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 
-VEHICLES = ('hexarotor', 'hexarotor_ppnnpn', 'hexarotor_tilted', 'octorotor', 'x8', 'y6')
+LONGER = {'y6': 24.0, 'quadrotor': 1.0}
+"""How long a flight goes on after a loss, if not 8 s: one comes back late, one falls [s]."""
 
 NOISE = {'position': 0.01, 'velocity': 0.03, 'attitude': 0.005, 'angular_velocity': 0.02}
 
@@ -72,7 +74,7 @@ def failed(vehicle, manoeuvre, rotor, changes, announce=None, seed=0):
     # It holds the place where it was bound for.
     flight = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(*first),
-        at + (16.0 if manoeuvre == 'forward' else 8.0), changes=events,
+        at + LONGER.get(vehicle, 16.0 if manoeuvre == 'forward' else 8.0), changes=events,
         detection=detection)
     return flight, detection, goal, at, case
 
@@ -113,25 +115,28 @@ def range_of(times):
     return f'{1e3 * np.median(times):.0f}, {1e3 * max(times):.0f}'
 
 
-def manoeuvres_table(options):
-    """Return the table of failures in manoeuvres, with the settings of the realistic hexarotor."""
+def flights_table(options):
+    """Return the table of failures in manoeuvres, and of rotors that lose half of their thrust."""
     changes = realistic(options.noise, options.lag, options.delay, options.gusts, options.wind)
     rows = []
     for vehicle in options.vehicles:
-        for manoeuvre in MANOEUVRES:
-            n = Case.load(vehicle).vehicle.n
-            found = [row(vehicle, manoeuvre, i, changes) for i in range(n)]
-            named = [each for each in found if each['after'] is not None]
-            counts = [sum(each[key] for each in found)
-                      for key in ('announced', 'detected', 'wrong')]
-            rows.append((
-                f'`{vehicle}`', manoeuvre, range_of([each['after'] for each in named]),
-                range_of([each['asked'] for each in named]), f'{len(named)} of {n}',
-                *map(str, counts)))
-            print(*rows[-1], flush=True)
-    titles = ('vehicle', 'flight', 'after [ms]', 'asked [ms]', 'detected', 'holds, announced',
-              'holds, detected', 'wrong names')
-    return telling('detection_flights', titles, rows, lambda row: row[1] in SHOWN, words=2)
+        n = Case.load(vehicle).vehicle.n
+        flown = {way: [row(vehicle, way, i, changes) for i in range(n)] for way in MANOEUVRES}
+        found = [each for rows in flown.values() for each in rows]
+        named = [each for each in found if each['after'] is not None]
+        wrong = sum(each['wrong'] for each in found)
+        half = [hovering(vehicle, i, changes, left=0.5) for i in range(n)]
+        errors = [error for *_, error in half]
+        rows.append((
+            f'`{vehicle}`', range_of([each['asked'] for each in named]),
+            f'{len(named)}/{len(found)}' + (f'; {wrong} wrong' if wrong else ''),
+            *('/'.join(str(sum(each[how] for each in flown[way]))
+                       for how in ('announced', 'detected')) for way in MANOEUVRES),
+            f'{np.median(errors):.2f}, {max(errors):.2f}',
+        ))
+        print(*rows[-1], sep=' | ', flush=True)
+    titles = 'vehicle', 'after [ms]', 'named', *MANOEUVRES, 'half'
+    return table(titles, rows)
 
 
 class Slow(Detection):
@@ -146,49 +151,50 @@ class Slow(Detection):
         return super().observe(time, state) if self._count % self._each == 0 else None
 
 
-# Conditions by name: arguments of `realistic`, parameters, and further arguments of `hovering`.
+def usual(*parameters, further=None, **air):
+    """Return a condition: arguments of `realistic`, parameters, arguments of `hovering`."""
+    return air, parameters, further or {}
+
+
+def either(name, *values):
+    """Return the conditions of a parameter of the simulator with each value."""
+    return [usual(f'simulator.{name}:={value}') for value in values]
+
+
 CONDITIONS = {
-    'usual': ({}, [], {}),
-    'no noise': ({'noise': 0.0}, [], {}),
-    'noise twice': ({'noise': 2.0}, [], {}),
-    'no gusts, no wind': ({'gusts': 0.0, 'wind': 0.0}, [], {}),
-    'gusts 1 m/s': ({'gusts': 1.0}, [], {}),
-    'gusts 2 m/s, wind 3 m/s': ({'gusts': 2.0, 'wind': 3.0}, [], {}),
-    'noise twice, gusts 1 m/s, wind 2 m/s': ({'noise': 2.0, 'gusts': 1.0, 'wind': 2.0}, [], {}),
-    'no lag': ({'lag': 0.0}, [], {}),
-    'lag 100 ms': ({'lag': 0.1}, [], {}),
-    'lag 30 ms, set 50': ({}, ['simulator.motor_time_constant:=0.03'], {}),
-    'lag 70 ms, set 50': ({}, ['simulator.motor_time_constant:=0.07'], {}),
-    'delay 30 ms': ({'delay': 0.03}, [], {}),
-    'delay 0, set 10 ms': ({}, ['simulator.command_delay:=0.0'], {}),
-    'delay 20 ms, set 10': ({}, ['simulator.command_delay:=0.02'], {}),
-    'states at 500 Hz': ({}, ['simulator.time_step:=0.002'], {}),
-    'states at 50 Hz': ({}, [], {'each': 2}),
-    'states at 20 Hz': ({}, [], {'each': 5}),
-    'mass 10 % more': ({}, ['simulator.mass_factor:=1.1'], {}),
-    'mass 10 % less': ({}, ['simulator.mass_factor:=0.9'], {}),
-    'k_f 10 % more': ({}, ['simulator.thrust_factor:=1.1'], {}),
-    'k_f 10 % less': ({}, ['simulator.thrust_factor:=0.9'], {}),
-    'inertia 10 % more': ({}, [], {'inertia': 1.1}),
-    'inertia 10 % less': ({}, [], {'inertia': 0.9}),
-    'load of 15 %, 5 cm off centre': ({}, [], {'load': 0.05}),
-    'load of 15 %, 10 cm': ({}, [], {'load': 0.1}),
-    'load of 15 %, 15 cm': ({}, [], {'load': 0.15}),
+    'usual': [usual()],
+    'no noise': [usual(noise=0.0)],
+    'noise twice': [usual(noise=2.0)],
+    'no gusts, no wind': [usual(gusts=0.0, wind=0.0)],
+    'gusts 1 m/s': [usual(gusts=1.0)],
+    'gusts 2 m/s, wind 3 m/s': [usual(gusts=2.0, wind=3.0)],
+    'noise twice, gusts 1 m/s, wind 2 m/s': [usual(noise=2.0, gusts=1.0, wind=2.0)],
+    'lag 0 or 100 ms': [usual(lag=0.0), usual(lag=0.1)],
+    'lag 30 or 70 ms, set 50': either('motor_time_constant', 0.03, 0.07),
+    'delay 30 ms': [usual(delay=0.03)],
+    'delay 0 or 20 ms, set 10': either('command_delay', 0.0, 0.02),
+    'states at 500 Hz': either('time_step', 0.002),
+    'states at 50 Hz': [usual(further={'each': 2})],
+    'states at 20 Hz': [usual(further={'each': 5})],
+    'mass, k_f or inertia ± 10 %': [
+        *either('mass_factor', 1.1, 0.9), *either('thrust_factor', 1.1, 0.9),
+        *(usual(further={'inertia': share}) for share in (1.1, 0.9))],
+    'load of 15 %, 5 or 10 cm off centre': [
+        usual(further={'load': arm}) for arm in (0.05, 0.1)],
+    'load of 15 %, 15 cm': [usual(further={'load': 0.15})],
 }
+"""Conditions by name, each with its variants."""
 
 
-SHOWN = (
-    *('slalom', 'usual', 'noise twice, gusts 1 m/s, wind 2 m/s', 'states at 50 Hz'),
-    *('states at 20 Hz', 'load of 15 %, 15 cm'),
-)
-"""Flights and conditions that the page shows."""
+def hovering(vehicle, rotor, changes, each=1, inertia=1.0, load=0.0, left=0.0, at=4.0):
+    """Lose a rotor at hover, but for the thrust that is `left`.
 
-
-def hovering(vehicle, rotor, changes, each=1, inertia=1.0, load=0.0, at=4.0):
-    """Lose a rotor at hover; return false alarms, the time to detection and wrong names."""
+    Returns whether there was an alarm before, the time to detection, whether there was a wrong
+    name, and the error of the health half a second after the loss.
+    """
     case = Case.load(vehicle, changes)
     health = np.ones(case.vehicle.n)
-    health[rotor] = 0.0
+    health[rotor] = left
 
     def body(health, offset=None):
         made = case.body(health)
@@ -208,29 +214,34 @@ def hovering(vehicle, rotor, changes, each=1, inertia=1.0, load=0.0, at=4.0):
     early = any(time < at for time, _ in found)
     after = next((t - at for t, lost in found if t >= at and lost[rotor] < 1.0), None)
     wrong = any((np.delete(lost, rotor) < 1.0).any() for t, lost in found if t >= at)
-    return early, after, wrong and not early
+    known = [lost[rotor] for t, lost in found if t <= at + 0.5]
+    return early, after, wrong and not early, abs((known or [1.0])[-1] - left)
 
 
 def limits_table(options):
-    """Return the table of detection at hover, for each condition and vehicle."""
-    rows = []
-    for name, (air, parameters, further) in CONDITIONS.items():
-        cells = []
-        for vehicle in options.vehicles:
-            found = [hovering(vehicle, i, [*realistic(**air), *parameters], **further)
-                     for i in range(options.rotors)]
-            early, times, wrong = zip(*found, strict=True)
-            after = [time for time in times if time is not None]
-            cell = range_of(after)
-            for count, what in (
-                (sum(early), 'false'), (sum(wrong), 'wrong'), (len(found) - len(after), 'missed'),
-            ):
-                cell += f'; {count} {what}' if count else ''
-            cells.append(cell)
-        rows.append((name, *cells))
-        print(*rows[-1], sep=' | ', flush=True)
+    """Return the table of detection at hover, for each condition; `out/` has each vehicle."""
+    rows, cells = [], []
+    for name, variants in CONDITIONS.items():
+        found = {vehicle: [
+            hovering(vehicle, i, [*realistic(**air), *parameters], **further)
+            for air, parameters, further in variants for i in range(options.rotors)
+        ] for vehicle in options.vehicles}
+        cells.append((name, *map(outcomes, found.values())))
+        rows.append((name, outcomes([each for every in found.values() for each in every])))
+        print(*cells[-1], sep=' | ', flush=True)
+    folder = DOCS.parent / 'out'
+    folder.mkdir(exist_ok=True)
     titles = ('condition', *(f'`{each}`' for each in options.vehicles))
-    return telling('detection_limits', titles, rows, lambda row: row[0] in SHOWN)
+    (folder / 'detection_limits.md').write_text(f'{table(titles, cells)}\n', encoding='utf-8')
+    return table(('condition', 'after [ms]'), rows)
+
+
+def outcomes(found):
+    """Return in words what `hovering` found in some flights."""
+    early, after, wrong, _ = zip(*found, strict=True)
+    counts = (sum(early), 'false'), (sum(wrong), 'wrong'), (after.count(None), 'missed')
+    times = range_of([time for time in after if time is not None])
+    return '; '.join([times, *(f'{count} {what}' for count, what in counts if count)])
 
 
 class Faulty(Detection):
@@ -320,8 +331,7 @@ def hours(options):
             continue
         flown += 1
         alarms += bool(found)
-        if found:
-            print(vehicle, seed, found[:2], flush=True)
+        print(vehicle, seed, found[:2] or 'no alarm', flush=True)
     spent = process_time() - begin
     print(f'{flown / 60:.2f} h, {alarms} flights with a false alarm, {spent:.0f} s')
 
@@ -351,7 +361,7 @@ def main():
     add('--hours', type=float, default=0.0, help='fly so long without a failure [h]')
     add('--animation', type=Path, metavar='FILE', help='write an animation of a failure instead')
     add('--first', type=int, default=0, help='seed of the first flight')
-    add('--vehicles', nargs='+', default=VEHICLES)
+    add('--vehicles', nargs='+', default=shipped(flying=True))
     add('--rotors', type=int, default=3, help='of each vehicle, in the table of conditions')
     for name, default in (('noise', 1.0), ('lag', 0.05), ('delay', 0.01), ('gusts', 0.5),
                           ('wind', 1.0)):
@@ -362,7 +372,7 @@ def main():
     elif options.hours:
         hours(options)
     else:
-        fill('detection.md', limits=limits_table(options), flights=manoeuvres_table(options))
+        fill('detection.md', flights=flights_table(options), limits=limits_table(options))
 
 
 if __name__ == '__main__':
