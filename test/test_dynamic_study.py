@@ -345,7 +345,7 @@ def test_manoeuvres_are_the_same_for_each_method_and_have_intervals(tmp_path):
     assert dynamic_study._parse(command[1:]).seeds == 2
     tex = (tmp_path / 'manoeuvres.tex').read_text()
     assert tex.count('&') == 3 * 5
-    assert '2 of 2 (34\\% to 100\\%)' in tex
+    assert '2 of 2 (34\\%~to~100\\%)' in tex
 
 
 def test_intervals_of_shares_and_medians():

@@ -810,6 +810,8 @@ void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
         explanation->served[k] = 0;
         if (ca_abs(way) > 0)
             explanation->served[k] = ca_clip(1 - missed[k] / way, 0, 1);
+        if (!(explanation->served[k] < 1))
+            continue;
         name_limits(p, k, prices[k], explanation);
         if (p->thrust >= 0 && ca_abs(prices[k][CA_M]) > ZERO)
             explanation->airmode[k] = prices[k][CA_M] * p->extent[k] / p->extent[p->thrust];
