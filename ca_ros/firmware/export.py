@@ -162,7 +162,7 @@ def _rates(firmware: Firmware, name: str) -> dict[str, str]:
         'rates': filled(
             'rates.c', acceleration=up, deceleration=down, speeds=_inverse(firmware),
             narrow='ca_narrow' if firmware.curve.square else 'curve_narrow',
-            curve_thrusts=_curve(firmware, 'curve_thrusts.c'),
+            curve_narrow=_curve(firmware, 'curve_narrow.c'),
         ).lstrip() + '\n',
         'rates_header': filled('rates.h', time=literals.real(PERIOD_MAX, firmware.precision)),
         'rates_golden': filled('rates_golden.h', sequence=golden.sequence(firmware)),

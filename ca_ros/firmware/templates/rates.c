@@ -2,7 +2,7 @@
 /* Greatest rates at which the speeds grow and shrink [rad/s^2]. */
 static const ca_real acceleration_max[CA_N] = $acceleration;
 static const ca_real deceleration_max[CA_N] = $deceleration;
-$curve_thrusts
+$curve_narrow
 int ${name}_allocate_within(int fault, const ca_real wrench[${NAME}_AXES], ca_real time,
     ca_real speeds[${NAME}_ROTORS])
 {
