@@ -11,9 +11,11 @@ import pytest
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
+from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.manoeuvres import median_of, share_of
 from ca_ros.evaluation.dynamic.metrics import metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import observe
+from ca_ros.evaluation.dynamic.plots import coinciding_groups
 from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros
 from ca_ros.evaluation.dynamic.study import main
 from ca_ros.evaluation.tables import latex
@@ -22,6 +24,7 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -111,6 +114,19 @@ def flight_of(height, speeds, step=0.1):
     return Flight(
         step * np.arange(count), np.column_stack([zeros[:, :2], height]),
         np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), zeros, zeros, np.asarray(speeds, dtype=float))
+
+
+def test_methods_share_a_curve_only_if_their_errors_in_the_last_second_do():
+    rising = np.clip(np.linspace(0.0, 2.0, 31), 0.0, 1.0)
+    speeds = np.linspace(200.0, 250.0, 31)[:, None] * np.ones(6)
+    flights = {
+        name: flight_of(top * rising, speeds) for name, top in
+        {'exact': 1.0, 'conventional': 0.994, 'direct': 1.0, 'lost': 0.5}.items()}
+    goal = Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0))
+    found = Flights(flights, {}, HEXAROTOR, goal, RotorFailures())
+    assert coinciding_groups(found) == [['exact', 'conventional', 'direct'], ['lost']]
+    del flights['lost']
+    assert coinciding_groups(found, last_second=True) == [['exact', 'direct'], ['conventional']]
 
 
 def test_metrics_of_a_flight_made_by_hand():

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.dynamic.flights import Flights
-from ca_ros.evaluation.dynamic.metrics import STEADY
+from ca_ros.evaluation.dynamic.metrics import STEADY, steady
 from ca_ros.evaluation.errors import FORCES
 from ca_ros.evaluation.plot_style import (
     PANELS_MAX,
@@ -105,7 +105,7 @@ def _mark_all(axes: Axes, study: Flights) -> None:
 
 def _draw_position(study: Flights) -> Figure:
     """Draw the position over time, and the error in the last second."""
-    groups = _groups(study)
+    groups = coinciding_groups(study, last_second=True)
     flights = {names[0]: study.flights[names[0]] for names in groups}
     figure, body = sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
     panels = body.subplots(3, 2, sharex='col', width_ratios=(across(3, 1.5), 1))
@@ -129,7 +129,7 @@ def _draw_position(study: Flights) -> Figure:
 
 def _draw_attitude(study: Flights) -> Figure:
     """Draw the attitude over time."""
-    groups, waypoint = _groups(study), study.trajectory.last
+    groups, waypoint = coinciding_groups(study), study.trajectory.last
     flights = {names[0]: study.flights[names[0]] for names in groups}
     figure, body = sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
     panels = body.subplots(3, 1, sharex=True)
@@ -146,11 +146,20 @@ def _draw_attitude(study: Flights) -> Figure:
     return figure
 
 
-def _groups(study: Flights) -> list[list[str]]:
-    """Return the methods in groups whose curves look like one, in the order of the first."""
-    found: list[list[str]] = []
+def coinciding_groups(study: Flights, last_second: bool = False) -> list[list[str]]:
+    """Return the methods in groups whose curves look like one, in the order of the first.
+
+    With `last_second` also the errors of the position look like one there.
+    """
+    goal, found = study.trajectory.last.position, list[list[str]]()
+    ends = {name: flight.position[steady(flight)] - goal for name, flight in study.flights.items()}
+    heights = np.max([np.abs(errors).max(axis=0) for errors in ends.values()], axis=0)
     for name, flight in study.flights.items():
-        same = [names for names in found if _alike(study.flights[names[0]], flight)]
+        same = [
+            names for names in found
+            if _alike(study.flights[names[0]], flight) and not (
+                last_second and (np.abs(ends[names[0]] - ends[name]) > ALIKE * heights).any())
+        ]
         if same:
             same[0].append(name)
         else:
@@ -173,7 +182,7 @@ def _draw_rows(
     The span is that of the time [s], by default the whole flight.  Demand, served wrench and
     residual take two rows each: forces and torques.
     """
-    groups = _groups(study)
+    groups = coinciding_groups(study)
     shown = groups[:PANELS_MAX]
     panels = [
         (row, part) for row in rows for part in (('',) if row in UNITS else ('force', 'torque'))
