@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -215,6 +216,16 @@ def test_the_observations_can_fail():
 
 
 # Vehicles, methods and mistakes
+
+@pytest.mark.parametrize(('failure', 'said'), [
+    (['--fail', '2@1', '--announce', 'never'], r'`exact` rotor 2 at 1\.0\d s\.'),
+    ([], r'`exact` none\.'),
+])
+def test_what_was_detected_is_said(tmp_path, plain, failure, said):
+    words = ['--methods', 'exact', '--duration', '1.2', '--detect', '--out', str(tmp_path)]
+    assert main([*words, *failure]) == 0
+    assert re.search(f'^Detected: {said}$', (tmp_path / 'dynamic.md').read_text(), re.MULTILINE)
+
 
 def test_parameters_can_be_changed(tmp_path, plain):
     command = ['--methods', 'conventional', '--out', str(tmp_path)]

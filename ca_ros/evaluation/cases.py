@@ -14,10 +14,9 @@ from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.detection import Detection, replay
+from ca_ros.flight.detection import Detection, Found
 from ca_ros.flight.kernel_detector import Detector, make_detector
 from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.nodes.settings import FileSettings, with_own_methods
@@ -161,9 +160,8 @@ class Case:
         """Return a detector of failures with the settings ``detector.*``."""
         return make_detector(self.vehicle, self.flown.detector)
 
-    def detected(self, method: str, flight: Flight) -> list[Change]:
-        """Return the changes of a method's closed loop that the detection of failures causes."""
-        found = replay(self.detector(), flight)
+    def detected(self, method: str, found: Found) -> list[Change]:
+        """Return the changes of a method's closed loop that found failures cause."""
         return [Change(time, *self.told(method, health)) for time, health in found]
 
     def detection(self, method: str) -> Detection:

@@ -13,7 +13,7 @@ from ca_ros.flight.kernel_detector import Detector
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 
-_Found = list[tuple[int, Array]]
+Found = list[tuple[int, Array]]
 """The times [ns] at which the health changed, each with the new health (n,)."""
 
 Rebuild = Callable[[Array], tuple[Controller, Allocator]]
@@ -28,7 +28,7 @@ class Detection:
 
     def __init__(self, detector: Detector, rebuild: Rebuild) -> None:
         self.detector, self._rebuild = detector, rebuild
-        self.found: _Found = []
+        self.found: Found = []
 
     def observe(self, time: int, state: Array) -> tuple[Controller, Allocator] | None:
         """Take a measured state (13,) at a time [ns]; return new parts if there is a failure."""
@@ -43,9 +43,9 @@ class Detection:
         self.detector.command(time, command)
 
 
-def replay(detector: Detector, flight: Flight) -> _Found:
+def replay(detector: Detector, flight: Flight) -> Found:
     """Return what a detector finds in a recorded flight, as it did in the flight itself."""
-    found: _Found = []
+    found: Found = []
     angles = np.reshape(flight.angles, (len(flight.time), -1))
     samples = zip(
         np.round(flight.time * 1e9).astype(int).tolist(), flight.attitude, flight.velocity,

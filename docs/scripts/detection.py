@@ -346,7 +346,7 @@ def animation(path):
         detection = case.detection('exact') if name == 'with_detection' else None
         flight = fly(case.controller(), case.allocator('exact'), case.plant(), goal, duration,
                      changes=changes, detection=detection)
-        found = case.detected('exact', flight) if detection else []
+        found = case.detected('exact', detection.found) if detection else []
         flights[name], detected[name] = flight, [each.time / 1e9 for each in found]
         samples[name] = sample_errors(
             flight, case.controller(), goal, [*changes, *found], case.body().vehicle)

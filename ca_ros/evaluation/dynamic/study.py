@@ -33,6 +33,7 @@ from ca_ros.evaluation.result_files import facts, write
 from ca_ros.evaluation.study_cli import case_of, concluded, parser
 from ca_ros.evaluation.tables import render
 from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.detection import Found, replay
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.problem.audit import audit
@@ -69,12 +70,11 @@ def _study(options: argparse.Namespace) -> None:
         raise ParameterError('--detect: with --announce never, since nobody else names failures')
     flights = _fly(case, allocators, changes, options)
     found = {
-        name: case.detected(name, flight) if options.detect else []
+        name: replay(case.detector(), flight) if options.detect else []
         for name, flight in flights.items()
     }
-    changes = {name: [*changes[name], *found[name]] for name in flights}
-    detected = {name: [each.time / 1e9 for each in found[name]] for name in flights}
-    print(_write(case, flights, changes, detected, options))
+    changes = {name: [*changes[name], *case.detected(name, found[name])] for name in flights}
+    print(_write(case, flights, changes, found, options))
     print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
 
 
@@ -174,7 +174,7 @@ def _fly(
 
 def _write(
     case: Case, flights: Mapping[str, Flight], changes: Mapping[str, Sequence[Change]],
-    detected: Mapping[str, Sequence[float]], options: argparse.Namespace,
+    detected: Mapping[str, Found], options: argparse.Namespace,
 ) -> str:
     """Write all files; return dynamic.md."""
     goal = options.goals.last
@@ -200,6 +200,8 @@ def _write(
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
         },
         'failures': failure_words(failures),
+        'detected': {name: _named(case, each) for name, each in detected.items()}
+        if options.detect else {},
         'lost_axes': audit(case.vehicle.with_health(last)).lost,
         'observations': {each.sentence: each.holds for each in observations},
         'findings': [] if checked else list(findings(flights, goal)),
@@ -209,11 +211,21 @@ def _write(
     rows = pd.concat(map(pd.DataFrame, tables))
     text = document(found)
     write(out / 'dynamic', rows, found, text, options.tables)
-    study = Flights(flights, samples, case.vehicle, options.goals, failures, detected)
+    times = {name: [time / 1e9 for time, _ in found] for name, found in detected.items()}
+    study = Flights(flights, samples, case.vehicle, options.goals, failures, times)
     if options.animate:
         animate(out / 'animation.gif', study)
     draw(out, study, options.figures, options.figure_width, options.plot_rows)
     return text
+
+
+def _named(case: Case, found: Found) -> str:
+    """Return which rotors a detector named, and when."""
+    first: dict[int, float] = {}
+    for time, health in found:
+        for rotor in (health < case.vehicle.health).nonzero()[0].tolist():
+            first.setdefault(rotor + 1, time / 1e9)
+    return ', '.join(f'rotor {rotor} at {time:.2f} s' for rotor, time in first.items()) or 'none'
 
 
 if __name__ == '__main__':
