@@ -20,6 +20,7 @@ from ca_ros.settings import check_given, read, table
 
 SHARES = st.floats(0.0, 1.0)
 TIMES = st.floats(0.0, 0.1)
+COMMANDS = 'command/motor_speed', 'command/tilt_angle'
 TOPICS = st.sampled_from(list(LINK_CORRUPTIONS))
 FAULTY = st.builds(
     FaultSettings, topics=TOPICS, seed=st.integers(0, 10**9), drop=SHARES, duplicate=SHARES,
@@ -137,17 +138,20 @@ def test_what_is_overtaken_comes_after_the_next():
 def test_a_number_is_for_all_topics_or_one_for_each(share, other):
     assert {faults.drop for faults in FaultSettings(drop=share).links().values()} == {share}
     shares = [share, other, 0.0, 1.0]
-    assert [faults.drop for faults in FaultSettings(drop=shares).links().values()] == shares
+    found = [faults.drop for faults in FaultSettings(drop=shares).links().values()]
+    assert found == [*shares, other]  # angles as speeds
+    both = FaultSettings(topics=[*LINK_CORRUPTIONS], drop=[*shares, 0.5]).links()
+    assert [faults.drop for faults in both.values()] == [*shares, 0.5]
 
 
 def test_a_topic_has_the_corruptions_of_its_type():
     faults = FaultSettings(corrupt=1.0).links()
-    assert all(('length' in f.corruptions) == (t == 'command/motor_speed')
+    assert all(('length' in f.corruptions) == (t in COMMANDS)
                for t, f in faults.items())
     assert all(('frame' in f.corruptions) != ('length' in f.corruptions) for f in faults.values())
     only = FaultSettings(corrupt=1.0, corruptions='length').links()
     assert [only[topic].fate(0).corruption for topic in LINK_CORRUPTIONS] == [
-        None, 'length', None, None]
+        None, 'length', None, None, 'length']
 
 
 @pytest.mark.parametrize(('given', 'words'), [

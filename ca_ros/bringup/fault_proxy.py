@@ -14,13 +14,12 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.bringup.link_faults import FaultSettings, Link, corrupted
+from ca_ros.bringup.link_faults import FAULTY, FaultSettings, Link, corrupted
 from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import mismatch
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.qos import offered
-from ca_ros.nodes.topics import LINKS
 from ca_ros.settings import ParameterError, Settings, table
 
 PREFIX = 'faulty/'
@@ -28,13 +27,13 @@ PREFIX = 'faulty/'
 
 def remaps(node: str) -> list[str]:
     """Return the ROS arguments that make a node subscribe to the faulty topics."""
-    topics = [topic.name for topic in LINKS if node in topic.subscribers]
+    topics = [topic.name for topic in FAULTY if node in topic.subscribers]
     return [word for topic in topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
 
 
 _REMAPPED = '\n'.join(
     f'  {node} --ros-args {" ".join(remaps(node))}'
-    for node in dict.fromkeys(node for topic in LINKS for node in topic.subscribers)
+    for node in dict.fromkeys(node for topic in FAULTY for node in topic.subscribers)
 )
 
 GUIDE = f"""Remap the nodes that should read the faulty topics:
@@ -67,7 +66,7 @@ class FaultProxyNode(ParameterNode):
         super().start()
         # The deep queues of lockstep, so that the proxy itself loses no message.
         quality = offered('lockstep')
-        kinds = {topic.name: topic.kind for topic in LINKS if topic.name in self._faults}
+        kinds = {topic.name: topic.kind for topic in FAULTY if topic.name in self._faults}
         self._links = {topic: Link[Any]() for topic in self._faults}
         self._counts = {topic: Counter[str]() for topic in self._faults}
         self._out = {

@@ -21,9 +21,13 @@ Message = TypeVar('Message')
 _OF_A_NUMBER = ('not_a_number', 'infinite', 'huge', 'sign')
 CORRUPTIONS = (*_OF_A_NUMBER, 'length', 'frame')  # kinds of damage to number, array and frame
 
+LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
+
+FAULTY = (*topics.LINKS, topics.TILT_COMMAND)
+
 LINK_CORRUPTIONS: dict[str, tuple[str, ...]] = {
     topic.name: (*_OF_A_NUMBER, 'length' if topic.kind is Float64MultiArray else 'frame')
-    for topic in topics.LINKS
+    for topic in FAULTY
 }
 """The corruptions of each topic: arrays have no frame, and other types have no length."""
 
@@ -35,7 +39,8 @@ class FaultSettings(Settings):
     """The faults of the links; shares and times are given once, or for each topic."""
 
     topics: Words = setting(
-        list(LINK_CORRUPTIONS), 'topics that are faulty', choices=tuple(LINK_CORRUPTIONS))
+        list(LINK_NAMES), 'topics that are faulty; command/tilt_angle has the faults of '
+        'command/motor_speed, unless it is named', choices=tuple(LINK_CORRUPTIONS))
     seed: int = setting(0, 'the faults of a message depend on seed, topic and number')
     drop: Numbers = setting(
         0.0, 'share of the messages that are lost', minimum=0.0, maximum=1.0, mutable=True)
@@ -72,6 +77,9 @@ class FaultSettings(Settings):
             }
             own['corruptions'] = [kind for kind in LINK_CORRUPTIONS[topic] if kind in kinds]
             found[topic] = replace(self, topics=topic, **own)
+        if speeds := found.get(topics.SPEED_COMMAND.name):
+            tilts = topics.TILT_COMMAND.name
+            found.setdefault(tilts, replace(speeds, topics=tilts))
         return found
 
     @property

@@ -123,5 +123,5 @@ def _faults(text: str) -> list[str]:
         if not assigned or name not in table(FaultSettings):
             raise ValueError(f'{word} is not a parameter of fault_proxy')
         if name == 'topics':
-            raise ValueError('topics: bringup always uses all four')
+            raise ValueError('topics: bringup always uses all')
     return words

@@ -14,6 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.bringup.link_faults import LINK_NAMES
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
@@ -26,8 +27,6 @@ from ca_ros.process.deadline import Deadline
 from ca_ros.process.parameters import Call, ParameterClient
 from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.settings import table
-
-LINK_NAMES = tuple(topic.name for topic in topics.LINKS)
 
 PARAMETERS_MAX = 5.0  # longest wait for a program's parameters, when all else is there [s]
 

@@ -18,8 +18,9 @@ from rclpy.executors import SingleThreadedExecutor
 from ca_ros.bringup.agreement import check, combined
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.fault_proxy import PREFIX
+from ca_ros.bringup.link_faults import LINK_NAMES
 from ca_ros.bringup.plan import Plan
-from ca_ros.bringup.recorder import LINK_NAMES, Recorder
+from ca_ros.bringup.recorder import Recorder
 from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.timeline import Timeline
 from ca_ros.errors import CaRosError

@@ -39,6 +39,7 @@ from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.validation import ABSURD
 
 ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last command [s]
+COPIES = 50  # newest wrenches of which late copies are known
 EXPLAINED_MAX = 10000  # choices of rotors up to which answers are explained, in time
 LATENCIES = 5000  # number of latest latencies that the percentiles cover
 LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
@@ -65,6 +66,7 @@ class AllocatorNode(HealthNode):
         self._newest = -round(1e9 * PERIOD_MAX)
         self._held: WrenchCommand | None = None
         self._asked: tuple[WrenchCommand, Allocator] | None = None
+        self._served = deque[WrenchCommand](maxlen=COPIES)
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
         # The command before that of the newest moment [ns], and its moment.
@@ -209,8 +211,8 @@ class AllocatorNode(HealthNode):
             return
         began = perf_counter_ns()
         self.counts['received'] += 1
-        time, wrench = command.time, command.wrench
-        if fault := self._fault(wrench, command.frame, time):
+        time = command.time
+        if fault := self._fault(command):
             self.drop(*fault)
             return
         try:
@@ -233,6 +235,7 @@ class AllocatorNode(HealthNode):
             self._command(found, time)
             self._watchdog.feed()
             self._newest, self._moment = time, moment
+            self._served.append(command)
             self.counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         self.counts[status.name.lower()] += 1
@@ -260,12 +263,13 @@ class AllocatorNode(HealthNode):
         if not self._watchdog.awake:
             self._watchdog.feed()
 
-    def _fault(self, wrench: tuple[float, ...], frame: str, time: int) -> tuple[str, str] | None:
+    def _fault(self, command: WrenchCommand) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""
+        time, wrench = command.time, command.wrench
         # All six components are checked, because all are part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
-        if wrong := wrong_frame(frame, self._frame, 'command_frame'):
+        if wrong := wrong_frame(command.frame, self._frame, 'command_frame'):
             return 'frame', f'wrench {wrong}'
         # A stamp ahead of the clock would pass the age limit for too long.
         if self._age_max and abs(age := self.get_clock().now().nanoseconds - time) > self._age_max:
@@ -273,6 +277,9 @@ class AllocatorNode(HealthNode):
             return 'age', f'wrench that is {off} (parameter command_age_max)'
         if time < self._newest:
             self.counts['out of order'] += 1
+            if self.mode == 'lockstep' and command in self._served:
+                # Rates count from the newest command.
+                return 'order', 'a late copy of a wrench that was answered'
             # After a timeout, a restarted sender may have an earlier clock.
             if self._newer_only and not self._watchdog.over:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
