@@ -28,7 +28,7 @@ from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.vehicle.files import read, shipped_tilting
 
 WRENCHES = 50
-SHOWN = ('`hexarotor_tilting`',)  # the vehicles on the page
+SHOWN = ('`hexarotor_tilting`', '`azimuth_boat`')  # the vehicles on the page
 
 PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
 
