@@ -393,6 +393,13 @@ def test_servos_within_their_rates_cross_zero_thrust_without_error(engine, monke
     assert np.abs(np.diff(jumps, axis=0)).max() > 1.5
 
 
+@pytest.mark.parametrize('period', [np.nan, np.inf, -1.0])
+def test_a_wrong_period_is_named(period):
+    limited = TiltLimited(Vehicle.load('azimuth_boat'), 500.0, 3.0)
+    with pytest.raises(ParameterError, match=f'period: expected 0 s or more, .* got {period}'):
+        limited.allocate(np.zeros(3), np.full(4, 100.0), np.zeros(4), period)
+
+
 @pytest.mark.parametrize(('name', 'u', 'rates', 'status', 'words'), [
     ('azimuth_boat', [9.5, 3.0, 0.0], (400.0, 3.0), 'EXACT', ''),
     # Backwards at once: the servos cannot turn by half a circle.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import acos, asin, cos, pi, sin
+from math import acos, asin, cos, inf, pi, sin
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,7 +79,7 @@ class TiltLimited:
         speeds, angles : (n,) and (k,) arrays
             The last command [rad/s, rad]; beyond a limit it counts as the limit.
         period : float
-            Time since then, positive [s].
+            Time since then, 0 or more [s]; at 0 the command is held.
 
         Returns
         -------
@@ -87,6 +87,8 @@ class TiltLimited:
             Its problem has the sets of this step.  It is RATE_LIMITED if a wrench out of reach
             is limited by the rate of a rotor or of a servo; the explanation names them.
         """
+        if not 0.0 <= period < inf:
+            raise ParameterError(f'period: expected 0 s or more, finite, got {period} s')
         last = numbers('speeds', speeds, self.vehicle.n)
         turned = numbers('angles', angles, len(self._tilts.rotors))
         turned = self._tilts.within(turned)

@@ -57,7 +57,7 @@ def summarize(
         f'                {span}, {inside} bounds',
     ]
     if vehicle.tilts is not None:
-        ends = ', '.join(f'{angle:.3f}' for angle in flight.angles[-1])
+        ends = ', '.join(f'{angle + 0.0:.3f}' for angle in flight.angles[-1].round(3))
         lines.append(f'  tilt angles   {ends} rad at the end')
     lines += [f'  cut           {text}' for text in cuts]
     lines += _failures(flown, failures)
