@@ -100,8 +100,8 @@ def names_problem(argv: Sequence[str]) -> bool:
     """Tell whether a command line names the file of a problem; errors are reported later."""
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument('--vehicle', default='')
-    vehicle = parser.parse_known_args(split(argv)[0])[0].vehicle
     try:
+        vehicle = parser.parse_known_args(split(argv)[0])[0].vehicle
         content = ParameterFile(vehicle).content if '--help' not in argv else None
     except ValueError:
         return False
