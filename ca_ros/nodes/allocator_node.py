@@ -235,7 +235,8 @@ class AllocatorNode(HealthNode):
             self._command(found, time)
             self._watchdog.feed()
             self._newest, self._moment = time, moment
-            self._served.append(command)
+            if self.mode == 'lockstep':
+                self._served.append(command)
             self.counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         self.counts[status.name.lower()] += 1
