@@ -17,7 +17,7 @@ from ca_ros.problem.prioritization import THRUST_DEVIATIONS
 
 ROWS = DOCS.parent / 'test' / 'px4_desaturation.csv'
 
-SHOWN = ('`hexarotor`, heavy', '`quadrotor`', '`hexarotor_tilted`, heavy')
+SHOWN = ('`hexarotor`, heavy', '`quadrotor`')
 """The vehicles on the page, with the largest differences."""
 
 
