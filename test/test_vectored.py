@@ -327,6 +327,7 @@ def test_speeds_and_angles_give_the_wrench(name):
 
 @pytest.mark.parametrize(('name', 'value', 'fault'), [
     ('tilt_max', 4.0, 'half a circle'),
+    ('tilt_max', 8.0, 'half a circle'),
     ('tilt_min', 2.0, 'above tilt_max'),
     ('tilt_axes', [0.0, 0.0, 1.0], 'normal to rotors.axes'),
     ('tilt_axes', [1.0, 0.0], 'expected 3 or 18'),

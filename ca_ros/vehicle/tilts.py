@@ -197,7 +197,8 @@ def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts |
                 f'rotors.gimbal: {gimbal[i]:g} rad {place} beside tilt_min and tilt_max; expected '
                 'one of them'
             )
-        if pi + ROUNDING < span < 2.0 * pi - ROUNDING or gimbal[i] > pi / 2 + ROUNDING:
+        whole = -ROUNDING < span - 2.0 * pi < 1e-3
+        if (span > pi + ROUNDING and not whole) or gimbal[i] > pi / 2 + ROUNDING:
             raise ParameterError(
                 f'rotors.tilt_max: {span or 2.0 * gimbal[i]:g} rad from limit to limit {place}; '
                 'expected up to half a circle, or a whole one: others are not convex'

@@ -23,7 +23,8 @@ def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
     except (TypeError, ValueError):
         raise ValueError(f'{name}: expected numbers, got {given!r}') from None
     if not (np.abs(array) <= ABSURD).all():
-        raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {given!r}')
+        text = ' '.join(repr(given).split())
+        raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {text}')
     return array if size is None else repeated(name, array, size, 'effector')
 
 
