@@ -26,7 +26,7 @@ def limits(rows: pd.DataFrame, results: pd.DataFrame, sizes: Sizes) -> str:
         if worst is not None:
             found = number(measured[worst])
             verdict = 'met' if measured[worst] <= limit else '**missed**'
-        lines.append((words, f'{limit:g}', found, verdict))
+        lines.append((words, number(limit), found, verdict))
     return table(('what', 'at most', 'measured', ''), lines)
 
 
@@ -66,8 +66,8 @@ def _limits(
     loop, largest = Key('batches', 'one by one', 'daqp_reused', 6), max(sizes.batches)
     for cores, limit in (('', 15.0), (', two cores', 27.0)):
         batch = Key('batches', f'{largest}{cores}', 'exact', 6)
-        what = f'loop over reused DAQP over batches of {largest}{cores}: {limit:g} and more, so'
-        yield f'1 / ({what})', 1.0 / limit, {'': ratio(rows, batch, loop)}
+        what = f'`exact` in a batch of {largest}{cores} over reused DAQP in a loop'
+        yield what, 1.0 / limit, {'': ratio(rows, batch, loop)}
     for axes, limit in (('4 axes', 0.2), ('6 axes', 0.2)):
         key = Key('set-up', axes, 'exact', 16)
         time = 1e3 * float(results.loc[key, 'time']) if key in results.index else None

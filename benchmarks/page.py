@@ -13,25 +13,26 @@ from benchmarks.parts import SETS
 from benchmarks.sizes import Sizes
 from ca_ros.evaluation.tables import number, table
 
+PICTURE = '![Times per call over the clipped pseudo-inverse; hollow: wrong answers](results.png)'
 PARTS = {
-    'rotors': 'Number of rotors [us]',
-    'batches': 'Batches: time of a wrench [us]; on one core, unless two are named',
-    'set-up': 'Audit and set-up of `exact`, 16 rotors, another of which has failed each time [us]',
+    'rotors': 'Number of rotors: microseconds per call',
+    'batches': 'Batches: microseconds per wrench, on one core unless two are named',
+    'set-up': 'Audit and set-up of 16 rotors, each time after another failure: microseconds',
 }
 
 
 def page(rows: pd.DataFrame, results: pd.DataFrame, sizes: Sizes, about: Mapping[str, Any]) -> str:
     """Return the page for the rows of a run, their summary, and facts by title."""
     parts = {part: results.loc[part] for part in results.index.unique('part')}
-    chapters = {'': 'The text of benchmarks/README.md says how it is measured.'}
+    chapters = {'': f'How it is measured: benchmarks/README.md\n\n{PICTURE}'}
     if about['paper']:
         chapters['Limits'] = limits(rows, results, sizes)
     chapters['Times per call'] = _calls(parts['calls'], 'us', 1e6)
     if 'C' in parts:
         chapters['In C'] = _calls(parts['C'], 'ns', 1e9)
     sets = ''.join(f'- *{name}*: {words}\n' for name, words in SETS.items())
-    words = 'In brackets: over the clipped pseudo-inverse. ✗: wrong answers, see the last column.'
-    missed = f'Wrong is what misses wrench, bounds or least norm by more than {WRONG:g}.'
+    words = 'In brackets: relative to the clipped pseudo-inverse. ✗: wrong answers, by more'
+    missed = f'than {WRONG:g} in wrench, bounds or least norm.'
     chapters['Times per call'] += f'\n\n{words} {missed}\n\n{sets}'.rstrip()
     for part in [part for part in PARTS if part in parts]:
         rotors = part == 'rotors'
@@ -39,7 +40,8 @@ def page(rows: pd.DataFrame, results: pd.DataFrame, sizes: Sizes, about: Mapping
         cells = _wide(parts[part], index, 'rotors' if rotors else 'wrenches', _time)
         names = [f'`{name[0]}`, {name[1]}' if rotors else f'`{name}`' for name in cells.index]
         lines = [[name, *row[1:]] for name, row in zip(names, cells.itertuples(), strict=True)]
-        chapters[PARTS[part]] = table(('', *map(str, cells)), lines)
+        titles = [f'{own:g}' if rotors else str(own) for own in cells]
+        chapters[PARTS[part]] = table(('', *titles), lines)
     chapters['The node beside an echo node'] = _node(rows) or 'Not measured.'
     facts = [f'- {title}: {words}' for title, words in about['facts'].items()]
     chapters['Made with'] = '\n'.join(facts)

@@ -378,5 +378,7 @@ class AllocationProblem:
         the sum Gamma f, which is greater where large thrusts cancel each other.
         """
         residual = lengths(u - thrusts @ self.gamma.T)
-        rounding = sum_rounding(self.gamma, thrusts)
-        return np.asarray(residual <= share * np.maximum(self.tolerance(u), rounding))
+        exact = np.asarray(residual <= share * self.tolerance(u))
+        if not exact.all():
+            exact |= residual <= share * sum_rounding(self.gamma, thrusts)
+        return exact
