@@ -85,8 +85,10 @@ def fly_offline(name, duration, kind=lambda rigid: rigid, **simulator):
         Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0)), duration)
 
 
+# hexarotor_realistic has lag, gusts and noise, with which flights differ by more.
 @pytest.mark.slow
-@pytest.mark.parametrize('name', length(['hexarotor'], SHIPPED))
+@pytest.mark.parametrize(
+    'name', length(['hexarotor'], sorted(SHIPPED.keys() - {'hexarotor_realistic'})))
 def test_flights_differ_by_the_errors_of_the_integrators(name):
     flight = fly_offline(name, 12.0, MujocoBody)
     assert np.linalg.norm(flight.position[-1] - 1.0) < 1e-3
