@@ -19,6 +19,7 @@ from ca_ros.allocation.settings import allocator_of
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next, within_rates
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
+from ca_ros.nodes.answers import Answers
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.health_node import HealthNode
 from ca_ros.nodes.messages import (
@@ -39,7 +40,6 @@ from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.validation import ABSURD
 
 ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last command [s]
-COPIES = 50  # newest wrenches of which late copies are known
 EXPLAINED_MAX = 10000  # choices of rotors up to which answers are explained, in time
 LATENCIES = 5000  # number of latest latencies that the percentiles cover
 LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
@@ -65,8 +65,7 @@ class AllocatorNode(HealthNode):
         # Before the first command, at 0 in lockstep, the rotors have all the time that counts.
         self._newest = -round(1e9 * PERIOD_MAX)
         self._held: WrenchCommand | None = None
-        self._asked: tuple[WrenchCommand, Allocator] | None = None
-        self._served = deque[WrenchCommand](maxlen=COPIES)
+        self._answers = Answers()
         self._refused = -inf, ''
         self._last: Array = np.zeros(1)
         # The command before that of the newest moment [ns], and its moment.
@@ -215,6 +214,14 @@ class AllocatorNode(HealthNode):
         if fault := self._fault(command):
             self.drop(*fault)
             return
+        lockstep = self.mode == 'lockstep'
+        if lockstep and (kept := self._answers.again(time, command, self.method)):
+            answer, found = kept
+            self._publish(found, time)
+            for key in 'served', answer.status.name.lower():
+                self.counts[key] += 1
+            self._report(command, answer)
+            return
         try:
             moment = self._counted(time)
             answer = self._allocate(command, moment)
@@ -228,15 +235,15 @@ class AllocatorNode(HealthNode):
             self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
             self._refuse('only commands that the method fails to answer')
             return
-        self._answer, self._asked = answer, (command, self.method)
+        self._answer = answer
         if status is Status.REJECTED:
             self._refuse('only rejected commands')
         else:
-            self._command(found, time)
+            self._publish(found, time)
             self._watchdog.feed()
-            self._newest, self._moment = time, moment
-            if self.mode == 'lockstep':
-                self._served.append(command)
+            self._last, self._newest, self._moment = found, time, moment
+            if lockstep:
+                self._answers.keep(command, self.method, (answer, found))
             self.counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         self.counts[status.name.lower()] += 1
@@ -248,9 +255,7 @@ class AllocatorNode(HealthNode):
         return time if stamped else self.get_clock().now().nanoseconds
 
     def _allocate(self, command: WrenchCommand, moment: int) -> Allocation:
-        """Return the answer to a wrench; in lockstep the same one if the wrench comes again."""
-        if self.mode == 'lockstep' and self._asked == (command, self.method) and self._answer:
-            return self._answer
+        """Return the answer to a wrench, within what the rotors reach since the one before."""
         u = [command.wrench[row] for row in self._rows]
         if moment != self._moment:
             # A second wrench with the same stamp replaces the first.
@@ -278,9 +283,6 @@ class AllocatorNode(HealthNode):
             return 'age', f'wrench that is {off} (parameter command_age_max)'
         if time < self._newest:
             self.counts['out of order'] += 1
-            if self.mode == 'lockstep' and command in self._served:
-                # Rates count from the newest command.
-                return 'order', 'a late copy of a wrench that was answered'
             # After a timeout, a restarted sender may have an earlier clock.
             if self._newer_only and not self._watchdog.over:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
@@ -296,11 +298,12 @@ class AllocatorNode(HealthNode):
 
     def fall_back(self, action: str) -> None:
         """Publish the timeout action."""
-        self._command(self.at_rest(action), None)
+        self._last = self.at_rest(action)
+        self._publish(self._last, None)
 
-    def _command(self, command: Array, time: int | None) -> None:
+    def _publish(self, command: Array, time: int | None) -> None:
         """Publish speeds and angles that answer a wrench with a stamp [ns], or none."""
-        self._last, speeds = command, command[: self._n]
+        speeds = command[: self._n]
         if self._angles is not None:
             angles = command[self._n :]
             self._angles.publish(fill_speeds(self._angles_message, angles, time))

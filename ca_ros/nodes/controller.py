@@ -18,6 +18,7 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import tilt
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
+from ca_ros.nodes.answers import Answers
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.health_node import HealthNode
@@ -60,8 +61,7 @@ class ControllerNode(HealthNode):
         self._standing: Subscription | None = None
         self._open = False
         self._tilt, self._nearest = 0.0, inf
-        self._asked: tuple[Any, ...] = ()
-        self._served = np.zeros(len(AXES))
+        self._answers = Answers()
 
     def start(self) -> None:
         """Create the controller, and begin to answer."""
@@ -199,11 +199,14 @@ class ControllerNode(HealthNode):
         state = *pose_arrays(self._pose), *twist_arrays(self._velocity)
         try:
             time = nanoseconds(self._pose.header.stamp)
-            asked = time, self._waypoint, self.controller, *(part.tobytes() for part in state)
-            if self.mode == 'realtime' or self._asked != asked:
-                self._served = self._six(self.controller.wrench(*state, self._waypoint, time))
-            # In lockstep a state that comes again has the same answer, which may take long.
-            self._asked, wrench = asked, self._served
+            by, wrench = (self.controller, self._waypoint), None
+            if self.mode == 'lockstep':
+                asked = time, *(part.tobytes() for part in state)
+                wrench = self._answers.again(time, asked, by)
+            if wrench is None:
+                wrench = self._six(self.controller.wrench(*state, self._waypoint, time))
+                if self.mode == 'lockstep':
+                    self._answers.keep(asked, by, wrench)
         except ValueError as error:
             if first:
                 self.drop('state', f'state: {error}')
