@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
@@ -112,9 +113,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
 
     def forces(self, thrusts: Array) -> Array:
         """Return the force (n, 3) of each rotor in the body frame for components (n,) [N]."""
-        vectors = thrusts[:, None] * self.directions
-        ends = np.cumsum([each.size for each in self.sets.sets])[:-1]
-        return np.array([part.sum(axis=0) for part in np.split(vectors, ends)])
+        return np.add.reduceat(thrusts[:, None] * self.directions, self.sets.first)
 
     def angles(self, thrusts: Array) -> Array:
         """Return the servo angles (k,) for components (n,) within their limits [rad].
@@ -124,10 +123,16 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         tilts = self.vehicle.tilts
         assert tilts is not None
         forces = self.forces(thrusts)
-        idle = np.linalg.norm(forces, axis=1) <= IDLE * np.maximum(1.0, self.vehicle.thrust_max)
-        for i in np.flatnonzero(idle).tolist():
-            forces[i] = self._nearest(i)
+        idle = np.einsum('ij,ij->i', forces, forces) <= self._idle
+        if idle.any():
+            for i in np.flatnonzero(idle).tolist():
+                forces[i] = self._nearest(i)
         return tilts.angles(forces, self.near)
+
+    @cached_property
+    def _idle(self) -> Array:
+        """The squares (n,) of the thrusts below which a rotor's has no direction [N^2]."""
+        return np.square(IDLE * np.maximum(1.0, self.vehicle.thrust_max))
 
     def _nearest(self, rotor: int) -> Array:
         """Return the direction in a rotor's set that is nearest to the wanted one."""

@@ -111,6 +111,7 @@ class ConvexSets:
         placed = list(zip(self.sets, self.first, strict=True))
         intervals = [(each, k) for each, k in placed if isinstance(each, Interval)]
         self._line = np.array([k for _, k in intervals], int)
+        self._numbers = [i for i, each in enumerate(sets) if isinstance(each, Interval)]
         self._low = np.array([each.lower for each, _ in intervals], float)
         self._high = np.array([each.upper for each, _ in intervals], float)
         self._groups = [
@@ -215,12 +216,10 @@ class ConvexSets:
 
     def lengths(self, points: Array) -> Array:
         """Return the length (..., k) of each effector's vector; of an interval its number."""
-        found = [
-            points[..., k] if each.size == 1
-            else np.linalg.norm(points[..., k : k + each.size], axis=-1)
-            for each, k in zip(self.sets, self.first, strict=True)
-        ]
-        return np.stack(found, axis=-1)
+        lengths = np.sqrt(np.add.reduceat(points * points, self.first, axis=-1))
+        if self._line.size:
+            lengths[..., self._numbers] = points[..., self._line]
+        return np.asarray(lengths, float)
 
 
 class _Sectors:

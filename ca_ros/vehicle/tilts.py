@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import pi
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array, BoolArray, constant
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.settings import RotorSettings
 
@@ -61,37 +63,39 @@ class Tilts:
         low, high = self.limits
         return np.minimum(np.maximum(0.0, low), high)
 
-    @property
+    @cached_property
     def rotors(self) -> list[int]:
         """The rotor of each servo; a gimbal has two, alpha before beta."""
         driven = np.flatnonzero(self.driven).tolist()
         return [i for i in driven for _ in range(1 + (self.gimbal[i] > 0))]
 
-    @property
+    @cached_property
     def planar(self) -> list[int]:
         """The rotors with a single servo, not on a gimbal."""
         return np.flatnonzero(self.driven & (self.gimbal == 0.0)).tolist()
 
-    @property
+    @cached_property
     def limits(self) -> tuple[Array, Array]:
         """Least and greatest angle of each servo [rad]."""
         rotors = self.rotors
         cone = self.gimbal[rotors] > 0.0
         return (
-            np.where(cone, -self.gimbal[rotors], self.lower[rotors]),
-            np.where(cone, self.gimbal[rotors], self.upper[rotors]),
+            constant(np.where(cone, -self.gimbal[rotors], self.lower[rotors])),
+            constant(np.where(cone, self.gimbal[rotors], self.upper[rotors])),
         )
 
-    @property
+    @cached_property
     def endless(self) -> BoolArray:
         """Whether each servo (k,) turns an azimuth thruster."""
         return (self.upper - self.lower)[self.rotors] > 2.0 * pi - ROUNDING
 
     def within(self, angles: Array) -> Array:
         """Return angles (k,) within the limits: the same direction for those without end."""
-        (low, high), whole = self.limits, 2.0 * pi * self.endless
-        angles = np.where(angles < low, angles + whole, angles)
-        angles = np.where(angles > high, angles - whole, angles)
+        low, high = self.limits
+        if self._any_endless:
+            whole = 2.0 * pi * self.endless
+            angles = np.where(angles < low, angles + whole, angles)
+            angles = np.where(angles > high, angles - whole, angles)
         return np.minimum(np.maximum(angles, low), high)
 
     def turned(self, angles: Array) -> tuple[Array, Array]:
@@ -114,15 +118,15 @@ class Tilts:
         A direction out of reach is replaced by the nearest limit.  Of equivalent angles, that
         which is nearest to `near` (k,) counts, by default to the middle of the range.
         """
-        along = np.einsum('ij,ij->i', forces, self.nominal)
-        side = np.einsum('ij,ij->i', forces, np.cross(self.axes, self.nominal))
-        across = np.einsum('ij,ij->i', forces, self.axes)
-        rotors, second = self.rotors, np.array(self._second)
-        alphas = np.arctan2(side, along)[rotors]
-        betas = np.arctan2(across, np.hypot(along, side))[rotors]
-        middle = np.sum(self.limits, axis=0) / 2.0 if near is None else near
-        alphas = middle + (alphas - middle + np.pi) % (2.0 * np.pi) - np.pi
-        return self.within(np.where(second, betas, alphas))
+        owners, frames, middle = self._frames
+        if near is not None:
+            middle = near
+        along, side, across = np.einsum('kj,akj->ak', forces.take(owners, 0), frames)
+        found = middle + (np.arctan2(side, along) - middle + pi) % (2.0 * pi) - pi
+        if len(found) > len(self.planar):
+            betas = np.arctan2(across, np.hypot(along, side))
+            found = np.where(self._second, betas, found)
+        return self.within(found)
 
     def stuck(self, rotor: int, angle: float) -> Tilts:
         """Return the servos with that of a rotor (from 0) stuck at an angle [rad].
@@ -139,10 +143,21 @@ class Tilts:
         lower, upper = (np.where(held, angle, ends) for ends in (self.lower, self.upper))
         return replace(self, lower=lower, upper=upper, unstuck=self.sound)
 
-    @property
+    @cached_property
     def _second(self) -> list[bool]:
         rotors = self.rotors
         return [k > 0 and rotors[k - 1] == rotor for k, rotor in enumerate(rotors)]
+
+    @cached_property
+    def _any_endless(self) -> bool:
+        return bool(self.endless.any())
+
+    @cached_property
+    def _frames(self) -> tuple[NDArray[np.intp], Array, Array]:
+        """The rotor (k,) of each servo, its d, s and t (3, k, 3), and the middles of ranges."""
+        owners = np.array(self.rotors, np.intp)
+        frames = np.array([self.nominal, np.cross(self.axes, self.nominal), self.axes])
+        return owners, frames[:, owners], np.sum(self.limits, axis=0) / 2.0
 
 
 def refuse_tilts(tilts: Tilts | None, taker: str) -> None:
