@@ -53,30 +53,30 @@ typedef struct {
 static void beside_arc(const ca_vectored *p, int i, ca_real a, ca_real c, ca_real *to, ca_real *up,
                        bend *b)
 {
-    const ca_real on = a * p->cosine[i] + c * p->sine[i];
-    const int has = p->flank[i] < p->radius[i];
-    const ca_real held = ca_clip(on, p->flank[i], p->radius[i]);
-    const ca_real fa = has ? held * p->cosine[i] : p->end_along[i];
-    const ca_real fc = has ? held * p->sine[i] : p->end_across[i];
-    const ca_real pc = ca_min(c, p->inner[i]), pa = p->least[i];
-    const ca_real off = (a - fa) * (a - fa) + (c - fc) * (c - fc);
-    const ca_real under = (a - pa) * (a - pa) + (c - pc) * (c - pc);
     b->to[0] = b->stiff[0] = b->stiff[1] = 1;
     b->to[1] = 0;
-    if (off <= under) {
-        *to = fa;
-        *up = fc;
-        if (has && held >= on && held <= on) {
-            b->to[0] = -p->sine[i];
-            b->to[1] = p->cosine[i];
+    /* Distances would not tell the two apart far away. */
+    if (c <= p->inner[i]) {
+        *to = p->least[i];
+        *up = c;
+        if (c < p->inner[i])
             b->stiff[1] = 0;
-        }
         return;
     }
-    *to = pa;
-    *up = pc;
-    if (c < p->inner[i])
+    if (!(p->flank[i] < p->radius[i])) {
+        *to = p->end_along[i];
+        *up = p->end_across[i];
+        return;
+    }
+    const ca_real on = a * p->cosine[i] + c * p->sine[i];
+    const ca_real held = ca_clip(on, p->flank[i], p->radius[i]);
+    *to = held * p->cosine[i];
+    *up = held * p->sine[i];
+    if (held >= on && held <= on) {
+        b->to[0] = -p->sine[i];
+        b->to[1] = p->cosine[i];
         b->stiff[1] = 0;
+    }
 }
 
 /* Project a vector on set i, of which it is outside; b has its first component and its size. */

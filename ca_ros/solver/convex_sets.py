@@ -256,17 +256,15 @@ class _Sectors:
         ahead = self._full | (across * self._end <= along * self._across)
         inside = (length <= radius) & (self._full | (
             (across * self._cos <= along * self._sin) & (along >= self._least)))
-        # The nearest point of each part of the boundary; one of them is nearest.
+        # The nearest point of each part of the boundary.
         scale = radius / np.where(length > 0.0, length, 1.0)
         held = np.minimum(np.maximum(on_flank, self._begin), radius)
         flank = (np.where(self._flank, held * self._cos, self._end),
                  np.where(self._flank, held * self._sin, self._across))
         plane = self._least + 0.0 * along, np.minimum(across, self._inner)
-        far = np.where(self._full, np.inf, 0.0)
-        off = np.hypot(along - flank[0], across - flank[1]) + far
-        under = np.hypot(along - plane[0], across - plane[1]) + far
         arc = ahead & (length > radius)
-        by_flank = ~arc & (off <= under)
+        # Distances would not tell flank and plane apart far away.
+        by_flank = ~arc & (across > self._inner)
         case = np.where(arc, 1, np.where(by_flank, 2, 3))
         corner = np.where(by_flank, (held != on_flank) | ~self._flank, across >= self._inner)
         case = np.where(inside, 0, np.where(~arc & corner, 4, case))
