@@ -19,6 +19,7 @@ from ca_ros import (
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.tilt_rates import TiltLimited
+from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.solver.convex_sets import ConvexSets
@@ -135,6 +136,7 @@ def test_hand_computed_projections():
         (3.0, 3.0): (np.sqrt(2.0), np.sqrt(2.0)),
         (1.0, 1.4): (1.2, 1.2),
         (0.0, 0.5): (1.0, 0.5),
+        (-1e9, 0.5): (1.0, 0.5),  # where rounded distances to flank and plane are equal
         (0.0, -1.5): (1.0, -1.0),
         (1.2, 0.3): (1.2, 0.3),
     }.items():
@@ -221,12 +223,11 @@ def test_scale_reaches_the_level_of_a_cone_program(name):
         assert np.max(answer.certificate.bound_violation) < 1e-14
     print(f'{name}: level {max(levels):.1e} from that of Clarabel, own gap {max(gaps):.1e}; '
           f'{max(aside):.1e} |u| off the line, {np.mean(np.array(aside) > 1e-9):.4f} above 1e-9; '
-          f'cost: gap / bound and gap / cost up to {np.max(dear, axis=0)}, '
-          f'{np.mean(np.array(dear)[:, 0] > 1.0):.4f} above the bound')
+          f'cost: gap / bound and gap / cost up to {np.max(dear, axis=0)}')
     assert max(levels) < 1e-7
     assert max(gaps) < 1e-9
     assert max(aside) < 1e-9
-    assert np.mean(np.array(dear)[:, 0] > 1.0) <= 0.02
+    assert np.max(dear, axis=0)[0] <= 1.0
 
 
 def test_scale_begins_at_the_middle_if_the_reference_is_a_corner():
@@ -275,6 +276,21 @@ def test_prioritize_serves_one_axis_after_the_other(name):
           f'1000 steps {quantiles}, least {min(further):.1e}; {len(further)} steps')
     assert min(further) > -1e-6
     assert max(further) < 3e-3
+
+
+@pytest.mark.parametrize('engine', [sets_newton, SetsNewton])
+def test_thin_sectors_are_solved(engine):
+    """Along a step of Newton's method the slope falls from its first value to a negative one."""
+    sets = [Sector(1e-3, 1.0, 3, 0.9), Sector(1e-6, 4.0, 2), Sector(1.0, 1.0, 2)]
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        problem = VectoredProblem(rng.normal(size=(4, 7)), sets)
+        low, high = 1.3 * problem.lower, 1.3 * problem.upper
+        wrenches = problem.clip(rng.uniform(low, high, (20, 7))) @ problem.gamma.T
+        solver = engine(problem.gamma, problem.sets)
+        found = solver.solve(wrenches)
+        assert found.attained.all()
+        assert np.abs(solver.gap(wrenches, found.points, found.multipliers)).max() < 1e-9
 
 
 def test_margin_and_sections_are_bounded_from_both_sides():
@@ -490,7 +506,7 @@ def test_c_equals_numpy(name):
         first, second = (solver.line(begin, way) for solver in solvers)
         assert first.length == pytest.approx(second.length, abs=1e-9)
         for line in (first, second):
-            assert -1e-12 < line.most - line.length < 1e-9
+            assert -1e-10 < line.most - line.length < 1e-9
             height = problem.sets.support(line.normal @ problem.gamma)
             assert line.most == pytest.approx((height - line.normal @ begin) / (line.normal @ way))
             np.testing.assert_allclose(problem.clip(line.point), line.point, atol=2e-15)

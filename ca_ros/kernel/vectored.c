@@ -7,6 +7,7 @@
 #define PULLS 20    /* along one line to the boundary */
 #define AIM CA_REAL(0.5)                /* share of the tolerance that Newton's method aims at */
 #define SUM CA_CHOOSE(4 * 2.2e-16, 4 * 1.2e-7) /* rounding error of a sum, as a share of its terms */
+#define ROUNDING CA_CHOOSE(1e-12, 1e-5) /* of the dual, as a share of it */
 #define FLAT CA_CHOOSE(1e-9, 1e-5)      /* curvature that counts as none, relative to the greatest */
 #define SHORT CA_CHOOSE(1e-6, 1e-3)     /* slope, as a share of y, whose sum loses digits */
 #define DAMPING CA_REAL(0.01) /* of steps for a line, so that they are not much longer than y */
@@ -339,6 +340,22 @@ static int beyond(const ca_vectored *p, const ca_real *u, const ca_real *y, ca_r
     return demand - most > tolerance * ca_length(m, normal) + rounding;
 }
 
+/* The dual at an iterate, whose greatest value Newton's method looks for. */
+static ca_real dual(const ca_vectored *p, const goal *g, const iterate *at)
+{
+    const int m = AXES(p), n = COMPONENTS(p);
+    ca_real left[CA_M], sum = 0;
+    for (int k = 0; k < m; k++)
+        left[k] = g->u[k] - ca_dot(n, p->matrix[k], at->x);
+    for (int k = 0; k < m; k++)
+        sum += at->y[k] * ca_dot(m, p->coordinates[k], left);
+    for (int j = 0; j < n; j++) {
+        const ca_real own = (at->x[j] - p->preferred[j]) * p->weight[j];
+        sum += own * own / 2;
+    }
+    return sum;
+}
+
 /* Go by Newton's method from the multipliers of pair[0]. Returns the iterate that came nearest. */
 static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2],
                              ca_vectored_answer *answer)
@@ -365,6 +382,7 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
         else
             solve(m, h, now->slope, way);
         const ca_real first = ca_dot(m, now->slope, way), limit = first / 2;
+        const ca_real least = dual(p, g, now), slack = ROUNDING * ca_abs(least);
         ca_copy(m, now->y, y);
         if (!(first > 0))
             break;
@@ -376,11 +394,11 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
             const ca_real slope = ca_dot(m, now->slope, way);
             if (slope > limit)
                 low = length;
-            else if (slope < -limit)
-                high = length;
+            else if (slope < -limit || (slope < 0 && dual(p, g, now) < least - slack))
+                high = length; /* too far: the slope may fall below 0 at once, and stay there */
             else
                 break;
-            length = high < 0 ? 4 * low : (low + high) / 2;
+            length = high < 0 ? 4 * low : low > 0 ? (low + high) / 2 : high / 8;
         }
         if (now->size < best->size) {
             spare = best;

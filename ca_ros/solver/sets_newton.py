@@ -13,6 +13,7 @@ from ca_ros.solver.dual_newton import AIM, sum_rounding
 TOLERANCE = 1e-12  # residual of a wrench that is met, relative to max(1, |u|)
 STEPS = 60  # limit of Newton's iteration
 TRIALS = 60  # limit of the evaluations in one search along a way
+ROUNDING = 1e-12  # of the value of the dual
 FLAT = 1e-9  # curvature of the dual that counts as none, relative to its greatest
 DAMPING = 0.01  # of the steps for a line, so that they are not much longer than y
 PULLS = 20  # limit of the pulls along one line
@@ -190,22 +191,37 @@ class SetsNewton:
             first = float(slope @ way)
             if not first > 0.0:
                 break
-            y = self._search(y, way, first, lambda y: missed(y)[0])
+            y = self._search(u, y, way, first, lambda y: missed(y)[0])
         return best, self._within(sizes[0], tolerance, sizes[1], 1.0), False
 
-    def _search(self, y: Array, way: Array, first: float, slope: Any) -> Array:
-        """Return y moved along a way until the slope of the dual has fallen by half."""
+    def _search(self, u: Array, y: Array, way: Array, first: float, slope: Any) -> Array:
+        """Return y moved along a way until the slope of the dual has fallen by half.
+
+        Beyond the greatest value of the dual, it must not be less than at the beginning: the slope
+        may fall below zero at once, and then stay flat.
+        """
         length, low, high = 1.0, 0.0, np.inf
         for _ in range(TRIALS):
-            now = float(slope(y + length * way) @ way)
+            there = y + length * way
+            now = float(slope(there) @ way)
             if now > first / 2.0:
                 low = length
-            elif now < -first / 2.0:
+            elif now < -first / 2.0 or (now < 0.0 and self._falls(u, y, there)):
                 high = length
             else:
                 break
-            length = 4.0 * low if high == np.inf else (low + high) / 2.0
+            length = 4.0 * low if high == np.inf else (low + high) / 2.0 if low else high / 8.0
         return y + length * way
+
+    def _falls(self, u: Array, *ways: Array) -> bool:
+        """Tell whether the dual is less at the second of two multipliers of the basis."""
+        values = []
+        for y in ways:
+            points = self._at(y)[0]
+            cost = 0.5 * float(((self.weights * (points - self.preferred)) ** 2).sum())
+            values.append((cost, float(y @ self.coordinates @ (u - self.matrix @ points))))
+        first, second = np.sum(values, axis=1)
+        return bool(second < first - ROUNDING * np.abs(values[0]).max())
 
     def _within(self, size: float, tolerance: float, points: Array, share: float) -> bool:
         return size <= share * max(tolerance, float(sum_rounding(self.matrix, points)))
