@@ -70,6 +70,7 @@ class AllocatorNode(HealthNode):
         self._last: Array = np.zeros(1)
         # The command before that of the newest moment [ns], and its moment.
         self._moment, self._before = self._newest, (self._last, self._newest)
+        self._has_rates = False
         self._angles: Publisher | None = None
         self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
@@ -124,6 +125,7 @@ class AllocatorNode(HealthNode):
         self.adopt_audit(report)
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
+        self._has_rates = within_rates(self.method) is not None
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
         self._lost = vehicle.lost
         # The action hold repeats the last speeds, idle before the first answer, within the bounds
@@ -211,7 +213,7 @@ class AllocatorNode(HealthNode):
         began = perf_counter_ns()
         self.counts['received'] += 1
         time = command.time
-        if fault := self._fault(command):
+        if fault := self._fault(command, time):
             self.drop(*fault)
             return
         lockstep = self.mode == 'lockstep'
@@ -223,7 +225,8 @@ class AllocatorNode(HealthNode):
             self._report(command, answer)
             return
         try:
-            moment = self._counted(time)
+            # Without a stamp a wrench counts as commanded when it arrives.
+            moment = time if time or lockstep else self.get_clock().now().nanoseconds
             answer = self._allocate(command, moment)
             if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
@@ -249,17 +252,14 @@ class AllocatorNode(HealthNode):
         self.counts[status.name.lower()] += 1
         self._report(command, answer)
 
-    def _counted(self, time: int) -> int:
-        """Return when a wrench counts as commanded [ns]: without a stamp, when it arrives."""
-        stamped = time or self.mode == 'lockstep'
-        return time if stamped else self.get_clock().now().nanoseconds
-
     def _allocate(self, command: WrenchCommand, moment: int) -> Allocation:
         """Return the answer to a wrench, within what the rotors reach since the one before."""
         u = [command.wrench[row] for row in self._rows]
         if moment != self._moment:
             # A second wrench with the same stamp replaces the first.
             self._before = self._last, self._moment
+        if not self._has_rates:
+            return self.method.allocate(u)
         last, before = self._before
         return allocate_next(self.method, u, last, moment, before)
 
@@ -269,9 +269,9 @@ class AllocatorNode(HealthNode):
         if not self._watchdog.awake:
             self._watchdog.feed()
 
-    def _fault(self, command: WrenchCommand) -> tuple[str, str] | None:
+    def _fault(self, command: WrenchCommand, time: int) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""
-        time, wrench = command.time, command.wrench
+        wrench = command.wrench
         # All six components are checked, because all are part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
@@ -290,7 +290,7 @@ class AllocatorNode(HealthNode):
 
     def commands(self, answer: Allocation) -> Array:
         """Return what is published of an answer: rotor speeds, tilt angles [rad/s, rad]."""
-        return answer.command
+        return answer.speeds if self._angles is None else answer.command
 
     def at_rest(self, action: str) -> Array:
         """Return the rotor speeds and tilt angles of a timeout action [rad/s, rad]."""
@@ -303,9 +303,9 @@ class AllocatorNode(HealthNode):
 
     def _publish(self, command: Array, time: int | None) -> None:
         """Publish speeds and angles that answer a wrench with a stamp [ns], or none."""
-        speeds = command[: self._n]
+        speeds = command
         if self._angles is not None:
-            angles = command[self._n :]
+            speeds, angles = command[: self._n], command[self._n :]
             self._angles.publish(fill_speeds(self._angles_message, angles, time))
         self._speeds.publish(fill_speeds(self._message, speeds, time))
         if self._others:
