@@ -149,7 +149,7 @@ def test_a_problem_has_no_rotor_speeds():
     (([[True]], 0.0, 1.0), 'matrix: expected numbers'),
     (([[1.0j]], 0.0, 1.0), 'matrix: expected numbers'),
     (([[1.0, 1.0]], 0.0, 1.0, {'a'}), 'axes: expected 1 different names'),
-    (([[np.nan]], 0.0, 1.0), 'matrix: expected finite numbers'),
+    ((np.full((6, 40), np.nan), 0.0, 1.0), 'matrix: expected finite numbers'),
     (([[1.0, 1.0]], [0.0, 0.0, 0.0], 1.0), 'lower: expected 1 or 2 numbers'),
     (([[1.0, 1.0]], 0.0, np.inf), 'upper: expected finite numbers'),
     (([[1.0, 1.0]], [0.0, 2.0], 1.0), "lower: 2 of '2' is above its upper bound, 1"),

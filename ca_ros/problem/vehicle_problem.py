@@ -11,7 +11,6 @@ import numpy as np
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem, component_names
-from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.vehicle.effectiveness import control_allocation_matrix, thrust_wrenches
 from ca_ros.vehicle.settings import AXES
@@ -161,9 +160,6 @@ def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:
         rows = np.array([middles[i], quarters[i], tilts.axes[i]])
         if most <= 0.0 or (span <= FIXED and not cone):
             found.append((Interval(least, most), rows[:1]))
-        elif least >= most:
-            raise ParameterError(
-                f'rotors.speed_min: as great as speed_max at rotor {i + 1}, which tilts')
         elif cone:
             found.append((Sector(min(cone, pi / 2), most, 3, least), rows))
         else:

@@ -169,7 +169,9 @@ def refuse_tilts(tilts: Tilts | None, taker: str) -> None:
         )
 
 
-def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts | None:
+def tilts_of(
+    rotors: RotorSettings, nominal: Array, speed_min: Array, speed_max: Array
+) -> Tilts | None:
     """Return the servos of a vehicle's settings; None if no rotor tilts.
 
     Raises a ParameterError if a setting has a wrong size, contradicts another one, or makes no
@@ -222,6 +224,11 @@ def tilts_of(rotors: RotorSettings, nominal: Array, speed_min: Array) -> Tilts |
             raise ParameterError(
                 f'rotors.speed_min: {speed_min[i]:g} rad/s {place}, which tilts; expected at '
                 'least 0, and 0 for a whole circle: other thrusts are not a convex set'
+            )
+        if speed_min[i] == speed_max[i]:
+            raise ParameterError(
+                f'rotors.speed_min: {speed_min[i]:g} rad/s {place}, which tilts; expected less '
+                'than its speed_max, which is the same'
             )
     driven = (gimbal > 0.0) | (upper - lower > FIXED)
     return Tilts(axes, lower, upper, gimbal, np.array(nominal), driven, rate_max)

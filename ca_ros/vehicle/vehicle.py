@@ -231,7 +231,7 @@ class Vehicle:
             curve=curve,
             speed_max_per_volt=per_volt,
             nominal_voltage=nominal,
-            tilts=tilts_of(rotors, directions, speed_min),
+            tilts=tilts_of(rotors, directions, speed_min, speed_max),
             acceleration_max=up if up.any() else None,
             deceleration_max=down if down.any() else None,
         )
