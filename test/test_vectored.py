@@ -349,7 +349,7 @@ def test_speeds_and_angles_give_the_wrench(name):
     ('tilt_axes', [1.0, 0.0], 'expected 3 or 18'),
     ('gimbal', 0.3, 'one of them'),
     ('speed_min', -100.0, 'expected at least 0'),
-    ('speed_min', 400.0, 'rotors.speed_min: 400 rad/s of rotor 1, which tilts; expected less than'),
+    ('speed_min', 400.0, 'rotors.speed_min: 400 rad/s of rotor 1, which tilts; expected less'),
 ])
 def test_tilts_that_make_no_convex_sets_are_refused(name, value, fault):
     given = read('hexarotor_tilting') | {f'rotors.{name}': value}
