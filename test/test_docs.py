@@ -30,6 +30,7 @@ NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
     'needs PX4': 'PX4, its simulation and px4_msgs (docs/px4.md, "What was not run")',
     'needs hardware': 'a vehicle',
+    'needs an hour': 'an hour; make soak',
     'needs the log': 'pyulog and a log of its repository',
     'needs MuJoCo': 'MuJoCo; test_mujoco.py flies and renders where it is installed',
     'long': 'minutes; CA_ROS_LONG=1 runs them',

@@ -36,7 +36,8 @@ typedef struct {
     ca_real y[CA_M];     /* multipliers of the basis */
     ca_real x[CA_N];
     ca_real slope[CA_M]; /* of the dual: what is missing of the wrench, by the basis */
-    ca_real size;        /* its length */
+    ca_real along;       /* of a line: what the slope lacks along it */
+    ca_real size;        /* length of the slope */
     ca_real missed;      /* what is missing [N, N m], of a line the size; infinite: a lot */
     int moved;           /* number of vectors that the projection has moved */
     bend bends[CA_N];    /* of these */
@@ -201,9 +202,9 @@ static void evaluate(const ca_vectored *p, const goal *g, iterate *at)
     for (int k = 0; k < m; k++)
         at->slope[k] = ca_dot(m, p->coordinates[k], left);
     if (g->e) {
-        const ca_real along = ca_dot(m, at->slope, g->e);
+        at->along = ca_dot(m, at->slope, g->e);
         for (int k = 0; k < m; k++)
-            at->slope[k] -= along * g->e[k];
+            at->slope[k] -= at->along * g->e[k];
     }
     at->size = ca_length(m, at->slope);
     at->missed = g->e ? at->size : ca_length(m, left);
@@ -344,13 +345,11 @@ static int beyond(const ca_vectored *p, const ca_real *u, const ca_real *y, ca_r
 static ca_real dual(const ca_vectored *p, const goal *g, const iterate *at)
 {
     const int m = AXES(p), n = COMPONENTS(p);
-    ca_real left[CA_M], sum = 0;
-    for (int k = 0; k < m; k++)
-        left[k] = g->u[k] - ca_dot(n, p->matrix[k], at->x);
-    for (int k = 0; k < m; k++)
-        sum += at->y[k] * ca_dot(m, p->coordinates[k], left);
+    ca_real sum = ca_dot(m, at->y, at->slope);
+    if (g->e)
+        sum += at->along * ca_dot(m, at->y, g->e);
     for (int j = 0; j < n; j++) {
-        const ca_real own = (at->x[j] - p->preferred[j]) * p->weight[j];
+        const ca_real own = p->weight[j] * (at->x[j] - p->preferred[j]);
         sum += own * own / 2;
     }
     return sum;
