@@ -28,11 +28,9 @@ from benchmarks import wrenches
 from benchmarks.sizes import Sizes
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.messages import wrench_message
-from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.settings import load
-from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH
-from ca_ros.process.deadline import Deadline
-from ca_ros.process.processes import Processes
+from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH, offered, requested
+from ca_ros.process.processes import Deadline, Processes
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle

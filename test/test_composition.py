@@ -20,7 +20,7 @@ from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.topics import EFFECTORS, TOPICS
-from ca_ros.process.deadline import Deadline
+from ca_ros.process.processes import Deadline
 from ca_ros.settings import table as settings_of
 from ca_ros.testing import DEADLINE
 from nodes import fly_offline

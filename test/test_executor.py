@@ -7,7 +7,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 
 from ca_ros.nodes.executor import Executor
-from ca_ros.process.deadline import Deadline
+from ca_ros.process.processes import Deadline
 from ca_ros.testing import DEADLINE
 
 

@@ -17,8 +17,8 @@ from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes.qos import STANDING
 from ca_ros.nodes.settings import DECLARED
+from ca_ros.nodes.topics import STANDING
 from ca_ros.testing import Diagnostics
 from ca_ros.vehicle.vehicle import Vehicle
 from nodes import fly_offline, read

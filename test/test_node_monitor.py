@@ -12,7 +12,7 @@ from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.messages import speeds_message, stamp
-from ca_ros.nodes.qos import STANDING
+from ca_ros.nodes.topics import STANDING
 from ca_ros.testing import Diagnostics, wrench
 
 HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.drag import Drag
+from ca_ros.flight.drag import Drag, Wind
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import (
@@ -24,7 +24,6 @@ from ca_ros.flight.rigid_body import (
 )
 from ca_ros.flight.settings import PlantSettings
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.flight.wind import Wind
 from ca_ros.settings import ParameterError, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from strategies import EVERY_EFFECT, HEXAROTOR

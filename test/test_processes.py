@@ -8,8 +8,7 @@ import time
 
 import psutil
 
-from ca_ros.process.deadline import Deadline
-from ca_ros.process.processes import Processes, end, start
+from ca_ros.process.processes import Deadline, Processes, end, start
 from ca_ros.testing import DEADLINE
 
 SLEEP = [sys.executable, '-c', 'import time; time.sleep(1000.0)']

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.allocator import Allocator, Powerless
 from ca_ros.allocation.betaflight_mixer import BetaflightMixer
 from ca_ros.allocation.conventional import Conventional
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.own_method import own_class
-from ca_ros.allocation.powerless import Powerless
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status

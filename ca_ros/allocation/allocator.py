@@ -1,4 +1,4 @@
-"""The interface that all allocation methods share."""
+"""The interface that all allocation methods share, and the method without rotors."""
 
 from __future__ import annotations
 
@@ -231,3 +231,13 @@ class Allocator(ABC):
         thrusts = self.problem.saturate(wanted)
         violation = float(np.abs(wanted - thrusts).max())
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
+
+
+class Powerless(Allocator):
+    """Leaves all rotors at rest for every wrench, with the status INEXACT."""
+
+    takes_vectors = True
+
+    def _allocate(self, u: Array) -> Allocation:
+        thrusts = self.problem.lower.copy()
+        return Allocation(self.problem, u, thrusts, Status.INEXACT, level=0.0)

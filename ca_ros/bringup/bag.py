@@ -14,8 +14,7 @@ from rclpy.serialization import deserialize_message
 from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import stamp_of
-from ca_ros.nodes.qos import offered
-from ca_ros.nodes.topics import ROSOUT, type_name
+from ca_ros.nodes.topics import ROSOUT, offered, type_name
 
 RECORDED: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
 """The recorded topics; each of the relative ones has one publisher."""

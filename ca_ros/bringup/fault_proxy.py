@@ -19,7 +19,7 @@ from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import mismatch
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.parameter_node import ParameterNode
-from ca_ros.nodes.qos import offered
+from ca_ros.nodes.topics import offered
 from ca_ros.settings import ParameterError, Settings, table
 
 PREFIX = 'faulty/'

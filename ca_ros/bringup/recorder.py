@@ -20,11 +20,10 @@ from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import speeds_stamp
-from ca_ros.nodes.qos import STANDING, offered
 from ca_ros.nodes.settings import DECLARED
-from ca_ros.nodes.topics import Topic
-from ca_ros.process.deadline import Deadline
+from ca_ros.nodes.topics import STANDING, Topic, offered
 from ca_ros.process.parameters import Call, ParameterClient
+from ca_ros.process.processes import Deadline
 from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.settings import table
 

@@ -13,8 +13,7 @@ from ca_ros.commands import NODES
 from ca_ros.nodes.diagnostics import OK
 from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.monitor import FOUND
-from ca_ros.nodes.qos import offered
-from ca_ros.nodes.topics import DIAGNOSTICS
+from ca_ros.nodes.topics import DIAGNOSTICS, offered
 from ca_ros.process.diagnostics import Status, counts, statuses
 
 

@@ -26,8 +26,7 @@ from ca_ros.bringup.timeline import Timeline
 from ca_ros.errors import CaRosError
 from ca_ros.flight.record import Flight
 from ca_ros.nodes.topics import SPEEDS
-from ca_ros.process.deadline import Deadline
-from ca_ros.process.processes import Processes
+from ca_ros.process.processes import Deadline, Processes
 from ca_ros.vehicle.vehicle import Vehicle
 
 PROGRESS_TIMEOUT = 60.0  # time without progress after which a start or flight is given up [s]

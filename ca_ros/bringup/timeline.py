@@ -15,8 +15,8 @@ from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.process.deadline import Deadline
 from ca_ros.process.parameters import ParameterClient
+from ca_ros.process.processes import Deadline
 from ca_ros.settings import repeated
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.motor_lag import MotorLag, Servos
 from ca_ros.flight.rigid_body import difference
-from ca_ros.flight.servos import Servos
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
 from ca_ros.vehicle.vehicle import Vehicle

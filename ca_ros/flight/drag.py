@@ -1,9 +1,9 @@
-"""The drag of the air on a vehicle."""
+"""The air: its drag on a vehicle, and a constant wind with gusts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import hypot
+from math import exp, expm1, hypot, sqrt
 
 import numpy as np
 
@@ -54,3 +54,32 @@ class Drag:
             moments = vehicle.arms.T @ forces
             torque = torque + (moments - moments.T)[[1, 2, 0], [2, 0, 1]]
         return force, torque
+
+
+class Wind:
+    """A constant wind plus a first-order Gauss-Markov process in each direction.
+
+    The process is the longitudinal Dryden spectrum (MIL-F-8785C) of a vehicle with the airspeed V
+    in turbulence of the scale L, for L / V = `correlation_time`.  It is stationary from the start
+    and sampled exactly: the statistics do not depend on the step.
+
+    - `mean` (3,): in the world frame [m/s]
+    - `intensity` (3,): standard deviation of the gusts [m/s]
+    - `correlation_time`: [s]
+    """
+
+    def __init__(
+        self, mean: Array, intensity: Array, correlation_time: float, rng: np.random.Generator
+    ) -> None:
+        self.mean, self.intensity, self.correlation_time = mean, intensity, correlation_time
+        self._rng, self._gusty = rng, bool(intensity.any())
+        self._gust = intensity * rng.standard_normal(3)
+
+    def __call__(self, step: float) -> Array:
+        """Return the wind (3,) [m/s] of the next step [s]."""
+        wind = self.mean + self._gust
+        if self._gusty:
+            ratio = step / self.correlation_time
+            spread = self.intensity * sqrt(-expm1(-2.0 * ratio))
+            self._gust = exp(-ratio) * self._gust + spread * self._rng.standard_normal(3)
+        return wind

@@ -9,14 +9,11 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.delay import Delay, delay_steps
-from ca_ros.flight.drag import Drag
-from ca_ros.flight.integrators import INTEGRATORS
-from ca_ros.flight.motor_lag import MotorLag
-from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, POSITION, VELOCITY, RigidBody
+from ca_ros.flight.drag import Drag, Wind
+from ca_ros.flight.motor_lag import MotorLag, Servos
+from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, INTEGRATORS, POSITION, VELOCITY, RigidBody
 from ca_ros.flight.sensors import Sensors
-from ca_ros.flight.servos import Servos
 from ca_ros.flight.settings import PlantSettings, triple
-from ca_ros.flight.wind import Wind
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.vehicle import Vehicle
 

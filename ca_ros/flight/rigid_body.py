@@ -15,10 +15,29 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.drag import Drag
-from ca_ros.flight.integrators import Derivative, euler
 from ca_ros.settings import MissingParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
+
+Derivative = Callable[[Array], Array]
+
+
+def euler(derivative: Derivative, state: Array, step: float) -> Array:
+    """Return the state after an explicit Euler step, of order 1."""
+    return state + step * derivative(state)
+
+
+def rk4(derivative: Derivative, state: Array, step: float) -> Array:
+    """Return the state after a step of the classical Runge-Kutta method, of order 4."""
+    k1 = derivative(state)
+    k2 = derivative(state + 0.5 * step * k1)
+    k3 = derivative(state + 0.5 * step * k2)
+    k4 = derivative(state + step * k3)
+    return state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+INTEGRATORS = {'euler': euler, 'rk4': rk4}  # by the value of `simulator.integrator`
+
 
 POSITION, VELOCITY, ATTITUDE, ANGULAR_VELOCITY = (
     slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)

@@ -29,8 +29,8 @@ from ca_ros.nodes.messages import (
     wrench_message,
     wrong_frame,
 )
-from ca_ros.nodes.qos import COMMAND, STANDING
 from ca_ros.nodes.settings import ControllerNodeSettings
+from ca_ros.nodes.topics import COMMAND, STANDING
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.settings import AXES
 

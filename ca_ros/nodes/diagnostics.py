@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from ca_ros.nodes.qos import COMMAND
-from ca_ros.nodes.topics import DIAGNOSTICS
+from ca_ros.nodes.topics import COMMAND, DIAGNOSTICS
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE

@@ -12,7 +12,7 @@ from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import WARN
 from ca_ros.nodes.messages import speeds_stamp
-from ca_ros.nodes.qos import STANDING, requested
+from ca_ros.nodes.topics import STANDING, requested
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.settings import ParameterError, repeated

@@ -11,19 +11,11 @@ from std_srvs.srv import Trigger
 
 from ca_ros.flight.kernel_detector import Detector, make_detector
 from ca_ros.flight.lag_check import LagCheck
-from ca_ros.nodes import topics
+from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import (
-    fill_speeds,
-    nanoseconds,
-    pose_arrays,
-    speeds_message,
-    speeds_stamp,
-    twist_arrays,
-)
-from ca_ros.nodes.qos import STANDING, requested
 from ca_ros.nodes.settings import MonitorSettings
+from ca_ros.nodes.topics import STANDING, requested
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 
@@ -56,7 +48,7 @@ class MonitorNode(VehicleNode):
     def start(self) -> None:
         """Create the detector, and begin to listen."""
         super().start()
-        self._message = speeds_message(self.detector.health, None)
+        self._message = messages.speeds_message(self.detector.health, None)
         self._message.layout.dim[0].label = LABEL
         topic = topics.ROTOR_HEALTH
         self._health = self.create_publisher(topic.kind, topic.name, STANDING)
@@ -126,7 +118,8 @@ class MonitorNode(VehicleNode):
 
     def _receive_command(self, message: Float64MultiArray, *angles: Float64MultiArray) -> None:
         self.counts['received'] += 1
-        parts, time = [message.data, *(each.data for each in angles)], speeds_stamp(message)
+        parts = [message.data, *(each.data for each in angles)]
+        time = messages.speeds_stamp(message)
         command, expected = np.concatenate(parts), self.detector.vehicle.idle_command
         n = self.detector.vehicle.n
         if len(parts[0]) != n or command.shape != expected.shape or not np.isfinite(command).all():
@@ -143,7 +136,7 @@ class MonitorNode(VehicleNode):
         self._observe()
 
     def _receive_speeds(self, message: Float64MultiArray) -> None:
-        speeds, time = np.array(message.data), speeds_stamp(message)
+        speeds, time = np.array(message.data), messages.speeds_stamp(message)
         if speeds.shape != self.detector.health.shape or not np.isfinite(speeds).all():
             self.drop('speeds', f'measured rotor speeds {speeds}: expected one for each rotor')
         elif time is not None:
@@ -164,7 +157,7 @@ class MonitorNode(VehicleNode):
         pose, velocity = self._pose, self._velocity
         if pose is None or velocity is None or pose.header.stamp != velocity.header.stamp:
             return
-        time = nanoseconds(pose.header.stamp)
+        time = messages.nanoseconds(pose.header.stamp)
         lockstep = self.mode == 'lockstep'
         if time == self._observed:
             if lockstep:
@@ -175,8 +168,8 @@ class MonitorNode(VehicleNode):
             if time > self._observed:
                 return
             self.counts['restarts'] += 1
-        _, attitude = pose_arrays(pose)
-        motion = twist_arrays(velocity)
+        _, attitude = messages.pose_arrays(pose)
+        motion = messages.twist_arrays(velocity)
         if not np.isfinite(np.concatenate([attitude, *motion])).all() or not attitude.any():
             self.drop('state', 'a state that is not finite')
             return
@@ -189,7 +182,7 @@ class MonitorNode(VehicleNode):
             self._publish(time)
 
     def _publish(self, time: int | None) -> None:
-        self._health.publish(fill_speeds(self._message, self.detector.health, time))
+        self._health.publish(messages.fill_speeds(self._message, self.detector.health, time))
         health = self.detector.health.tolist()
         if health != self._logged_health:
             if self._logged_health:

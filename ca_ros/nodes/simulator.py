@@ -14,19 +14,11 @@ from std_srvs.srv import Trigger
 from ca_ros.arrays import Array
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
-from ca_ros.nodes import topics
+from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import (
-    TILT_ANGLE,
-    answers_nothing,
-    speeds_message,
-    speeds_stamp,
-    stamp,
-    state_messages,
-)
-from ca_ros.nodes.qos import LOCKSTEP_DEPTH
 from ca_ros.nodes.settings import SimulatorSettings
+from ca_ros.nodes.topics import LOCKSTEP_DEPTH
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
 from ca_ros.vehicle.vehicle import Vehicle
@@ -134,12 +126,12 @@ class SimulatorNode(VehicleNode):
             self.drop('bounds', f'{what} {numbers}: expected up to {self._greatest} rad/s')
         elif self.mode == 'realtime':
             if self._resting:
-                if answers_nothing(command):
+                if messages.answers_nothing(command):
                     self.drop('rest', 'a timeout action before the first command')
                     return
                 self._skip(self.steady.now().nanoseconds)
             self._follow(numbers)
-        elif speeds_stamp(command) == self._time:
+        elif messages.speeds_stamp(command) == self._time:
             self._follow(numbers)
             self._repeats, self._discarded, self._fault = 0, '', ''
             self._step()
@@ -151,8 +143,8 @@ class SimulatorNode(VehicleNode):
         else:
             # Mostly a second answer to a state that was published again.
             self.counts['repeated'] += 1
-            if not answers_nothing(command):
-                found = speeds_stamp(command)
+            if not messages.answers_nothing(command):
+                found = messages.speeds_stamp(command)
                 self._discarded = 'no stamp' if found is None else f'stamp {found}'
 
     def _follow(self, command: Array) -> None:
@@ -221,23 +213,24 @@ class SimulatorNode(VehicleNode):
                 self.get_logger().error(f'{error}: the state is held')
         self._time += self._step_ns
         if self._measured.get_subscription_count():
-            self._measured.publish(speeds_message(self.plant.speeds[: self._n], self._time))
+            measured = self.plant.speeds[: self._n]
+            self._measured.publish(messages.speeds_message(measured, self._time))
         self._publish()
 
     def _publish_command(self) -> None:
         speeds, angles = np.split(self._command, [self._n])
         if len(angles):
-            self._angles.publish(speeds_message(angles, self._time, TILT_ANGLE))
-        self._speeds.publish(speeds_message(speeds, self._time))
+            self._angles.publish(messages.speeds_message(angles, self._time, messages.TILT_ANGLE))
+        self._speeds.publish(messages.speeds_message(speeds, self._time))
 
     def _publish(self) -> None:
         self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time
         if self._held:
             return
-        state, time = self.plant.measured, stamp(self._time)
+        state, time = self.plant.measured, messages.stamp(self._time)
         parts = state[POSITION], state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY]
         frames = self.settings.world_frame, self.settings.command_frame
-        pose, velocity = state_messages(*parts, time, *frames)
+        pose, velocity = messages.state_messages(*parts, time, *frames)
         # The clock comes first: nodes that use it must not see stamps of the future.
         if self._ticks is not None:
             self._ticks.publish(Clock(clock=time))

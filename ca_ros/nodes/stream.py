@@ -13,9 +13,8 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from ca_ros.nodes.qos import requested
 from ca_ros.nodes.rclpy_internals import RMWError
-from ca_ros.nodes.topics import Topic
+from ca_ros.nodes.topics import Topic, requested
 
 _Taken = tuple[bytes, dict[str, Any]]  # a serialized message and the information about it
 SIZE_MAX = 16384  # largest message of a stream [bytes]: 2000 rotor speeds

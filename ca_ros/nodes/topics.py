@@ -1,4 +1,4 @@
-"""The topics: their names, their types, and which node publishes and subscribes to each.
+"""The topics: their names, types and QoS, and which node publishes and subscribes to each.
 
 A new topic is a line here and the calls in its nodes.
 """
@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
@@ -89,3 +90,28 @@ TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, 
 STREAMS = tuple(topic for topic in TOPICS if topic.stream and not topic.optional)
 
 LINKS = tuple(topic for topic in STREAMS if topic.subscribers)  # they join the three nodes
+
+
+LOCKSTEP_DEPTH = 2000  # steps that a recorder may lag behind in lockstep without a loss
+
+
+def offered(mode: str) -> QoSProfile:
+    """Return the QoS of publishers: reliable, which any subscriber matches, and depth 1."""
+    return QoSProfile(depth=LOCKSTEP_DEPTH if mode == 'lockstep' else 1)
+
+
+def requested(mode: str) -> QoSProfile:
+    """Return the QoS of subscribers of streams: the newest message, in lockstep each one."""
+    if mode == 'lockstep':
+        return offered(mode)
+    return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+COMMAND = QoSProfile(depth=1)  # of rare messages that must arrive, such as waypoints
+
+STANDING = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""QoS of messages that later subscribers get, too, if they ask for it.
+
+A subscription that asks for it does not match publishers that do not offer it, such as that of
+``ros2 topic pub``.
+"""

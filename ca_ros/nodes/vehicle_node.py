@@ -23,10 +23,9 @@ from ca_ros.nodes.diagnostics import ERROR, SEVERITY, WARN, DiagnosticsPublisher
 from ca_ros.nodes.endpoints import faults
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.parameter_node import ParameterNode
-from ca_ros.nodes.qos import offered
 from ca_ros.nodes.settings import FileSettings
 from ca_ros.nodes.stream import Stalls, subscribe
-from ca_ros.nodes.topics import Topic
+from ca_ros.nodes.topics import Topic, offered
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.settings import Settings, repeated

@@ -14,8 +14,8 @@ from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.markers import View, markers, status_text
 from ca_ros.nodes.messages import pose_arrays, wrench_numbers
-from ca_ros.nodes.qos import COMMAND, requested
 from ca_ros.nodes.settings import ViewerSettings
+from ca_ros.nodes.topics import COMMAND, requested
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.vehicle import Vehicle
 

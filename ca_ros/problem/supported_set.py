@@ -87,9 +87,7 @@ class SupportedSet:
 
         `rows`: the axes that stay.  `at` (m,): the values of the other axes [N, N m].
         """
-        if len(rows) > 2:
-            raise ValueError('axes: expected one or two for a set that is not a polytope')
-        problem = self.problem
+        ways, problem = _ways(rows, directions), self.problem
         others = [row for row in self._all if row not in rows]
         start = problem.middle
         if others:
@@ -103,9 +101,6 @@ class SupportedSet:
             way = problem.extent[row] * np.eye(len(self._all))[row]
             lines = [problem.least_norm.line(begin, sign * way) for sign in (1.0, -1.0)]
             begin = begin + 0.5 * (lines[0].length - lines[1].length) * way
-        angles = np.arange(directions) * 2.0 * np.pi / directions
-        circle = np.column_stack([np.cos(angles), np.sin(angles)])
-        ways = np.array([[-1.0], [1.0]]) if len(rows) == 1 else circle
         steps = np.zeros((len(ways), len(self._all)))
         steps[:, rows] = ways * problem.extent[rows]
         scaled = [problem.least_norm.line(begin, step) for step in steps]
@@ -119,12 +114,7 @@ class SupportedSet:
 
     def shadow(self, rows: Sequence[int], directions: int = DIRECTIONS) -> Array:
         """Return points (k, d) on the outline of the projection to one or two axes."""
-        if len(rows) > 2:
-            raise ValueError('axes: expected one or two for a set that is not a polytope')
-        angles = np.arange(directions) * 2.0 * np.pi / directions
-        circle = np.column_stack([np.cos(angles), np.sin(angles)])
-        ways = np.array([[-1.0], [1.0]]) if len(rows) == 1 else circle
-        gamma = self.problem.gamma[rows]
+        ways, gamma = _ways(rows, directions), self.problem.gamma[rows]
         farthest = self.problem.sets.farthest(ways / self.problem.extent[rows] @ gamma)
         return np.asarray(farthest @ gamma.T, float)
 
@@ -173,6 +163,16 @@ class SupportedSet:
             if least >= (1.0 - SETTLED) * distance**2:
                 break
         return -distance, missed / distance
+
+
+def _ways(rows: Sequence[int], directions: int) -> Array:
+    """Return unit vectors (k, d) all around in one or two axes."""
+    if len(rows) > 2:
+        raise ValueError('axes: expected one or two for a set that is not a polytope')
+    if len(rows) == 1:
+        return np.array([[-1.0], [1.0]])
+    angles = np.arange(directions) * 2.0 * np.pi / directions
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def _bulge(edges: Array) -> float:

@@ -4,10 +4,8 @@ from ca_ros.process.diagnostics import counts
 from ca_ros.testing.diagnostics import Diagnostics
 from ca_ros.testing.executables import executable
 from ca_ros.testing.faults import FaultProxy
-from ca_ros.testing.graph import BEST_EFFORT, RELIABLE, Graph
-from ca_ros.testing.lockstep import Lockstep
-from ca_ros.testing.messages import six, wrench
-from ca_ros.testing.parameters import Parameters
+from ca_ros.testing.graph import BEST_EFFORT, RELIABLE, Graph, Parameters
+from ca_ros.testing.lockstep import Lockstep, six, wrench
 from ca_ros.testing.processes import DEADLINE
 
 __all__ = [

@@ -1,12 +1,12 @@
-"""A ROS graph of a test: processes and nodes in a domain of their own."""
+"""A ROS graph of a test: processes and nodes in a domain of their own, and their parameters."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from re import sub
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.context import Context
@@ -16,9 +16,11 @@ from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from ca_ros.process.deadline import Deadline
-from ca_ros.testing.parameters import Parameters
+from ca_ros.process.parameters import Call, ParameterClient
+from ca_ros.process.processes import Deadline
 from ca_ros.testing.processes import DEADLINE, GraphProcesses
+
+Answer = TypeVar('Answer')
 
 FIRST_PAUSE, LAST_PAUSE = 0.25, 2.0  # between repetitions of what may have been lost [s]
 LETTING_GO_MAX = 0.3  # longest wait until DDS knows that the processes have ended [s]
@@ -145,3 +147,28 @@ def _short(messages: list[Any]) -> str:
     """Return messages as text of a few lines, without the modules of their types."""
     text = sub(r'\w+\.msg\.', '', ', '.join(map(str, messages))) or 'none'
     return text if len(text) < LENGTH else f'{text[:LENGTH]} ...'
+
+
+class Parameters:
+    """The parameters of the node `name`, for the node `client`; `Graph.connect` returns them."""
+
+    def __init__(self, client: Node, name: str, spin_until: Callable[..., None]) -> None:
+        self._spin_until, self._client = spin_until, ParameterClient(client, name)
+
+    def get(self, *names: str) -> list[Any]:
+        """Return the values of parameters."""
+        return self._wait(self._client.get(names))
+
+    def set(self, values: Mapping[str, Any]) -> Any:
+        """Set parameters one by one; return the result of each, a SetParametersResult."""
+        return self._wait(self._client.set(values))
+
+    def set_atomically(self, values: Mapping[str, Any]) -> Any:
+        """Set all parameters or none; return the result, a SetParametersResult."""
+        return self._wait(self._client.set_atomically(values))
+
+    def _wait(self, call: Call[Answer]) -> Answer:
+        self._spin_until(lambda: call.answer() is not None, f'{call.service}: answered')
+        answer = call.answer()
+        assert answer is not None
+        return answer

@@ -1,4 +1,4 @@
-"""Lockstep with the simulator: a record of each step, and single steps."""
+"""Lockstep with the simulator: a record of each step, single steps, and wrench messages."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from numpy.typing import ArrayLike
 from rclpy.publisher import Publisher
+from std_msgs.msg import Header
 
 from ca_ros.arrays import Array
 from ca_ros.flight.record import Flight
-from ca_ros.nodes.messages import nanoseconds
-from ca_ros.nodes.qos import offered
-from ca_ros.nodes.topics import POSE, TILTS, VELOCITY, WRENCH
+from ca_ros.nodes.messages import nanoseconds, stamp, wrench_message, wrench_numbers
+from ca_ros.nodes.topics import POSE, TILTS, VELOCITY, WRENCH, offered
 from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.testing.graph import Graph
-from ca_ros.testing.messages import six, wrench
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROWS = 11  # number of states in the table of a report
@@ -117,3 +117,19 @@ class Lockstep:
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         self._wrenches[nanoseconds(message.header.stamp)] = message
+
+
+def wrench(numbers: ArrayLike, time: int = 0, frame: str = '') -> WrenchStamped:
+    """Return the message of a wrench (6,), force [N] before torque [N m], or of a thrust [N].
+
+    The message has the stamp `time` [ns] and the frame `frame`.
+    """
+    values = np.asarray(numbers, dtype=float)
+    if not values.ndim:
+        values = np.array([0.0, 0.0, values, 0.0, 0.0, 0.0])
+    return wrench_message(values, Header(stamp=stamp(time), frame_id=frame))
+
+
+def six(message: WrenchStamped) -> Array:
+    """Return the wrench (6,) of a message: force [N] before torque [N m]."""
+    return np.array(wrench_numbers(message))

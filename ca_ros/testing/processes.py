@@ -16,8 +16,7 @@ from typing import Any, ClassVar, cast
 
 import psutil
 
-from ca_ros.process.deadline import Deadline
-from ca_ros.process.processes import Process, Processes
+from ca_ros.process.processes import Deadline, Process, Processes
 from ca_ros.testing.domain import claim
 from ca_ros.testing.executables import executable
 

@@ -27,8 +27,8 @@ from ca_ros import ParameterError, Vehicle
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
 from ca_ros.nodes import messages, topics
-from ca_ros.nodes.qos import offered, requested
 from ca_ros.nodes.settings import SimulatorSettings
+from ca_ros.nodes.topics import offered, requested
 from ca_ros.settings import REQUIRED, flat, read, table
 
 UNUSED = {

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from ca_ros import figures
 from ca_ros.arrays import Array
 from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.metrics import STEADY, steady
@@ -24,19 +25,6 @@ from ca_ros.evaluation.plot_style import (
     entries_of,
     panel_titles,
     styles,
-)  # fmt: skip
-from ca_ros.figures import (
-    DASHED,
-    MOMENTS,
-    WIDTHS,
-    across,
-    draw_lines,
-    inches,
-    mark,
-    rotor_lines,
-    save,
-    sheet,
-    style,
 )  # fmt: skip
 from ca_ros.flight.record import Flight
 from ca_ros.vehicle.settings import AXES
@@ -68,14 +56,14 @@ UNITS = {
 
 
 def draw(
-    out: Path, study: Flights, formats: Sequence[str], width: float = WIDTHS['page'],
+    out: Path, study: Flights, formats: Sequence[str], width: float = figures.WIDTHS['page'],
     rows: Sequence[str] = (),
 ) -> None:
     """Draw all plots of a dynamic study into a folder.
 
     Failures have a plot of their own, and `rows`, of `ROWS`, too.
     """
-    with matplotlib.rc_context(style(width)):
+    with matplotlib.rc_context(figures.style(width)):
         plots = {
             'position': _draw_position(study), 'attitude': _draw_attitude(study),
             'rotor_speeds': _draw_rows(study, ['speeds'], 1.6),
@@ -87,28 +75,28 @@ def draw(
         if rows:
             plots['rows'] = _draw_rows(study, rows, 1.1)
         for name, plot in plots.items():
-            save(plot, out / name, formats)
+            figures.save(plot, out / name, formats)
 
 
 def _kinds(study: Flights) -> list[Line2D]:
     """Return the lines of a legend of the kinds of moments that there are."""
     marks = [study.marks(name) for name in study.flights]
     return entries({
-        kind: look for kind, look in MOMENTS.items() if any(each[kind] for each in marks)
+        kind: look for kind, look in figures.MOMENTS.items() if any(each[kind] for each in marks)
     })
 
 
 def _mark_all(axes: Axes, study: Flights) -> None:
     for name in study.flights:
-        mark(axes, study.marks(name))
+        figures.mark(axes, study.marks(name))
 
 
 def _draw_position(study: Flights) -> Figure:
     """Draw the position over time, and the error in the last second."""
     groups = coinciding_groups(study, last_second=True)
     flights = {names[0]: study.flights[names[0]] for names in groups}
-    figure, body = sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
-    panels = body.subplots(3, 2, sharex='col', width_ratios=(across(3, 1.5), 1))
+    figure, body = figures.sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
+    panels = body.subplots(3, 2, sharex='col', width_ratios=(figures.across(3, 1.5), 1))
     for i, (whole, last) in enumerate(panels):
         goal = float(study.trajectory.last.position[i])
         paths = {name: flight.position[:, i] for name, flight in flights.items()}
@@ -131,7 +119,7 @@ def _draw_attitude(study: Flights) -> Figure:
     """Draw the attitude over time."""
     groups, waypoint = coinciding_groups(study), study.trajectory.last
     flights = {names[0]: study.flights[names[0]] for names in groups}
-    figure, body = sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
+    figure, body = figures.sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
     panels = body.subplots(3, 1, sharex=True)
     goals = (None, None, float(np.degrees(waypoint.heading)))
     for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'heading'), panels, strict=True)):
@@ -187,13 +175,13 @@ def _draw_rows(
     panels = [
         (row, part) for row in rows for part in (('',) if row in UNITS else ('force', 'torque'))
     ]
-    columns = across(len(shown), least)
+    columns = figures.across(len(shown), least)
     blocks = -(-len(shown) // columns)
-    titles, notes = panel_titles(groups, inches() / columns - 0.3)
-    handles = [*entries(rotor_lines(study.vehicle.n))] if 'speeds' in rows else []
+    titles, notes = panel_titles(groups, figures.inches() / columns - 0.3)
+    handles = [*entries(figures.rotor_lines(study.vehicle.n))] if 'speeds' in rows else []
     handles += _components(rows, study.vehicle.axes)
     height = (0.6 + 1.75 * len(panels)) * blocks
-    figure, body = sheet(height, [*handles, *_kinds(study)], notes)
+    figure, body = figures.sheet(height, [*handles, *_kinds(study)], notes)
     grid = body.subplots(len(panels) * blocks, columns, sharex=True, sharey='row', squeeze=False)
     # Each block has a row for each panel, and a column per group.
     blocked = grid.reshape(blocks, len(panels), columns).transpose(0, 2, 1)
@@ -201,7 +189,7 @@ def _draw_rows(
     for names, words, column in zip(shown, titles, stacks, strict=False):
         for (row, part), axes in zip(panels, column, strict=True):
             _draw_panel(axes, study, names[0], row, part)
-            mark(axes, study.marks(names[0]))
+            figures.mark(axes, study.marks(names[0]))
         column[0].set_title(words)
         column[-1].tick_params(labelbottom=True)
         column[-1].set_xlabel('time [s]')
@@ -233,23 +221,24 @@ def _draw_panel(axes: Axes, study: Flights, name: str, row: str, part: str) -> N
     """Draw one row of a method."""
     flight, samples, vehicle = study.flights[name], study.samples[name], study.vehicle
     if row == 'position':
-        draw_lines(axes, flight.time, flight.position, dict(zip('xyz', COMPONENTS, strict=True)))
+        looks = dict(zip('xyz', COMPONENTS, strict=True))
+        figures.draw_lines(axes, flight.time, flight.position, looks)
         for level in np.unique(study.trajectory.last.position):
-            axes.axhline(level, **DASHED)
+            axes.axhline(level, **figures.DASHED)
     elif row == 'tilt':
         axes.plot(flight.time, np.degrees(flight.tilt), color='black')
     elif row == 'speeds':
-        draw_lines(axes, flight.time, flight.speeds, rotor_lines(vehicle.n))
+        figures.draw_lines(axes, flight.time, flight.speeds, figures.rotor_lines(vehicle.n))
         for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
-            axes.axhline(bound, **DASHED)
+            axes.axhline(bound, **figures.DASHED)
     elif row == 'margin':
         axes.plot(flight.time, samples['margin'], color='black')
-        axes.axhline(0.0, **DASHED)
+        axes.axhline(0.0, **figures.DASHED)
     else:
         own = [axis for axis in vehicle.axes if (axis in FORCES) == (part == 'force')]
         values = samples[[f'{row}_{axis}' for axis in own]].to_numpy()
         looks = {axis: COMPONENTS[AXES.index(axis) % 3] for axis in own}
-        draw_lines(axes, flight.time, values, looks)
+        figures.draw_lines(axes, flight.time, values, looks)
 
 
 def _limit(panels: Sequence[Axes], study: Flights, row: str) -> None:
@@ -274,5 +263,5 @@ def _lines(
         part = time >= time[-1] - last
         axes.plot(time[part], values[name][part], **look)
     if goal is not None:
-        axes.axhline(goal, **DASHED)
+        axes.axhline(goal, **figures.DASHED)
     axes.margins(x=0.0)

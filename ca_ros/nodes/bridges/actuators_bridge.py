@@ -11,7 +11,7 @@ from ca_ros.nodes.bridges.bridge import Bridge
 from ca_ros.nodes.bridges.motors import ordered, servo_angles, sound_speeds
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import speeds_stamp, stamp
-from ca_ros.nodes.qos import COMMAND
+from ca_ros.nodes.topics import COMMAND
 
 
 class ActuatorsBridge(Bridge):

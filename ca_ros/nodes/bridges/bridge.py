@@ -9,8 +9,8 @@ from rclpy.publisher import Publisher
 
 from ca_ros.nodes.bridges.motors import order_of
 from ca_ros.nodes.diagnostics import OK, STALE
-from ca_ros.nodes.qos import requested
 from ca_ros.nodes.settings import BridgeNodeSettings
+from ca_ros.nodes.topics import requested
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle

@@ -20,7 +20,7 @@ from ca_ros.nodes.bridges import px4
 from ca_ros.nodes.bridges.bridge import Bridge
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import speeds_stamp, stamp, state_messages, wrench_message
-from ca_ros.nodes.qos import COMMAND
+from ca_ros.nodes.topics import COMMAND
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 

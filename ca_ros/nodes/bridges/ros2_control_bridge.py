@@ -15,7 +15,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.bridges.bridge import Bridge
 from ca_ros.nodes.bridges.motors import joint_velocities, ordered
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.qos import COMMAND
+from ca_ros.nodes.topics import COMMAND
 
 
 class Ros2ControlBridge(Bridge):
