@@ -28,7 +28,8 @@ HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 """m g / 6 = k_f omega^2: 255.73 rad/s."""
 
 
-@pytest.mark.slow
+# make demo flies the same.
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_real_time_reaches_the_waypoint_within_the_bounds(tmp_path, graph):
     def flight(factor):
