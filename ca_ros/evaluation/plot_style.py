@@ -54,12 +54,17 @@ def styles(methods: Sequence[str], coinciding: bool = False) -> dict[str, dict[s
     return found
 
 
+PROPER = {'betaflight': 'Betaflight', 'daqp': 'DAQP', 'osqp': 'OSQP'}
+"""Names of software among the words of methods."""
+
+
 def title(method: str, width: int = 100) -> str:
     """Return a method's name in words, in lines of at most `width` letters.
 
     The name of a user's own method is that of its class.
     """
-    return '\n'.join(wrap(method.rpartition(':')[2].replace('_', ' '), width))
+    words = method.rpartition(':')[2].split('_')
+    return '\n'.join(wrap(' '.join(PROPER.get(word, word) for word in words), width))
 
 
 def entries(looks: Mapping[str, Mapping[str, Any]]) -> list[Line2D]:
