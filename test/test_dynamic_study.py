@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ca_ros import Vehicle
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
@@ -225,6 +226,17 @@ def test_what_was_detected_is_said(tmp_path, plain, failure, said):
     words = ['--methods', 'exact', '--duration', '1.2', '--detect', '--out', str(tmp_path)]
     assert main([*words, *failure]) == 0
     assert re.search(f'^Detected: {said}$', (tmp_path / 'dynamic.md').read_text(), re.MULTILINE)
+
+
+def test_a_stuck_servo_is_drawn_without_a_margin_and_leaves_a_yaw_torque(tmp_path):
+    words = ['--vehicle', 'tricopter', '--methods', 'exact', '--duration', '0.3']
+    assert main([*words, '--fail', '2@0.1=0.05rad', '--out', str(tmp_path)]) == 0
+    assert (tmp_path / 'failure.png').exists()
+    report = audit(Vehicle.load('tricopter').with_stuck_servos([2.0, 0.05]))
+    # By hand: roll makes T_1 = T_3, thrust and pitch the tail's T; the drag of a rotor is 0.02 m.
+    c, s = math.cos(0.05), math.sin(0.05)
+    tail = 0.15 * 1.2 * 9.81 / (0.45 * c - 0.02 * s)
+    assert report.spin_torque == pytest.approx(-tail * (0.3 * s + 0.02 * c), rel=1e-9)
 
 
 def test_parameters_can_be_changed(tmp_path, plain):

@@ -115,6 +115,9 @@ def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
     if with_yaw.has_volume:
         rows = [row for row in range(len(axes)) if row != place]
         yaw = float(prioritization_of(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
+    elif isinstance(controllable, VectoredProblem):
+        found = controllable.least_norm.solve(controllable.hover[None])
+        yaw = float(with_yaw.gamma[place] @ found.points[0])
     else:
         tolerance = float(controllable.tolerance(controllable.hover))
         thrusts = controllable.least_norm.solve(controllable.hover, tolerance).thrusts

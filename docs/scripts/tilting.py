@@ -1,6 +1,7 @@
-"""Draw docs/tilting.png, and fill the table of docs/tilting.md.  Takes about three minutes.
+"""Draw docs/tilting.png, and fill the tables of docs/tilting.md.  Takes about three minutes.
 
-With --instructions, print what the kernel takes on an emulated microcontroller instead.
+With --flights, only fly.  With --instructions, print what the kernel takes on an emulated
+microcontroller instead.
 """
 
 from __future__ import annotations
@@ -18,17 +19,22 @@ from scipy.optimize import minimize
 
 from ca_ros import AdmissibleSet, Sector, Vehicle, make_allocator
 from ca_ros.allocation.tilt_rates import TiltLimited
+from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.tables import table
 from ca_ros.figures import COLORS, style
 from ca_ros.firmware import literals
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.tilting import firmware_of
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.vehicle.files import read, shipped_tilting
 
 WRENCHES = 50
-SHOWN = ('`hexarotor_tilting`', '`azimuth_boat`')  # the vehicles on the page
+SHOWN = '`hexarotor_tilting`'  # the vehicle on the page
 
 PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
 
@@ -84,7 +90,40 @@ def methods_table(wrenches: int) -> str:
                 f'{max(errors):.1e}', f'{1e6 * np.median(taken):.2g}',
             ))
     titles = 'vehicle', 'method', 'misses more than 1e-6', 'worst error [N, N m]', 'median [us]'
-    return telling('tilting', titles, rows, lambda row: row[0] in SHOWN)
+    return telling('tilting', titles, rows, lambda row: row[0] == SHOWN)
+
+
+SLALOM = 't,x,y,z,heading\n0,0,0,0,0\n1,0.4,-0.4,0,0\n2,0.8,0.4,0,0\n3,1.2,-0.4,0,0\n'
+ROLL = 't,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.5,0,0,0,0.7071068,0,0,0.7071068\n'
+THERE = 't,x,y,z,heading\n0,1,1,0,0.5\n'
+FLIGHTS = (
+    ('hexarotor_tilting', 'slalom, level', SLALOM, ()),
+    ('omnidirectional_gimbals', 'roll by 90°', ROLL, ()),
+    ('tricopter', 'servo of rotor 2 stuck', THERE, ('2@1=0.05rad',)),
+    ('azimuth_boat', 'rotor 1 lost', THERE, ('1@1',)),
+)  # vehicle, words, waypoints, failures
+
+
+def flights_table() -> str:
+    """Return how far flights with `exact` are from their goals, from 9 s to 10 s."""
+    rows = []
+    for name, words, waypoints, broken in FLIGHTS:
+        case = Case.load(name, ['controller.attitude:=pose'] * (waypoints == ROLL))
+        with tempfile.TemporaryDirectory() as place:
+            path = Path(place, 'goals.csv')
+            path.write_text(waypoints, encoding='utf-8')
+            goals = Trajectory.read(path)
+        failures = RotorFailures(tuple(map(RotorFailure.parse, broken)), 0.1)
+        changes = [*case.failing('exact', failures), *goals.changes()]
+        flight = fly(case.controller(), case.allocator('exact'), case.plant(), goals.first, 10.0,
+                     changes=changes)
+        error = np.linalg.norm(flight.position - goals.last.position, axis=1)
+        rows.append((
+            f'`{name}`', words, f'{1e3 * error[flight.time >= 9.0].max():.1f}',
+            f'{np.degrees(flight.attitude_error(goals.last)):.1f}',
+        ))
+    titles = 'vehicle', 'flight', 'position [mm]', 'attitude [°]'
+    return table(titles, rows, words=2)
 
 
 def figure() -> None:
@@ -179,11 +218,14 @@ def instructions(name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--wrenches', type=int, default=WRENCHES)
+    parser.add_argument('--flights', action='store_true')
     parser.add_argument('--instructions', type=int, metavar='WRENCHES')
     options = parser.parse_args()
     if options.instructions:
         for vehicle in shipped_tilting():
             instructions(vehicle, options.instructions)
         raise SystemExit(0)
-    figure()
-    fill('tilting.md', methods=methods_table(options.wrenches))
+    fill('tilting.md', flights=flights_table())
+    if not options.flights:
+        figure()
+        fill('tilting.md', methods=methods_table(options.wrenches))

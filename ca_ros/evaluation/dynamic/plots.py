@@ -71,7 +71,8 @@ def draw(
         if study.failures.failures:
             last = max(study.moments) + AFTER
             span = max(0.0, min(study.moments) - 1.0), min(study.end, last)
-            plots['failure'] = _draw_rows(study, FAILURE_ROWS, 1.1, span)
+            shown = [row for row in FAILURE_ROWS if row != 'margin' or study.vehicle.tilts is None]
+            plots['failure'] = _draw_rows(study, shown, 1.1, span)
         if rows:
             plots['rows'] = _draw_rows(study, rows, 1.1)
         for name, plot in plots.items():
