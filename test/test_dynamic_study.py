@@ -13,9 +13,8 @@ from ca_ros import Vehicle
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
-from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.manoeuvres import median_of, share_of
-from ca_ros.evaluation.dynamic.metrics import metrics, sample_errors
+from ca_ros.evaluation.dynamic.metrics import Flights, metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import observe
 from ca_ros.evaluation.dynamic.plots import coinciding_groups
 from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros

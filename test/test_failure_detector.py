@@ -11,13 +11,12 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_detector import FailureDetector
-from ca_ros.flight.failure_test import FailureTest
+from ca_ros.flight.failure_test import FailureTest, StuckServos
 from ca_ros.flight.kernel_detector import KernelDetector, packed
 from ca_ros.flight.lag_check import LagCheck
 from ca_ros.flight.motor_lag import MotorLag
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 from ca_ros.flight.settings import DetectorSettings
-from ca_ros.flight.stuck_servos import StuckServos
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.kernel import extension
 from ca_ros.vehicle.effectiveness import rotor_wrenches

@@ -15,8 +15,7 @@ from ca_ros import Vehicle
 from ca_ros.bringup.plots import draw_flight
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
-from ca_ros.evaluation.dynamic.flights import Flights
-from ca_ros.evaluation.dynamic.metrics import sample_errors
+from ca_ros.evaluation.dynamic.metrics import Flights, sample_errors
 from ca_ros.figures import COLORS, FORMATS, formats, millimetres, save
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.record import Flight

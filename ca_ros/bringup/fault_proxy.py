@@ -15,8 +15,7 @@ from rclpy.clock_type import ClockType
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.link_faults import FAULTY, FaultSettings, Link, corrupted
-from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
-from ca_ros.nodes.endpoints import mismatch
+from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher, mismatch
 from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.topics import offered

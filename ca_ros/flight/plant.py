@@ -8,11 +8,10 @@ from math import hypot
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.delay import Delay, delay_steps
 from ca_ros.flight.drag import Drag, Wind
 from ca_ros.flight.motor_lag import MotorLag, Servos
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, INTEGRATORS, POSITION, VELOCITY, RigidBody
-from ca_ros.flight.sensors import Sensors
+from ca_ros.flight.sensors import Delay, Sensors, delay_steps
 from ca_ros.flight.settings import PlantSettings, triple
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.vehicle import Vehicle

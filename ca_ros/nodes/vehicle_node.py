@@ -19,8 +19,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import ERROR, SEVERITY, WARN, DiagnosticsPublisher
-from ca_ros.nodes.endpoints import faults
+from ca_ros.nodes.diagnostics import ERROR, SEVERITY, WARN, DiagnosticsPublisher, faults
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.settings import FileSettings
@@ -33,7 +32,7 @@ from ca_ros.vehicle.tilts import Tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
-"""Each event handler costs a microsecond per command; `endpoints.faults` replaces rclpy's."""
+"""Each event handler costs a microsecond per command; `faults` replaces rclpy's."""
 
 
 class VehicleNode(ParameterNode):

@@ -13,8 +13,7 @@ from pages import DOCS, fill, shipped
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
-from ca_ros.evaluation.dynamic.flights import Flights
-from ca_ros.evaluation.dynamic.metrics import sample_errors
+from ca_ros.evaluation.dynamic.metrics import Flights, sample_errors
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.detection import Detection

@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
-from ca_ros.evaluation.dynamic.flights import Flights
+from ca_ros.evaluation.dynamic.metrics import Flights
 from ca_ros.evaluation.plot_style import failing, title
 from ca_ros.figures import COLORS, style
 from ca_ros.flight.record import Flight

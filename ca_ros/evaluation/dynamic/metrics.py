@@ -1,9 +1,9 @@
-"""Metrics of a flight to a waypoint."""
+"""Metrics of a flight to a waypoint, and the flights of a dynamic study."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import difference
+from ca_ros.flight.rotor_failures import RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.vehicle.effectiveness import control_allocation_matrix, rotor_wrenches
@@ -178,3 +180,32 @@ def _settling_time(time: Array, left: Array) -> float | None:
     if len(outside) == 0:
         return 0.0
     return float(time[outside[-1] + 1]) if outside[-1] + 1 < len(time) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Flights:
+    """Flights by method, with samples from `sample_errors` and the times of detections [s].
+
+    The vehicle is that of the start.
+    """
+
+    flights: Mapping[str, Flight]
+    samples: Mapping[str, pd.DataFrame]
+    vehicle: Vehicle
+    trajectory: Trajectory
+    failures: RotorFailures
+    detected: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+    @property
+    def end(self) -> float:
+        """The end of the longest flight [s]."""
+        return max(float(flight.time[-1]) for flight in self.flights.values())
+
+    def marks(self, method: str) -> dict[str, list[float]]:
+        """Return the times [s] for `ca_ros.figures.mark`."""
+        return self.failures.moments(self.detected.get(method, ()))
+
+    @property
+    def moments(self) -> list[float]:
+        """The times of the failures [s]."""
+        return [time / 1e9 for time in self.failures.times()]

@@ -16,8 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ca_ros import figures
 from ca_ros.arrays import Array
-from ca_ros.evaluation.dynamic.flights import Flights
-from ca_ros.evaluation.dynamic.metrics import STEADY, steady
+from ca_ros.evaluation.dynamic.metrics import STEADY, Flights, steady
 from ca_ros.evaluation.errors import FORCES
 from ca_ros.evaluation.plot_style import (
     PANELS_MAX,

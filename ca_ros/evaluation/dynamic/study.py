@@ -21,9 +21,8 @@ from ca_ros.bringup.flight_options import (
 )
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
-from ca_ros.evaluation.dynamic.flights import Flights
 from ca_ros.evaluation.dynamic.manoeuvres import MANOEUVRES, fly_seeds, summary
-from ca_ros.evaluation.dynamic.metrics import RECOVERED, metrics, sample_errors
+from ca_ros.evaluation.dynamic.metrics import RECOVERED, Flights, metrics, sample_errors
 from ca_ros.evaluation.dynamic.paper_checks import findings, observe
 from ca_ros.evaluation.dynamic.plots import ROWS, draw
 from ca_ros.evaluation.dynamic.ros_flight import check, fly_over_ros
