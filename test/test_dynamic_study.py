@@ -227,10 +227,13 @@ def test_what_was_detected_is_said(tmp_path, plain, failure, said):
     assert re.search(f'^Detected: {said}$', (tmp_path / 'dynamic.md').read_text(), re.MULTILINE)
 
 
-def test_a_stuck_servo_is_drawn_without_a_margin_and_leaves_a_yaw_torque(tmp_path):
-    words = ['--vehicle', 'tricopter', '--methods', 'exact', '--duration', '0.3']
+def test_a_stuck_servo_is_drawn_without_a_margin_and_leaves_a_yaw_torque(tmp_path, capsys):
+    words = ['--vehicle', 'tricopter', '--duration', '0.3']
     assert main([*words, '--fail', '2@0.1=0.05rad', '--out', str(tmp_path)]) == 0
     assert (tmp_path / 'failure.png').exists()
+    notes = capsys.readouterr().err.splitlines()
+    assert [note.split(': ')[0] for note in notes] == [
+        'conventional is left out', 'direct is left out']
     report = audit(Vehicle.load('tricopter').with_stuck_servos([2.0, 0.05]))
     # By hand: roll makes T_1 = T_3, thrust and pitch the tail's T; the drag of a rotor is 0.02 m.
     c, s = math.cos(0.05), math.sin(0.05)

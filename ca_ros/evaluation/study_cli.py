@@ -41,9 +41,9 @@ def case_of(
 ) -> tuple[Case, dict[str, Allocator]]:
     """Return case and allocators of a command line.
 
-    Methods of a set such as ``all`` that do not apply to a problem without a vehicle are left
-    out; see `Case.left_out`.  With `flying`, a problem without a vehicle is refused.  Raises a
-    CaRosError if the command line is wrong.
+    Methods of a set such as ``all`` that do not apply to a problem without a vehicle, or to rotors
+    that tilt, are left out, with a note; see `Case.left_out`.  With `flying`, a problem without a
+    vehicle is refused.  Raises a CaRosError if the command line is wrong.
     """
     try:
         methods = methods_of(options.methods)
@@ -54,9 +54,10 @@ def case_of(
             try:
                 allocators[method] = case.allocator(method)
             except ValueError as error:
-                if case.flies or method in asked:
+                if method in asked or (case.flies and case.vehicle.tilts is None):
                     raise
                 case.left_out[method] = str(error)
+                print(f'{method} is left out: {error}', file=sys.stderr)
     except ValueError as error:
         raise CaRosError(str(error)) from None
     return case, allocators
