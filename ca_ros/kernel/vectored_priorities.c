@@ -288,8 +288,9 @@ static ca_real go(const ca_vectored *p, run *r, int count, const int *others, co
         rise += normal[others[i]] * way[i];
         longest = ca_max(longest, ca_abs(way[i]) / p->extent[others[i]]);
     }
+    /* Of nearly dependent axes the normal may be lost. */
     for (int k = 0; k < m; k++)
-        normal[k] *= longest / rise;
+        normal[k] *= rise > 0 ? longest / rise : 0;
     for (int i = 0; i < count; i++) {
         const ca_real at = begin[i] + answer.level * way[i];
         const ca_real far = ahead > 0 ? begin[i] + end * way[i] : at;
@@ -300,6 +301,8 @@ static ca_real go(const ca_vectored *p, run *r, int count, const int *others, co
         if (r->least[k] < r->most[k] && ca_abs(normal[k]) * (high[k] - low[k]) > LEVEL)
             r->least[k] = r->most[k] = wrench(p, r, k);
     }
+    if (!(rise > 0))
+        return answer.level;
     for (int i = 0, j = 0; i < (int)p->sets; j += (int)p->size[i], i++) {
         ca_real slope[3] = {0};
         for (int c = 0; c < (int)p->size[i]; c++)

@@ -256,7 +256,9 @@ class _Run:
             return end
         normal = np.zeros(m)
         normal[use] = line.normal
-        normal *= np.abs(way / extent[rows]).max() / float(normal[rows] @ way)
+        rise = float(normal[rows] @ way)
+        # Of nearly dependent axes, such as after a short period, the normal may be lost.
+        normal *= np.abs(way / extent[rows]).max() / rise if rise > 0.0 else 0.0
         widths = np.where(np.isin(np.arange(m), wide), high - low, 0.0)
         self.state[rows] = KEPT
         at = goals + line.length * ways
@@ -265,8 +267,9 @@ class _Run:
         for row in use:
             if self.low[row] < self.high[row] and abs(normal[row]) * widths[row] > LEVEL:
                 self.low[row] = self.high[row] = self.wrench[row]
-        self._reduce(normal)
-        self.state[rows[int(np.argmax(np.abs(normal[rows] * extent[rows])))]] = IMPLIED
+        if rise > 0.0:
+            self._reduce(normal)
+            self.state[rows[int(np.argmax(np.abs(normal[rows] * extent[rows])))]] = IMPLIED
         return line.length
 
     def settle(self) -> None:
