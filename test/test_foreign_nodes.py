@@ -3,6 +3,7 @@
 import signal
 import sys
 from functools import partial
+from itertools import count
 
 import numpy as np
 import pytest
@@ -245,8 +246,11 @@ def test_the_controller_gets_waypoints_kept_for_it_and_says_that_stamps_are_uneq
         return state.wrenches[-1].wrench.force.z if state.wrenches else 0.0
 
     def send():
-        state.send(8, 8)
+        # A late copy of a state has the answer that it had.
+        stamp = next(stamps)
+        state.send(stamp, stamp)
 
+    stamps = count(8)
     # More and less than the weight of 9.81 N.
     graph.spin_until(lambda: thrust() > 10.0, 'the waypoint kept for it', repeat=send)
     volatile = graph.publisher(PoseStamped, 'command/pose')
