@@ -63,6 +63,7 @@ class Flight:
 
     def kill(self, name):
         """Kill a node; return when it has been started again."""
+        self.graph.spin_until(lambda: self.node(name), f'the {name}: running')
         victim = self.node(name)
         self.poses.clear()
         self.speeds.clear()
