@@ -18,19 +18,11 @@ from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next, within_rates
 from ca_ros.arrays import Array
-from ca_ros.nodes import topics
+from ca_ros.nodes import messages, topics
 from ca_ros.nodes.answers import Answers
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.health_node import HealthNode
-from ca_ros.nodes.messages import (
-    TILT_ANGLE,
-    WrenchCommand,
-    fill_speeds,
-    read_wrench,
-    speeds_message,
-    wrench_message,
-    wrong_frame,
-)
+from ca_ros.nodes.messages import WrenchCommand, fill_speeds, speeds_message, wrench_message
 from ca_ros.nodes.settings import AllocatorSettings, CommandSettings
 from ca_ros.nodes.watchdog import TICK, fallback
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
@@ -61,6 +53,7 @@ class AllocatorNode(HealthNode):
 
     def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
+        self._loaded = dict.fromkeys((*ALLOCATORS, self.settings.allocation.method))
         self._answer: Allocation | None = None
         # Before the first command, at 0 in lockstep, the rotors have all the time that counts.
         self._newest = -round(1e9 * PERIOD_MAX)
@@ -76,16 +69,16 @@ class AllocatorNode(HealthNode):
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
 
     def start(self) -> None:
-        """Create the method, and begin to answer."""
         super().start()
         self._speeds = self.publish_stream(self.topic)
         if len(self._last) > self._n:
             self._angles = self.publish_stream(topics.TILT_COMMAND)
-            self._angles_message = speeds_message(self._last[self._n :], None, TILT_ANGLE)
+            angles = self._last[self._n :]
+            self._angles_message = speeds_message(angles, None, messages.TILT_ANGLE)
         self.publish_others()
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
         self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
-        self.subscribe_stream(topics.WRENCH, self._serve, read_wrench)
+        self.subscribe_stream(topics.WRENCH, self._serve, messages.read_wrench)
         self.start_diagnostics('allocation')
         if find_spec('osqp') is None:
             known = 'allocation.exact.solver can only be newton, which gives the same answers'
@@ -112,15 +105,12 @@ class AllocatorNode(HealthNode):
 
     def check_loaded(self, method: str) -> None:
         """Raise a ParameterError if a method in flight would load code."""
-        if not hasattr(self, '_loaded'):
-            self._loaded = dict.fromkeys((*ALLOCATORS, method))
         if method not in self._loaded:
             text = 'was not loaded at the start; in flight it can be'
             known = ', '.join(self._loaded)
             raise ParameterError(f'allocation.method: {method} {text} {known}')
 
     def adopt(self, built: tuple[Any, Allocator]) -> None:
-        """Use this method from the next command on."""
         report, self.method = built
         self.adopt_audit(report)
         vehicle = report.vehicle
@@ -137,17 +127,8 @@ class AllocatorNode(HealthNode):
         low, high = vehicle.speed_limits
         speeds = np.minimum(np.maximum(speeds, np.minimum(low, 0.0)), high)
         self._last, self._message = np.concatenate([speeds, angles]), speeds_message(speeds, None)
-        self.use_settings()
-
-    def use_settings(self) -> None:
-        """Use the settings that concern commands."""
-        self._watchdog.timeout = self.settings.command_timeout
-        self._frame = self.settings.command_frame
-        self._age_max = self.settings.command_age_max * 1e9
-        self._newer_only = self.settings.command_order == 'newer'
 
     def state(self) -> tuple[bytes, str]:
-        """Return the status of the last answer."""
         if self._answer is None:
             return STALE, 'no command yet'
         status = self._answer.status
@@ -184,7 +165,6 @@ class AllocatorNode(HealthNode):
 
     @property
     def missing(self) -> str:
-        """What the logs and diagnostics say is missing."""
         time, why = self._refused
         return why if monotonic() - time <= self._watchdog.timeout else super().missing
 
@@ -201,7 +181,6 @@ class AllocatorNode(HealthNode):
             self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
 
     def health_came(self) -> None:
-        """Serve the wrench that waited for the health."""
         held, self._held = self._held, None
         if held is not None:
             self._serve(held)
@@ -271,20 +250,22 @@ class AllocatorNode(HealthNode):
 
     def _fault(self, command: WrenchCommand, time: int) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""
-        wrench = command.wrench
+        wrench, settings = command.wrench, self.settings
         # All six components are checked, because all are part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
-        if wrong := wrong_frame(command.frame, self._frame, 'command_frame'):
+        wrong = messages.wrong_frame(command.frame, settings.command_frame, 'command_frame')
+        if wrong:
             return 'frame', f'wrench {wrong}'
         # A stamp ahead of the clock would pass the age limit for too long.
-        if self._age_max and abs(age := self.get_clock().now().nanoseconds - time) > self._age_max:
+        age_max = settings.command_age_max * 1e9
+        if age_max and abs(age := self.get_clock().now().nanoseconds - time) > age_max:
             off = f'{abs(age) / 1e9:.3f} s {"old" if age > 0 else "ahead"}'
             return 'age', f'wrench that is {off} (parameter command_age_max)'
         if time < self._newest:
             self.counts['out of order'] += 1
             # After a timeout, a restarted sender may have an earlier clock.
-            if self._newer_only and not self._watchdog.over:
+            if settings.command_order == 'newer' and not self._watchdog.over:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
 
@@ -297,7 +278,6 @@ class AllocatorNode(HealthNode):
         return fallback(action, vehicle_of(self.method.problem), self._last)
 
     def fall_back(self, action: str) -> None:
-        """Publish the timeout action."""
         self._last = self.at_rest(action)
         self._publish(self._last, None)
 

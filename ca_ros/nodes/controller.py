@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import degrees, dist, hypot, inf
 from time import monotonic
 from typing import Any
@@ -17,18 +18,12 @@ from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import tilt
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.nodes import topics
+from ca_ros.nodes import messages, topics
 from ca_ros.nodes.answers import Answers
 from ca_ros.nodes.diagnostics import OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.health_node import HealthNode
-from ca_ros.nodes.messages import (
-    nanoseconds,
-    pose_arrays,
-    twist_arrays,
-    wrench_message,
-    wrong_frame,
-)
+from ca_ros.nodes.messages import nanoseconds, pose_arrays, wrench_message, wrong_frame
 from ca_ros.nodes.settings import ControllerNodeSettings
 from ca_ros.nodes.topics import COMMAND, STANDING
 from ca_ros.problem.audit import Audit
@@ -90,12 +85,10 @@ class ControllerNode(HealthNode):
             self._standing = self._listen_to_waypoints(STANDING, use_default_callbacks=False)
 
     def build(self, settings: ControllerNodeSettings) -> tuple[Audit, Controller]:
-        """Create the controller for the axes that the rotors can control."""
         report = self.audited(settings)
         return report, Controller.from_settings(report.vehicle, settings)
 
     def adopt(self, built: tuple[Audit, Controller]) -> None:
-        """Use this controller from the next state on."""
         report, controller = built
         if self.audit is not None:
             # In flight the integral action continues.
@@ -103,10 +96,8 @@ class ControllerNode(HealthNode):
         self.controller = controller
         self.adopt_audit(report)
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
-        self._watchdog.timeout = self.settings.command_timeout
 
     def state(self) -> tuple[bytes, str]:
-        """Return the level of the last answer, or what the node waits for."""
         if self._watchdog.awake:
             settings = self.settings.controller
             if settings.attitude == 'tilt' and self._tilt > settings.tilt_max + TILT_ERROR:
@@ -123,7 +114,6 @@ class ControllerNode(HealthNode):
 
     @property
     def missing(self) -> str:
-        """What the logs and diagnostics say is missing: a state, or a part of it."""
         since = monotonic() - self._watchdog.timeout
         absent = [name for name, time in self._came.items() if time < since]
         if not absent:
@@ -131,7 +121,7 @@ class ControllerNode(HealthNode):
         return super().missing if {'pose', 'velocity'} <= {*absent} else f'no {absent[0]}'
 
     def watch(self) -> None:
-        """Check the timeout, and log the waypoint if it has changed, at most once a second."""
+        """Also log the waypoint if it has changed, at most once a second."""
         super().watch()
         waypoint = self._waypoint
         if waypoint is None or waypoint is self._logged_waypoint:
@@ -176,7 +166,6 @@ class ControllerNode(HealthNode):
         self._answer()
 
     def health_came(self) -> None:
-        """Answer the state that waited for the health."""
         if self.mode == 'lockstep' and self._open:
             self._answer()
 
@@ -196,7 +185,7 @@ class ControllerNode(HealthNode):
                 if first:
                     self.drop('frame', f'state {fault}')
                 return
-        state = *pose_arrays(self._pose), *twist_arrays(self._velocity)
+        state = *pose_arrays(self._pose), *messages.twist_arrays(self._velocity)
         try:
             time = nanoseconds(self._pose.header.stamp)
             by, wrench = (self.controller, self._waypoint), None
@@ -244,9 +233,8 @@ class ControllerNode(HealthNode):
         )
 
 
-def main() -> int:
-    """Run the node."""
-    return run('controller', ControllerNode, 'Fly to command/pose: a state to command/wrench.')
+ABOUT = 'Fly to command/pose: a state to command/wrench.'
+main = partial(run, 'controller', ControllerNode, ABOUT)
 
 
 if __name__ == '__main__':

@@ -12,7 +12,7 @@ from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import WARN
 from ca_ros.nodes.messages import speeds_stamp
-from ca_ros.nodes.topics import STANDING, requested
+from ca_ros.nodes.topics import STANDING
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.settings import ParameterError, repeated
@@ -38,7 +38,6 @@ class HealthNode(VehicleNode):
         self._voltage_time: float | None = None
 
     def start(self) -> None:
-        """Build, and begin to listen to monitor and battery."""
         super().start()
         if not self.heeds_monitor:
             return
@@ -55,11 +54,9 @@ class HealthNode(VehicleNode):
             self.get_logger().warning(f'{error}: the voltage on battery is not read')
             return
         self._voltage_time = monotonic()
-        quality = requested('realtime')
-        self.create_subscription(BatteryState, topics.BATTERY, self._receive_battery, quality)
+        self.listen(BatteryState, topics.BATTERY, self._receive_battery)
 
     def audited(self, settings: Any) -> Audit:
-        """Audit which axes the rotors can control with the health in use."""
         report = super().audited(settings)
         if self._reported is None and self._voltage is None:
             return report
@@ -80,7 +77,6 @@ class HealthNode(VehicleNode):
         return found
 
     def levels(self) -> list[tuple[bytes, str]]:
-        """Return the levels of the diagnostics; warnings if monitor or voltages have ceased."""
         levels = super().levels()
         if self._reported is not None and not self.count_publishers(topics.ROTOR_HEALTH.name):
             levels.insert(0, (WARN, 'the monitor has ended: its last rotor_health holds'))
@@ -138,5 +134,4 @@ class HealthNode(VehicleNode):
         """Build for the health and the voltage in use; meanwhile the old build serves."""
         lockstep, settings = self.mode == 'lockstep', self.settings
         built = self.build(settings) if lockstep else self._build_beside(settings).result()
-        self._built = built
-        self.adopt(built)
+        self._use(settings, built)

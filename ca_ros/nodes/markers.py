@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, IntArray
 from ca_ros.flight.rigid_body import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -39,7 +39,7 @@ class View:
     position: Array
     attitude: Array
     speeds: Array
-    saturation: Sequence[int]
+    saturation: Sequence[int] | IntArray
     angles: Array | None = None
     waypoint: Array | None = None
     demand: Array | None = None
@@ -92,7 +92,7 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
     )
     arrow('front', 'body', center, 0.4 * size * turn[:, 0], 0.08 * size)
     for hub, axis, thrust, state in zip(hubs, axes, thrusts, view.saturation, strict=True):
-        name = KINDS[int(state)]
+        name = KINDS[min(max(int(state), -2), 1)]
         width = 2.0 * radius(vehicle)
         disc = add('rotors', Marker.CYLINDER, name, (width, width, 0.03 * size), 0.6)
         disc.pose.position, disc.pose.orientation = points([hub])[0], upright(axis)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.settings import MonitorSettings
-from ca_ros.nodes.topics import STANDING, requested
+from ca_ros.nodes.topics import STANDING
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 
@@ -46,7 +47,6 @@ class MonitorNode(VehicleNode):
         self._logged_health: list[float] = []
 
     def start(self) -> None:
-        """Create the detector, and begin to listen."""
         super().start()
         self._message = messages.speeds_message(self.detector.health, None)
         self._message.layout.dim[0].label = LABEL
@@ -57,14 +57,12 @@ class MonitorNode(VehicleNode):
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
         if self.mode == 'realtime':
             measured = topics.MEASURED_SPEEDS
-            given = measured.kind, measured.name, self._receive_speeds
-            self.create_subscription(*given, requested(self.mode))
+            self.listen(measured.kind, measured.name, self._receive_speeds)
         self.create_service(Trigger, '~/reset', self._reset)
         self.start_diagnostics('detection')
         self._publish(None)
 
     def build(self, settings: MonitorSettings) -> tuple[Audit, Detector]:
-        """Create the detector."""
         report = self.audited(settings)
         return report, make_detector(report.vehicle, settings.detector)
 
@@ -78,7 +76,6 @@ class MonitorNode(VehicleNode):
             self.detector.announce(report.full.vehicle.health)
             self._publish(self._observed)
         self.adopt_audit(report)
-        self._watchdog.timeout = self.settings.command_timeout
 
     def state(self) -> tuple[bytes, str]:
         """Return which rotors have failed, or may be failing."""
@@ -100,7 +97,6 @@ class MonitorNode(VehicleNode):
         return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
 
     def values(self) -> dict[str, object]:
-        """Return the values of the diagnostics by name."""
         health, certainty = (
             ', '.join(f'{share:.3g}' for share in shares)
             for shares in (self.detector.health, self.detector.certainty)
@@ -197,13 +193,8 @@ class MonitorNode(VehicleNode):
         return response
 
 
-def main() -> int:
-    """Run the node."""
-    return run(
-        'monitor',
-        MonitorNode,
-        'Detect rotor failures (rotor_health) from states and commanded rotor speeds.',
-    )
+ABOUT = 'Detect rotor failures (rotor_health) from states and commanded rotor speeds.'
+main = partial(run, 'monitor', MonitorNode, ABOUT)
 
 
 if __name__ == '__main__':

@@ -102,8 +102,7 @@ class ParameterNode(Node, metaclass=_Starting):
 
     def start(self) -> None:
         """Build and adopt from the settings; `set_parameters_atomically` does it on changes."""
-        self._built = self.build(self.settings)
-        self.adopt(self._built)
+        self._use(self.settings, self.build(self.settings))
 
     def build(self, settings: Any) -> Any:
         """Build from the settings; the result goes to `adopt`.
@@ -150,9 +149,12 @@ class ParameterNode(Node, metaclass=_Starting):
             built = building.result()
         result = super().set_parameters_atomically(parameter_list)
         if result.successful and given:
-            self.settings, self._built = settings, built
-            self.adopt(built)
+            self._use(settings, built)
         return result
+
+    def _use(self, settings: Any, built: Any) -> None:
+        self.settings, self._built = settings, built
+        self.adopt(built)
 
     def _build_beside(self, settings: Any) -> Future[Any]:
         """Return the end of `build`; until then the streams are served by what it replaces.

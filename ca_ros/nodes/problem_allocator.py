@@ -44,7 +44,6 @@ class ProblemAllocatorNode(AllocatorNode):
     heeds_monitor = False
 
     def build(self, settings: Any) -> tuple[Any, Allocator]:
-        """Create the method for the problem in the file."""
         self.check_loaded(settings.allocation.method)
         found = read_problem(settings.problem, AllocationProblem)
         if found is None:
@@ -62,7 +61,6 @@ class ProblemAllocatorNode(AllocatorNode):
         unit = f' [{problem.unit.strip()}]' if problem.unit else ''
         label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
         self._message = speeds_message(self._last, None, label)
-        self.use_settings()
 
     def publish_others(self) -> None:
         """Effectors have no throttles."""
@@ -73,11 +71,9 @@ class ProblemAllocatorNode(AllocatorNode):
         return Path(self.settings.problem).stem
 
     def commands(self, answer: Allocation) -> Array:
-        """Return the effectors (n,) of an answer."""
         return self.method.problem.clip(answer.effectors)
 
     def at_rest(self, action: str) -> Array:
-        """Return the effectors (n,) of a timeout action."""
         problem = self.method.problem
         return self._last if action == 'hold' else problem.clip(problem.resting_thrusts)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,6 @@ class SimulatorNode(VehicleNode):
         self._repeats, self._discarded, self._fault = 0, '', ''
 
     def start(self) -> None:
-        """Create the plant, and begin to simulate."""
         super().start()
         lockstep = self.mode == 'lockstep'
         self._command, self._n = self.plant.speeds, self.plant.body.vehicle.n
@@ -76,7 +76,6 @@ class SimulatorNode(VehicleNode):
         self.start_diagnostics('simulation')
 
     def build(self, settings: SimulatorSettings) -> Plant:
-        """Create the plant in its initial state."""
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
         return Plant(body_of(vehicle, settings.simulator), settings.simulator)
 
@@ -96,19 +95,16 @@ class SimulatorNode(VehicleNode):
             self._least = np.concatenate([self._least, low - 1e-9])
             self._greatest = np.concatenate([self._greatest, high + 1e-9])
             self._expected += f' and {len(low)}'
-        self._watchdog.timeout = self.settings.command_timeout
         self._hold_ns = round(self.settings.simulator.hold_at * 1e9)
         if self._held:
             self._publish()
 
     def state(self) -> tuple[bytes, str]:
-        """Return whether the vehicle rests or flies, or why it does neither."""
         if self._fault:
             return WARN, self._fault
         return (STALE, 'no command yet') if self._resting else (OK, 'in flight')
 
     def fall_back(self, action: str) -> None:
-        """Turn the rotors at the speeds of a timeout action."""
         self._command = fallback(action, self.plant.body.vehicle, self._command)
 
     def _receive(self, command: Float64MultiArray, *angles: Float64MultiArray) -> None:
@@ -242,9 +238,8 @@ class SimulatorNode(VehicleNode):
             self._odometry.publish(odometry)
 
 
-def main() -> int:
-    """Run the node."""
-    return run('simulator', SimulatorNode, 'Simulate: command/motor_speed to pose and velocity.')
+ABOUT = 'Simulate: command/motor_speed to pose and velocity.'
+main = partial(run, 'simulator', SimulatorNode, ABOUT)
 
 
 if __name__ == '__main__':

@@ -24,7 +24,7 @@ from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.settings import FileSettings
 from ca_ros.nodes.stream import Stalls, subscribe
-from ca_ros.nodes.topics import Topic, offered
+from ca_ros.nodes.topics import Topic, offered, requested
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.settings import Settings, repeated
@@ -108,6 +108,14 @@ class VehicleNode(ParameterNode):
             else:
                 self.get_logger().error(f'audit: {report}')
         self._logged_audit = report
+
+    def _use(self, settings: Any, built: Any) -> None:
+        super()._use(settings, built)
+        self._watchdog.timeout = settings.command_timeout
+
+    def listen(self, kind: type[Any], name: str, receive: Callable[[Any], None]) -> None:
+        """Subscribe to the newest messages of a topic, without the checks of a stream."""
+        self.create_subscription(kind, name, receive, requested('realtime'))
 
     def subscribe_stream(
         self, topic: Topic, receive: Callable[[Any], None],

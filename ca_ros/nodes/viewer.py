@@ -15,7 +15,7 @@ from ca_ros.nodes.executable import run
 from ca_ros.nodes.markers import View, markers, status_text
 from ca_ros.nodes.messages import pose_arrays, wrench_numbers
 from ca_ros.nodes.settings import ViewerSettings
-from ca_ros.nodes.topics import COMMAND, requested
+from ca_ros.nodes.topics import COMMAND
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -44,14 +44,16 @@ class ViewerNode(VehicleNode):
         self._new = False
         self._markers = self.publish_stream(topics.MARKERS, COMMAND)
         for topic, receive in (
-            (topics.POSE, self._receive_pose), (topics.SPEED_COMMAND, self._receive_speeds),
-            (topics.SATURATION, self._receive_saturation), (topics.WRENCH, self._receive_demand),
-            (topics.ALLOCATED_WRENCH, self._receive_served),
+            (topics.POSE, self._receive_pose), (topics.WAYPOINT, self._receive_waypoint),
+            (topics.SPEED_COMMAND, partial(self._receive_numbers, 'speeds')),
+            (topics.TILT_COMMAND, partial(self._receive_numbers, 'angles')),
+            (topics.SATURATION, partial(self._receive_numbers, 'saturation')),
+            (topics.WRENCH, partial(self._receive_wrench, 'demand')),
+            (topics.ALLOCATED_WRENCH, partial(self._receive_wrench, 'served')),
             (topics.DIAGNOSTICS, self._receive_diagnostics),
-            (topics.WAYPOINT, self._receive_waypoint),
-            *([] if tilts is None else [(topics.TILT_COMMAND, self._receive_angles)]),
         ):
-            self.create_subscription(topic.kind, topic.path, receive, requested('realtime'))
+            if tilts is not None or topic is not topics.TILT_COMMAND:
+                self.listen(topic.kind, topic.path, receive)
         self.create_timer(PERIOD, self._draw, clock=self.steady)
         self.start_diagnostics('view')
 
@@ -62,7 +64,6 @@ class ViewerNode(VehicleNode):
         self.vehicle = built
 
     def state(self) -> tuple[bytes, str]:
-        """Return whether there is something to show, and somebody who looks."""
         if self._pose is None:
             return STALE, 'no state yet'
         return OK, 'shown' if self._markers.get_subscription_count() else 'nobody looks'
@@ -77,26 +78,13 @@ class ViewerNode(VehicleNode):
         if not view.path or np.linalg.norm(position - view.path[-1]) > STEP:
             view.path = [*view.path[1 - POINTS_MAX :], position]
 
-    def _receive_speeds(self, message: Float64MultiArray) -> None:
-        speeds = np.array(message.data)
-        if speeds.shape == self._view.speeds.shape and np.isfinite(speeds).all():
-            self._view.speeds = speeds
+    def _receive_numbers(self, name: str, message: Float64MultiArray | Int8MultiArray) -> None:
+        numbers = np.array(message.data)
+        if numbers.shape == np.shape(getattr(self._view, name)) and np.isfinite(numbers).all():
+            setattr(self._view, name, numbers)
 
-    def _receive_angles(self, message: Float64MultiArray) -> None:
-        angles = np.array(message.data)
-        assert self._view.angles is not None
-        if angles.shape == self._view.angles.shape and np.isfinite(angles).all():
-            self._view.angles = angles
-
-    def _receive_saturation(self, message: Int8MultiArray) -> None:
-        if len(message.data) == self.vehicle.n:
-            self._view.saturation = [min(max(each, -2), 1) for each in message.data]
-
-    def _receive_demand(self, message: WrenchStamped) -> None:
-        self._view.demand = np.array(wrench_numbers(message))
-
-    def _receive_served(self, message: WrenchStamped) -> None:
-        self._view.served = np.array(wrench_numbers(message))
+    def _receive_wrench(self, name: str, message: WrenchStamped) -> None:
+        setattr(self._view, name, np.array(wrench_numbers(message)))
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         self._view.waypoint = pose_arrays(message)[0]

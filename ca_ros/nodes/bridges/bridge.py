@@ -10,7 +10,6 @@ from rclpy.publisher import Publisher
 from ca_ros.nodes.bridges.motors import order_of
 from ca_ros.nodes.diagnostics import OK, STALE
 from ca_ros.nodes.settings import BridgeNodeSettings
-from ca_ros.nodes.topics import requested
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
@@ -25,7 +24,6 @@ class Bridge(VehicleNode):
     vehicle: Vehicle
 
     def start(self) -> None:
-        """Begin to pass on."""
         super().start()
         self.connect()
         self.start_diagnostics('bridge')
@@ -41,12 +39,10 @@ class Bridge(VehicleNode):
         return vehicle
 
     def adopt(self, built: Vehicle) -> None:
-        """Use the vehicle, and the order of the motors."""
         self.vehicle = built
         self.order = order_of(self.settings.bridge.order, built.n)
 
     def state(self) -> tuple[bytes, str]:
-        """Return whether anything was passed on."""
         return (OK, 'passes on') if self.counts['served'] else (STALE, 'nothing to pass on yet')
 
     def passes(self, convert: Callable[..., Any], *publishers: Publisher) -> Any:
@@ -71,7 +67,3 @@ class Bridge(VehicleNode):
             self.counts['served'] += 1
 
         return receive
-
-    def listen(self, kind: type[Any], name: str, receive: Callable[[Any], None]) -> None:
-        """Subscribe to a topic of others."""
-        self.create_subscription(kind, name, receive, requested('realtime'))
