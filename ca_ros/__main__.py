@@ -136,9 +136,7 @@ def kernel() -> str:
         return str(error)
     if engine is not None:
         return 'the kernel in C'
-    if load() is None:
-        return f'NumPy; {NOT_BUILT}'
-    return 'NumPy, by CA_ROS_KERNEL'
+    return 'NumPy, by CA_ROS_KERNEL' if load() else f'NumPy; {NOT_BUILT}'
 
 
 def rclpy() -> str:

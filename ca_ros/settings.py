@@ -165,7 +165,6 @@ class Settings:
 S = TypeVar('S', bound=Settings)
 
 _FOUND: dict[type[Settings], Mapping[str, Field | type[Settings]]] = {}
-_TABLES: dict[tuple[type[Settings], str], Mapping[str, Field]] = {}
 
 
 def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
@@ -234,15 +233,12 @@ def table(kind: type[Settings], prefix: str = '') -> Mapping[str, Field]:
 
     The names begin with the prefix.
     """
-    if (kind, prefix) in _TABLES:
-        return _TABLES[kind, prefix]
     found: dict[str, Field] = {}
     for name, field in _fields(kind).items():
         if isinstance(field, type):
             found.update(table(field, f'{prefix}{name}.'))
         elif field.default is not None:
             found[prefix + name] = field
-    _TABLES[kind, prefix] = found
     return found
 
 

@@ -112,7 +112,7 @@ class AllocatorNode(HealthNode):
 
     def adopt(self, built: tuple[Any, Allocator]) -> None:
         report, self.method = built
-        self.adopt_audit(report)
+        self.audit = report
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
         self._has_rates = within_rates(self.method) is not None
@@ -168,8 +168,14 @@ class AllocatorNode(HealthNode):
         time, why = self._refused
         return why if monotonic() - time <= self._watchdog.timeout else super().missing
 
-    def close(self) -> None:
-        """Command idle, or stop if that is the timeout action."""
+    def destroy_node(self) -> None:
+        """Command idle, or stop if that is the timeout action, and destroy the node."""
+        try:
+            self._rest()
+        finally:
+            super().destroy_node()
+
+    def _rest(self) -> None:
         if not self._watchdog.awake:
             return
         action = 'stop' if self.settings.timeout_action == 'stop' else 'idle'

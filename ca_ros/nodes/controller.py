@@ -94,7 +94,7 @@ class ControllerNode(HealthNode):
             # In flight the integral action continues.
             controller.disturbances = self.controller.disturbances
         self.controller = controller
-        self.adopt_audit(report)
+        self.audit = report
         self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
 
     def state(self) -> tuple[bytes, str]:

@@ -8,7 +8,7 @@ import gc
 import json
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -18,23 +18,13 @@ from rclpy.exceptions import ParameterException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
-from ca_ros import arguments
-from ca_ros.arguments import full_name, renamed
+from ca_ros import arguments, settings
 from ca_ros.nodes.console import ending_signals, never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
 from ca_ros.nodes.settings import FileSettings, load_for
-from ca_ros.settings import (
-    REQUIRED,
-    MissingParameterError,
-    ParameterError,
-    Settings,
-    check_given,
-    flat,
-    table,
-)
-from ca_ros.settings import renamed as present_names
+from ca_ros.settings import ParameterError, Settings, table
 from ca_ros.vehicle.files import NoSectionError, find, matches, read_value, read_yaml
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -68,21 +58,27 @@ def vehicle_arguments(vehicle: str, node: str, declared: type[Settings]) -> list
     A file without a section for the node, such as the dump of another node, gives it the
     parameters that `Vehicle.load` reads.  Raises a ParameterError if the vehicle is wrong.
     """
-    section: str | None = node
     try:
-        settings = load_for(declared, vehicle, section)
+        load_for(declared, vehicle, node)
+        Vehicle.load(vehicle, node)
     except NoSectionError:
-        section, settings = None, load_for(declared, vehicle)
-    Vehicle.load(vehicle, section)
-    words = ['--params-file', str(find(vehicle).resolve())]
-    if section is None:
-        own = (f'{name}:={json.dumps(value)}' for name, value in flat(settings).items())
-        words = [word for value in own for word in ('-p', value)]
-    return ['--ros-args', *words, '--']
+        found = load_for(declared, vehicle)
+        Vehicle.load(vehicle)
+        return parameter_arguments(settings.flat(found))
+    return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
 
 
-def parse(prog: str, description: str, argv: Sequence[str], declared: type[Settings]) -> list[str]:
-    """Parse a command line; return the ROS arguments, with those for the vehicle's parameters."""
+def parameter_arguments(values: Mapping[str, object]) -> list[str]:
+    """Return the ROS arguments that give a node the values of parameters."""
+    words = (f'{name}:={json.dumps(value)}' for name, value in values.items())
+    return ['--ros-args', *(part for word in words for part in ('-p', word)), '--']
+
+
+def parse(
+    prog: str, description: str, argv: Sequence[str], declared: type[Settings],
+    file_arguments: Callable[[str, str, type[Settings]], list[str]] = vehicle_arguments,
+) -> list[str]:
+    """Parse a command line; return the ROS arguments, with those for the parameters in a file."""
     parser = argparse.ArgumentParser(
         prog=prog,
         description=description,
@@ -93,18 +89,20 @@ def parse(prog: str, description: str, argv: Sequence[str], declared: type[Setti
     about = f'a shipped vehicle or a parameter file {default}'
     parser.add_argument('--vehicle', metavar='NAME|FILE', help=about)
     own, ros = split(argv)
-    node = full_name(renamed(ros, '__ns', '/'), renamed(ros, '__node', prog))
+    namespace, name = arguments.renamed(ros, '__ns', '/'), arguments.renamed(ros, '__node', prog)
+    node = arguments.full_name(namespace, name)
     # ROS silently ignores a -p whose type differs from that of the value in a parameter file.
-    names, known = set(), table(FileSettings)
+    names, known = set(), {**table(FileSettings), **table(declared)}
     for rule in (rule for option, rule in pairwise(ros) if option in ('-p', '--param')):
         name, _, value = rule.partition(':=')
         owner, _, name = name.rpartition(':')
         names.add(name)
         if not owner or matches(f'/{owner.strip("/")}', node):
-            given = present_names({name: read_value(name, value)})
-            check_given({each: given[each] for each in given if each in known}, known)
+            given = settings.renamed({name: read_value(name, value)})
+            settings.check_given({each: given[each] for each in given if each in known}, known)
     vehicle = parser.parse_args(own).vehicle
-    required = {name for name, each in table(declared).items() if each.default is REQUIRED}
+    fields = table(declared).items()
+    required = {name for name, field in fields if field.default is settings.REQUIRED}
     if vehicle is None:
         if '--params-file' in ros or required <= names:
             return ros
@@ -113,7 +111,7 @@ def parse(prog: str, description: str, argv: Sequence[str], declared: type[Setti
         with suppress(OSError):
             print(text, file=sys.stderr)
     # The user's files come later, so they can override single values.
-    return [*vehicle_arguments(vehicle, node, declared), *ros]
+    return [*file_arguments(vehicle, node, declared), *ros]
 
 
 def _parameter_files(ros: Sequence[str]) -> str:
@@ -166,7 +164,7 @@ def run(
             node = node_class(name)
         except (ValueError, ParameterException, RCLError) as error:
             text = in_one_line(error) if isinstance(error, RCLError) else str(error)
-            if isinstance(error, MissingParameterError):
+            if isinstance(error, settings.MissingParameterError):
                 text += f' in {_parameter_files(ros)}'
             print(f'{name}: {text}', file=sys.stderr)
             return 1

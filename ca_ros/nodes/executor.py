@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -24,18 +23,6 @@ from rclpy.waitable import Waitable
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from ca_ros.nodes.rclpy_internals import WaitSet, guard_condition, takes_info
-
-
-def _convert_parameters(request: Any) -> None:
-    for parameter in request.parameters:
-        Parameter.from_parameter_msg(parameter)
-
-
-CONVERSIONS: dict[type, Callable[[Any], object]] = {
-    ClockMessage: lambda message: Time.from_msg(message.clock), SetParameters: _convert_parameters,
-    SetParametersAtomically: _convert_parameters,
-}
-"""Conversions at the start of rclpy's own callbacks, where an error would end the node."""
 
 
 class Executor(executors.Executor):
@@ -163,10 +150,13 @@ class Executor(executors.Executor):
             future.set_result(response)
 
     def _convertible(self, node: Node, kind: Any, message: Any) -> bool:
-        """Return whether rclpy can convert a message or request; log it if not."""
+        """Return whether rclpy's own callback, which would end the node, can convert a message."""
         try:
-            if kind in CONVERSIONS:
-                CONVERSIONS[kind](message)
+            if isinstance(message, ClockMessage):
+                Time.from_msg(message.clock)
+            elif kind in (SetParameters, SetParametersAtomically):
+                for parameter in message.parameters:
+                    Parameter.from_parameter_msg(parameter)
         except ValueError as error:
             self._warn(node, f'dropped: {kind.__name__}: {error}')
             return False

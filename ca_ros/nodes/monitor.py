@@ -75,7 +75,7 @@ class MonitorNode(VehicleNode):
         else:
             self.detector.announce(report.full.vehicle.health)
             self._publish(self._observed)
-        self.adopt_audit(report)
+        self.audit = report
 
     def state(self) -> tuple[bytes, str]:
         """Return which rotors have failed, or may be failing."""

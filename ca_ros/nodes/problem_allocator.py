@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from ca_ros.allocation.settings import allocator_of
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.allocator_node import AllocatorNode
-from ca_ros.nodes.executable import split
+from ca_ros.nodes.executable import parameter_arguments, parse, split
 from ca_ros.nodes.messages import speeds_message
 from ca_ros.nodes.settings import ProblemSettings
 from ca_ros.problem.files import read_problem
@@ -104,17 +104,12 @@ def names_problem(argv: Sequence[str]) -> bool:
     return isinstance(content, Mapping) and 'problem' in content
 
 
-def parse_problem(
-    prog: str, description: str, argv: Sequence[str], declared: type[Settings]
-) -> list[str]:
-    """Return the ROS arguments of a command line that names the file of a problem."""
-    parser = argparse.ArgumentParser(prog=prog, description=description)
-    parser.add_argument('--vehicle', metavar='NAME|FILE', help='the file of a problem')
-    own, ros = split(argv)
-    vehicle = parser.parse_args(own).vehicle
-    found = read_problem(vehicle, AllocationProblem)
+def _problem_arguments(file: str, _: str, declared: type[Settings]) -> list[str]:
+    """Return the ROS arguments that give a node the parameters in the file of a problem."""
+    found = read_problem(file, AllocationProblem)
     assert found is not None
     check_given(found[1], table(declared))
-    values = {'problem': str(find(vehicle).resolve()), **found[1]}
-    words = [f'{name}:={json.dumps(value)}' for name, value in values.items()]
-    return ['--ros-args', *(part for word in words for part in ('-p', word)), '--', *ros]
+    return parameter_arguments({'problem': str(find(file).resolve()), **found[1]})
+
+
+parse_problem = partial(parse, file_arguments=_problem_arguments)

@@ -68,13 +68,6 @@ class VehicleNode(ParameterNode):
         """Create a publisher as rclpy does, but without rclpy's default event handlers."""
         return super().create_publisher(*args, **{'event_callbacks': NO_EVENTS, **kwargs})
 
-    def destroy_node(self) -> None:
-        """Let the node send its last messages (`close`) and destroy it."""
-        try:
-            self.close()
-        finally:
-            super().destroy_node()
-
     def audited(self, settings: Any) -> Audit:
         """Audit which axes the vehicle's rotors can control.
 
@@ -91,23 +84,20 @@ class VehicleNode(ParameterNode):
         health = repeated('rotors.health', settings.rotors.health, vehicle.n)
         return accept(vehicle.with_health(health), 'drop')
 
-    def adopt_audit(self, report: Audit) -> None:
-        """Keep an audit; one in flight is logged later, because its text takes milliseconds."""
-        first, self.audit = self.audit is None, report
-        if first:
-            self._log_audit(report)
-            for warning in report.warnings:
-                self.get_logger().warning(warning)
-
-    def _log_audit(self, report: Audit) -> None:
-        """Log an audit if it differs from the one before."""
-        if str(report) != str(self._logged_audit):
+    def _log_audit(self) -> None:
+        """Log an audit that differs from the one before, after it was adopted: this takes long."""
+        report, before = self.audit, self._logged_audit
+        self._logged_audit = report
+        if report is None or report is before:
+            return
+        if str(report) != str(before):
             # rclpy allows one severity for each line of code.
             if report.sound:
                 self.get_logger().info(f'audit: {report}')
             else:
                 self.get_logger().error(f'audit: {report}')
-        self._logged_audit = report
+        for warning in report.warnings if before is None else ():
+            self.get_logger().warning(warning)
 
     def _use(self, settings: Any, built: Any) -> None:
         super()._use(settings, built)
@@ -171,6 +161,7 @@ class VehicleNode(ParameterNode):
 
     def start_diagnostics(self, subject: str) -> None:
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
+        self._log_audit()
         self._looked, self._subject = monotonic(), subject
         self._diagnostics = DiagnosticsPublisher(self, self.hardware_id)
         self.create_timer(TICK, self._tick, clock=self.steady)
@@ -227,9 +218,6 @@ class VehicleNode(ParameterNode):
     def fall_back(self, action: str) -> None:
         """Do the timeout action, if the node has one; called at each check after the timeout."""
 
-    def close(self) -> None:
-        """Send the last messages; called before the node is destroyed."""
-
     def _action(self, before: str = '') -> str:
         """Return the timeout action after some text; nothing if the node has none."""
         action = getattr(self.settings, 'timeout_action', '')
@@ -239,8 +227,7 @@ class VehicleNode(ParameterNode):
         now = monotonic()
         self._stalls.look()
         self.watch()
-        if self.audit is not None and self.audit is not self._logged_audit:
-            self._log_audit(self.audit)
+        self._log_audit()
         if now >= self._looked + 1.0:
             self._looked = now
             self._look_around()

@@ -48,8 +48,7 @@ class Bridge(VehicleNode):
     def passes(self, convert: Callable[..., Any], *publishers: Publisher) -> Any:
         """Return a callback that converts messages and publishes the result, or each of several.
 
-        `convert` raises a ValueError for a message that it cannot convert, and returns None for
-        one that needs no answer.
+        `convert` raises a ValueError for messages that it cannot convert.
         """
 
         def receive(*messages: Any) -> None:
@@ -58,8 +57,6 @@ class Bridge(VehicleNode):
                 found = convert(*messages)
             except ValueError as error:
                 self.drop('content', str(error))
-                return
-            if found is None:
                 return
             given = found if isinstance(found, tuple) else (found,)
             for publisher, each in zip(publishers, given, strict=True):

@@ -106,28 +106,13 @@ def units(vehicle: Vehicle) -> Array:
 def wrench(thrust: Sequence[float], torque: Sequence[float], unit: Array) -> Array:
     """Return a wrench (6,), force before torque [N, N m], forward-left-up.
 
-    Parameters
-    ----------
-    thrust, torque : (3,) sequences
-        VehicleThrustSetpoint.xyz and VehicleTorqueSetpoint.xyz: normalised, forward-right-down.
-    unit : (6,) array
-        As `units` returns it.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite.
+    `thrust, torque` (3,): VehicleThrustSetpoint.xyz and VehicleTorqueSetpoint.xyz, normalised,
+    forward-right-down; `unit` (6,): see `units`.  Raises a ValueError if one is not finite.
     """
     given = np.array([*thrust, *torque], dtype=float)
     if not np.isfinite(given).all():
         raise ValueError(f'set-points {given}: expected finite numbers')
     return FLIP * unit * given
-
-
-def setpoints(wrench: ArrayLike, unit: Array) -> tuple[Array, Array]:
-    """Return thrust and torque set-points (3,) of a wrench (6,); the inverse of `wrench`."""
-    given = FLIP * np.asarray(wrench, dtype=float) / unit
-    return given[:3], given[3:]
 
 
 def controls(
