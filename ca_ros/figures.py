@@ -54,7 +54,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the formats and the width of figures."""
     parser.add_argument(
         '--figures', type=formats, default='png', metavar='A,B',
-        help=f'formats of the figures: {", ".join(FORMATS)}',
+        help=f'formats of the figures: {", ".join(FORMATS)}; or none',
     )
     parser.add_argument(
         '--figure-width',
@@ -67,12 +67,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def formats(text: str) -> list[str]:
-    """Return the formats in a text such as png,svg, for argparse."""
+    """Return the formats in a text such as png,svg or none, for argparse."""
+    if text == 'none':
+        return []
     words = [word.strip() for word in text.split(',')]
     for word in words:
         if word not in FORMATS:
             raise argparse.ArgumentTypeError(
-                f'{word!r} is no format of figures; there are {", ".join(FORMATS)}'
+                f'{word!r} is no format of figures; there are {", ".join(FORMATS)}, none'
             )
     return list(dict.fromkeys(words))
 

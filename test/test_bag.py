@@ -72,7 +72,8 @@ def flight(tmp_path_factory):
     folder = tmp_path_factory.mktemp('flight')
     with Graph() as graph:
         process = graph.start(
-            'bringup', '--mode', 'lockstep', '--duration', str(DURATION), '--detect', '--view',
+            'bringup', '--figures', 'none',
+            '--mode', 'lockstep', '--duration', str(DURATION), '--detect', '--view',
             '--out', str(folder), '--bag', str(folder / 'bag'), '--ros-args',
             *(word for name in SWITCHES for word in ('-p', f'{name}:=true')))
         out, err = graph.outlive(process)
@@ -189,7 +190,8 @@ def _number(recording, topic, path):
 def test_an_interrupt_ends_all_in_its_namespace_and_leaves_a_bag_that_can_be_read(
         graph, tmp_path):
     process = graph.start(
-        'bringup', '--mode', 'lockstep', '--duration', '1e6', '--namespace', 'uav1',
+        'bringup', '--figures', 'none',
+        '--mode', 'lockstep', '--duration', '1e6', '--namespace', 'uav1',
         '--out', str(tmp_path), '--bag', str(tmp_path / 'bag'))
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
     graph.spin_until(lambda: poses and poses[-1].pose.position.z > 0.1, 'a flight')

@@ -39,10 +39,10 @@ NOT_HERE = {
 """Marks of blocks that are not run here, and what they would need."""
 
 SHORT = {
-    'bringup': '"$@" --duration 1 --waypoint 0 0 0 --heading 0',
-    'dynamic_study': '"$@" --duration 0.2',
+    'bringup': '"$@" --figures none --duration 1 --waypoint 0 0 0 --heading 0',
+    'dynamic_study': '"$@" --figures none --duration 0.2',
     'mypy': '"$@" ca_ros/errors.py',
-    'static_study': '"$@" --samples 50',
+    'static_study': '"$@" --figures none --samples 50',
 }
 """How commands are shortened to seconds unless CA_ROS_LONG=1; the last of equal options counts."""
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
@@ -467,7 +467,7 @@ def test_false_alarms_are_as_rare_as_promised():
     # of Gaussian noise at most is over the limit, and by the two senses of a loss half as many.
     wrenches = rotor_wrenches(HEXAROTOR)
     find = FailureTest(wrenches, None, 6e5, 6e4, 0.995, 0.35)
-    assert find.limit == pytest.approx(chi2.isf(6e4 / 6e5 / 6.0, 1), rel=1e-9)
+    assert find.limit == pytest.approx(chdtri(1, 6e4 / 6e5 / 6.0), rel=1e-9)
     rng = np.random.default_rng(1)
     over = sum(find(*windows(rng), np.ones(6)).score > find.limit for _ in range(2000))
     assert 0.01 < over / 2000 <= 0.1

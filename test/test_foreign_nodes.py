@@ -166,7 +166,8 @@ def test_a_plant_of_the_page_flies_as_our_simulator_does(graph, tmp_path):
     plant = tmp_path / 'plant.py'
     plant.write_text(PLANT, encoding='utf-8')
     flight = graph.start(
-        'bringup', '--plant', f"'{sys.executable}' '{plant}'", '--mode', 'lockstep',
+        'bringup', '--figures', 'none',
+        '--plant', f"'{sys.executable}' '{plant}'", '--mode', 'lockstep',
         '--duration', '0.5', '--out', str(tmp_path))
     out, err = graph.outlive(flight)
     assert 'flight of 0.50 s (lockstep, 51 samples' in out, err

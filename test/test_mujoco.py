@@ -101,7 +101,8 @@ def test_flights_differ_by_the_errors_of_the_integrators(name):
 def fly(graph, folder, *arguments):
     """Fly for 12 s in lockstep with the plant in place of the simulator; return output, flight."""
     flight = graph.start(
-        'bringup', '--plant', f"'{sys.executable}' '{FOLDER / 'plant.py'}'", '--mode', 'lockstep',
+        'bringup', '--figures', 'none',
+        '--plant', f"'{sys.executable}' '{FOLDER / 'plant.py'}'", '--mode', 'lockstep',
         '--duration', '12', '--out', str(folder), *arguments)
     out, err = graph.outlive(flight)
     assert flight.returncode == 0, out + err

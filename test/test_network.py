@@ -37,7 +37,8 @@ DURATION = 8.0
 def test_five_vehicles_in_one_graph_fly_as_offline_to_the_last_bit(graph, tmp_path):
     flights = {
         name: graph.start(
-            'bringup', '--namespace', name, '--mode', 'lockstep', '--duration', str(DURATION),
+            'bringup', '--figures', 'none',
+            '--namespace', name, '--mode', 'lockstep', '--duration', str(DURATION),
             '--method', method, '--out', str(tmp_path / name), '--waypoint', *map(str, goal))
         for name, (method, goal) in FLIGHTS.items()}
     for name, flight in flights.items():

@@ -26,9 +26,9 @@ SERVOS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('vehicle', 'changes', 'failure'), [
-    pytest.param('hexarotor_realistic', [], '2@1.5', marks=pytest.mark.long),
-    pytest.param('hexarotor_tilting', SERVOS, '2@1.5', marks=pytest.mark.long),
-    ('hexarotor_tilting', SERVOS, '2@1.5=0.6rad'),
+    pytest.param('hexarotor_realistic', [], '2@0.5', marks=pytest.mark.long),
+    pytest.param('hexarotor_tilting', SERVOS, '2@0.5', marks=pytest.mark.long),
+    ('hexarotor_tilting', SERVOS, '2@0.5=0.6rad'),
 ])
 def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(vehicle, changes, failure):
     case = Case.load(vehicle, changes)
@@ -36,10 +36,10 @@ def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(vehicle, change
     detection = case.detection('exact')
     offline = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(1, 1, 1, np.pi / 4),
-        2.0, changes=case.failing('exact', failures), detection=detection)
+        0.8, changes=case.failing('exact', failures), detection=detection)
     words = ['--fail', failure, '--announce', 'never', '--detect']
-    flown = fly_over_ros(case, 'exact', 2.0, words)
-    assert 1.5 < detection.found[0][0] / 1e9 < 1.6
+    flown = fly_over_ros(case, 'exact', 0.8, words)
+    assert 0.5 < detection.found[0][0] / 1e9 < 0.6
     assert detection.detector.health.tolist() == [1.0, 0.0, 1.0, 1.0, 1.0, 1.0]
     for name in ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds', 'angles'):
         np.testing.assert_array_equal(getattr(flown, name), getattr(offline, name))

@@ -203,7 +203,8 @@ def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
     path.write_text('t,x,y,z,heading\n0,1,0,1,0\n0.5,1,1,1,1.5\n1,0,1,1.5,-1.5\n')
     failures = RotorFailures((RotorFailure(1, 0.3), RotorFailure(2, 0.805, 0.5)), announce)
     process = graph.start(
-        'bringup', '--mode', 'lockstep', '--duration', '1.5', '--trajectory', str(path),
+        'bringup', '--figures', 'none',
+        '--mode', 'lockstep', '--duration', '1.5', '--trajectory', str(path),
         '--out', str(tmp_path), *failure_words(failures))
     out, err = graph.outlive(process)
     assert process.returncode == 1, out + err
@@ -220,7 +221,8 @@ def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
 @pytest.mark.long
 def test_a_vehicle_that_starts_without_a_rotor_is_judged_by_what_it_has(graph, tmp_path):
     process = graph.start(
-        'bringup', '--mode', 'lockstep', '--duration', '1', '--out', str(tmp_path),
+        'bringup', '--figures', 'none',
+        '--mode', 'lockstep', '--duration', '1', '--out', str(tmp_path),
         '--waypoint', '0', '0', '0', '--heading', '0', '--ros-args',
         '-p', 'rotors.health:=[0.0, 1.0, 1.0, 1.0, 1.0, 1.0]',
         '-p', 'allocation.lost_axes:=drop')

@@ -73,7 +73,8 @@ def test_flights_over_ros_equal_those_offline_to_the_last_bit(
     path.write_text(goals)
     given = RotorFailures(tuple(map(RotorFailure.parse, failures)), 0.1)
     process = graph.start(
-        'bringup', '--vehicle', name, '--mode', 'lockstep', '--duration', str(duration),
+        'bringup', '--figures', 'none',
+        '--vehicle', name, '--mode', 'lockstep', '--duration', str(duration),
         '--trajectory', str(path), '--out', str(tmp_path), *failure_words(given),
         *(['--faults', FAULTS] if settings is RATES else []), '--ros-args',
         *(word for each in [*PLANT, *settings] for word in ('-p', each)))

@@ -112,10 +112,11 @@ def write_results(plan: Plan, out: Path, flown: Flown, shares: Served | None = N
     with naming(files[0]):
         flown.flight.write_csv(files[0])
     try:
+        figure = None
         moments = plan.failures.moments(flown.detected.values())
-        way, width = plan.trajectory, plan.figure_width
-        figure = draw_flight(flown.flight, flown.vehicle, way, width, moments, shares)
         for form in plan.figures:
+            figure = figure or draw_flight(
+                flown.flight, flown.vehicle, plan.trajectory, plan.figure_width, moments, shares)
             with naming(out / f'flight.{form}'):
                 files += save(figure, out / 'flight', [form])
     except ModuleNotFoundError as missing:

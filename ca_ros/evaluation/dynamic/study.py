@@ -214,7 +214,8 @@ def _write(
     study = Flights(flights, samples, case.vehicle, options.goals, failures, times)
     if options.animate:
         animate(out / 'animation.gif', study)
-    draw(out, study, options.figures, options.figure_width, options.plot_rows)
+    if options.figures:
+        draw(out, study, options.figures, options.figure_width, options.plot_rows)
     return text
 
 

@@ -106,9 +106,10 @@ def _write(
     text = document(found)
     write(options.out / 'static', rows.drop(columns='violation'), found, text, options.tables)
     times = {name: own['time'] for name, own in methods.items()}
-    style = options.figures, options.figure_width
-    admissible = AdmissibleSet(case.problem)
-    draw(options.out, admissible, allocators, rows, times, found['timing'], *style)
+    if options.figures:
+        style = options.figures, options.figure_width
+        admissible = AdmissibleSet(case.problem)
+        draw(options.out, admissible, allocators, rows, times, found['timing'], *style)
     return text
 
 
