@@ -116,8 +116,7 @@ def _certify_within(
         }
         return replace(rows[0], **stacked)
     moved = problem.bounded(*bounds)
-    if not moved.has_volume:
-        raise moved.no_volume()
+    moved.check_volume()
     found = certify(moved, demand, thrusts, preference)
     slow = (found.limit > 0) & (moved.upper < problem.upper)
     slow |= (found.limit < 0) & (moved.lower > problem.lower)

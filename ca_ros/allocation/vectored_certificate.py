@@ -9,7 +9,6 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import sets_newton
-from ca_ros.problem.supported_set import attainable_set_of
 from ca_ros.problem.vectored import VectoredProblem
 
 
@@ -44,7 +43,7 @@ class VectoredCertificate:
 
         An upper bound; `SupportedSet.margin_bounds` has the lower one.
         """
-        return attainable_set_of(self.problem).margin(self.demand)
+        return self.problem.attainable_set.margin(self.demand)
 
     def __str__(self) -> str:
         """Summarise the certificate, without the margin, which takes longer."""

@@ -28,8 +28,7 @@ class VectoredEngine:
     """
 
     def __init__(self, problem: VectoredProblem, settings: ExactSettings) -> None:
-        if not problem.has_volume:
-            raise problem.no_volume()
+        problem.check_volume()
         self._problem, self._settings = problem, settings
         settings.groups(problem.axes)
         refuse_limits(airmode_limits(settings.airmode_limit))

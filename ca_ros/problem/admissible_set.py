@@ -18,7 +18,6 @@ from ca_ros.problem.prioritization import (
     groups_of,
 )
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.supported_set import SupportedSet, attainable_set_of
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_priorities import AnyPrioritization, prioritization_of
 from ca_ros.problem.vehicle_problem import problem_of
@@ -33,20 +32,12 @@ REACHED = 1e-9  # how far outside a reference may be, over its distance from the
 class AdmissibleSet:
     """The set A of Eq. (23): the image of the box of thrusts under Gamma, a zonotope.
 
-    Parameters
-    ----------
-    problem : Vehicle or AllocationProblem
-
-    Raises
-    ------
-    ValueError
-        If the set has no volume: the rotors cannot control the axes independently.
+    Raises a ValueError if the set has no volume: the rotors cannot control the axes independently.
     """
 
     def __init__(self, problem: Vehicle | AllocationProblem) -> None:
         self.problem = problem_of(problem)
-        if not self.problem.has_volume:
-            raise self.problem.no_volume()
+        self.problem.check_volume()
         self._prioritizations: dict[object, AnyPrioritization] = {}
 
     @cached_property
@@ -58,11 +49,9 @@ class AdmissibleSet:
     @property
     def zonotope(self) -> Zonotope:
         """The set as a zonotope; its facets are computed at the first access."""
+        if isinstance(self.problem, VectoredProblem):
+            raise self.problem.no_box()
         return self.problem.attainable_set
-
-    @property
-    def _set(self) -> Zonotope | SupportedSet:
-        return attainable_set_of(self.problem)
 
     @property
     def facets(self) -> tuple[Array, Array]:
@@ -85,75 +74,50 @@ class AdmissibleSet:
         return constant(vertices_of(self.zonotope))
 
     def section(self, axes: Sequence[str], at: ArrayLike | None = None) -> Polytope:
-        """Cut the set: fix all other axes.
+        """Cut the set: fix all axes but `axes`, which stay in their order.
 
-        Parameters
-        ----------
-        axes : sequence of k str
-            The axes that stay, in their order.
-        at : (m,) array, optional
-            A wrench with the values of the other axes; by default `reference` [N, N m].
+        The polytope is empty if no wrench of the set has the fixed values; of three or more axes,
+        also without volume.  Raises a ValueError if an axis is unknown or repeated, or `at` is not
+        a wrench.
 
-        Returns
-        -------
-        Polytope
-            Empty if no wrench of the set has these values; of three or more axes, also without
-            volume.
-
-        Raises
-        ------
-        ValueError
-            If an axis is unknown or repeated, or `at` is not a wrench.
+        `at` (m,): a wrench with the values of the other axes; by default `reference` [N, N m].
         """
         rows = self._rows(axes)
-        if isinstance(self.problem, VectoredProblem):
-            start = self.reference if at is None else self.problem.check(at)
-            outline, _ = SupportedSet(self.problem).section(rows, start)
-            return Polytope(tuple(axes), ordered(outline))
-        fixed = np.setdiff1d(range(len(self.problem.axes)), rows)
         wrench = self.reference if at is None else self.problem.check(at)
+        if isinstance(self.problem, VectoredProblem):
+            outline = self.problem.attainable_set.section(rows, wrench)
+            return Polytope(tuple(axes), ordered(outline))
+        image = self.zonotope
+        fixed = np.setdiff1d(range(len(self.problem.axes)), rows)
         # Each axis relative to its range: a torque may be small beside a force.
         size = self.problem.extent
-        normals = np.vstack([self.zonotope.normals, -self.zonotope.normals]) * size
+        normals = np.vstack([image.normals, -image.normals]) * size
         lengths = np.linalg.norm(normals, axis=1)
         normals /= lengths[:, None]
-        widths = np.tile(self.zonotope.widths, 2) / lengths
+        widths = np.tile(image.widths, 2) / lengths
         slacks = widths - normals[:, fixed] @ self.problem.scaled(wrench)[fixed]
         points = self.center[rows] + size[rows] * section(normals[:, rows], slacks)
         return Polytope(tuple(axes), ordered(points))
 
     def projection(self, axes: Sequence[str]) -> Polytope:
-        """Project the set: let all other axes be anything that is attainable.
+        """Project the set to `axes`: let all other axes be anything that is attainable.
 
-        Parameters
-        ----------
-        axes : sequence of k str
-            The axes that stay, in their order.
-
-        Raises
-        ------
-        ValueError
-            If an axis is unknown or repeated.
+        Raises a ValueError if an axis is unknown or repeated.
         """
-        rows, image = self._rows(axes), self.problem.gamma * self.problem.half_range
-        if isinstance(self.problem, VectoredProblem):
-            return Polytope(tuple(axes), ordered(SupportedSet(self.problem).shadow(rows)))
-        shadow = Zonotope(self.center[rows], image[rows])
-        return Polytope(tuple(axes), ordered(vertices_of(shadow)))
+        rows, problem = self._rows(axes), self.problem
+        if isinstance(problem, VectoredProblem):
+            points = problem.attainable_set.shadow(rows)
+        else:
+            generators = problem.gamma[rows] * problem.half_range
+            points = vertices_of(Zonotope(self.center[rows], generators))
+        return Polytope(tuple(axes), ordered(points))
 
     def authority(self, u: ArrayLike) -> dict[str, tuple[float, float]]:
-        """Return how far each axis can go while the others stay, as at hover or in a manoeuvre.
+        """Return the least and greatest value of each axis while the others stay at u [N, N m].
 
-        Parameters
-        ----------
-        u : (m,) array
-            A wrench [N, N m].
+        They are NaN if the other axes cannot have their values.
 
-        Returns
-        -------
-        dict
-            The least and greatest value of each axis [N, N m]; NaN if the other axes cannot have
-            their values.
+        `u` (m,): a wrench, as of hover or a manoeuvre [N, N m].
         """
         wrench = self.problem.check(u)
         found = {}
@@ -169,48 +133,27 @@ class AdmissibleSet:
         return [known.index(axis) for axis in axes]
 
     def margin(self, u: ArrayLike) -> Array:
-        """Return the signed distance of wrenches to the boundary, positive inside.
+        """Return the signed distance (...) of wrenches (..., m) to the boundary [N, N m].
 
-        Parameters
-        ----------
-        u : (..., m) array
-            Wrenches [N, N m].
-
-        Returns
-        -------
-        (...) array
-            Least slack over the facets with unit normals [N, N m].  Inside the set it is the
-            Euclidean distance to the boundary.
+        It is the least slack over the facets with unit normals.  Inside the set it is positive,
+        and the Euclidean distance to the boundary.
         """
-        return self._set.margin(self.problem.check(u, batch=True))
+        return self.problem.attainable_set.margin(self.problem.check(u, batch=True))
 
     def contains(self, u: ArrayLike, tolerance: float = 0.0) -> BoolArray:
         """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
         if isinstance(self.problem, VectoredProblem):
             wrenches = self.problem.check(u, batch=True)
-            return SupportedSet(self.problem).contains(wrenches, tolerance)
+            return self.problem.attainable_set.contains(wrenches, tolerance)
         return self.margin(u) >= -tolerance
 
     def scale(self, u: ArrayLike, scale_reference: ArrayLike | None = None) -> Array:
-        """Bring a wrench into the set along the straight line to a reference.
+        """Bring wrenches (..., m) into the set along the straight line to a reference [N, N m].
 
-        Parameters
-        ----------
-        u : (..., m) array
-            Wrenches [N, N m].
-        scale_reference : (m,) array, optional
-            The reference, a wrench in the set; by default `reference`.
+        The result is `u` if it is in the set, otherwise the last point in the set on the line from
+        the reference to `u`.  Raises a ValueError if `scale_reference` is outside the set.
 
-        Returns
-        -------
-        (..., m) array
-            `u` if it is in the set, otherwise the last point in the set on the line from the
-            reference to `u`.
-
-        Raises
-        ------
-        ValueError
-            If `scale_reference` is outside the set.
+        `scale_reference` (m,): a wrench in the set; by default `reference` [N, N m].
         """
         u, start = self.problem.check(u, batch=True), self.reference
         if scale_reference is not None:
@@ -223,39 +166,17 @@ class AdmissibleSet:
         self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None,
         thrust_deviation: str = THRUST_DEVIATION, airmode_limit: Numbers = 1.0,
     ) -> Array:
-        """Bring a wrench into the set by giving up the less important axes first.
+        """Bring wrenches (..., m) into the set, less important axes given up first [N, N m].
 
         With the default order, roll and pitch get as much of their demand as possible, with their
         ratio kept.  Then the sign of yaw is kept: yaw is not reversed, does not exceed its demand
         and does not change without a demand, as long as a deviation of thrust can prevent this.
         Then thrust gets as close to its demand as possible, and then yaw.  See `Prioritization`
-        for other orders.
+        for other orders, and `PrioritiesSettings` for the arguments.
 
-        Parameters
-        ----------
-        u : (..., m) array
-            Wrenches [N, N m].
-        order : sequence of groups of axes, optional
-            The most important first, such as ``['roll pitch', 'thrust', 'yaw']``; by default
-            `ORDER`.  Axes that the vehicle does not command are ignored.
-        thrust_deviation : 'prevent', 'avoid' or 'allow'
-            How much thrust may deviate so that no axis after the first group is reversed.
-            'prevent': as much as necessary.  'avoid': at most from its demand to hover.  'allow':
-            not at all.
-        airmode_limit : float or sequence of 2 or 4 floats
-            How far thrust may rise above its demand for roll and pitch, and for yaw, then how far
-            it may fall below it, as shares of its range.
-
-        Returns
-        -------
-        (..., m) array
-            `u` if it is in the set, otherwise the wrench that is served.
-
-        Raises
-        ------
-        ValueError
-            If `order` does not name each of the vehicle's axes once, or `thrust_deviation` is
-            unknown.
+        The result is `u` if it is in the set, otherwise the wrench that is served.  Raises a
+        ValueError if `order` does not name each of the vehicle's axes once, or `thrust_deviation`
+        is unknown.
         """
         return self.prioritize_levels(u, order, thrust_deviation, airmode_limit)[0]
 
@@ -317,4 +238,4 @@ class AdmissibleSet:
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Draw wrenches (size, m) [N, N m] uniformly by volume."""
-        return self._set.sample(rng, size)
+        return self.problem.attainable_set.sample(rng, size)

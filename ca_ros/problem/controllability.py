@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import inf
 
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.supported_set import attainable_set_of
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_priorities import prioritization_of
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -31,12 +29,12 @@ def lift(vehicle: Vehicle) -> tuple[float, float]:
     """Return the least and the greatest mass that the rotors lift, torques ignored [kg]."""
     if vehicle.tilts is not None:
         lifting = VehicleProblem(replace(vehicle, axes=('thrust',)))
-        masses = lifting.center + np.array([-1.0, 1.0]) * lifting.extent + vehicle.buoyancy
-        return float(masses[0] / vehicle.gravity), float(masses[1] / vehicle.gravity)
-    up = vehicle.rotor_axes[:, 2]
-    ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0)
-    least, most = (ends.sum(axis=1) + vehicle.buoyancy) / vehicle.gravity
-    return float(least), float(most)
+        ends = lifting.center + np.array([-1.0, 1.0]) * lifting.extent
+    else:
+        up = vehicle.rotor_axes[:, 2]
+        ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0).sum(axis=1)
+    least, most = ((ends + vehicle.buoyancy) / vehicle.gravity).tolist()
+    return least, most
 
 
 def unit(axis: str) -> str:
@@ -72,7 +70,7 @@ def hover_margin(problem: VehicleProblem) -> float:
     """Return the signed distance from hover to the boundary; -inf for a set without volume."""
     if not problem.has_volume:
         return -np.inf
-    return float(attainable_set_of(problem).margin(problem.hover))
+    return float(problem.attainable_set.margin(problem.hover))
 
 
 def independent_part(problem: VehicleProblem) -> VehicleProblem:
@@ -127,23 +125,8 @@ def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
 
 def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
-    if isinstance(problem, VectoredProblem):
-        ways = np.diag(problem.extent)
-        ends = [[problem.reach(problem.hover, sign * way) for sign in (-1.0, 1.0)] for way in ways]
-        return {
-            axis: (-low * size, high * size) for axis, (low, high), size in zip(
-                problem.axes, ends, problem.extent.tolist(), strict=True
-            )
-        }
-    at_hover = problem.simplex.copy()
-    rows = range(problem.n, problem.n + len(problem.axes))
-    at_hover.hold(rows, problem.scaled(problem.hover).tolist())
-
-    def room(v: int, goal: float) -> float:
-        line = at_hover.copy()
-        line.lower[v], line.upper[v] = -inf, inf
-        line.push(v, goal)
-        return line.value[v] - at_hover.value[v]
-
-    scaled = zip(problem.axes, rows, problem.extent.tolist(), strict=True)
-    return {axis: (room(v, -inf) * size, room(v, inf) * size) for axis, v, size in scaled}
+    found = {}
+    for axis, way, size in zip(problem.axes, np.diag(problem.extent), problem.extent, strict=True):
+        low, high = (problem.reach(problem.hover, sign * way) for sign in (-1.0, 1.0))
+        found[axis] = -float(low * size), float(high * size)
+    return found

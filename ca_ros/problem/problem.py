@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, BoolArray, IntArray, constant, floats
 from ca_ros.problem.files import read_problem
 from ca_ros.settings import Numbers, ParameterError, repeated
-from ca_ros.solver.dual_newton import DualNewton, sum_rounding
+from ca_ros.solver.dual_newton import DualNewton, meets
 from ca_ros.solver.simplex import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.files import shipped_problems
@@ -48,24 +48,19 @@ class AllocationProblem:
         B, the control effectiveness matrix.
     lower, upper : float or (n,) array
         Bounds of the effectors.
-    axes : sequence of str, optional
-        Names of the m axes, all different; by default ``axis_1``, ``axis_2`` and so on.
-    effector_names : sequence of str, optional
-        Names of the n effectors, all different; by default their numbers, from 1.
+    axes, effector_names : sequence of str, optional
+        Names of the m axes and of the n effectors, all different; by default ``axis_1``,
+        ``axis_2`` and so on, and numbers from 1.
     reference : (m,) array, optional
         The u from which demands are counted; by default zero.  The priorities of the axes, and
         the scaling of an unattainable u, begin there.
-    effector_kind : str
-        What the effectors are called in messages.
-    effector_unit : str
-        Their unit in messages and plots.
+    effector_kind, effector_unit : str
+        What the effectors are called in messages, and their unit in messages and plots.
     axis_units : str or sequence of str
         The unit of all axes, or of each, in plots.
 
     Attributes
     ----------
-    axes, effector_names, effector_kind, lower, upper, reference
-        As above; the bounds are (n,) arrays.
     gamma : (m, n) array
         The control allocation matrix, B [N, N m per N for a vehicle].
     resting_thrusts : (n,) array
@@ -81,13 +76,12 @@ class AllocationProblem:
     ------
     ValueError
         If a shape is wrong, a number is not finite, a lower bound is above its upper bound, names
-        are missing or repeated, or the units of the axes differ too much.
+        are missing or repeated, or the range of an axis is below 1e-6, or 1e-6 of the greatest.
 
     Notes
     -----
     EXACT means that |u - B f| is at most 1e-12 max(1, |u|), with all axes together, or the
-    rounding error of the sum B f if large effectors cancel each other.  Therefore units are
-    refused in which the range of an axis is below 1e-6, or 1e-6 of the greatest.
+    rounding error of the sum B f if large effectors cancel each other.
 
     A problem is not audited: axes that the effectors cannot control independently are an error
     only where the admissible set must have a volume.
@@ -148,15 +142,9 @@ class AllocationProblem:
     def load(cls, name: str | Path) -> AllocationProblem:
         """Read the allocation problem in a file, without the settings of the methods.
 
-        Parameters
-        ----------
-        name : str or path
-            A shipped problem, such as ``'admire'``, or a path to a YAML file.
+        Raises a ParameterError in one line that names the file, the entry and the fault.
 
-        Raises
-        ------
-        ParameterError
-            In one line that names the file, the entry and the fault.
+        `name`: a shipped problem, such as ``'admire'``, or a path to a YAML file.
         """
         found = read_problem(name, cls)
         if found is None:
@@ -180,9 +168,8 @@ class AllocationProblem:
     def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
         """Return the problem with other bounds (n,) [N]."""
         other = AllocationProblem.__new__(AllocationProblem)
-        other.axes, other.effector_names = self.axes, self.effector_names
-        other.effector_kind, other.unit = self.effector_kind, self.unit
-        other.axis_units = self.axis_units
+        for name in ('axes', 'effector_names', 'effector_kind', 'unit', 'axis_units'):
+            setattr(other, name, getattr(self, name))
         other._fill(self.gamma, lower, upper, self.reference)
         return other
 
@@ -190,13 +177,9 @@ class AllocationProblem:
     def simplex(self) -> Simplex:
         """The simplex method with thrusts and axes, relative to their middles and half ranges.
 
-        Raises
-        ------
-        ValueError
-            If the admissible set has no volume.
+        Raises a ValueError if the admissible set has no volume.
         """
-        if not self.has_volume:
-            raise self.no_volume()
+        self.check_volume()
         return Simplex(self.gamma * self.half_range / self.extent[:, None])
 
     def scaled(self, u: Array) -> Array:
@@ -206,11 +189,7 @@ class AllocationProblem:
     def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
         """Return the greatest t <= limit for which ``start + t direction`` is attainable.
 
-        Parameters
-        ----------
-        start, direction : (m,) arrays
-            `start` is in the admissible set [N, N m].
-        limit : float
+        `start` (m,) is in the admissible set; `direction` (m,) [N, N m].
         """
         line = self.simplex.copy()
         rows = range(len(self.lower), len(self.lower) + len(self.axes))
@@ -256,15 +235,8 @@ class AllocationProblem:
 
     @cached_property
     def attainable_set(self) -> Zonotope:
-        """The admissible set A of Eq. (23).
-
-        Raises
-        ------
-        ValueError
-            If it has no volume: the rotors cannot control the axes independently.
-        """
-        if not self.has_volume:
-            raise self.no_volume()
+        """The admissible set A of Eq. (23); a ValueError if it has no volume."""
+        self.check_volume()
         return Zonotope(self.center, self.gamma * self.half_range)
 
     @property
@@ -281,12 +253,13 @@ class AllocationProblem:
     def _decomposition(self) -> tuple[Array, Array, Array] | None:
         return decomposition(self.gamma * self.half_range)
 
-    def no_volume(self) -> ValueError:
-        """Return the error of a problem whose admissible set has no volume."""
-        return ValueError(
-            f'the admissible set has no volume: the {self.effector_kind} cannot control '
-            f'{", ".join(self.axes)} independently{self.advice}'
-        )
+    def check_volume(self) -> None:
+        """Raise a ValueError if the admissible set has no volume."""
+        if not self.has_volume:
+            raise ValueError(
+                f'the admissible set has no volume: the {self.effector_kind} cannot control '
+                f'{", ".join(self.axes)} independently{self.advice}'
+            )
 
     @cached_property
     def least_norm(self) -> DualNewton:
@@ -296,10 +269,7 @@ class AllocationProblem:
     def check(self, u: ArrayLike, batch: bool = False, name: str = 'wrench') -> Array:
         """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.
 
-        Raises
-        ------
-        ValueError
-            If the shape is wrong or a component is not finite.
+        Raises a ValueError if the shape is wrong or a component is not finite.
         """
         try:
             wrench = floats(u)
@@ -329,10 +299,7 @@ class AllocationProblem:
     def spread(self, name: str, value: Numbers, along: bool = False) -> Array:
         """Return the numbers (n,) of a setting that has one for all effectors, or one for each.
 
-        Raises
-        ------
-        ParameterError
-            If there is another number of them.
+        Raises a ParameterError if there is another number of them.
         """
         return repeated(name, value, self.n)
 
@@ -378,7 +345,4 @@ class AllocationProblem:
         the sum Gamma f, which is greater where large thrusts cancel each other.
         """
         residual = lengths(u - thrusts @ self.gamma.T)
-        exact = np.asarray(residual <= share * self.tolerance(u))
-        if not exact.all():
-            exact |= residual <= share * sum_rounding(self.gamma, thrusts)
-        return exact
+        return meets(residual, self.tolerance(u), self.gamma, thrusts, share)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, IntArray, constant
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
+from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import Numbers, repeated
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.solver.sets_newton import SetsNewton
@@ -110,7 +111,7 @@ class VectoredProblem(AllocationProblem):
 
     def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
         """Raise a TypeError: vectors are bounded by sets."""
-        self._no_box()
+        raise self.no_box()
 
     @cached_property
     def least_norm(self) -> SetsNewton:  # type: ignore[override]
@@ -139,15 +140,16 @@ class VectoredProblem(AllocationProblem):
     @property
     def simplex(self) -> NoReturn:  # type: ignore[override]
         """There is none: raise a TypeError."""
-        self._no_box()
+        raise self.no_box()
 
-    @property
-    def attainable_set(self) -> NoReturn:  # type: ignore[override]
-        """`attainable_set_of` returns it: raise a TypeError."""
-        self._no_box()
+    @cached_property
+    def attainable_set(self) -> SupportedSet:  # type: ignore[override]
+        """The set without a list of facets; a ValueError if it has no volume."""
+        self.check_volume()
+        return SupportedSet(self.least_norm, self.center, self.extent)
 
-    def _no_box(self) -> NoReturn:
-        raise TypeError(
+    def no_box(self) -> TypeError:
+        return TypeError(
             'the effectors of this problem are vectors in sets, not numbers within bounds: there '
             'are margin, contains, sample, section, projection, scale and prioritize'
         )

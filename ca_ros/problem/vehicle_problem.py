@@ -80,8 +80,6 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
     wanted: Array | None = None
     near: Array | None = None
     rate_limited: Sequence[str] = ()
-    effector_kind, unit = VehicleProblem.effector_kind, VehicleProblem.unit
-    advice = VehicleProblem.advice
 
     def __init__(
         self, vehicle: Vehicle, windows: Sequence[tuple[ConvexSet, Array]] | None = None

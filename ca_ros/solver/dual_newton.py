@@ -47,6 +47,14 @@ def sum_rounding(matrix: Array, thrusts: Array) -> Array:
     return EXACT_SUM * np.sqrt(np.einsum('...i,...i->...', sums, sums))
 
 
+def meets(
+    residual: Array | float, tolerance: Array | float, matrix: Array, thrusts: Array, share: float
+) -> BoolArray:
+    """Tell whether |A f - u| (...) is within a share of the tolerance or of the rounding error."""
+    near = np.asarray(residual <= share * tolerance)
+    return near if near.all() else near | (residual <= share * sum_rounding(matrix, thrusts))
+
+
 class DualNewton:
     """Solve ``min |W (f - f_p)|^2`` with ``A f = u`` and ``lower <= f <= upper``, Eqs. (20)-(22).
 
@@ -103,7 +111,7 @@ class DualNewton:
         """
         y = self._target(u) if start is None else self._back.T @ start
         thrusts, y, residual, proven = self._solve(u, tolerance, y)
-        attained = self.within(residual, tolerance, thrusts)
+        attained = self._within(residual, tolerance, thrusts)
         proven = proven and not attained
         steep = STEEP * self.greatest
         relaxed = attained and tolerance < slack and float(np.linalg.norm(y)) > steep
@@ -133,13 +141,10 @@ class DualNewton:
         target: Array = self.coordinates @ (u - self._offset)
         return target
 
-    def within(
+    def _within(
         self, residual: float, tolerance: float, thrusts: Array, share: float = 1.0
     ) -> bool:
-        """Tell whether |A f - u| is within a share of the tolerance or of the rounding error."""
-        return residual <= share * tolerance or bool(
-            residual <= share * sum_rounding(self.matrix, thrusts)
-        )
+        return bool(meets(residual, tolerance, self.matrix, thrusts, share))
 
     def thrusts(self, deviations: Array) -> Array:
         """Return the thrusts (n,) of deviations (n,), within their bounds."""
@@ -160,7 +165,7 @@ class DualNewton:
             residual = float(np.linalg.norm(u - self.matrix @ thrusts))
             if residual < least:
                 best, least = (thrusts, after), residual
-            if self.within(residual, tolerance, thrusts, AIM):
+            if self._within(residual, tolerance, thrusts, AIM):
                 break
             for step in steps:
                 rate, lag = self.basis @ step, float(slopes @ step)
@@ -175,7 +180,7 @@ class DualNewton:
             if proven:
                 break
         thrusts, y = best
-        if not proven and not self.within(least, tolerance, thrusts, AIM):
+        if not proven and not self._within(least, tolerance, thrusts, AIM):
             thrusts = self.settle(thrusts, u, tolerance)
             least = float(np.linalg.norm(u - self.matrix @ thrusts))
             proven = self._is_beyond(u, y, tolerance)
@@ -213,7 +218,7 @@ class DualNewton:
         # which is ignored, or the step goes along this axis until the next rotor becomes free.
         away = turned[flat] @ axes[flat]
         missed = float(np.linalg.norm(self._back @ away))
-        if not self.within(missed, tolerance, thrusts, 0.8 * AIM):
+        if not self._within(missed, tolerance, thrusts, 0.8 * AIM):
             return deviations, slopes, thrusts, y, [away, step]
         change = np.zeros(len(thrusts))
         change[free] = directions[:, : len(shares)] @ shares
@@ -255,7 +260,7 @@ class DualNewton:
                 if residual < least:
                     best, least = thrusts, residual
                 free = (thrusts > self.lower) & (thrusts < self.upper)
-                if self.within(residual, tolerance, thrusts, AIM):
+                if self._within(residual, tolerance, thrusts, AIM):
                     return thrusts
                 if not free.any():
                     break
@@ -266,7 +271,7 @@ class DualNewton:
                 change = np.zeros(len(thrusts))
                 change[free] = np.linalg.lstsq(columns[:, free], goal, rcond=SINGULAR_MIN)[0]
                 thrusts = self.clip(thrusts + (change if in_axes else change / self._weights))
-            if self.within(least, tolerance, best):
+            if self._within(least, tolerance, best):
                 break
         return best
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.solver.convex_sets import ConvexSets
-from ca_ros.solver.dual_newton import AIM, sum_rounding
+from ca_ros.solver.dual_newton import AIM, meets
 
 TOLERANCE = 1e-12  # residual of a wrench that is met, relative to max(1, |u|)
 STEPS = 60  # limit of Newton's iteration
@@ -224,7 +224,7 @@ class SetsNewton:
         return bool(second < first - ROUNDING * np.abs(values[0]).max())
 
     def _within(self, size: float, tolerance: float, points: Array, share: float) -> bool:
-        return size <= share * max(tolerance, float(sum_rounding(self.matrix, points)))
+        return bool(meets(size, tolerance, self.matrix, points, share))
 
     def _beyond(self, u: Array, y: Array, tolerance: float) -> bool:
         """Tell whether a plane normal to the multipliers y of the basis excludes a wrench."""
