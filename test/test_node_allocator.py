@@ -116,6 +116,11 @@ def test_rotors_with_rates_go_no_further_than_they_reach(graph):
     client.sent -= 1
     client.speeds.clear()
     assert client.ask(numbers).tobytes() == last.tobytes()
+    # At time 0 a flight begins again, with rotors that have been idle.
+    client.command.publish(wrench(numbers, 0, 'base_link'))
+    graph.spin_until(lambda: client.speeds[-1].layout.dim[1].label == 'stamp 0', 'an answer')
+    first = slow.allocate(np.array(numbers)[2:], HEXAROTOR.idle_speeds, 0.1).speeds
+    assert np.array(client.speeds[-1].data).tobytes() == first.tobytes() != last.tobytes()
 
 
 def test_wrenches_without_stamps_count_from_their_arrival(graph):

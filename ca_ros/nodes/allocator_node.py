@@ -243,6 +243,10 @@ class AllocatorNode(HealthNode):
         if moment != self._moment:
             # A second wrench with the same stamp replaces the first.
             self._before = self._last, self._moment
+        if moment == 0:
+            # A flight in lockstep begins, maybe after a reset of the simulator.
+            idle = vehicle_of(self.method.problem).idle_command
+            self._before = idle, -round(1e9 * PERIOD_MAX)
         if not self._has_rates:
             return self.method.allocate(u)
         last, before = self._before
