@@ -23,9 +23,11 @@ class EchoNode(VehicleNode):
 
     declared = AllocatorSettings
 
-    def start(self) -> None:
+    def start_diagnostics(self) -> None:
+        """Do not."""
+
+    def connect(self) -> None:
         """Begin to answer."""
-        super().start()
         self._speeds = self.publish_stream(topics.SPEED_COMMAND)
         self.subscribe_stream(topics.WRENCH, self._serve)
 

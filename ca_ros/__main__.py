@@ -91,10 +91,7 @@ def installed() -> tuple[str, dict[str, str]]:
         package = distribution('ca_ros')
     except PackageNotFoundError:
         return '(not installed: no executables)', {}
-    programs = sorted(
-        (point for point in package.entry_points if point.group == 'console_scripts'),
-        key=lambda point: point.name,
-    )
+    programs = sorted(package.entry_points.select(group='console_scripts'))
     return package.version, {
         point.name: summary(COMMANDS.get(point.name, point.module)) for point in programs
     }
@@ -115,11 +112,12 @@ def first_line(docstring: str | None) -> str:
 
 def vehicles() -> dict[str, str]:
     """Return the shipped vehicles."""
-    found = {}
-    for name, file in (shipped_vehicles() | shipped_tilting()).items():
-        vehicle = Vehicle.load(file)
-        found[name] = f'{vehicle.n} rotors, {vehicle.mass:g} kg, {", ".join(vehicle.axes)}'
-    return found
+    files = shipped_vehicles() | shipped_tilting()
+    found = {name: Vehicle.load(file) for name, file in files.items()}
+    return {
+        name: f'{each.n} rotors, {each.mass:g} kg, {", ".join(each.axes)}'
+        for name, each in found.items()
+    }
 
 
 def problems() -> dict[str, str]:
@@ -142,12 +140,10 @@ def kernel() -> str:
 def rclpy() -> str:
     """Say where rclpy comes from, without importing it."""
     spec = find_spec('rclpy')
-    if spec is None or spec.origin is None:
-        return (
-            "absent, and with it the nodes: source ROS 2 Jazzy, or install ca_ros's extra 'ros' "
-            '(x86-64 Linux)'
-        )
-    return str(Path(spec.origin).parent)
+    if spec and spec.origin:
+        return str(Path(spec.origin).parent)
+    way = "source ROS 2 Jazzy, or install ca_ros's extra 'ros' (x86-64 Linux)"
+    return f'absent, and with it the nodes: {way}'
 
 
 if __name__ == '__main__':

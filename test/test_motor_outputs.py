@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import AllocationProblem, Exact, ParameterError, Vehicle
-from ca_ros.nodes.problem_allocator import rows_of
+from ca_ros.nodes.allocator import rows_of
 from ca_ros.testing import Diagnostics, wrench
 from ca_ros.vehicle.files import read
 

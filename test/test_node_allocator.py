@@ -16,7 +16,7 @@ from ca_ros import SlewLimited, Status
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import read_wrench
-from ca_ros.nodes.stream import STALL_MIN, Stalls, subscribe
+from ca_ros.nodes.stream import STALL_MIN, Streams
 from ca_ros.testing import BEST_EFFORT, Graph, wrench
 from nodes import GAMMA, HOVER, AllocatorClient, some_wrenches, twin
 from strategies import HEXAROTOR
@@ -311,11 +311,10 @@ def test_a_fault_of_a_method_costs_one_command_and_its_construction_none(graph, 
 
 def test_after_a_stall_only_the_newest_of_what_waits_is_received(graph):
     publisher = graph.publisher(WrenchStamped, 'command/wrench')
-    received, counts, stalls = [], Counter(), Stalls()
-    stream = subscribe(
-        graph.node, topics.WRENCH, 'realtime', lambda command: received.append(command.sec),
-        read_wrench, lambda *_: None, counts, stalls)
-    graph.spin_until(stream.get_publisher_count, 'matched')
+    received, counts = [], Counter()
+    streams = Streams(graph.node, 'realtime', lambda *_: None, counts)
+    streams.subscribe(topics.WRENCH, lambda command: received.append(command.sec), read_wrench)
+    graph.spin_until(streams.subscriptions[0].get_publisher_count, 'matched')
 
     def arrive():
         """As the middleware hands over what the kernel has kept: while the node takes it."""
@@ -324,7 +323,7 @@ def test_after_a_stall_only_the_newest_of_what_waits_is_received(graph):
             time.sleep(0.005)
 
     for second in (1, 2):
-        stalls.look()
+        streams.look()
         publisher.publish(wrench(HOVER, second * 10**9))
         graph.spin_until(lambda second=second: received == [*range(1, second + 1)], 'each')
     # Where the machine stalls, too, the newest may arrive too late.

@@ -18,11 +18,11 @@ from ca_ros.firmware.detector import detector_of
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
+from ca_ros.nodes.allocator import ProblemAllocatorNode
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.bridges.ros2_control_bridge import Ros2ControlBridge
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.messages import speeds_message, speeds_stamp, wrench_numbers
-from ca_ros.nodes.problem_allocator import ProblemAllocatorNode
 from ca_ros.nodes.settings import load
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.settings import flat

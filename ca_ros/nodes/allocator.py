@@ -1,18 +1,126 @@
-"""The allocator node: wrenches in, rotor speeds out."""
+"""The allocator node: wrenches in, rotor speeds out.
+
+A problem without a vehicle, such as a boat or control surfaces, has effectors instead of rotors.
+"""
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from ca_ros.allocation import Allocation, Allocator
+from ca_ros.allocation.settings import allocator_of
+from ca_ros.arrays import Array
+from ca_ros.nodes import topics
 from ca_ros.nodes.allocator_node import AllocatorNode
-from ca_ros.nodes.executable import run
-from ca_ros.nodes.problem_allocator import ProblemAllocatorNode, names_problem, parse_problem
+from ca_ros.nodes.executable import parameter_arguments, parse, run, split
+from ca_ros.nodes.messages import speeds_message
+from ca_ros.nodes.settings import ProblemSettings
+from ca_ros.problem.files import read_problem
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.settings import ParameterError, Settings, check_given, table
+from ca_ros.vehicle.files import ParameterFile, find
+
+COMPONENTS = (
+    ('force_x', 'surge'), ('force_y', 'sway'), ('force_z', 'heave', 'thrust'),
+    ('torque_x', 'roll'), ('torque_y', 'pitch'), ('torque_z', 'yaw'),
+)
+"""The names of axes for each component of a wrench; their units are those of the problem."""
+
+
+class ProblemAllocatorNode(AllocatorNode):
+    """Answers each command/wrench with command/effectors.
+
+    The axes of the problem are components of the wrench, by name.  The timeout action idle puts
+    the effectors to the values within their bounds that are nearest to zero; so does stop.
+    """
+
+    declared = ProblemSettings
+    known: type[Settings] = ProblemSettings
+    settings: ProblemSettings
+    topic = topics.EFFECTORS
+    heeds_monitor = False
+
+    def build(self, settings: Any) -> tuple[Any, Allocator]:
+        self.check_loaded(settings.allocation.method)
+        found = read_problem(settings.problem, AllocationProblem)
+        if found is None:
+            raise ParameterError(f'problem: {settings.problem} has no entry problem')
+        return rows_of(found[0].axes), allocator_of(settings.allocation, found[0])
+
+    def adopt(self, built: tuple[Any, Allocator]) -> None:
+        self._rows, self.method = built
+        problem = self.method.problem
+        self._n, self._wrenches = problem.n, np.zeros((6, problem.n))
+        self._wrenches[self._rows] = problem.gamma
+        self._lost = np.array(False)
+        if not self.counts['served']:
+            self._last = self.at_rest('idle')
+        unit = f' [{problem.unit.strip()}]' if problem.unit else ''
+        label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
+        self._message = speeds_message(self._last, None, label)
+
+    def publish_others(self) -> None:
+        """Effectors have no throttles."""
+
+    @property
+    def hardware_id(self) -> str:
+        """The name of the problem's file."""
+        return Path(self.settings.problem).stem
+
+    def commands(self, answer: Allocation) -> Array:
+        return self.method.problem.clip(answer.effectors)
+
+    def at_rest(self, action: str) -> Array:
+        problem = self.method.problem
+        return self._last if action == 'hold' else problem.clip(problem.resting_thrusts)
+
+
+def rows_of(axes: Sequence[str]) -> list[int]:
+    """Return the component of the wrench, 0 to 5, that each axis is.
+
+    Raises a ParameterError if an axis has another name, or two are the same component.
+    """
+    rows = {name: row for row, names in enumerate(COMPONENTS) for name in names}
+    known = ', '.join('/'.join(names) for names in COMPONENTS)
+    found = [rows.get(axis, -1) for axis in axes]
+    if -1 in found or len({*found}) < len(found):
+        given = ', '.join(axes)
+        raise ParameterError(f'problem.axes: {given}: expected different ones of {known}')
+    return found
+
+
+def names_problem(argv: Sequence[str]) -> bool:
+    """Tell whether a command line names the file of a problem; errors are reported later."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument('--vehicle', default='')
+    try:
+        vehicle = parser.parse_known_args(split(argv)[0])[0].vehicle
+        content = ParameterFile(vehicle).content if '--help' not in argv else None
+    except ValueError:
+        return False
+    return isinstance(content, Mapping) and 'problem' in content
+
+
+def _problem_arguments(file: str, _: str, declared: type[Settings]) -> list[str]:
+    """Return the ROS arguments that give a node the parameters in the file of a problem."""
+    found = read_problem(file, AllocationProblem)
+    assert found is not None
+    check_given(found[1], table(declared))
+    return parameter_arguments({'problem': str(find(file).resolve()), **found[1]})
 
 
 def main() -> int:
     """Run the node, of a vehicle or of a problem without one."""
     about = 'Allocate command/wrench to command/motor_speed.'
     if names_problem(sys.argv[1:]):
+        parse_problem = partial(parse, file_arguments=_problem_arguments)
         return run('allocator', ProblemAllocatorNode, about, parse=parse_problem)
     return run('allocator', AllocatorNode, about)
 

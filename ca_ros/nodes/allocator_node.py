@@ -47,6 +47,7 @@ class AllocatorNode(HealthNode):
     """
 
     declared: type[CommandSettings] = AllocatorSettings
+    subject = 'allocation'
     settings: Any
     method: Allocator
     topic: ClassVar[topics.Topic] = topics.SPEED_COMMAND
@@ -68,8 +69,8 @@ class AllocatorNode(HealthNode):
         self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
 
-    def start(self) -> None:
-        super().start()
+    def connect(self) -> None:
+        super().connect()
         self._speeds = self.publish_stream(self.topic)
         if len(self._last) > self._n:
             self._angles = self.publish_stream(topics.TILT_COMMAND)
@@ -79,7 +80,6 @@ class AllocatorNode(HealthNode):
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
         self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
         self.subscribe_stream(topics.WRENCH, self._serve, messages.read_wrench)
-        self.start_diagnostics('allocation')
         if find_spec('osqp') is None:
             known = 'allocation.exact.solver can only be newton, which gives the same answers'
             self.get_logger().info(f'osqp is not installed: {known}')

@@ -42,7 +42,7 @@ class ControllerNode(HealthNode):
 
     declared = ControllerNodeSettings
     settings: ControllerNodeSettings
-    awaited = 'state'
+    subject, awaited = 'control', 'state'
     controller: Controller
 
     def __init__(self, node_name: str = 'controller', **kwargs: Any) -> None:
@@ -58,16 +58,14 @@ class ControllerNode(HealthNode):
         self._tilt, self._nearest = 0.0, inf
         self._answers = Answers()
 
-    def start(self) -> None:
-        """Create the controller, and begin to answer."""
-        super().start()
+    def connect(self) -> None:
+        super().connect()
         self._wrench = self.publish_stream(topics.WRENCH)
         self._unallocated = self.publish_stream(topics.UNALLOCATED)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
         self._listen_to_waypoints(COMMAND, matched=self._ask_for_waypoint)
         self.subscribe_stream(topics.POSE, self._receive_pose)
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
-        self.start_diagnostics('control')
 
     def _listen_to_waypoints(self, quality: QoSProfile, **events: Any) -> Subscription:
         topic, made = topics.WAYPOINT, SubscriptionEventCallbacks(**events)

@@ -7,19 +7,14 @@ from typing import Any
 
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy import executors
-from rclpy.client import Client
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.service import Service
-from rclpy.subscription import Subscription
 from rclpy.task import Future, Task
 from rclpy.time import Time
-from rclpy.timer import Timer
 from rclpy.utilities import timeout_sec_to_nsec
-from rclpy.waitable import Waitable
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from ca_ros.nodes.rclpy_internals import WaitSet, guard_condition, takes_info
@@ -44,11 +39,6 @@ class Executor(executors.Executor):
         super().__init__(context=context)
         self._changed = True
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._subscriptions: list[tuple[Node, Subscription]] = []
-        self._timers: list[Timer] = []
-        self._services: list[tuple[Node, Service]] = []
-        self._clients: list[Client] = []
-        self._waitables: list[Waitable] = []
 
     def add_node(self, node: Node) -> bool:
         """Serve a node from the next turn on."""
@@ -94,13 +84,11 @@ class Executor(executors.Executor):
             wait_set.add_subscription(subscription.handle)
         for timer in self._timers:
             wait_set.add_timer(timer.handle)
-        services = self._services if everything else []
+        services, clients, waitables = self._others if everything else ([], [], [])
         for _, service in services:
             wait_set.add_service(service.handle)
-        clients = self._clients if everything else []
         for client in clients:
             wait_set.add_client(client.handle)
-        waitables = self._waitables if everything else []
         for waitable in waitables:
             waitable.add_to_wait_set(wait_set)
         wait_set.wait(timeout_sec_to_nsec(timeout_sec))
@@ -172,12 +160,12 @@ class Executor(executors.Executor):
         nodes = self.get_nodes()
         self._subscriptions = [(node, x) for node in nodes for x in node.subscriptions]
         self._timers = [x for node in nodes for x in node.timers]
-        self._services = [(node, x) for node in nodes for x in node.services]
-        self._clients = [x for node in nodes for x in node.clients]
-        self._waitables = [x for node in nodes for x in node.waitables]
+        services = [(node, x) for node in nodes for x in node.services]
+        clients = [x for node in nodes for x in node.clients]
+        waitables = [x for node in nodes for x in node.waitables]
+        self._others = services, clients, waitables
         self._wait_set = WaitSet(
-            len(self._subscriptions), 1, len(self._timers), len(self._clients),
-            len(self._services),
-            sum(waitable.get_num_entities().num_events for waitable in self._waitables),
+            len(self._subscriptions), 1, len(self._timers), len(clients), len(services),
+            sum(waitable.get_num_entities().num_events for waitable in waitables),
             self.context.handle,
         )

@@ -37,8 +37,7 @@ class HealthNode(VehicleNode):
         self._voltage: float | None = None
         self._voltage_time: float | None = None
 
-    def start(self) -> None:
-        super().start()
+    def connect(self) -> None:
         if not self.heeds_monitor:
             return
         topic = topics.ROTOR_HEALTH

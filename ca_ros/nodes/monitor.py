@@ -34,6 +34,7 @@ class MonitorNode(VehicleNode):
     """
 
     declared = MonitorSettings
+    subject = 'detection'
     settings: MonitorSettings
     awaited = 'state'
     detector: Detector
@@ -46,8 +47,7 @@ class MonitorNode(VehicleNode):
         self._commanded: int | None = None
         self._logged_health: list[float] = []
 
-    def start(self) -> None:
-        super().start()
+    def connect(self) -> None:
         self._message = messages.speeds_message(self.detector.health, None)
         self._message.layout.dim[0].label = LABEL
         topic = topics.ROTOR_HEALTH
@@ -59,7 +59,6 @@ class MonitorNode(VehicleNode):
             measured = topics.MEASURED_SPEEDS
             self.listen(measured.kind, measured.name, self._receive_speeds)
         self.create_service(Trigger, '~/reset', self._reset)
-        self.start_diagnostics('detection')
         self._publish(None)
 
     def build(self, settings: MonitorSettings) -> tuple[Audit, Detector]:

@@ -43,6 +43,7 @@ class SimulatorNode(VehicleNode):
     """
 
     declared = SimulatorSettings
+    subject = 'simulation'
     settings: SimulatorSettings
     plant: Plant
 
@@ -51,8 +52,7 @@ class SimulatorNode(VehicleNode):
         self._held, self._resting = False, True
         self._repeats, self._discarded, self._fault = 0, '', ''
 
-    def start(self) -> None:
-        super().start()
+    def connect(self) -> None:
         lockstep = self.mode == 'lockstep'
         self._command, self._n = self.plant.speeds, self.plant.body.vehicle.n
         self._step_ns = self.plant.time_step_ns
@@ -73,7 +73,6 @@ class SimulatorNode(VehicleNode):
         period = STATE_REPEAT if lockstep else self._period_ns / 1e9
         turn = self._repeat if lockstep else self._catch_up
         self._timer = self.create_timer(period, turn, clock=self.steady)
-        self.start_diagnostics('simulation')
 
     def build(self, settings: SimulatorSettings) -> Plant:
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)

@@ -1,4 +1,4 @@
-"""The subscription to a stream, a topic that should have one publisher."""
+"""The subscriptions to streams, topics that should have one publisher."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from math import inf
 from time import monotonic, sleep
-from typing import Any, cast
+from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -23,15 +23,23 @@ STALL_MIN = 0.1  # time in which the process did nothing that counts as a stall 
 SETTLING = 0.05  # time after a stall until the middleware has handed over all that came [s]
 
 
-class Stalls:
-    """Notices stalls: the process was stopped, or its machine was.
+class Streams:
+    """The subscriptions of a node to its streams, in a mode, 'realtime' or 'lockstep'.
 
-    After a stall the middleware reads the messages that the kernel has kept, the oldest first, and
-    a node that takes the first one answers an old command.
+    After a stall, of the process or of its machine, the middleware reads the messages that the
+    kernel has kept, the oldest first, and a node that takes the first one answers an old command.
+    In real time only the newest of them is received.
+
+    `drop` gets a reason and a text for each message that is not received.  While a stream has one
+    publisher, `counts` gets the messages that were lost or that newer ones replaced.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self, node: Node, mode: str, drop: Callable[[str, str], None], counts: Counter[str]
+    ) -> None:
+        self._node, self._mode, self._drop, self._counts = node, mode, drop, counts
         self._looked, self._settled = inf, 0.0
+        self.subscriptions: list[Subscription] = []
 
     def look(self) -> None:
         """Notice a stall since the last look; a timer calls this."""
@@ -40,7 +48,7 @@ class Stalls:
             self._settled = now + SETTLING
         self._looked = now
 
-    def newest(self, stream: Subscription, taken: _Taken) -> _Taken:
+    def _newest(self, stream: Subscription, taken: _Taken) -> _Taken:
         """Return the newest message of what waits after a stall; otherwise the message taken."""
         # Before the timer, which comes after the messages.
         if monotonic() > self._looked + STALL_MIN:
@@ -50,56 +58,47 @@ class Stalls:
             sleep(0.001)
         return taken
 
+    def subscribe(
+        self, topic: Topic, receive: Callable[[Any], None],
+        read: Callable[[bytes], Any] | None = None,
+    ) -> None:
+        """Subscribe to a topic that should have one publisher.
 
-def subscribe(
-    node: Node, topic: Topic, mode: str, receive: Callable[[Any], None],
-    read: Callable[[bytes], Any] | None, drop: Callable[[str, str], None], counts: Counter[str],
-    stalls: Stalls,
-) -> Subscription:
-    """Subscribe to a stream in a mode, 'realtime' or 'lockstep'.
-
-    `receive` gets what `read` returns for the bytes of a message; default: the message.  Messages
-    of more than `SIZE_MAX` bytes are dropped before conversion; `drop` gets a reason and a text.
-    In real time only the newest of the messages that wait after a stall is received.  While there
-    is one publisher, `counts` gets the messages that were lost or that newer ones replaced.
-    """
-    kind, name = topic.kind, topic.name
-    newest = 0
-
-    def take(data: bytes, info: dict[str, Any]) -> None:
-        nonlocal newest
-        if mode == 'realtime':
-            data, info = stalls.newest(stream, (data, info))
-        number = info.get('publication_sequence_number') or 0
-        lost = number - newest - 1
-        if newest and lost > 0 and stream.get_publisher_count() == 1:
-            counts[f'lost: {name}'] += lost
-        newest = number
-        try:
-            if len(data) > SIZE_MAX:
-                fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
-            else:
-                fault = None
-                message = read(data) if read else deserialize_message(data, kind)
-        except RMWError:
-            fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
-        if fault:
-            counts['received'] += 1
-            drop(*fault)
-        else:
-            receive(message)
-
-    def forget(_: object) -> None:
-        nonlocal newest
+        `receive` gets what `read` returns for the bytes of a message; default: the message.
+        Messages of more than `SIZE_MAX` bytes are dropped before conversion.
+        """
+        kind, name = topic.kind, topic.name
         newest = 0
 
-    stream = node.create_subscription(
-        kind,
-        name,
+        def take(data: bytes, info: dict[str, Any]) -> None:
+            nonlocal newest
+            if self._mode == 'realtime':
+                data, info = self._newest(stream, (data, info))
+            number = info.get('publication_sequence_number') or 0
+            lost = number - newest - 1
+            if newest and lost > 0 and stream.get_publisher_count() == 1:
+                self._counts[f'lost: {name}'] += lost
+            newest = number
+            fault = None
+            try:
+                if len(data) > SIZE_MAX:
+                    fault = 'size', f'{len(data)} bytes on {name}: expected up to {SIZE_MAX}'
+                else:
+                    message = read(data) if read else deserialize_message(data, kind)
+            except RMWError:
+                fault = 'bytes', f'{len(data)} bytes on {name} are no {kind.__name__}'
+            if fault:
+                self._counts['received'] += 1
+                self._drop(*fault)
+            else:
+                receive(message)
+
+        def forget(_: object) -> None:
+            nonlocal newest
+            newest = 0
+
+        events = SubscriptionEventCallbacks(matched=forget, use_default_callbacks=False)
         # rclpy's annotation does not have callbacks that take the information, too.
-        cast('Callable[[bytes], None]', take),
-        requested(mode),
-        raw=True,
-        event_callbacks=SubscriptionEventCallbacks(matched=forget, use_default_callbacks=False),
-    )
-    return stream
+        given: Any = kind, name, take, requested(self._mode)
+        stream = self._node.create_subscription(*given, raw=True, event_callbacks=events)
+        self.subscriptions.append(stream)

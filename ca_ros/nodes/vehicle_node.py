@@ -15,7 +15,6 @@ from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
@@ -23,7 +22,7 @@ from ca_ros.nodes.diagnostics import ERROR, SEVERITY, WARN, DiagnosticsPublisher
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.settings import FileSettings
-from ca_ros.nodes.stream import Stalls, subscribe
+from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import Topic, offered, requested
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.problem.audit import Audit, accept
@@ -38,9 +37,11 @@ NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 class VehicleNode(ParameterNode):
     """A node with the parameters of a vehicle; see `ParameterNode` for its arguments.
 
-    The `start` of a subclass calls that of this class, then `publish_stream` and
-    `subscribe_stream` for its topics, and `start_diagnostics` at its end.
+    A subclass defines `connect`, which calls `publish_stream` and `subscribe_stream`.
     """
+
+    subject: ClassVar[str]
+    """What its diagnostics are about, such as ``allocation``."""
 
     known: type[Settings] = FileSettings
     awaited: ClassVar[str] = 'command'
@@ -56,13 +57,23 @@ class VehicleNode(ParameterNode):
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.mode = str(self.settings.mode)
         self._watchdog = Watchdog()
-        self._stalls = Stalls()
-        self._streams: list[Subscription] = []
+        self._streams = Streams(self, self.mode, self.drop, self.counts)
+        self.subscribe_stream = self._streams.subscribe
         self._offers: list[Publisher] = []
         self._logged: dict[str, float] = {}
         self._notes: list[tuple[bytes, str]] = []
         self._published: tuple[bytes, str] | None = None
         self._dropped_before = 0
+
+    def start(self) -> None:
+        """Build, connect, and start the diagnostics."""
+        super().start()
+        self.connect()
+        self.start_diagnostics()
+
+    def connect(self) -> None:
+        """Create publishers and subscriptions, after the first `adopt`."""
+        raise NotImplementedError
 
     def create_publisher(self, *args: Any, **kwargs: Any) -> Publisher:
         """Create a publisher as rclpy does, but without rclpy's default event handlers."""
@@ -106,14 +117,6 @@ class VehicleNode(ParameterNode):
     def listen(self, kind: type[Any], name: str, receive: Callable[[Any], None]) -> None:
         """Subscribe to the newest messages of a topic, without the checks of a stream."""
         self.create_subscription(kind, name, receive, requested('realtime'))
-
-    def subscribe_stream(
-        self, topic: Topic, receive: Callable[[Any], None],
-        read: Callable[[bytes], Any] | None = None,
-    ) -> None:
-        """Subscribe to a stream that should have one publisher; see `ca_ros.nodes.stream`."""
-        given = self.drop, self.counts, self._stalls
-        self._streams.append(subscribe(self, topic, self.mode, receive, read, *given))
 
     def subscribe_commands(self, receive: Callable[..., None], tilts: Tilts | None) -> None:
         """Subscribe to rotor speeds; if rotors tilt, to pairs of speeds and angles by stamp."""
@@ -159,10 +162,10 @@ class VehicleNode(ParameterNode):
         self._logged[reason] = now
         return True
 
-    def start_diagnostics(self, subject: str) -> None:
+    def start_diagnostics(self) -> None:
         """Start to publish /diagnostics, once a second and on change, and to call `watch`."""
         self._log_audit()
-        self._looked, self._subject = monotonic(), subject
+        self._looked = monotonic()
         self._diagnostics = DiagnosticsPublisher(self, self.hardware_id)
         self.create_timer(TICK, self._tick, clock=self.steady)
 
@@ -225,7 +228,7 @@ class VehicleNode(ParameterNode):
 
     def _tick(self) -> None:
         now = monotonic()
-        self._stalls.look()
+        self._streams.look()
         self.watch()
         self._log_audit()
         if now >= self._looked + 1.0:
@@ -241,11 +244,12 @@ class VehicleNode(ParameterNode):
 
     def _publish_status(self) -> None:
         self._published = self._status()
-        self._diagnostics.publish((self._subject, *self._published, self.values()))
+        self._diagnostics.publish((self.subject, *self._published, self.values()))
 
     def _look_around(self) -> None:
         """Report faults of endpoints, and how many messages were dropped since the last look."""
-        notes = [(WARN, fault) for fault in faults(self, self._streams, self._offers)]
+        streams = self._streams.subscriptions
+        notes = [(WARN, fault) for fault in faults(self, streams, self._offers)]
         for note in notes:
             if note not in self._notes:
                 self.get_logger().warning(note[1])

@@ -31,11 +31,11 @@ class ViewerNode(VehicleNode):
     """
 
     declared = ViewerSettings
+    subject = 'view'
     settings: ViewerSettings
     vehicle: Vehicle
 
-    def start(self) -> None:
-        super().start()
+    def connect(self) -> None:
         n = self.vehicle.n
         tilts = self.vehicle.tilts
         angles = None if tilts is None else tilts.resting
@@ -55,7 +55,6 @@ class ViewerNode(VehicleNode):
             if tilts is not None or topic is not topics.TILT_COMMAND:
                 self.listen(topic.kind, topic.path, receive)
         self.create_timer(PERIOD, self._draw, clock=self.steady)
-        self.start_diagnostics('view')
 
     def build(self, settings: ViewerSettings) -> Vehicle:
         return Vehicle.from_settings(settings.vehicle, settings.rotors)

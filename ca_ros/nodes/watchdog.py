@@ -24,7 +24,7 @@ class Watchdog:
         self.timeout = timeout
         self.expired = self.begun = False
         self._last: float | None = None
-        self._missed: float | None = None
+        self._over = False
 
     @property
     def awake(self) -> bool:
@@ -34,21 +34,16 @@ class Watchdog:
     @property
     def over(self) -> bool:
         """Whether the timeout has passed; after `look` has seen this, only a command resets it."""
-        if self._last is None:
-            return False
-        return self._missed == self._last or monotonic() - self._last > self.timeout
+        return self._over or (self._last is not None and monotonic() > self._last + self.timeout)
 
     def feed(self) -> None:
         """Note a command."""
-        self._last = monotonic()
+        self._last, self._over = monotonic(), False
 
     def look(self) -> bool:
         """Return whether the timeout has passed, and remember it."""
-        # A command may have arrived since the last look.
-        first = self._missed != self._last
-        self.expired = self.over
-        self.begun = self.expired and first
-        self._missed = self._last if self.expired else None
+        before, self._over = self._over, self.over
+        self.expired, self.begun = self._over, self._over and not before
         return self.expired
 
 

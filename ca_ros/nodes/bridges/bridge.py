@@ -20,17 +20,9 @@ class Bridge(VehicleNode):
 
     declared = BridgeNodeSettings
     settings: BridgeNodeSettings
+    subject = 'bridge'
     takes_tilts: ClassVar[bool] = False
     vehicle: Vehicle
-
-    def start(self) -> None:
-        super().start()
-        self.connect()
-        self.start_diagnostics('bridge')
-
-    def connect(self) -> None:
-        """Create publishers and subscriptions; a subclass defines it."""
-        raise NotImplementedError
 
     def build(self, settings: BridgeNodeSettings) -> Vehicle:
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
