@@ -14,7 +14,6 @@ from benchmarks import peers
 from benchmarks.peers import Call
 from ca_ros.allocation import Allocator, make_allocator
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import VehicleProblem
 
 BASELINE = 'clipped_pinv'  # the clipped pseudo-inverse; its time is the unit of all others
 
@@ -44,12 +43,7 @@ class Contender:
 
 def method(make: Callable[[Any], Allocator]) -> Contender:
     """Return a method of this package, or of one's own; `make` gets the vehicle, or a problem."""
-
-    def build(problem: AllocationProblem) -> Call:
-        subject = problem.vehicle if isinstance(problem, VehicleProblem) else problem
-        return make(subject).allocate
-
-    return Contender(build)
+    return Contender(lambda problem: make(getattr(problem, 'vehicle', problem)).allocate)
 
 
 def peer(package: str, build: Callable[..., Call], **settings: Any) -> Contender:

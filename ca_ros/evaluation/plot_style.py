@@ -7,11 +7,9 @@ from string import ascii_lowercase
 from textwrap import wrap
 from typing import Any
 
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from ca_ros.arrays import Array
-from ca_ros.figures import COLORS, DASHED, inches, letters
+from ca_ros.figures import COLORS, inches, letters
 
 STYLES: dict[str, tuple[str, Any, float]] = {
     'exact': (COLORS[5], '-', 5.0),
@@ -30,9 +28,6 @@ OTHERS = [
     (color, dashes, 1.4) for dashes in ((0, (6, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 3)))
     for color in (COLORS[3], COLORS[4], COLORS[0])
 ]
-
-FAILED: dict[str, Any] = {'color': 'black', 'linestyle': ':', 'linewidth': 0.8}
-"""The style of the moments of failures."""
 
 PANELS_MAX = 6
 """Greatest number of panels that show methods beside each other."""
@@ -100,13 +95,3 @@ def panel_titles(groups: Sequence[Sequence[str]], width: float) -> tuple[list[st
         left = [name for names in groups[PANELS_MAX:] for name in names]
         notes.append(f'not drawn: {listed(left, 10_000)}')
     return titles, notes
-
-
-def failing(
-    axes: Axes, time: Array, values: Array, moments: Sequence[float], **look: Any
-) -> None:
-    """Draw values over time [s]; zero is dashed, and the moments of failures are dotted."""
-    axes.plot(time, values, color='black')
-    axes.axhline(0.0, **DASHED)
-    for moment in moments:
-        axes.axvline(moment, **{**FAILED, **look})

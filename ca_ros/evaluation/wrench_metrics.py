@@ -28,15 +28,15 @@ def reversed_axes(problem: AllocationProblem, demands: Array, served: Array) -> 
     Demands (N, m) and served wrenches (N, m) are relative to the reference, hover for a vehicle.
     An axis without a demand that is served at all counts in `exceeded_axes`.
     """
-    wanted, given, least = _offsets(problem, demands, served)
-    return (given * np.sign(wanted) < -least) & _signed(problem)
+    wanted, given = demands - problem.reference, served - problem.reference
+    return (given * np.sign(wanted) < -NOTED * problem.extent) & _signed(problem)
 
 
 def exceeded_axes(problem: AllocationProblem, demands: Array, served: Array) -> BoolArray:
     """Return which axes (N, m) are served beyond their demand, thrust excepted."""
-    wanted, given, least = _offsets(problem, demands, served)
+    wanted, given = demands - problem.reference, served - problem.reference
     same = np.where(wanted == 0.0, np.abs(given), given * np.sign(wanted))
-    return (same > np.abs(wanted) + least) & _signed(problem)
+    return (same > np.abs(wanted) + NOTED * problem.extent) & _signed(problem)
 
 
 def lost(problem: AllocationProblem, demands: Array, served: Array) -> dict[str, float]:
@@ -115,13 +115,6 @@ def cells(own: Mapping[str, Any]) -> dict[str, str]:
     if 'energy_excess' in own:
         shares['energy above least [%]'] = own['energy_excess']
     return {title: f'{abs(round(100.0 * share, 2)):g}' for title, share in shares.items()}
-
-
-def _offsets(
-    problem: AllocationProblem, demands: Array, served: Array
-) -> tuple[Array, Array, Array]:
-    """Return demands and served wrenches relative to the reference, and the least noted (m,)."""
-    return demands - problem.reference, served - problem.reference, NOTED * problem.extent
 
 
 def _signed(problem: AllocationProblem) -> BoolArray:

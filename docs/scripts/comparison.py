@@ -12,9 +12,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pandas as pd
-from flights import both_masses
 from matplotlib.figure import Figure
-from pages import DOCS, fill
+from pages import DOCS, both_masses, fill
 
 from ca_ros import AdmissibleSet
 from ca_ros.allocation import ALLOCATORS
@@ -44,33 +43,28 @@ TITLES = [name.replace('_', ' ') for name in MANOEUVRES]
 
 
 def flights(vehicles: Sequence[str]) -> pd.DataFrame:
-    """Fly all manoeuvres, also heavy: rows as in manoeuvres.csv, with vehicle and contender."""
+    """Fly all manoeuvres, also heavy: rows as in manoeuvres.csv, with vehicle and contender.
+
+    A quadrotor falls without one of its rotors: this it does not fly.
+    """
     return pd.DataFrame(
         {**row, 'vehicle': name, 'contender': label}
         for name in vehicles for label, (method, changes) in CONTENDERS.items()
         for _, case in both_masses(name, changes, [method])
-        for row in fly_seeds(
-            case, [method], [each for each in MANOEUVRES if survivable(case, each)], SEEDS
-        )
+        for row in fly_seeds(case, [method], [
+            each for each in MANOEUVRES if each != 'rotor_lost' or case.vehicle.n > 4
+        ], SEEDS)
     )
-
-
-def survivable(case: Case, manoeuvre: str) -> bool:
-    """Whether a vehicle can recover: a quadrotor falls without one of its rotors."""
-    return manoeuvre != 'rotor_lost' or case.vehicle.n > 4
 
 
 def static(name: str) -> dict[str, dict[str, Any]]:
     """Return the metrics of each contender on wrenches inside and outside the admissible set."""
-    allocators = {
-        label: Case.load(name, own, [method]).allocator(method)
-        for label, (method, own) in CONTENDERS.items()
-    }
     admissible = AdmissibleSet(Case.load(name).problem)
     problem = admissible.problem
     found: dict[str, dict[str, Any]] = {}
     demands = {kind: samples(admissible, kind, SEED, 0, SAMPLES) for kind in ('volume', 'outside')}
-    for label, allocator in allocators.items():
+    for label, (method, own) in CONTENDERS.items():
+        allocator = Case.load(name, own, [method]).allocator(method)
         thrusts = {kind: allocator.allocate_batch(u).thrusts for kind, u in demands.items()}
         residual = problem.residual(demands['volume'], thrusts['volume'])
         found[label] = {

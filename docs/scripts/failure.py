@@ -8,20 +8,22 @@ from math import degrees, inf
 from typing import NamedTuple
 
 import numpy as np
-from pages import fill, shipped
+from pages import distance, fill, flown, shipped
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
-from ca_ros.flight.closed_loop import Change, fly
+from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
+from ca_ros.vehicle.failures import with_failures
 
 START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)
 """The waypoint at which the rotor is lost, and the next waypoint, 2 m away."""
 
 LOST, SENT, SETTLED, END = 1.0, 3.0, 15.0, 75.0  # loss, next waypoint, reached by, end [s]
 THERE = 0.05  # greatest distance from the waypoint [m]
+METHODS = 'exact', 'pseudo_inverse'
 DRAG = 5e-4  # rotational drag of six cylindrical arms, see the page [N m s^2/rad^2]
 
 
@@ -38,24 +40,16 @@ class Outcome(NamedTuple):
     spin: float = inf
     end: float = inf
 
-    @property
-    def flies(self) -> bool:
-        """Whether the waypoint was reached and held."""
-        return self.away <= THERE
-
 
 def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> Outcome:
     """Lose a rotor at hover, fly 2 m, and stay there for a minute."""
     failures = RotorFailures((RotorFailure(rotor, LOST),), announce)
     changes = [*case.failing(method, failures), Change(round(SENT * 1e9), waypoint=GOAL)]
-    try:
-        loop = case.controller(), case.allocator(method), case.body()
-        flight = fly(*loop, START, END, changes=changes)
-    except FloatingPointError:
+    flight = flown(case, START, END, method, case.body(), changes=changes)
+    if flight is None:
         return Outcome()
-    late = flight.position[flight.time >= SETTLED]
     return Outcome(
-        float(np.linalg.norm(late - GOAL.position, axis=1).max()), float(flight.tilt.max()),
+        distance(flight, GOAL, SETTLED), float(flight.tilt.max()),
         float(-flight.position[:, 2].min()), float(np.abs(flight.angular_velocity[-1, 2])),
         flight.position_error(GOAL),
     )
@@ -67,24 +61,21 @@ def rotors_table() -> str:
     for name in shipped(flying=True):
         sound = Case.load(name)
         for rotor in range(1, sound.vehicle.n + 1):
-            health = np.ones(sound.vehicle.n)
-            health[rotor - 1] = 0.0
-            report = audit(sound.vehicle.with_health(health))
+            report = audit(with_failures(sound.vehicle, {str(rotor): 0.0}))
             torque = f'{abs(report.spin_torque):.2g}' if report.spin_torque else '0'
             for drag in [0.0, DRAG] if report.lost == ('yaw',) else [0.0]:
                 case = Case.load(name, [f'simulator.rotational_drag:={drag}'])
-                exact = lose(case, 'exact', rotor)
-                inverse = lose(case, 'pseudo_inverse', rotor)
-                lost = ', '.join(report.lost) or 'none'
-                key = (f'`{name}`', lost, torque, f'{drag:g}', verdict(exact), verdict(inverse))
-                rows.setdefault(key, []).append((rotor, exact))
+                found = {method: lose(case, method, rotor) for method in METHODS}
+                lost, verdicts = ', '.join(report.lost) or 'none', map(verdict, found.values())
+                key = (f'`{name}`', lost, torque, f'{drag:g}', *verdicts)
+                rows.setdefault(key, []).append((rotor, found['exact']))
     lines = []
-    for (name, lost, torque, drag, ours, theirs), found in rows.items():
+    for (name, lost, torque, drag, ours, theirs), pairs in rows.items():
+        rotors, outcomes = zip(*pairs, strict=True)
         # The worst of the rotors of a row.
-        tilt = f'{degrees(max(each.tilt for _, each in found)):.0f}' if ours == 'flies' else ''
-        spin = f'{max(each.spin for _, each in found):.1f}' if ours == 'flies' else ''
-        rotors = spans([rotor for rotor, _ in found])
-        lines.append((name, rotors, lost, torque, drag, ours, tilt, spin, theirs))
+        tilt, spin = max(each.tilt for each in outcomes), max(each.spin for each in outcomes)
+        worst = (f'{degrees(tilt):.0f}', f'{spin:.1f}') if ours == 'flies' else ('', '')
+        lines.append((name, spans(rotors), lost, torque, drag, ours, *worst, theirs))
     titles = (
         *('vehicle', 'rotor', 'lost axes', 'yaw torque left [N m]', 'drag [N m s²/rad²]'),
         *('`exact`', 'tilt [°]', 'spin [rad/s]', '`pseudo_inverse`'),
@@ -94,7 +85,7 @@ def rotors_table() -> str:
 
 def verdict(outcome: Outcome) -> str:
     """Return in words whether the vehicle flies."""
-    if outcome.flies:
+    if outcome.away <= THERE:
         return 'flies'
     if outcome.end <= THERE:
         return 'late'
@@ -117,8 +108,7 @@ def delays_table() -> str:
         for delay in delays:
             found = lose(case, 'exact', 1, delay)
             how = f'{degrees(found.tilt):.0f}°, {max(found.drop, 0.0):.2f} m'
-            late = '' if found.flies else ', late'
-            words.append(f'{how}{late}' if found.end <= THERE else 'falls')
+            words.append({'flies': how, 'late': f'{how}, late'}.get(verdict(found), 'falls'))
         rows.append((f'`{name}`', *words))
     return table(('rotor 1 of', *(f'{d:g} s' if d else 'never' for d in delays)), rows)
 

@@ -96,28 +96,34 @@ def wrenches(problem: AllocationProblem, kind: str, size: int, seed: int = 0) ->
     return drawn.astype(np.float32)
 
 
-def build(
-    problem: AllocationProblem, method: str, folder: Path, given: Sequence[str] = ()
-) -> Path:
-    """Compile a method for a vehicle, with definitions; return the program."""
+def given(problem: AllocationProblem, folder: Path) -> list[str]:
+    """Write the numbers of a problem; return the definitions and folders for the compiler."""
     numbers = header(problem, 'single', 'static const __attribute__((unused))')
     (folder / 'data.h').write_text(numbers, encoding='utf-8')
-    sizes = f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}'
-    parts = [f'-I{folder}', f'-I{DOCS.parent / "benchmarks"}', *sizes]
+    sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
+    return [f'-I{folder}', f'-I{DOCS.parent / "benchmarks"}', *sizes]
+
+
+def compiled(target: Path, *parts: object) -> Path:
+    """Compile parts, sources and options, to a file, and return it."""
+    command = [COMPILER, *FLAGS, *parts, '-lm', '-o', target]
+    subprocess.check_call(list(map(str, command)))
+    return target
+
+
+def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
+    """Compile a method for a vehicle; return the program."""
+    parts = given(problem, folder)
     if method == 'kernel':
         parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{KERNEL}']
-        objects = [folder / f'{name}.o' for name in ('exact', 'least_norm', 'priorities')]
-        for part in objects:
-            source = KERNEL / f'{part.stem}.c'
-            command = [COMPILER, *FLAGS, *KERNEL_FLAGS, *parts, '-c', source, '-o', part]
-            subprocess.check_call(command)
-        parts += map(str, objects)
+        sources = [KERNEL / f'{name}.c' for name in ('exact', 'least_norm', 'priorities')]
+        parts += [
+            compiled(folder / f'{source.stem}.o', *KERNEL_FLAGS, *parts, '-c', source)
+            for source in sources
+        ]
     elif method == 'osqp':
         parts += ['-DWITH_OSQP', *osqp_code(problem, folder / 'osqp', use_float=True)]
-    program = folder / f'{method}{"".join(given)[-1:]}.elf'
-    command = [COMPILER, *FLAGS, *given, str(PROGRAM), *parts, '-lm', '-o', str(program)]
-    subprocess.check_call(command)
-    return program
+    return compiled(folder / f'{method}.elf', PROGRAM, *parts)
 
 
 def run(program: Path, drawn: Array, board: str = BOARDS['single'][1]) -> Array:
@@ -151,16 +157,11 @@ def count_detector(vehicle: Vehicle) -> Array:
     problem = VehicleProblem(vehicle)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        numbers = header(problem, 'single', 'static const __attribute__((unused))')
-        (folder / 'data.h').write_text(numbers, encoding='utf-8')
+        parts = [*given(problem, folder), f'-I{KERNEL}', '-DCA_FLOAT', '-DCOUNT_DETECTOR', '-O3']
         (folder / 'vehicle.h').write_text('', encoding='utf-8')
         write_detector(FailureDetector(vehicle), 'vehicle', 'single', folder)
-        sizes = [f'-DCA_N={problem.n}', f'-DCA_M={len(problem.axes)}']
-        parts = [f'-I{folder}', f'-I{KERNEL}', f'-I{DOCS.parent / "benchmarks"}', *sizes]
-        sources = [str(PROGRAM), str(folder / 'detector.c'), str(folder / 'vehicle_detector.c')]
-        program = folder / 'detector.elf'
-        command = [COMPILER, *FLAGS, '-O3', *parts, '-DCA_FLOAT', '-DCOUNT_DETECTOR', *sources]
-        subprocess.check_call([*command, '-lm', '-o', str(program)])
+        sources = PROGRAM, folder / 'detector.c', folder / 'vehicle_detector.c'
+        program = compiled(folder / 'detector.elf', *parts, *sources)
         return run(program, np.zeros((STATES, len(problem.axes)), np.float32))
 
 
@@ -173,10 +174,8 @@ def count_rates(name: str, precision: str, size: int = 400, steps: int = 40) -> 
     given = {'rotors.acceleration_max': 3000.0, **read(name)}
     faults = faults_of(Vehicle.from_parameters(given), ['none'])
     problem, rng = faults[0].problem, np.random.default_rng(0)
-    inside, outside = size * 3 // 4, size // 4
-    ends = np.vstack([
-        wrenches(problem, 'inside', inside, 3), wrenches(problem, 'outside', outside, 3)
-    ])
+    parts = {'inside': size * 3 // 4, 'outside': size // 4}
+    ends = np.vstack([wrenches(problem, kind, count, 3) for kind, count in parts.items()])
     rng.shuffle(ends)
     shares = np.linspace(0.0, 1.0, steps, endpoint=False)[:, None]
     drawn = np.vstack([a + (b - a) * shares for a, b in pairwise(ends)])
@@ -189,11 +188,9 @@ def count_rates(name: str, precision: str, size: int = 400, steps: int = 40) -> 
         subprocess.check_call([*make, 'BUILD=made', 'made/libcounted.a'])
         found = []
         for within in (0, 1):
-            program = folder / f'counted{within}.elf'
             parts = f'-I{folder}', f'-DCOUNT_EXPORTED={within}', f'-DMEMORY={MEMORY[board]}u'
             sources = PROGRAM, folder / 'made' / 'libcounted.a'
-            command = COMPILER, *FLAGS, *core, *parts, *sources, '-lm', '-o', program
-            subprocess.check_call(command)
+            program = compiled(folder / f'counted{within}.elf', *core, *parts, *sources)
             found.append(run(program, drawn.astype(firmware.dtype), board)[:, 0])
         return found
 
@@ -203,13 +200,15 @@ def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, 
     rows = []
     base = counts['clipped_pinv', KINDS[0]][0, 0]
     for (method, kind), found in counts.items():
-        if method == 'clipped_pinv' and kind != KINDS[0]:
-            # Each of its calls takes the same instructions.
-            continue
+        # Each call of the pseudo-inverse takes the same instructions.
         drawn = 'all' if method == 'clipped_pinv' else kind
-        values = float(np.median(found[:, 0])), int(found[:, 0].max())
-        row = *(f'{value:,.0f}' for value in values), f'{values[1] / base:,.1f}'
-        rows.append((f'`{name}`', METHODS[method], drawn, *row, f'{1e3 * values[1] / CLOCK:.3g}'))
+        if drawn == 'all' and kind != KINDS[0]:
+            continue
+        median, worst = float(np.median(found[:, 0])), int(found[:, 0].max())
+        rows.append((
+            f'`{name}`', METHODS[method], drawn, f'{median:,.0f}', f'{worst:,.0f}',
+            f'{worst / base:,.1f}', f'{1e3 * worst / CLOCK:.3g}',
+        ))
     return rows
 
 
@@ -221,37 +220,35 @@ def main() -> None:
     add('--detector', action='store_true', help='count the detector of failures alone')
     add('--rates', action='store_true', help='count calls within the rates of the rotors alone')
     options = parser.parse_args()
-    size = options.size
     if missing():
         parser.error(f'not installed: {", ".join(missing())}')
     for name in VEHICLES if options.detector else ():
         steps = count_detector(Vehicle.load(name))[1:, 0]
         print(f'{name}: {np.median(steps):.0f} instructions in the median, {steps.max()} at most')
     for name, precision in RATED if options.rates else ():
-        without, within = count_rates(name, precision)
+        counts = count_rates(name, precision)
         for word, of in (('in the median', np.median), ('at most', np.max)):
-            counts = float(of(without)), float(of(within))
-            ratio = f'{counts[1]:.0f} ({counts[1] / counts[0]:.2f})'
-            print(f'{name}, {precision}: {counts[0]:.0f} {word}, with rates {ratio}', flush=True)
+            without, within = (float(of(each)) for each in counts)
+            ratio = f'{within:.0f} ({within / without:.2f})'
+            print(f'{name}, {precision}: {without:.0f} {word}, with rates {ratio}', flush=True)
     if options.detector or options.rates:
         return
     rows = []
     for name in VEHICLES:
-        rows += rows_of(name, count(VehicleProblem(Vehicle.load(name)), tuple(METHODS), size))
+        problem = VehicleProblem(Vehicle.load(name))
+        rows += rows_of(name, count(problem, tuple(METHODS), options.size))
     titles = (
         *('vehicle', 'method', 'wrenches', 'median', 'worst', 'worst, in pseudo-inverses'),
         'worst [ms]',
     )
-    shown = telling(
-        'instructions', titles, rows, lambda row: row[0] == f'`{VEHICLES[0]}`', words=3
-    )
-    versions = [
+    shown = telling('instructions', titles, rows, lambda row: row[0] == f'`{VEHICLES[0]}`', 3)
+    gcc, qemu = (
         re.search(r'\d+\.\d+\.\d+', re.sub(r'\(.*?\)', '', text, count=1))[0]
         for text in (subprocess.check_output([tool, '--version'], text=True) for tool in TOOLS)
-    ]
+    )
     words = (
-        f'{size:,} wrenches of each kind; GCC {versions[0]}, the kernel with '
-        f'`{" ".join(KERNEL_FLAGS)}`, the others with `-O2`; QEMU {versions[1]}; OSQP '
+        f'{options.size:,} wrenches of each kind; GCC {gcc}, the kernel with '
+        f'`{" ".join(KERNEL_FLAGS)}`, the others with `-O2`; QEMU {qemu}; OSQP '
         f'{version("osqp")}; times at {CLOCK / 1e6:.0f} MHz, one instruction a cycle.'
     )
     fill('firmware.md', instructions=f'{shown}\n\n{words}')

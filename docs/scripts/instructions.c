@@ -56,11 +56,6 @@ static int call(const number *u, number *f)
     return ca_allocate(&problem, u, f).status;
 }
 #elif defined COUNT_EXPORTED
-static uint32_t start(void)
-{
-    return 0;
-}
-
 static int call(const number *u, number *speeds)
 {
 #if COUNT_EXPORTED
@@ -77,11 +72,6 @@ static int call(const number *u, number *speeds)
 static const ca_vectored problem[1] = {
 #include "vectored_data.h"
 };
-
-static uint32_t start(void)
-{
-    return 0;
-}
 
 static int call(const number *u, number *f)
 {
@@ -111,16 +101,17 @@ static int call(const number *u, number *f)
     row++;
     return detector.health[0] < 1;
 }
-#else
-static uint32_t start(void)
-{
-    return 0;
-}
-#ifdef WITH_OSQP
+#elif defined WITH_OSQP
 #define call osqp
 #else
 #define call clipped_pinv
 #endif
+
+#if !defined COUNT_KERNEL && !defined COUNT_DETECTOR
+static uint32_t start(void)
+{
+    return 0;
+}
 #endif
 
 static int nothing(const number *u, number *f)

@@ -1,16 +1,25 @@
-"""The pages that scripts fill, and the vehicles that they are filled for."""
+"""The pages that scripts fill, and what the scripts share."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
+from ca_ros.flight.closed_loop import fly
+from ca_ros.flight.record import Flight
+from ca_ros.flight.trajectory import Trajectory
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.files import shipped_vehicles
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = Path(__file__).resolve().parents[1]
+HEAVY = 1.35  # ratio of greatest thrust to weight of the heavy vehicles
 
 
 def filled(text: str, mark: str, content: str) -> str:
@@ -33,19 +42,57 @@ def fill(name: str, **contents: str) -> None:
     page.write_text(text, encoding='utf-8')
 
 
+def keep(name: str, titles: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
+    """Write a table that is too long for a page to `out/NAME.md`."""
+    folder = DOCS.parent / 'out'
+    folder.mkdir(exist_ok=True)
+    (folder / f'{name}.md').write_text(f'{table(titles, rows, words)}\n', encoding='utf-8')
+
+
 def telling(
     name: str, titles: Sequence[str], rows: Sequence[Sequence[str]],
     shown: Callable[[Sequence[str]], bool], words: int = 1,
 ) -> str:
-    """Return the table of the rows that a page shows; write the table of all to `out/NAME.md`."""
-    folder = DOCS.parent / 'out'
-    folder.mkdir(exist_ok=True)
-    whole = table(titles, rows, words=words)
-    (folder / f'{name}.md').write_text(f'{whole}\n', encoding='utf-8')
-    return table(titles, [row for row in rows if shown(row)], words=words)
+    """Keep the table of all rows; return that of the rows that a page shows."""
+    keep(name, titles, rows, words)
+    return table(titles, [row for row in rows if shown(row)], words)
 
 
 def shipped(flying: bool = False) -> list[str]:
     """Return the names of the shipped vehicles; one in water does not fly, and has other gains."""
     names = shipped_vehicles()
     return [name for name in names if not (flying and Vehicle.load(name).buoyancy)]
+
+
+def both_masses(
+    name: str, changes: Sequence[str] = (), methods: Sequence[str] = ()
+) -> Iterator[tuple[str, Case]]:
+    """Yield a vehicle as its file says and as a heavy one, with their titles."""
+    case = Case.load(name, changes, methods)
+    yield f'`{name}`', case
+    mass = float(case.vehicle.thrust_max.sum()) / case.vehicle.gravity / HEAVY
+    yield f'`{name}`, heavy', Case.load(name, (*changes, f'vehicle.mass:={mass}'), methods)
+
+
+def trajectory(*points: Sequence[float]) -> Trajectory:
+    """Return the trajectory of waypoints (t, x, y, z, heading) [s, m, rad]."""
+    times = tuple(round(t * 1e9) for t, *_ in points)
+    return Trajectory(times, tuple(Waypoint.of(*where) for _, *where in points))
+
+
+def flown(
+    case: Case, goal: Waypoint, duration: float, method: str = 'exact', plant: Any = None,
+    **more: Any,
+) -> Flight | None:
+    """Fly a case to a waypoint, by default with its plant; return None if the flight diverges."""
+    loop = case.controller(), case.allocator(method), plant or case.plant()
+    try:
+        return fly(*loop, goal, duration, **more)
+    except FloatingPointError:
+        return None
+
+
+def distance(flight: Flight, goal: Waypoint, since: float) -> float:
+    """Return the greatest distance from a waypoint [m] from some time [s] on."""
+    late = flight.position[flight.time >= since]
+    return float(np.linalg.norm(late - goal.position, axis=1).max(initial=0.0))

@@ -4,15 +4,14 @@ Takes some minutes.
 """
 
 import warnings
-from collections.abc import Callable, Mapping
-from functools import partial
+from bisect import bisect_left
+from collections.abc import Mapping
 
 import numpy as np
-from pages import fill, shipped, telling
+from pages import distance, fill, flown, shipped, telling
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
-from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 
@@ -22,13 +21,11 @@ DURATION, HELD = 20.0, 5.0  # of a flight, and its end at the waypoint [s]
 THERE = 0.01  # greatest distance from the waypoint in that time [m]
 GAINS = 0.0, 0.5, 1.0  # values of `controller.integral_gain` [1/s]
 
-Effects = Callable[[int], dict[str, int]]
-
-LIMITS: dict[str, Effects] = {
-    'motor lag': lambda ms: {'motor_time_constant': ms}, 'delay': lambda ms: {'command_delay': ms},
-    'delay with a lag of 50 ms': lambda ms: {'command_delay': ms, 'motor_time_constant': 50},
+LIMITS = {
+    'motor lag': ('motor_time_constant', {}), 'delay': ('command_delay', {}),
+    'delay with a lag of 50 ms': ('command_delay', {'motor_time_constant': 0.05}),
 }
-"""Parameters of the simulator [ms] for each of the limits."""
+"""The parameter of the simulator that is limited, and others beside it."""
 
 SHOWN = '`hexarotor`', '`hexarotor_tilted`'  # the vehicles on the page
 LONGEST = 512  # a time that no vehicle tolerates [ms]
@@ -42,44 +39,31 @@ ERRORS = {
 """Constant errors: parameters of the simulator."""
 
 
-def flown(vehicle: str, gain: float, effects: Mapping[str, object]) -> Flight | None:
+def fly(vehicle: str, gain: float, effects: Mapping[str, object]) -> Flight | None:
     """Fly to the waypoint; return None if the flight diverges."""
     changes = [f'simulator.{name}:={value}' for name, value in effects.items()]
     case = Case.load(vehicle, [*changes, f'controller.integral_gain:={gain}'])
-    try:
-        return fly(case.controller(), case.allocator('exact'), case.plant(), GOAL, DURATION)
-    except FloatingPointError:
-        return None
+    return flown(case, GOAL, DURATION)
 
 
-def tolerates(vehicle: str, gain: float, effects: Effects, time: int) -> bool:
-    """Return whether a vehicle reaches the waypoint with a lag or delay [ms] and stays there."""
-    seconds = {name: ms / 1000.0 for name, ms in effects(time).items()}
-    flight = flown(vehicle, gain, {**seconds, 'sub_steps': 10})
-    if flight is None:
-        return False
-    late = flight.position[flight.time >= DURATION - HELD]
-    return float(np.linalg.norm(late - GOAL.position, axis=1).max(initial=0.0)) <= THERE
+def limit(vehicle: str, gain: float, name: str, others: Mapping[str, float]) -> int:
+    """Return the greatest lag or delay [ms] with which a vehicle holds the waypoint."""
 
+    def fails(ms: int) -> bool:
+        flight = fly(vehicle, gain, {**others, name: ms / 1000.0, 'sub_steps': 10})
+        return flight is None or distance(flight, GOAL, DURATION - HELD) > THERE
 
-def limit(good: Callable[[int], bool]) -> int:
-    """Return the greatest whole number that is good, by bisection."""
-    low, high = 0, LONGEST
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if good(middle) else (low, middle)
-    return low
+    return bisect_left(range(1, LONGEST), True, key=fails)
 
 
 def limits_table() -> str:
     """Return the greatest lag and delays [ms] of each vehicle for each of the gains."""
-    rows = []
-    for vehicle in shipped(flying=True):
-        cells = []
-        for effects in LIMITS.values():
-            found = [limit(partial(tolerates, vehicle, gain, effects)) for gain in GAINS]
-            cells.append(' / '.join(map(str, found)))
-        rows.append((f'`{vehicle}`', *cells))
+    rows = [
+        (f'`{vehicle}`', *(
+            ' / '.join(str(limit(vehicle, gain, *limited)) for gain in GAINS)
+            for limited in LIMITS.values()
+        )) for vehicle in shipped(flying=True)
+    ]
     titles = ('vehicle', *(f'{name} [ms]' for name in LIMITS))
     return telling('limits', titles, rows, lambda row: row[0] in SHOWN)
 
@@ -94,7 +78,7 @@ def offsets_table() -> str:
         return f'{1e3 * flight.position_error(GOAL):.1f} mm, {turned:.1f}°'
 
     rows = [
-        (name, *(cell(flown('hexarotor', gain, effects)) for gain in GAINS))
+        (name, *(cell(fly('hexarotor', gain, effects)) for gain in GAINS))
         for name, effects in ERRORS.items()
     ]
     return table(('error', *(f'gain {gain:g}' for gain in GAINS)), rows)

@@ -1,18 +1,24 @@
 """Compare the values of `thrust_deviation`; fill the tables of docs/priorities.md.
 
-Flies manoeuvres that saturate the rotors with every shipped vehicle.  Takes about two minutes.
+Flies manoeuvres that saturate the rotors with every shipped vehicle, behind a controller that does
+not limit its wrench.  Takes about two minutes.
 """
 
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
-from flights import MANOEUVRES, Outcome, both_masses, outcome, wrong
-from pages import DOCS, fill, shipped, telling
+import pandas as pd
+from pages import DOCS, both_masses, fill, shipped, telling
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
+from ca_ros.allocation import Allocation, Allocator
+from ca_ros.arrays import Array
+from ca_ros.evaluation.dynamic.manoeuvres import Counter, Manoeuvre, flown, goal, upset
 from ca_ros.evaluation.tables import table
+from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS
 
 ROWS = DOCS.parent / 'test' / 'px4_desaturation.csv'
@@ -20,17 +26,58 @@ ROWS = DOCS.parent / 'test' / 'px4_desaturation.csv'
 SHOWN = ('`hexarotor`, heavy', '`quadrotor`')
 """The vehicles on the page, with the largest differences."""
 
+LIMITS = 0.0, 0.1, 0.25  # values of `airmode_limit`
+ROUNDING = 1e-9
 
 VARIANTS = {
-    **{
-        f'`{value}`': [f'allocation.exact.thrust_deviation:={value}']
-        for value in THRUST_DEVIATIONS
-    },
-    **{
-        f'limit {limit:g}': [f'allocation.exact.airmode_limit:={limit}']
-        for limit in (0.0, 0.1, 0.25)
-    },
+    **{f'`{each}`': [f'allocation.exact.thrust_deviation:={each}'] for each in THRUST_DEVIATIONS},
+    **{f'limit {limit:g}': [f'allocation.exact.airmode_limit:={limit}'] for limit in LIMITS},
 }
+
+MANOEUVRES = [
+    Manoeuvre(state, goal(*where)) for where, state in [
+        # Upsets of 150 and 120 degrees, the last with a turn.
+        ((0, 0, 0, 60), upset(150, 0)),
+        ((0, 0, 0, 60), upset(150, 45)),
+        ((0, 0, 0, 60), upset(150, 90)),
+        ((0, 0, 0, -120), upset(120, -45)),
+        # Spins about x, about y and z, and about all axes.
+        ((0, 0, 0, 0), upset(turn=(12, 0, 0))),
+        ((0, 0, 0, 0), upset(turn=(0, 10, -8))),
+        ((0, 0, 0, 0), upset(60, 45, (-9, 7, 10))),
+        # Gusts from the side and from above.
+        ((0, 0, 0, 0), upset(30, 0, (4, 4, 0), (12, -6, 0))),
+        ((0, 0, 0, 0), upset(40, 90, (6, -3, 4), (4, 4, -10))),
+        # A dive and climbs with turns, and fast commands of the attitude.
+        ((20, 0, -6, 143), NULL_STATE),
+        ((8, -6, 4, 170), NULL_STATE),
+        ((5, 5, -3, -170), upset(turn=(0, 0, 8), velocity=(0, 0, 6))),
+        ((3, 0, 3, 90), upset(turn=(8, -8, 0))),
+    ]
+]
+"""Each from a state to a waypoint [m, degrees]."""
+
+
+class Recorder(Counter):
+    """An allocator that counts inexact answers, and those with a wrong yaw."""
+
+    def __init__(self, allocator: Allocator) -> None:
+        super().__init__(allocator)
+        self.counts['off'] = 0
+
+    def allocate(self, u: Array, *last: Any) -> Allocation:
+        """Allocate one wrench."""
+        answer, axes = super().allocate(u, *last), self.problem.axes
+        if answer.status and 'yaw' in axes:
+            yaw = axes.index('yaw')
+            self.counts['off'] += bool(wrong(answer.wrench[yaw], u[yaw]))
+        return answer
+
+
+def wrong(served: Array | float, demand: Array | float) -> Array:
+    """Tell which values are reversed, exceed their demand, or are not zero without a demand."""
+    low, high = np.minimum(demand, 0.0), np.maximum(demand, 0.0)
+    return np.asarray((served < low - ROUNDING) | (served > high + ROUNDING))
 
 
 def flights_table() -> str:
@@ -38,12 +85,13 @@ def flights_table() -> str:
     rows = []
     for name, (words, given) in product(shipped(flying=True), VARIANTS.items()):
         for title, case in both_masses(name, given):
-            found = [outcome(case, 'exact', each) for each in MANOEUVRES.values()]
-            total = Outcome(*np.sum(found, axis=0).tolist())
-            recovered = f'{total.recovered:.0f} of {len(found)}'
-            cells = f'{total.height_lost:.2f}', f'{total.heading_error:.1f}'
-            off = f'{total.off:.0f} of {total.inexact:.0f}'
-            rows.append((title, words, recovered, *cells, off))
+            found = pd.DataFrame(flown(case, 'exact', each, Recorder) for each in MANOEUVRES)
+            total = found.sum()
+            rows.append((
+                title, words, f'{total["recovered"]:.0f} of {len(found)}',
+                f'{total["height_lost"]:.2f}', f'{total["heading_error"]:.1f}',
+                f'{total["off"]:.0f} of {total["inexact"]:.0f}',
+            ))
     titles = (
         *('vehicle', 'thrust deviation', 'recovered', 'height lost [m]'),
         *('heading error [rad s]', 'wrong yaw'),
@@ -55,26 +103,23 @@ def flights_table() -> str:
 def rows_table() -> str:
     """Return what is missed of the unattainable wrenches of PX4's test."""
     rows = np.loadtxt(ROWS, delimiter=',', skiprows=1)
-    rotors = {
-        'positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 'spins': ['cw', 'ccw', 'cw', 'ccw'],
-        **dict.fromkeys(('thrust_coefficient', 'torque_coefficient', 'speed_max'), 1.0),
-        'speed_min': 0.0,
-    }
-    parameters = {'vehicle.mass': 2.0 / 9.81, 'vehicle.inertia': [1.0, 1.0, 1.0]}
-    parameters |= {f'rotors.{name}': value for name, value in rotors.items()}
-    vehicle = Vehicle.from_parameters(parameters)
+    vehicle = Vehicle.from_parameters({
+        'vehicle.mass': 2.0 / 9.81, 'vehicle.inertia': [1.0, 1.0, 1.0],
+        'rotors.positions': [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0],
+        'rotors.spins': ['cw', 'ccw', 'cw', 'ccw'], 'rotors.thrust_coefficient': 1.0,
+        'rotors.torque_coefficient': 1.0, 'rotors.speed_min': 0.0, 'rotors.speed_max': 1.0,
+    })
     gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
     demands = np.column_stack([4.0 * rows[:, 3], rows[:, :3]])
-    served = {
-        f'`exact`, `{reversal}`': admissible.prioritize(demands, thrust_deviation=reversal)
-        for reversal in THRUST_DEVIATIONS
+    options: dict[str, dict[str, Any]] = {
+        **{f'`{value}`': {'thrust_deviation': value} for value in THRUST_DEVIATIONS},
+        **{f'`airmode_limit: {limit:g}`': {'airmode_limit': limit} for limit in LIMITS},
+        'yaw before thrust': {'order': ['roll pitch', 'yaw', 'thrust']},
     }
-    for limit in (0.0, 0.1, 0.25):
-        served[f'`exact`, `airmode_limit: {limit:g}`'] = admissible.prioritize(
-            demands, airmode_limit=limit
-        )
-    order = ['roll pitch', 'yaw', 'thrust']
-    served['`exact`, yaw before thrust'] = admissible.prioritize(demands, order)
+    served = {
+        f'`exact`, {words}': admissible.prioritize(demands, **own)
+        for words, own in options.items()
+    }
     for i, name in enumerate(('no airmode', 'roll-pitch airmode', 'roll-pitch-yaw airmode')):
         served[f'PX4, {name}'] = rows[:, 4 + 4 * i : 8 + 4 * i] @ gamma.T
     lines = []
@@ -83,8 +128,7 @@ def rows_table() -> str:
         missed = np.linalg.norm(missing[:, 1:3], axis=1), missing[:, 0] / 4.0, missing[:, 3]
         yaw = str(np.count_nonzero(wrong(wrenches[:, 3], demands[:, 3])))
         lines.append((name, *(f'{each.sum():.2f}' for each in missed), yaw))
-    titles = ('', 'roll and pitch missed', 'thrust', 'yaw', 'wrong yaw')
-    return table(titles, lines)
+    return table(('', 'roll and pitch missed', 'thrust', 'yaw', 'wrong yaw'), lines)
 
 
 if __name__ == '__main__':

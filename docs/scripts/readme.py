@@ -6,7 +6,6 @@ With --check nothing is written, and the exit code is 1 if a page is not up to d
 import re
 import subprocess
 import sys
-from functools import partial
 
 from pages import DOCS, filled
 
@@ -30,10 +29,9 @@ SYMBOLS = {
 
 def parameters(node: str) -> str:
     """Return the parameters of a node as a Markdown table, without those of the tables before."""
-    shared = {
-        name for other in tuple(TABLES)[: tuple(TABLES).index(node)]
-        for name in settings.table(TABLES[other])
-    }
+    shared: set[str] = set()
+    for other in tuple(TABLES)[: tuple(TABLES).index(node)]:
+        shared |= {*settings.table(TABLES[other])}
     rows = ['name | default | meaning', '---|---|---']
     for name, field in settings.table(TABLES[node]).items():
         if name not in shared:
@@ -92,24 +90,23 @@ def fresh(text: str) -> str:
         r'(<!-- prints -->\n```python\n(.*?)```\n\n```text\n)(.*?)(```)',
         lambda match: match[1] + printed(match[2]) + match[4], text, flags=re.DOTALL,
     )
-    contents = {node: partial(parameters, node) for node in TABLES} | {'methods': methods}
-    for mark, content in contents.items():
-        if f'<!-- {mark} -->' in text:
-            text = filled(text, mark, content())
+    for mark in re.findall('<!-- end of (.*) -->', text):
+        text = filled(text, mark, methods() if mark == 'methods' else parameters(mark))
     return text
 
 
 def main() -> None:
     """Write the pages, or check them."""
+    check = sys.argv[1:] == ['--check']
     stale = []
     for page in PAGES:
         old = page.read_text(encoding='utf-8')
         new = fresh(old)
         if new != old:
             stale.append(page.name)
-            if sys.argv[1:] != ['--check']:
+            if not check:
                 page.write_text(new, encoding='utf-8')
-    if stale and sys.argv[1:] == ['--check']:
+    if stale and check:
         sys.exit(f'not up to date: {", ".join(stale)}; run make readme')
 
 

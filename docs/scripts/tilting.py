@@ -7,14 +7,16 @@ microcontroller instead.
 from __future__ import annotations
 
 import argparse
-import subprocess
 import tempfile
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import firmware as counting
+import matplotlib
 import numpy as np
-from pages import DOCS, fill, telling
+from matplotlib.figure import Figure
+from pages import DOCS, distance, fill, flown, telling, trajectory
 from scipy.optimize import minimize
 
 from ca_ros import AdmissibleSet, Sector, Vehicle, make_allocator
@@ -26,14 +28,17 @@ from ca_ros.firmware import literals
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.tilting import firmware_of
-from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.flight.trajectory import Trajectory
+from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
+from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.files import read, shipped_tilting
+from ca_ros.vehicle.settings import AXES
 
 WRENCHES = 50
+METHODS = 'exact', 'pseudo_inverse', 'weighted_least_squares'
 SHOWN = '`hexarotor_tilting`'  # the vehicle on the page
 
 PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
@@ -41,21 +46,24 @@ PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
 
 def sequential(problem: TiltingVehicleProblem, u: np.ndarray) -> np.ndarray:
     """Return the vectors that SciPy's SLSQP finds, from the clipped pseudo-inverse."""
-    limits = []
-    for each, k in zip(problem.sets.sets, problem.sets.first, strict=True):
-        if not isinstance(each, Sector):
-            continue
-        place = slice(k, k + each.size)
-        limits.append({
-            'type': 'ineq', 'fun': lambda x, p=place, r=each.radius: r**2 - x[p] @ x[p],
-        })
-        if each.half_angle < 3.0:
-            slope = np.tan(min(each.half_angle, 1.5707))
-            limits.append({
-                'type': 'ineq',
-                'fun': lambda x, p=place, s=slope: s * x[p][0] - np.linalg.norm(x[p][1:]),
-            })
-    limits.append({'type': 'eq', 'fun': lambda x: problem.gamma @ x - u})
+    sectors = [
+        (slice(k, k + each.size), each.radius, each.half_angle)
+        for each, k in zip(problem.sets.sets, problem.sets.first, strict=True)
+        if isinstance(each, Sector)
+    ]
+
+    def inside(x: np.ndarray) -> list[float]:
+        """Return numbers that are not negative for vectors in their sectors."""
+        found = []
+        for place, radius, angle in sectors:
+            found.append(radius**2 - x[place] @ x[place])
+            if angle < 3.0:
+                slope = np.tan(min(angle, 1.5707))
+                found.append(slope * x[place][0] - np.linalg.norm(x[place][1:]))
+        return found
+
+    limits = [{'type': 'ineq', 'fun': inside},
+              {'type': 'eq', 'fun': lambda x: problem.gamma @ x - u}]
     start = problem.saturate(np.linalg.pinv(problem.gamma) @ u)
     found = minimize(
         lambda x: x @ x, start, jac=lambda x: 2.0 * x, method='SLSQP', constraints=limits,
@@ -71,18 +79,16 @@ def methods_table(wrenches: int) -> str:
     for name in shipped_tilting():
         problem = VehicleProblem(Vehicle.load(name))
         drawn = AdmissibleSet(problem).sample(np.random.default_rng(0), wrenches)
-        for method in ('exact', 'pseudo_inverse', 'weighted_least_squares', 'SLSQP'):
+        calls = {method: make_allocator(method, problem).allocate for method in METHODS[:2]}
+        calls[METHODS[2]] = make_allocator(METHODS[2], problem, wv=1.0).allocate
+        calls['SLSQP'] = partial(sequential, problem)
+        for method, call in calls.items():
             taken, errors = [], []
-            if method != 'SLSQP':
-                options = {'wv': 1.0} if method == 'weighted_least_squares' else {}
-                allocator = make_allocator(method, problem, **options)
             for u in drawn:
                 begin = perf_counter()
-                if method == 'SLSQP':
-                    vectors = sequential(problem, u)
-                else:
-                    vectors = allocator.allocate(u).thrusts
+                answer = call(u)
                 taken.append(perf_counter() - begin)
+                vectors = getattr(answer, 'thrusts', answer)
                 errors.append(np.linalg.norm(u - problem.gamma @ vectors))
             missed = np.mean(np.array(errors) > 1e-6)
             rows.append((
@@ -93,9 +99,11 @@ def methods_table(wrenches: int) -> str:
     return telling('tilting', titles, rows, lambda row: row[0] == SHOWN)
 
 
-SLALOM = 't,x,y,z,heading\n0,0,0,0,0\n1,0.4,-0.4,0,0\n2,0.8,0.4,0,0\n3,1.2,-0.4,0,0\n'
-ROLL = 't,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.5,0,0,0,0.7071068,0,0,0.7071068\n'
-THERE = 't,x,y,z,heading\n0,1,1,0,0.5\n'
+SLALOM = trajectory((0, 0, 0, 0, 0), (1, 0.4, -0.4, 0, 0), (2, 0.8, 0.4, 0, 0),
+                    (3, 1.2, -0.4, 0, 0))
+ROLLED = Waypoint(np.zeros(3), np.array([1.0, 0.0, 0.0, 1.0]) / np.sqrt(2.0))
+ROLL = Trajectory((0, 500_000_000), (Waypoint.of(0, 0, 0, 0), ROLLED))
+THERE = trajectory((0, 1, 1, 0, 0.5))
 FLIGHTS = (
     ('hexarotor_tilting', 'slalom, level', SLALOM, ()),
     ('omnidirectional_gimbals', 'roll by 90°', ROLL, ()),
@@ -107,76 +115,58 @@ FLIGHTS = (
 def flights_table() -> str:
     """Return how far flights with `exact` are from their goals, from 9 s to 10 s."""
     rows = []
-    for name, words, waypoints, broken in FLIGHTS:
-        case = Case.load(name, ['controller.attitude:=pose'] * (waypoints == ROLL))
-        with tempfile.TemporaryDirectory() as place:
-            path = Path(place, 'goals.csv')
-            path.write_text(waypoints, encoding='utf-8')
-            goals = Trajectory.read(path)
+    for name, words, goals, broken in FLIGHTS:
+        case = Case.load(name, ['controller.attitude:=pose'] * (goals is ROLL))
         failures = RotorFailures(tuple(map(RotorFailure.parse, broken)), 0.1)
         changes = [*case.failing('exact', failures), *goals.changes()]
-        flight = fly(case.controller(), case.allocator('exact'), case.plant(), goals.first, 10.0,
-                     changes=changes)
-        error = np.linalg.norm(flight.position - goals.last.position, axis=1)
+        flight = flown(case, goals.first, 10.0, changes=changes)
         rows.append((
-            f'`{name}`', words, f'{1e3 * error[flight.time >= 9.0].max():.1f}',
+            f'`{name}`', words, f'{1e3 * distance(flight, goals.last, 9.0):.1f}',
             f'{np.degrees(flight.attitude_error(goals.last)):.1f}',
         ))
-    titles = 'vehicle', 'flight', 'position [mm]', 'attitude [°]'
-    return table(titles, rows, words=2)
+    return table(('vehicle', 'flight', 'position [mm]', 'attitude [°]'), rows, words=2)
 
 
 def figure() -> None:
     """Draw the angles of a thruster whose thrust passes through zero."""
-    import matplotlib
-
-    matplotlib.use('agg')
-    from matplotlib import pyplot
-
     vehicle = Vehicle.load('azimuth_boat')
     exact, limited = make_allocator('exact', vehicle), TiltLimited(vehicle, SPEED_RATE, TILT_RATE)
-    plain = make_allocator('pseudo_inverse', vehicle)
+    plain, rows = make_allocator('pseudo_inverse', vehicle), list(map(AXES.index, vehicle.axes))
     inverse = np.linalg.pinv(exact.problem.gamma)
     side = -4.0 * (inverse @ [0.0, 0.0, 8.0])[1] + 0.02
     times = np.arange(0.0, 2.0 * np.pi, PERIOD)
     demands = np.array([[16.0 * np.cos(t), side, 8.0] for t in times])
     first = exact.allocate(demands[0])
-    speeds, angles, found, slow = first.speeds, first.angles, [], None
+    speeds, angles, found = first.speeds, first.angles, []
+    slow = plain.allocate(demands[0]).angles
     for u in demands:
-        answer = limited.allocate(u, speeds, angles, PERIOD)
+        answer, jump = limited.allocate(u, speeds, angles, PERIOD), plain.allocate(u)
         speeds, angles = answer.speeds, answer.angles
-        jump = plain.allocate(u)
-        slow = jump.angles if slow is None else slow
         step = (jump.angles - slow + np.pi) % (2.0 * np.pi) - np.pi
         slow = slow + np.clip(step, -TILT_RATE * PERIOD, TILT_RATE * PERIOD)
-        turned = vehicle.tilts.directions(slow)
-        forces = vehicle.thrusts(jump.speeds)[:, None] * turned
-        torque = np.cross(vehicle.arms, forces).sum(axis=0)[2]
-        wrench = np.array([*forces.sum(axis=0)[:2], torque])
+        thrusts, pushed = vehicle.thrusts(speeds), vehicle.thrusts(jump.speeds)
+        missed = u - rotor_wrenches(vehicle, slow)[rows] @ pushed
         found.append((
-            angles[0], jump.angles[0], np.linalg.norm(answer.residual),
-            np.linalg.norm(u - wrench), vehicle.thrusts(speeds)[0],
-            vehicle.thrusts(jump.speeds)[0],
+            angles[0], jump.angles[0], np.linalg.norm(answer.residual), np.linalg.norm(missed),
+            thrusts[0], pushed[0],
         ))
     mine, other, error, missed, thrust, before = np.array(found).T
     mine = np.unwrap(mine)
     print(f'steps up to {np.abs(np.diff(mine)).max():.3f} rad, errors up to {error.max():.1e}; '
           f'pseudo-inverse {np.abs(np.diff(other)).max():.2f} rad, {missed.max():.2f} N')
-    with pyplot.rc_context(style()):
-        drawing, axes = pyplot.subplots(3, 1, figsize=(7.1, 5.6), sharex=True)
-        for values, label, color in ((other, 'pseudo-inverse', COLORS[1]),
-                                     (mine, 'exact, servos at most 3 rad/s', COLORS[0])):
-            axes[0].plot(times, values, color=color,
-                         label=label)
-        axes[0].set_ylabel('angle [rad]')
-        axes[0].legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2)
-        axes[1].plot(times, before, color=COLORS[1])
-        axes[1].plot(times, thrust, color=COLORS[0])
-        axes[1].set_ylabel('thrust [N]')
-        axes[2].plot(times, missed, color=COLORS[1])
-        axes[2].plot(times, error, color=COLORS[0])
-        axes[2].set_ylabel('|u - wrench| [N, N m]')
-        axes[2].set_xlabel('time [s]')
+    panels = {
+        'angle [rad]': (other, mine), 'thrust [N]': (before, thrust),
+        '|u - wrench| [N, N m]': (missed, error),
+    }
+    with matplotlib.rc_context(style()):
+        drawing = Figure(figsize=(7.1, 5.6))
+        parts = drawing.subplots(3, 1, sharex=True)
+        for axes, (label, (theirs, ours)) in zip(parts, panels.items(), strict=True):
+            axes.plot(times, theirs, color=COLORS[1], label='pseudo-inverse')
+            axes.plot(times, ours, color=COLORS[0], label='exact, servos at most 3 rad/s')
+            axes.set_ylabel(label)
+        parts[0].legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2)
+        parts[2].set_xlabel('time [s]')
         drawing.align_ylabels()
         drawing.tight_layout()
         drawing.savefig(DOCS / 'tilting.png', dpi=150, metadata={'Software': None})
@@ -189,24 +179,24 @@ def instructions(name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
     """
     vehicle = Vehicle.load(name)
     problem = VehicleProblem(vehicle)
-    drawn = AdmissibleSet(problem).sample(np.random.default_rng(0), size).astype(np.float32)
     settings = checked(read(name) | {'allocation.exact.policy': 'scale'}).allocation
     made = firmware_of(faults_of(vehicle, ['none']), settings, 'single')
     boxes = AllocationProblem(problem.gamma, problem.lower, problem.upper)
+    drawn, own = (
+        AdmissibleSet(each).sample(np.random.default_rng(0), size).astype(np.float32)
+        for each in (problem, boxes)
+    )
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / 'vectored_data.h').write_text(literals.problems(made), encoding='utf-8')
-        own = AdmissibleSet(boxes).sample(np.random.default_rng(0), size).astype(np.float32)
         built = counting.build(boxes, 'kernel', folder)
         box, same = counting.run(built, own), counting.run(built, drawn)
-        program, sizes = folder / 'vectored.elf', made.problem.gamma.shape
-        parts = [f'-I{folder}', f'-I{counting.KERNEL}', f'-I{DOCS.parent / "benchmarks"}',
-                 f'-DCA_M={sizes[0]}', f'-DCA_N={sizes[1]}', '-DCA_FLOAT', '-DCA_FIXED',
-                 '-DCOUNT_VECTORED']
-        kernel = [counting.KERNEL / f'vectored{part}.c' for part in ('', '_priorities')]
-        sources = [str(counting.PROGRAM), *map(str, kernel)]
-        command = [counting.COMPILER, *counting.FLAGS, *counting.KERNEL_FLAGS, *parts, *sources]
-        subprocess.check_call([*command, '-lm', '-o', str(program)])
+        options = '-DCA_FLOAT', '-DCA_FIXED', '-DCOUNT_VECTORED', f'-I{counting.KERNEL}'
+        program = counting.compiled(
+            folder / 'vectored.elf', *counting.KERNEL_FLAGS, *counting.given(boxes, folder),
+            *options, counting.PROGRAM, counting.KERNEL / 'vectored.c',
+            counting.KERNEL / 'vectored_priorities.c',
+        )
         found = counting.run(program, drawn)
     print(f'{name}: exact {np.mean(found[:, 1] == 0):.3f}, boxes {np.mean(box[:, 1] == 0):.3f}; '
           f'median {np.median(found[:, 0]):.0f} and {np.median(box[:, 0]):.0f}, '
@@ -224,8 +214,8 @@ if __name__ == '__main__':
     if options.instructions:
         for vehicle in shipped_tilting():
             instructions(vehicle, options.instructions)
-        raise SystemExit(0)
-    fill('tilting.md', flights=flights_table())
-    if not options.flights:
-        figure()
-        fill('tilting.md', methods=methods_table(options.wrenches))
+    else:
+        fill('tilting.md', flights=flights_table())
+        if not options.flights:
+            figure()
+            fill('tilting.md', methods=methods_table(options.wrenches))

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.evaluation.dynamic.metrics import Flights
-from ca_ros.evaluation.plot_style import failing, title
-from ca_ros.figures import COLORS, style
+from ca_ros.evaluation.plot_style import title
+from ca_ros.figures import COLORS, DASHED, style
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.vehicle.vehicle import Vehicle
@@ -107,7 +107,10 @@ def _plots(
         time = study.flights[name].time[: ground + 1]
         for plot, key in zip(column, ('margin', 'torque_error'), strict=True):
             values = study.samples[name][key].to_numpy()
-            failing(plot, time, values[: ground + 1], moments, color=LOST, linewidth=1.2)
+            plot.plot(time, values[: ground + 1], color='black')
+            plot.axhline(0.0, **DASHED)
+            for moment in moments:
+                plot.axvline(moment, color=LOST, linestyle=':', linewidth=1.2)
             [cursor] = plot.plot([], [], 'o', color=THRUST, markersize=8, clip_on=False, zorder=5)
             cursors[name].append((cursor, values))
         column[-1].set_xlabel('time [s]')

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import product
-from math import cos, inf, radians, sin
+from math import cos, inf, pi, radians, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, difference
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 
 DURATION, SLALOM_DURATION = 8.0, 12.0  # of the flights [s]
@@ -59,38 +60,32 @@ def upset(
     return state
 
 
-def goal(x: float, y: float, z: float, heading: float) -> Waypoint:
-    """Return a waypoint at a position [m] with a heading [degrees]."""
-    return Waypoint.of(x, y, z, radians(heading))
+def goal(x: float, y: float, z: float, heading: float) -> Trajectory:
+    """Return the trajectory to a position [m] with a heading [degrees]."""
+    return Trajectory.to(Waypoint.of(x, y, z, radians(heading)))
 
 
 class Manoeuvre(NamedTuple):
     """A flight from a state to waypoints, or with a rotor that fails; the duration is in s."""
 
     state: Array
-    goals: tuple[tuple[float, Waypoint], ...]
-    failed: RotorFailure | None = None
+    goals: Trajectory
+    failures: tuple[RotorFailure, ...] = ()
     duration: float = DURATION
 
     def changes(self, case: Case, method: str) -> list[Change]:
         """Return what changes on the way."""
-        found = [Change(round(t * 1e9), waypoint=point) for t, point in self.goals[1:]]
-        if self.failed is None:
-            return found
-        failing = case.failing(method, RotorFailures((self.failed,), ANNOUNCE))
-        return [
-            *found,
-            *(
-                replace(each, controller=each.controller and unlimited(each.controller))
-                for each in failing
-            ),
-        ]
+        failing = case.failing(method, RotorFailures(self.failures, ANNOUNCE))
+        return [*self.goals.changes(), *(
+            replace(each, controller=each.controller and unlimited(each.controller))
+            for each in failing
+        )]
 
 
 def upset_of(rng: np.random.Generator, n: int) -> Manoeuvre:
     """Draw an upset: tilted by 120 to 170 degrees, with a turn to make."""
     state = upset(rng.uniform(120.0, 170.0), rng.uniform(-180.0, 180.0))
-    return Manoeuvre(state, ((0.0, goal(0, 0, 0, rng.uniform(-120.0, 120.0))),))
+    return Manoeuvre(state, goal(0, 0, 0, rng.uniform(-120.0, 120.0)))
 
 
 def spin_of(rng: np.random.Generator, n: int) -> Manoeuvre:
@@ -98,23 +93,25 @@ def spin_of(rng: np.random.Generator, n: int) -> Manoeuvre:
     axis = rng.normal(size=3)
     turn = rng.uniform(8.0, 16.0) * axis / np.linalg.norm(axis)
     state = upset(rng.uniform(0.0, 60.0), rng.uniform(-180.0, 180.0), turn)
-    return Manoeuvre(state, ((0.0, goal(0, 0, 0, 0)),))
+    return Manoeuvre(state, goal(0, 0, 0, 0))
 
 
 def slalom_of(rng: np.random.Generator, n: int) -> Manoeuvre:
     """Draw a slalom: each of five waypoints is left before it is reached."""
     turns = [
-        (1.2 * i, goal(1.5 * (i + 1), side * rng.uniform(1.0, 2.0), rng.uniform(0, 1), side * 90))
+        (1.5 * (i + 1), side * rng.uniform(1.0, 2.0), rng.uniform(0, 1), side * pi / 2.0)
         for i, side in enumerate((1, -1, 1, -1))
     ]
-    return Manoeuvre(NULL_STATE, (*turns, (4.8, goal(7.5, 0, 0, 0))), None, SLALOM_DURATION)
+    waypoints = tuple(Waypoint.of(*each) for each in (*turns, (7.5, 0.0, 0.0, 0.0)))
+    goals = Trajectory(tuple(1_200_000_000 * i for i in range(len(waypoints))), waypoints)
+    return Manoeuvre(NULL_STATE, goals, duration=SLALOM_DURATION)
 
 
 def rotor_lost_of(rng: np.random.Generator, n: int) -> Manoeuvre:
     """Draw the loss of a rotor after 0.3 to 1.5 s of a flight to a waypoint."""
     x, y, z = rng.uniform(-2.0, 2.0, 3).tolist()
     failed = RotorFailure(int(rng.integers(1, n + 1)), rng.uniform(0.3, 1.5))
-    return Manoeuvre(NULL_STATE, ((0.0, goal(x, y, z, 0)),), failed)
+    return Manoeuvre(NULL_STATE, goal(x, y, z, 0), (failed,))
 
 
 MANOEUVRES: dict[str, Callable[[np.random.Generator, int], Manoeuvre]] = {
@@ -149,9 +146,9 @@ def flown(
     an integral [rad s].  A flight whose numbers overflow has not recovered, and its other values
     are infinite.
     """
-    counter, goals = kind(case.allocator(method)), [point for _, point in manoeuvre.goals]
+    counter, goals = kind(case.allocator(method)), manoeuvre.goals
     allocator: Any = counter
-    loop = unlimited(case.controller()), allocator, case.body(), goals[0]
+    loop = unlimited(case.controller()), allocator, case.body(), goals.first
     changes = manoeuvre.changes(case, method)
     try:
         flight = fly(*loop, manoeuvre.duration, state=manoeuvre.state, changes=changes)
@@ -159,10 +156,10 @@ def flown(
         lost = dict.fromkeys(('height_lost', 'energy', 'change', 'heading_error'), inf)
         return {'recovered': 0, **lost, **counter.counts}
     thrusts, step = case.vehicle.thrusts(flight.speeds), flight.time[1]
-    off = difference(flight.heading, goals[-1].heading)
+    off = difference(flight.heading, goals.last.heading)
     return {
-        'recovered': int(flight.position_error(goals[-1]) <= RECOVERED),
-        'height_lost': height_lost(flight, min(float(each.position[2]) for each in goals)),
+        'recovered': int(flight.position_error(goals.last) <= RECOVERED),
+        'height_lost': height_lost(flight, float(min(p.position[2] for p in goals.waypoints))),
         'energy': float(energy(thrusts)[:-1].sum() * step),
         'change': float(changes_of(thrusts).sum() / flight.time[-1]),
         'heading_error': float(np.abs(off).sum() * step), **counter.counts,

@@ -33,15 +33,6 @@ class Section:
     labels: list[str]
     title: str
 
-    @classmethod
-    def of(cls, admissible: AdmissibleSet, pair: tuple[str, str]) -> Section:
-        """Return the section along two axes."""
-        names, reference = admissible.problem.axes, admissible.reference
-        return cls(
-            [names.index(axis) for axis in pair], reference, admissible.section(pair).vertices,
-            labels(admissible.problem, pair), fixed(admissible.problem, pair, reference),
-        )
-
     def grid(self, steps: int) -> tuple[Array, Array]:
         """Return the coordinates (steps,) of cell centres that span the section."""
         low, high = self.outline.min(axis=0), self.outline.max(axis=0)
@@ -83,8 +74,14 @@ def sections(admissible: AdmissibleSet, *pairs: tuple[str, str]) -> list[Section
 
     Of a problem without a vehicle that has none of them: the section along its first two axes.
     """
-    axes = admissible.problem.axes
-    found = [pair for pair in pairs if set(pair) <= set(axes)]
-    if not (found or isinstance(admissible.problem, VehicleProblem)) and len(axes) > 1:
-        found = [(axes[0], axes[1])]
-    return [Section.of(admissible, pair) for pair in found]
+    problem, reference = admissible.problem, admissible.reference
+    found = [pair for pair in pairs if {*pair} <= {*problem.axes}]
+    if not (found or isinstance(problem, VehicleProblem)) and len(problem.axes) > 1:
+        found = [(problem.axes[0], problem.axes[1])]
+    return [
+        Section(
+            [problem.axes.index(axis) for axis in pair], reference,
+            admissible.section(pair).vertices, labels(problem, pair),
+            fixed(problem, pair, reference),
+        ) for pair in found
+    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from textwrap import wrap
 from typing import Any
 
@@ -94,8 +94,8 @@ def _outside(cut: Section) -> Array:
 
 def _achieved(
     cut: Section, admissible: AdmissibleSet, allocators: Mapping[str, Allocator], demands: Array
-) -> Iterator[tuple[list[str], Array]]:
-    """Yield what is achieved in the section's plane (N, 2), and the methods that achieve it."""
+) -> list[tuple[list[str], Array]]:
+    """Return what is achieved in the section's plane (N, 2), and the methods that achieve it."""
     problem = admissible.problem
     found: list[tuple[list[str], Array]] = []
     for name, allocator in allocators.items():
@@ -107,7 +107,7 @@ def _achieved(
                 break
         else:
             found.append(([name], own))
-    yield from found
+    return found
 
 
 def _draw(axes: Axes, cut: Section, commanded: Array, achieved: Array) -> None:
