@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ INFINITE = (9223372036, 854775807)  # RMW_DURATION_INFINITE [s, ns]
 class Bag:
     """Writes the messages of `RECORDED` to an MCAP bag of rosbag2, a new folder.
 
-    `counts` are the messages written, by topic; `lost` is how many on the vehicle's own topics
+    `counts` are the messages written, by topic, and `lost` those on the vehicle's own topics that
     were sent but not received.  Raises a CaRosError if the folder exists or cannot be created, or
     `rosbags` is not installed.
     """
@@ -40,7 +41,7 @@ class Bag:
         from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
         from rosbags.typesys import Stores, get_typestore
 
-        self.path, self.counts, self.lost = path, dict.fromkeys(RECORDED, 0), 0
+        self.path, self.counts, self.lost = path, dict.fromkeys(RECORDED, 0), Counter[str]()
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._node: Node | None = None
         self._subscriptions: dict[str, Any] = {}
@@ -99,7 +100,7 @@ class Bag:
             before, number = self._sequence.get(topic), info['publication_sequence_number']
             # A restarted publisher counts from one again.
             if before is not None and number > before:
-                self.lost += number - before - 1
+                self.lost[topic] += number - before - 1
             self._sequence[topic] = number
 
     def behind(self, time: int) -> list[str]:
@@ -129,8 +130,9 @@ class Bag:
 
     def __str__(self) -> str:
         written = sum(map(bool, self.counts.values()))
-        lost = f'{self.lost} LOST' if self.lost else 'none lost'
-        return f'{self.path}: {sum(self.counts.values())} messages on {written} topics, {lost}'
+        lost = [f'{count} LOST of {topic}' for topic, count in self.lost.items() if count]
+        return f'{self.path}: {sum(self.counts.values())} messages on {written} topics, ' + (
+            ', '.join(lost) or 'none lost')
 
 
 def _noted(qos: QoSProfile) -> Any:

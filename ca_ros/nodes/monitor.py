@@ -16,7 +16,7 @@ from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.settings import MonitorSettings
-from ca_ros.nodes.topics import STANDING
+from ca_ros.nodes.topics import STANDING, offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 
@@ -51,7 +51,9 @@ class MonitorNode(VehicleNode):
         self._message = messages.speeds_message(self.detector.health, None)
         self._message.layout.dim[0].label = LABEL
         topic = topics.ROTOR_HEALTH
-        self._health = self.create_publisher(topic.kind, topic.name, STANDING)
+        quality = offered(self.mode)
+        quality.durability = STANDING.durability
+        self._health = self.create_publisher(topic.kind, topic.name, quality)
         self.subscribe_commands(self._receive_command, self.detector.vehicle.tilts)
         self.subscribe_stream(topics.POSE, self._receive_pose)
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)

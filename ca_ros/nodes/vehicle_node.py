@@ -14,7 +14,6 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
@@ -138,9 +137,9 @@ class VehicleNode(ParameterNode):
         for topic, other in zip(pair, reversed(names), strict=True):
             self.subscribe_stream(topic, partial(join, topic.name, other))
 
-    def publish_stream(self, topic: Topic, quality: QoSProfile | None = None) -> Publisher:
+    def publish_stream(self, topic: Topic) -> Publisher:
         """Create the publisher of a topic; it should be the only one."""
-        publisher = self.create_publisher(topic.kind, topic.name, quality or offered(self.mode))
+        publisher = self.create_publisher(topic.kind, topic.name, offered(self.mode))
         self._offers.append(publisher)
         return publisher
 

@@ -15,7 +15,6 @@ from ca_ros.nodes.executable import run
 from ca_ros.nodes.markers import View, markers, status_text
 from ca_ros.nodes.messages import pose_arrays, wrench_numbers
 from ca_ros.nodes.settings import ViewerSettings
-from ca_ros.nodes.topics import COMMAND
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -42,7 +41,7 @@ class ViewerNode(VehicleNode):
         self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n, angles)
         self._pose: PoseStamped | None = None
         self._new = False
-        self._markers = self.publish_stream(topics.MARKERS, COMMAND)
+        self._markers = self.publish_stream(topics.MARKERS)
         for topic, receive in (
             (topics.POSE, self._receive_pose), (topics.WAYPOINT, self._receive_waypoint),
             (topics.SPEED_COMMAND, partial(self._receive_numbers, 'speeds')),
