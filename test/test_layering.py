@@ -122,7 +122,8 @@ HEAVY = {'scipy', 'osqp', *STUDIES, 'pandas'}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('modules', ['ca_ros', ', '.join(COMMANDS[node] for node in LOOP)])
+@pytest.mark.parametrize('modules', [
+    'ca_ros', ', '.join(COMMANDS[name] for name in (*LOOP, 'bringup'))])
 def test_what_is_not_needed_is_not_imported(modules):
     result = subprocess.run(
         [sys.executable, '-c', IMPORTED.replace('MODULE', modules)], capture_output=True,

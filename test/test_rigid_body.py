@@ -17,6 +17,7 @@ from ca_ros.flight.rigid_body import (
     POSITION,
     VELOCITY,
     RigidBody,
+    euler_angles,
     rotation_matrix,
     velocity_in_body,
 )
@@ -65,6 +66,15 @@ def reference(vehicle, state, speeds, duration):
     y = solve_ivp(rates, (0.0, duration), start, method='DOP853', rtol=1e-12, atol=1e-12).y[:, -1]
     quaternion = Rotation.from_matrix(y[6:15].reshape(3, 3)).as_quat()
     return np.concatenate([y[:6], quaternion * np.sign(quaternion[3]), y[15:]])
+
+
+def test_euler_angles_are_those_of_scipy():
+    turns = Rotation.random(1000, rng=0)
+    np.testing.assert_allclose(
+        euler_angles(turns.as_quat()), turns.as_euler('XYZ'), rtol=0.0, atol=1e-13)
+    upright = Rotation.from_euler('XYZ', [0.4, np.pi / 2, 0.2])
+    found = Rotation.from_euler('XYZ', euler_angles(upright.as_quat()))
+    np.testing.assert_allclose(found.as_matrix(), upright.as_matrix(), rtol=0.0, atol=1e-8)
 
 
 def test_hover_is_an_equilibrium():

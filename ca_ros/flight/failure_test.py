@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
-from scipy.special import chdtri
 
 from ca_ros.arrays import Array
 from ca_ros.vehicle.tilts import Tilts
@@ -142,6 +141,9 @@ class FailureTest:
         self, wrenches: Array, tilts: Tilts | None, tests: float, false_alarms: float,
         certainty: float, least_loss: float,
     ) -> None:
+        # Here, as the import takes half a second, and only who detects failures needs it.
+        from scipy.special import chdtri
+
         share = min(1.0, false_alarms / (tests * wrenches.shape[1]))
         self.limit = float(chdtri(1.0, share))
         self.odds = 2.0 * log(certainty / (1.0 - certainty))

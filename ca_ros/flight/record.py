@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.rigid_body import difference, heading, tilt
+from ca_ros.flight.rigid_body import difference, euler_angles, heading, tilt
 from ca_ros.flight.waypoint import Waypoint
 
 
@@ -40,10 +40,8 @@ class Flight:
 
     @property
     def euler(self) -> Array:
-        """Roll, pitch, yaw (K, 3): Euler angles 123, about x, the new y, the new z [rad]."""
-        from scipy.spatial.transform import Rotation
-
-        return Rotation.from_quat(self.attitude).as_euler('XYZ')
+        """Roll, pitch, yaw (K, 3) [rad], see `ca_ros.flight.rigid_body.euler_angles`."""
+        return euler_angles(self.attitude)
 
     @property
     def heading(self) -> Array:

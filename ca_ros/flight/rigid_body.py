@@ -80,6 +80,21 @@ def difference(angle: Any, other: Any) -> Any:
     return (angle - other + np.pi) % (2.0 * np.pi) - np.pi
 
 
+def euler_angles(attitude: Array) -> Array:
+    """Return roll, pitch, yaw (..., 3) of quaternions x, y, z, w (..., 4) [rad].
+
+    Euler angles 123, about x, the new y and the new z; roll and yaw are equal where only their sum
+    or difference is defined, at a pitch of 90 degrees.
+    """
+    x, y, z, w = np.moveaxis(attitude, -1, 0)
+    mean = np.arctan2(x + z, w + y)
+    half = np.arctan2(x - z, w - y)
+    pitch = 2.0 * np.arctan2(np.hypot(x + z, w + y), np.hypot(x - z, w - y)) - np.pi / 2.0
+    turns = np.stack([mean + half, mean - half], axis=-1)
+    roll, yaw = np.moveaxis(turns - 2.0 * np.pi * np.round(turns / (2.0 * np.pi)), -1, 0)
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
 def tilt(attitude: Array) -> Array:
     """Return the angle (...) between the body's z axis and the vertical [rad]."""
     x, y, z, w = np.moveaxis(attitude, -1, 0)

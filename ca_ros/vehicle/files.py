@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from functools import partial
+from copy import deepcopy
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,11 @@ from ca_ros.settings import ParameterError, renamed
 
 def read_yaml(text: str) -> Any:
     """Return the content of a YAML text; see `ca_ros.vehicle.plain_yaml.read_yaml`."""
+    return deepcopy(_content(text))
+
+
+@lru_cache
+def _content(text: str) -> Any:
     # PyYAML takes a tenth of the time in which this package is imported, and few need it.
     from ca_ros.vehicle import plain_yaml
 
