@@ -10,7 +10,7 @@ from ca_ros.testing import Diagnostics, counts
 from nodes import STALL, start_flood, stood_still
 from strategies import length
 
-SECONDS = length(1.0, 2.0, 12.0)
+SECONDS = length(0.3, 2.0, 12.0)
 """How long each flood lasts."""
 
 ANSWERED = 1.0

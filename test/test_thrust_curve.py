@@ -224,10 +224,11 @@ def test_the_fit_finds_the_curve_of_a_stand(stand):
 @pytest.mark.parametrize('options', [[], ['--table']])
 def test_the_file_of_the_fit_is_the_curve(stand, options, tmp_path, capsys):
     out, plot = tmp_path / 'motor.yaml', tmp_path / 'motor.png'
-    command = ['fit-thrust', str(stand), '--out', str(out), '--plot', str(plot), *options]
+    command = ['fit-thrust', str(stand), '--out', str(out), *options]
+    command += [] if options else ['--plot', str(plot)]
     assert main(command) == 0
     assert 'k_f w^2      error' in capsys.readouterr().out
-    assert plot.stat().st_size > 10_000
+    assert bool(options) != plot.is_file()
     some = vehicle(read(out))
     for x in (0.1, 0.4, 1.0):
         w = 400.0 * x + 50.0
