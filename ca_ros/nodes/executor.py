@@ -55,10 +55,6 @@ class Executor(executors.Executor):
         self._changed = True
         super().wake()
 
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait at most the timeout [s] until something is ready, and serve all that is ready."""
-        self._turn(timeout_sec, everything=True)
-
     def spin_once_until_future_complete(
         self, future: Future, timeout_sec: float | executors.TimeoutObject | None = None
     ) -> None:
@@ -69,11 +65,12 @@ class Executor(executors.Executor):
     # The name that rclpy calls since Kilted.
     _spin_once_until_future_complete = spin_once_until_future_complete
 
-    def spin_streams(self) -> None:
-        """Serve only subscriptions and timers; the callback of a service may call this."""
-        self._turn(None, everything=False)
+    def spin_once(self, timeout_sec: float | None = None, everything: bool = True) -> None:
+        """Wait at most the timeout [s] until something is ready, and serve all that is ready.
 
-    def _turn(self, timeout_sec: float | None, everything: bool) -> None:
+        The callback of a service may call this, but not to serve `everything`: without it only
+        subscriptions and timers are served.
+        """
         if self._changed:
             self._gather()
         # rcl removes entities that are not ready from a wait set, so each turn fills it again.

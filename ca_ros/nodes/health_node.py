@@ -42,10 +42,8 @@ class HealthNode(VehicleNode):
             return
         topic = topics.ROTOR_HEALTH
         self.create_subscription(topic.kind, topic.name, self._receive_health, STANDING)
-        if np.any(self.settings.rotors.speed_max_per_volt):
-            self._listen_to_battery()
-
-    def _listen_to_battery(self) -> None:
+        if not np.any(self.settings.rotors.speed_max_per_volt):
+            return
         try:
             # Only vehicles whose voltage matters need the package of the message.
             from sensor_msgs.msg import BatteryState

@@ -167,5 +167,5 @@ class ParameterNode(Node, metaclass=_Starting):
             if isinstance(executor, Executor):
                 building.add_done_callback(lambda _: executor.wake())
                 while not building.done():
-                    executor.spin_streams()
+                    executor.spin_once(everything=False)
         return building
