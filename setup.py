@@ -21,7 +21,7 @@ bag = ['rosbags>=0.11']
 testing = ['psutil>=5.9', 'pytest>=7.4']
 mujoco = ['mujoco>=3.2']
 # What `ca_ros.evaluation` and the plot of bringup need, and no node.
-studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66', 'Jinja2>=3.1']
+studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
 exact = ('exact', 'least_norm', 'priorities', 'module')
@@ -128,7 +128,7 @@ setup(
     zip_safe=False,
     python_requires='>=3.10',
     # The lower bounds are what Ubuntu 24.04 has; osqp is not among its packages.
-    install_requires=['numpy>=1.26', 'scipy>=1.11', 'osqp>=1.0', 'PyYAML>=6.0'],
+    install_requires=['numpy>=1.26', 'scipy>=1.11', 'osqp>=1.0', 'PyYAML>=6.0', 'Jinja2>=3.1'],
     extras_require={
         # ROS 2 Jazzy for machines without it. Where ROS is installed, rclpy comes from there:
         # never both in one environment.

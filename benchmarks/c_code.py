@@ -11,7 +11,7 @@ import numpy as np
 
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.allocation.result import Status
-from ca_ros.firmware.literals import braced
+from ca_ros.firmware.literals import literal
 from ca_ros.problem.prioritization import THRUST_DEVIATION, default_order, sensed
 from ca_ros.problem.problem import AllocationProblem
 
@@ -27,10 +27,12 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
     keeps = sensed(groups, THRUST_DEVIATION)
     options = (
         f'{int(Status.PRIORITIZED)}',
-        braced([axes.index(axis) for group in groups for axis in group]),
-        braced([i for i, group in enumerate(groups) for _ in group]),
-        braced([int(axis in keeps) for axis in axes]), braced(problem.reference, precision), '0',
-        '1e-9',
+        *(literal(numbers, precision) for numbers in (
+            [axes.index(axis) for group in groups for axis in group],
+            [i for i, group in enumerate(groups) for _ in group],
+            [int(axis in keeps) for axis in axes], problem.reference,
+        )),
+        '0', '1e-9',
     )
     arrays = {
         f'matrix[{m}][{n}]': problem.gamma, f'inverse[{n}][{m}]': np.linalg.pinv(problem.gamma),
@@ -38,7 +40,7 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
     }
     kind = {'double': 'double', 'single': 'float'}[precision]
     lines = [
-        f'{storage} number {name} = {braced(np.ravel(values), precision)};'
+        f'{storage} number {name} = {literal(np.ravel(values), precision)};'
         for name, values in arrays.items()
     ]
     lines += [f'#define OPTIONS {{{", ".join(options)}}}', '']

@@ -35,7 +35,7 @@ COMMANDS = {
 }
 """The module of each command, which has the function main."""
 
-STUDIES = ('jinja2', 'matplotlib', 'pandas', 'tqdm')  # the modules of the extra `studies`
+STUDIES = ('matplotlib', 'pandas', 'tqdm')  # the modules of the extra `studies`
 
 ROS = (
     'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs', 'rcl_interfaces',

@@ -15,11 +15,10 @@ from ca_ros.firmware import firmware as module
 from ca_ros.firmware import footprint, golden
 from ca_ros.firmware.command import checked, main
 from ca_ros.firmware.detector import STATES
-from ca_ros.firmware.export import identifier
+from ca_ros.firmware.export import UNATTAINABLE, identifier
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
-from ca_ros.firmware.literals import real
-from ca_ros.firmware.readme import UNATTAINABLE
+from ca_ros.firmware.literals import literal
 from ca_ros.firmware.throttles import throttles
 from ca_ros.firmware.tilting import firmware_of as firmware_of_any
 from ca_ros.kernel import INVALID
@@ -243,11 +242,11 @@ def test_an_axis_that_a_fault_takes_away_is_ignored():
 @pytest.mark.parametrize('value', [0.1, -1.0, 3e-40, 1e30, 0.0, -0.0, 400.0])
 def test_literals_keep_every_bit(value):
     number = float(np.float32(value))
-    text = real(number, 'single')
+    text = literal(number, 'single')
     assert text.endswith('f')
     assert np.float32(float.fromhex(text[:-1])).tobytes() == np.float32(value).tobytes()
-    assert float.fromhex(real(value, 'double')) == value
-    assert real(-np.inf, 'single') == '-INFINITY'
+    assert float.fromhex(literal(value, 'double')) == value
+    assert literal(-np.inf, 'single') == '-INFINITY'
 
 
 # Options of the vehicle's file
@@ -492,7 +491,7 @@ def test_the_readme_says_what_the_function_takes(tmp_path, monkeypatch):
     monkeypatch.undo()
     assert main(['--vehicle', 'hexarotor', '--out', str(tmp_path), '--faults', 'none']) == 0
     text = (tmp_path / 'README.md').read_text(encoding='utf-8')
-    assert '$' not in text
+    assert '{{' not in text
     assert re.search(r'\| `STEPS` \| \d+ \| .*\(least_norm.c\) \|', text)
     if not all(map(shutil.which, footprint.TOOLS)):
         assert 'not installed' in text

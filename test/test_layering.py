@@ -117,7 +117,7 @@ import MODULE
 
 print(*sorted({name.partition('.')[0] for name in sys.modules}))
 """
-HEAVY = {'scipy', 'osqp', *STUDIES, 'pandas'}
+HEAVY = {'scipy', 'osqp', 'jinja2', *STUDIES}
 """Packages that take longer to import than all else: imported by the functions that need them."""
 
 

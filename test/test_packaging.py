@@ -206,7 +206,7 @@ def test_pip_and_rosdep_install_the_same():
             for key in package.iter('exec_depend') if key.text.startswith('python3-')}
     assert keys == (needed - {'osqp'}) | studies
     assert studies == set(STUDIES)
-    assert needed == {'numpy', 'scipy', 'osqp', 'pyyaml'}
+    assert needed == {'numpy', 'scipy', 'osqp', 'pyyaml', 'jinja2'}
 
 
 def test_the_versions_agree():

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -14,7 +11,6 @@ import numpy as np
 from ca_ros import kernel
 from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import DTYPES
-from ca_ros.firmware.literals import braced, field, indented
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.kernel_detector import KernelDetector, packed
 from ca_ros.flight.rigid_body import inertia_of
@@ -23,13 +19,6 @@ from ca_ros.settings import ParameterError, Settings, check_given, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
-
-KERNEL_FILES = ('detector.h', 'detector.c')
-TEMPLATES = {
-    'detector_constants.h': '{name}_detector.h', 'detector_constants.c': '{name}_detector.c',
-    'golden_flight.h': 'golden_flight.h',
-}
-FIXED = ('check_detector.c',)
 
 STEP = 0.01  # between two states of the golden flight [s]
 STATES, FAILURE = 90, 70  # states of the golden flight, and the first after the failure of rotor 1
@@ -53,37 +42,8 @@ def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
     return FailureDetector(vehicle, read(DetectedSettings, ours).detector)
 
 
-def write_detector(detector: FailureDetector, name: str, precision: str, out: Path) -> None:
-    """Write the files of the detector beside those of the vehicle.
-
-    Raises
-    ------
-    ParameterError
-        If the extension module is not built.
-    OSError
-    """
-    folder = Path(kernel.__file__).parent
-    for file in KERNEL_FILES:
-        shutil.copyfile(folder / file, out / file)
-    templates = Path(__file__).with_name('templates')
-    for file in FIXED:
-        shutil.copyfile(templates / file, out / file)
-    fields = {
-        'name': name,
-        'NAME': name.upper(),
-        'model': '\n'.join(
-            field(key, np.asarray(numbers, DTYPES[precision]).astype(float), precision, 1)
-            for key, numbers in detector.model().items()
-        ),
-        'flight': golden_flight(detector, precision),
-    }
-    for template, target in TEMPLATES.items():
-        text = Template((templates / template).read_text(encoding='utf-8')).substitute(fields)
-        (out / target.format(name=name)).write_text(text, encoding='utf-8')
-
-
-def golden_flight(detector: FailureDetector, precision: str) -> str:
-    """Return the initialisers of a flight in which rotor 1 fails, with the answers.
+def golden_flight(detector: FailureDetector, precision: str) -> list[tuple[Array, ...]]:
+    """Return a flight in which rotor 1 fails: states, commands, and the answers.
 
     The vehicle moves at 1 m/s, and its rotors have constant speeds: that of hover, if one speed
     is enough.
@@ -109,7 +69,7 @@ def golden_flight(detector: FailureDetector, precision: str) -> str:
     ]) * thrusts[0]
     noise = np.repeat([0.01, 0.005], 3)
     motion = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    lines = []
+    flight: list[tuple[Array, ...]] = []
     for i in range(STATES):
         motion = motion - (i >= FAILURE) * STEP * lost
         state = np.concatenate([[0.0, 0.0, 0.0, 1.0], motion + noise * rng.standard_normal(6)])
@@ -118,6 +78,5 @@ def golden_flight(detector: FailureDetector, precision: str) -> str:
         time = i * round(1e9 * STEP)
         answers.observe(time, *row[:3])
         answers.command(time, row[3])
-        parts: list[Array] = [state, command, answers.health, answers.certainty]
-        lines.append(indented(f'{{{", ".join(braced(p, precision) for p in parts)}}},', 1))
-    return '\n'.join(lines)
+        flight.append((state, command, answers.health, answers.certainty))
+    return flight

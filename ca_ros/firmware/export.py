@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from string import Template
+from typing import Any
 
+import jinja2
 import numpy as np
 
 from ca_ros import kernel
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.slew import PERIOD_MAX
-from ca_ros.arrays import Array
 from ca_ros.firmware import golden, literals, throttles
-from ca_ros.firmware.detector import write_detector
-from ca_ros.firmware.firmware import Firmware
+from ca_ros.firmware.detector import golden_flight
+from ca_ros.firmware.firmware import DTYPES, LIMIT, Firmware
 from ca_ros.firmware.footprint import measure
-from ca_ros.firmware.readme import facts, words
 from ca_ros.firmware.tilting import TiltingFirmware
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.problem.controllability import unit
@@ -30,11 +31,7 @@ KERNEL_FILES = (
 TILTING_FILES = (
     'vectored.h', 'problem.h', 'numbers.h', 'vectored.c', 'vectored_priorities.c',
 )
-DETECTOR_FILES = (
-    '| `{name}_detector.h`, `{name}_detector.c`; `detector.h`, `detector.c`; `golden_flight.h`, '
-    "`check_detector.c` | the detector of rotor failures: the vehicle's constants, the code, its "
-    'check |\n'
-)
+DETECTOR_FILES = ('detector.h', 'detector.c')
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
 TEMPLATES = {
     'vehicle.h': '{name}.h', 'vehicle.c': '{name}.c', 'golden.h': 'golden.h',
@@ -44,12 +41,26 @@ TILTING_TEMPLATES = {
     'tilting.h': '{name}.h', 'tilting.c': '{name}.c', 'golden.h': 'golden.h',
     'vehicle.mk': 'vehicle.mk', 'tilting.md': 'README.md',
 }
+DETECTOR_TEMPLATES = {
+    'detector_constants.h': '{name}_detector.h', 'detector_constants.c': '{name}_detector.c',
+    'golden_flight.h': 'golden_flight.h',
+}
 HEADERS = ('errno', 'float', 'limits', 'math', 'stdio', 'stdlib', 'string', 'time')
 TAKEN = {
     *('ca', 'golden', 'vehicle', *HEADERS),
     *(Path(file).stem for file in (*KERNEL_FILES, *TILTING_FILES, *FIXED)),
 }
 """Names of other files and of C's headers."""
+
+SAMPLE = 3333  # number of wrenches of each kind and fault for which steps are counted
+
+UNATTAINABLE = {
+    'prioritize': 'is served in the order of priorities: {order} (`CA_PRIORITIZED`, with\n'
+    '`allocation.exact.thrust_deviation: {deviation}`)',
+    'scale': 'is scaled towards hover until it is attainable (`CA_SCALED`)',
+    'reject': 'is rejected: all rotors get the speed nearest to zero (`CA_REJECTED`)',
+}
+"""What becomes of an unattainable wrench, by policy."""
 
 
 def identifier(name: str) -> str:
@@ -80,145 +91,85 @@ def write(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ParameterError(f'--out: {out} exists already and is not an empty folder')
     out.mkdir(parents=True, exist_ok=True)
-    tilting = isinstance(firmware, TiltingFirmware)
-    for file in TILTING_FILES if tilting else KERNEL_FILES:
-        shutil.copyfile(Path(kernel.__file__).with_name(file), out / file)
-    templates = Path(__file__).with_name('templates')
-    for file in FIXED:
-        shutil.copyfile(templates / file, out / file)
-    fields = {'name': name, 'NAME': name.upper(), **_words(firmware, name)}
-    fields |= _numbers(firmware, name)
-    fields['measured'] = f'{name}_allocate{"_within" * (firmware.rates is not None)}'
-    fields['detector'] = 'yes' if detector else ''
-    fields['detector_files'] = DETECTOR_FILES.format(name=name) if detector else ''
     if detector:
         write_detector(detector, name, firmware.precision, out)
-    core = 'Cortex-M4F' if firmware.single else 'Cortex-M7'
-    for template, target in (TILTING_TEMPLATES if tilting else TEMPLATES).items():
-        if template == 'README.md':
-            fields |= facts(firmware, measure(out, fields['measured'], core), out)
-        elif target == 'README.md':
-            fields |= words(firmware)
-        text = Template((templates / template).read_text(encoding='utf-8')).substitute(fields)
-        (out / target.format(name=name)).write_text(text, encoding='utf-8')
-
-
-def _numbers(firmware: Firmware, name: str) -> dict[str, str]:
-    """Return the tables of the vehicle."""
-    problem = firmware.problem
-    rows = [row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows]
-
-    def table(column: int, of: Sequence[tuple[Array, ...]] = firmware.rotors) -> str:
-        values = [rotors[column] for rotors in of]
-        precision = None if values[0].dtype.kind == 'i' else firmware.precision
-        return '\n'.join(literals.indented(f'{literals.braced(v, precision)},', 1) for v in values)
-
-    return {
-        'n': str(firmware.columns), 'm': str(len(problem.axes)),
-        'count': str(len(firmware.faults)),
-        'problems': literals.problems(firmware),
-        'axes': '\n'.join(f'    {literals.braced(row)},' for row in rows),
-        'thrust_coefficient': table(0), 'reverse_coefficient': table(1), 'speed_min': table(2),
-        'speed_max': table(3), 'curve': _curve(firmware, 'curve.c'),
-        'speeds': _inverse(firmware), 'rates': '', 'rates_header': '', 'rates_golden': '',
-        **_rates(firmware, name),
-        'vectors': golden.vectors(firmware),
-        **_command(firmware, name, table),
-    }
-
-
-def _command(firmware: Firmware, name: str, table: Callable[..., str]) -> dict[str, str]:
-    """Return the fields that rotors that tilt and others have in a different way."""
-    if not isinstance(firmware, TiltingFirmware):
-        return {
-            'commands': 'CA_N',
-            'margin_function': f'#define MARGIN {name}_margin\n',
-            'margin_field': '    ca_real margin;\n',
-            'kernel': 'exact least_norm priorities',
-            **throttles.filled(firmware, name),
-        }
-    tables = ('thrust_min', 'thrust_max', 'servos', 'angle_middle', 'angle_min', 'angle_max')
-    return {
-        'commands': f'{name.upper()}_COMMANDS', 'margin_function': '', 'margin_field': '',
-        'throttles_golden': '', 'kernel': 'vectored vectored_priorities',
-        'rotors': str(firmware.problem.vehicle.n),
-        'angles': str(len(firmware.tilts.rotors)),
-        **{each: table(k, firmware.servos) for k, each in enumerate(tables)},
-    }
-
-
-def _rates(firmware: Firmware, name: str) -> dict[str, str]:
-    """Return the function within the rates of the rotors; nothing without rates."""
-    if firmware.rates is None:
-        return {}
-    up, down = (literals.braced(rate, firmware.precision) for rate in firmware.rates)
-    templates = Path(__file__).with_name('templates')
-    names = {'name': name, 'NAME': name.upper()}
-
-    def filled(file: str, **fields: str) -> str:
-        return Template((templates / file).read_text(encoding='utf-8')).substitute(names | fields)
-
-    return {
-        'rates': filled(
-            'rates.c', acceleration=up, deceleration=down, speeds=_inverse(firmware),
-            narrow='ca_narrow' if firmware.curve.square else 'curve_narrow',
-            curve_narrow=_curve(firmware, 'curve_narrow.c'),
-        ).lstrip() + '\n',
-        'rates_header': filled('rates.h', time=literals.real(PERIOD_MAX, firmware.precision)),
-        'rates_golden': filled('rates_golden.h', sequence=golden.sequence(firmware)),
-    }
-
-
-def _inverse(firmware: Firmware) -> str:
-    """Return the function from thrusts to speeds."""
-    return 'ca_speeds' if firmware.curve.square else 'curve_speeds'
-
-
-def _curve(firmware: Firmware, file: str) -> str:
-    """Return the thrust curve with a function of a template; nothing without a curve."""
-    if firmware.curve.square:
-        return ''
-    starts, levels, segments = firmware.segments
-    rows = np.column_stack([starts, segments])
-
-    def braced(values: Array) -> str:
-        return literals.indented(literals.braced(values, firmware.precision), 1).strip()
-
-    template = Path(__file__).with_name('templates') / file
-    return '\n' + Template(template.read_text(encoding='utf-8')).substitute(
-        segments='\n'.join(f'    {braced(row)},' for row in rows),
-        levels=braced(levels), count=len(levels),
+    tilting = isinstance(firmware, TiltingFirmware)
+    _copy(Path(kernel.__file__).parent, TILTING_FILES if tilting else KERNEL_FILES, out)
+    _copy(Path(__file__).with_name('templates'), FIXED, out)
+    problem, exact, single = firmware.problem, firmware.settings.exact, firmware.single
+    measured = f'{name}_allocate{"_within" * (firmware.rates is not None)}'
+    core = 'Cortex-M4F' if single else 'Cortex-M7'
+    _fill(
+        TILTING_TEMPLATES if tilting else TEMPLATES, name, firmware.precision, out,
+        firmware=firmware, axes=problem.axes, detector=detector, tilting=tilting,
+        commanded=[row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows],
+        measured=measured, footprint=partial(measure, out, measured, core),
+        bounds=partial(loop_bounds, out), problems=literals.problems(firmware),
+        real='float' if single else 'double',
+        hover=[f'{float(f"{each:.6g}")}{"f" * single}' for each in problem.reference],
+        unattainable=unattainable(exact, problem.axes), absurd=LIMIT[firmware.precision],
+        has_throttles=not tilting and throttles.has_throttles(firmware.curve),
+        throttles=throttles, golden=golden, sample=SAMPLE, period_max=PERIOD_MAX,
     )
 
 
-def _words(firmware: Firmware, name: str) -> dict[str, str]:
-    """Return the fields of the header and of vehicle.mk."""
-    problem, single = firmware.problem, firmware.single
-    # Priorities of vectors have problems of many sizes.
-    fixed = firmware.columns == problem.n and all(
-        fault.problem.axes == problem.axes for fault in firmware.faults)
-    definitions = f'-DCA_N={firmware.columns} -DCA_M={len(problem.axes)}'
-    definitions += ' -DCA_FIXED' * fixed + ' -DCA_FLOAT' * single
-    faults = [
-        f'    {name.upper()}_{fault.constant} = {i}, /* {fault.meaning}{_dropped(firmware, i)} */'
-        for i, fault in enumerate(firmware.faults)
-    ]
-    wrench = [f' *         [{k}] {axis} [{unit(axis)}]' for k, axis in enumerate(problem.axes)]
-    return {
-        'definitions': definitions,
-        'precision': (
-            '#ifndef CA_FLOAT\n#define CA_FLOAT\n#endif'
-            if single
-            else '#ifdef CA_FLOAT\n#error "this vehicle was exported in double precision"\n#endif'
-        ),
-        'real': 'float' if single else 'double',
-        'core': 'M4' if single else 'M7',
-        'faults': '\n'.join(faults),
-        'wrench': '\n'.join(wrench),
+def write_detector(detector: FailureDetector, name: str, precision: str, out: Path) -> None:
+    """Write the files of the detector beside those of the vehicle.
+
+    Raises
+    ------
+    ParameterError
+        If the extension module is not built.
+    OSError
+    """
+    _copy(Path(kernel.__file__).parent, DETECTOR_FILES, out)
+    _copy(Path(__file__).with_name('templates'), ['check_detector.c'], out)
+    model = {
+        key: np.asarray(each, DTYPES[precision]).astype(float)
+        for key, each in detector.model().items()
     }
+    _fill(
+        DETECTOR_TEMPLATES, name, precision, out, model=literals.fields(model, precision),
+        flight=golden_flight(detector, precision),
+    )
 
 
-def _dropped(firmware: Firmware, fault: int) -> str:
-    kept = firmware.faults[fault].problem.axes
-    lost = ', '.join(axis for axis in firmware.problem.axes if axis not in kept)
-    return f'; not commanded: {lost}' if lost else ''
+def unattainable(settings: ExactSettings, axes: Sequence[str]) -> str:
+    """Return how a wrench that is not attainable is served."""
+    order = '; '.join(' and '.join(group) for group in settings.groups(axes))
+    return UNATTAINABLE[settings.policy].format(order=order, deviation=settings.thrust_deviation)
+
+
+def loop_bounds(folder: Path) -> list[tuple[str, str, str, str]]:
+    """Return the constants that bound the iterations of the kernel: name, value, comment, file."""
+    found = []
+    for file in ('least_norm.c', 'priorities.c'):
+        text = (folder / file).read_text(encoding='utf-8')
+        for comment, block in re.findall(r'/\* ([^/]*?) \*/\n((?:#define .*\n)+)', text):
+            words = ' '.join(word for word in comment.split() if word != '*')
+            for constant, value in re.findall(r'^#define ([A-Z_]+) (\d+)$', block, re.MULTILINE):
+                found.append((constant, value, words, file))
+    return found
+
+
+def _copy(folder: Path, files: Iterable[str], out: Path) -> None:
+    for file in files:
+        shutil.copyfile(folder / file, out / file)
+
+
+def _fill(
+    templates: Mapping[str, str], name: str, precision: str, out: Path, **values: Any
+) -> None:
+    """Write templates, in their order, to files."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('ca_ros.firmware'), undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True,
+    )
+    environment.filters |= {
+        'literal': partial(literals.literal, precision=precision), 'indented': literals.indented,
+        'rows': partial(literals.rows, precision=precision), 'unit': unit,
+    }
+    environment.globals |= {'name': name, 'NAME': name.upper(), 'zip': zip}
+    for template, target in templates.items():
+        text = environment.get_template(template).render(values)
+        (out / target.format(name=name)).write_text(text, encoding='utf-8')

@@ -83,6 +83,15 @@ class Firmware:
         """``CA_N`` in C."""
         return self.problem.n
 
+    @property
+    def definitions(self) -> str:
+        """The options of the compiler for all files."""
+        # Priorities of vectors have problems of many sizes.
+        fixed = self.columns == self.problem.n and all(
+            fault.problem.axes == self.problem.axes for fault in self.faults)
+        sizes = f'-DCA_N={self.columns} -DCA_M={len(self.problem.axes)}'
+        return sizes + ' -DCA_FIXED' * fixed + ' -DCA_FLOAT' * self.single
+
     @cached_property
     def constants(self) -> Sequence[Fields]:
         """For each fault, the fields of its problem in C."""
@@ -153,17 +162,27 @@ class Firmware:
 
         `wrench` (m,): of the firmware's precision [N, N m].
         """
-        row = fault if 0 <= fault < len(self.faults) else 0
-        k_f, reverse, least, greatest = self.rotors[row]
-        rest = np.minimum(np.maximum(self.dtype(0), least), greatest)
         if not self.is_sound(fault, wrench):
-            return INVALID, rest
+            row = fault if 0 <= fault < len(self.faults) else 0
+            return INVALID, self._rest(*self.rotors[row][2:])
+        return self._allocate(fault, wrench, *self.rotors[fault][2:])
+
+    def _rest(self, low: Array, high: Array) -> Array:
+        """Return the speeds (n,) nearest to zero."""
+        return np.minimum(np.maximum(self.dtype(0), low), high)
+
+    def _allocate(
+        self, fault: int, wrench: Array, low: Array, high: Array, *bounds: Array
+    ) -> tuple[int, Array]:
+        """Return the status, and speeds (n,) within bounds of them and of the thrusts."""
         thrusts = np.empty(self.problem.n, self.dtype)
-        answer = self.kernels[row].allocate(np.ascontiguousarray(wrench[self.rows[row]]), thrusts)
+        u = np.ascontiguousarray(wrench[self.rows[fault]])
+        answer = self.kernels[fault].allocate(u, thrusts, *bounds)
         status = 0 if answer is None else answer[0]
         if status in (INVALID, Status.REJECTED):
-            return status, rest
-        return status, rotor_speeds(thrusts, k_f, reverse, least, greatest, self._inverse)
+            return status, self._rest(low, high)
+        k_f, reverse = self.rotors[fault][:2]
+        return status, rotor_speeds(thrusts, k_f, reverse, low, high, self._inverse)
 
     @cached_property
     def rates(self) -> tuple[Array, Array] | None:
@@ -186,13 +205,7 @@ class Firmware:
         elapsed = min(max(self.dtype(time), self.dtype(0)), self.dtype(PERIOD_MAX))
         low, high = reached(last, elapsed, *self.rates, least, greatest)
         bounds = (self.thrusts_at(speeds, k_f, reverse) for speeds in (low, high))
-        thrusts = np.empty(self.problem.n, self.dtype)
-        u = np.ascontiguousarray(wrench[self.rows[fault]])
-        answer = self.kernels[fault].allocate(u, thrusts, *bounds)
-        status = 0 if answer is None else answer[0]
-        if status in (INVALID, Status.REJECTED):
-            return status, np.minimum(np.maximum(self.dtype(0), low), high)
-        return status, rotor_speeds(thrusts, k_f, reverse, low, high, self._inverse)
+        return self._allocate(fault, wrench, low, high, *bounds)
 
     def thrusts_at(self, speeds: Array, k_f: Array, reverse: Array) -> Array:
         """Return the thrusts (n,) of speeds (n,)."""

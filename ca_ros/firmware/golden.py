@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import Firmware
-from ca_ros.firmware.literals import braced, indented, real
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 
 SIZE = 12  # number of wrenches of each kind for each fault
+
+Entry = tuple[Any, ...]  # of an array of structures in C
 
 BEYOND = 3.0  # greatest distance of a wrench from the centre over that of the boundary
 
@@ -36,17 +39,15 @@ def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:
     return np.vstack([inside, on, beyond]).astype(firmware.dtype)
 
 
-def sequence(firmware: Firmware) -> str:
-    """Return the initialisers of a sequence of answers within the rates, from standing rotors."""
-    lines, last = [], np.zeros(firmware.problem.n, firmware.dtype)
+def sequence(firmware: Firmware) -> list[Entry]:
+    """Return a sequence of answers within the rates, from standing rotors."""
+    found, last = [], np.zeros(firmware.problem.n, firmware.dtype)
     times = np.random.default_rng(1).choice([0.0, 0.002, 0.02, 9.0], 3 * SIZE)
     for fault in range(len(firmware.faults)):
         for wrench, time in zip(wrenches(firmware, fault, SIZE, 1), times, strict=True):
             status, last = firmware.allocate_within(fault, wrench, time, last)
-            given, speeds = (braced(array, firmware.precision) for array in (wrench, last))
-            elapsed = real(time, firmware.precision)
-            lines.append(indented(f'{{{fault}, {given}, {elapsed}, {status}, {speeds}}},', 1))
-    return '\n'.join(lines)
+            found.append((fault, wrench, time, status, last))
+    return found
 
 
 def special(firmware: Firmware) -> Array:
@@ -61,16 +62,20 @@ def special(firmware: Firmware) -> Array:
     return np.array(found).astype(firmware.dtype)
 
 
-def vectors(firmware: Firmware) -> str:
-    """Return the initialisers of the golden vectors."""
-    lines = []
+def vectors(firmware: Firmware) -> list[Entry]:
+    """Return the golden vectors: fault, wrench, status, command and margin, if there is one."""
     last = len(firmware.faults)
-    for fault in range(last):
-        given = [wrenches(firmware, fault, SIZE), special(firmware)]
-        lines += [_vector(firmware, fault, wrench) for wrench in np.vstack(given)]
+    given = [
+        (fault, wrench) for fault in range(last)
+        for wrench in np.vstack([wrenches(firmware, fault, SIZE), special(firmware)])
+    ]
     hover = firmware.problem.reference.astype(firmware.dtype)
-    lines += [_vector(firmware, fault, hover) for fault in (-1, last)]
-    return '\n'.join(lines)
+    has_margin = not isinstance(firmware.problem, VectoredProblem)
+    return [
+        (fault, wrench, *firmware.allocate(fault, wrench),
+         *([firmware.margin(fault, wrench)] if has_margin else []))
+        for fault, wrench in (*given, (-1, hover), (last, hover))
+    ]
 
 
 def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
@@ -80,15 +85,6 @@ def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
         for fault in range(len(firmware.faults))
     ]
     return max(steps for steps, _ in efforts), max(pivots for _, pivots in efforts)
-
-
-def _vector(firmware: Firmware, fault: int, wrench: Array) -> str:
-    status, speeds = firmware.allocate(fault, wrench)
-    first, last = (braced(array, firmware.precision) for array in (wrench, speeds))
-    margin = ''
-    if not isinstance(firmware.problem, VectoredProblem):
-        margin = f', {real(firmware.margin(fault, wrench), firmware.precision)}'
-    return indented(f'{{{fault}, {first}, {status}, {last}{margin}}},', 1)
 
 
 def _on_facets(problem: AllocationProblem, rng: np.random.Generator, size: int) -> Array:

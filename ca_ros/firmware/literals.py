@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from numbers import Integral
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +16,15 @@ from ca_ros.kernel import AXES_MAX, ROTORS_MAX
 WIDTH = 98
 
 
-def real(value: float, precision: str) -> str:
-    """Return a number of the kernel's type ca_real."""
+def literal(value: Any, precision: str) -> str:
+    """Return an initialiser: an integer, a number of the kernel's type ca_real, or a row of them.
+
+    The numbers are of a precision, 'single' or 'double'.
+    """
+    if isinstance(value, tuple | list | np.ndarray):
+        return f'{{{", ".join(literal(each, precision) for each in value)}}}'
+    if isinstance(value, Integral):
+        return str(int(value))
     if value != value:
         return 'NAN'
     if abs(value) == float('inf'):
@@ -24,16 +33,7 @@ def real(value: float, precision: str) -> str:
     return f'{text}f' if precision == 'single' else text
 
 
-def braced(values: Iterable[float], precision: str | None = None) -> str:
-    """Return the initialiser of an array: of integers, or of numbers of a precision."""
-    if precision is None:
-        items = [str(int(value)) for value in values]
-    else:
-        items = [real(value, precision) for value in values]
-    return f'{{{", ".join(items)}}}'
-
-
-def indented(text: str, depth: int) -> str:
+def indented(text: str, depth: int = 1) -> str:
     """Return an initialiser as lines of code."""
     first = ' ' * 4 * depth
     return fill(
@@ -42,31 +42,37 @@ def indented(text: str, depth: int) -> str:
     )
 
 
+def rows(values: Iterable[Any], precision: str, depth: int = 1) -> str:
+    """Return the initialisers of the elements of an array, each on lines of its own."""
+    return '\n'.join(indented(f'{literal(value, precision)},', depth) for value in values)
+
+
 def problems(firmware: Firmware) -> str:
     """Return the initialisers of the problems, one for each fault."""
     return '\n'.join(
-        f'    {{ /* {fault.meaning} */\n{_problem(firmware, fields)}\n    }},'
-        for fault, fields in zip(firmware.faults, firmware.constants, strict=True)
+        f'    {{ /* {fault.meaning} */\n{_problem(firmware, given)}\n    }},'
+        for fault, given in zip(firmware.faults, firmware.constants, strict=True)
     )
 
 
-def _problem(firmware: Firmware, fields: Fields) -> str:
+def _problem(firmware: Firmware, given: Fields) -> str:
     sizes = {'M': (AXES_MAX, len(firmware.problem.axes)), 'N': (ROTORS_MAX, firmware.problem.n)}
-    lines = []
-    for name, (kind, dimensions, numbers) in fields.items():
-        precision = None if kind == 'int' else firmware.precision
+    arrays = {}
+    for name, (kind, dimensions, numbers) in given.items():
         letters = re.findall(r'\[CA_([MN])\]', dimensions)
         array = np.reshape(numbers, [sizes[letter][0] for letter in letters])
         array = array[tuple(slice(sizes[letter][1]) for letter in letters)]
-        lines.append(field(name, array, precision, 2))
+        arrays[name] = array.astype(int if kind == 'int' else float)
+    return fields(arrays, firmware.precision, 2)
+
+
+def fields(arrays: Mapping[str, np.ndarray], precision: str, depth: int = 1) -> str:
+    """Return the initialisers of the fields of a structure: numbers, arrays and matrices."""
+    space, lines = ' ' * 4 * depth, []
+    for name, array in arrays.items():
+        if array.ndim < 2:
+            lines.append(indented(f'.{name} = {literal(array[()], precision)},', depth))
+        else:
+            table = rows(array, precision, depth + 1)
+            lines.append(f'{space}.{name} = {{\n{table}\n{space}}},')
     return '\n'.join(lines)
-
-
-def field(name: str, array: np.ndarray, precision: str | None, depth: int) -> str:
-    """Return the initialiser of a field of a structure: a number, an array or a matrix."""
-    if array.ndim < 2:
-        value = braced(np.atleast_1d(array), precision)
-        return indented(f'.{name} = {value if array.ndim else value[1:-1]},', depth)
-    rows = (indented(f'{braced(row, precision)},', depth + 1) for row in array)
-    space = ' ' * 4 * depth
-    return '\n'.join([f'{space}.{name} = {{', *rows, f'{space}}},'])

@@ -26,8 +26,8 @@ import ca_ros
 from ca_ros.arrays import Array
 from ca_ros.evaluation.wrench_sets import gauge, near_boundary
 from ca_ros.firmware.command import checked
-from ca_ros.firmware.detector import STATES, write_detector
-from ca_ros.firmware.export import write
+from ca_ros.firmware.detector import STATES
+from ca_ros.firmware.export import write, write_detector
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.tilting import firmware_of
 from ca_ros.flight.failure_detector import FailureDetector

@@ -1,18 +1,26 @@
-/* Control allocation of the vehicle $name: a wrench in, rotor speeds and servo angles out. README.md
+/* Control allocation of the vehicle {{ name }}: a wrench in, rotor speeds and servo angles out. README.md
  * explains it. Written by the command firmware of ca_ros. */
-#ifndef ${NAME}_ALLOCATION_H
-#define ${NAME}_ALLOCATION_H
+#ifndef {{ NAME }}_ALLOCATION_H
+#define {{ NAME }}_ALLOCATION_H
 
 /* All files of the kernel have to be compiled with the same definitions, see vehicle.mk. */
 #ifndef CA_N
-#define CA_N $n
+#define CA_N {{ firmware.columns }}
 #endif
 #ifndef CA_M
-#define CA_M $m
+#define CA_M {{ axes | length }}
 #endif
-$precision
-#if CA_N != $n || CA_M != $m
-#error "compile all files with $definitions"
+{% if firmware.single %}
+#ifndef CA_FLOAT
+#define CA_FLOAT
+#endif
+{% else %}
+#ifdef CA_FLOAT
+#error "this vehicle was exported in double precision"
+#endif
+{% endif %}
+#if CA_N != {{ firmware.columns }} || CA_M != {{ axes | length }}
+#error "compile all files with {{ firmware.definitions }}"
 #endif
 
 #ifdef __cplusplus
@@ -21,22 +29,27 @@ extern "C" {
 
 #include "vectored.h"
 
-#define ${NAME}_ROTORS $rotors
-#define ${NAME}_SERVOS $angles
-#define ${NAME}_COMMANDS (${NAME}_ROTORS + ${NAME}_SERVOS)
-#define ${NAME}_AXES $m
-#define ${NAME}_FAULTS $count
+#define {{ NAME }}_ROTORS {{ firmware.problem.vehicle.n }}
+#define {{ NAME }}_SERVOS {{ firmware.tilts.rotors | length }}
+#define {{ NAME }}_COMMANDS ({{ NAME }}_ROTORS + {{ NAME }}_SERVOS)
+#define {{ NAME }}_AXES {{ axes | length }}
+#define {{ NAME }}_FAULTS {{ firmware.faults | length }}
 
 /* What is known of the rotors. Axes that a fault takes away are not commanded. */
-enum ${name}_fault {
-$faults
+enum {{ name }}_fault {
+{% for fault in firmware.faults %}
+{% set lost = axes | reject('in', fault.problem.axes) | join(', ') %}
+    {{ NAME }}_{{ fault.constant }} = {{ loop.index0 }}, /* {{ fault.meaning }}{{ '; not commanded: ' ~ lost if lost }} */
+{% endfor %}
 };
 
 /* Find rotor speeds and servo angles for a wrench.
  *
- * fault    an enum ${name}_fault
+ * fault    an enum {{ name }}_fault
  * wrench   in the body frame, x forward, y left, z up:
-$wrench
+{% for axis in axes %}
+ *         [{{ loop.index0 }}] {{ axis }} [{{ axis | unit }}]
+{% endfor %}
  * command  the speed of each rotor [rad/s], then the angle of each servo [rad], in the order of the
  *          rotors in the vehicle's file; a gimbal has two servos, alpha before beta
  *
@@ -45,8 +58,8 @@ $wrench
  * CA_REJECTED, all thrusts are the least. The function keeps no state: it may be called from several
  * threads and interrupts. A servo whose rotor has no thrust goes to the middle of its range: limit the
  * rates of the servos, or leave the angle where it is. */
-int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
-    ca_real command[${NAME}_COMMANDS]);
+int {{ name }}_allocate(int fault, const ca_real wrench[{{ NAME }}_AXES],
+    ca_real command[{{ NAME }}_COMMANDS]);
 
 #ifdef __cplusplus
 }

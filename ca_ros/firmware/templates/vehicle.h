@@ -1,18 +1,26 @@
-/* Control allocation of the vehicle $name: a wrench in, rotor speeds out. README.md explains it.
+/* Control allocation of the vehicle {{ name }}: a wrench in, rotor speeds out. README.md explains it.
  * Written by the command firmware of ca_ros. */
-#ifndef ${NAME}_ALLOCATION_H
-#define ${NAME}_ALLOCATION_H
+#ifndef {{ NAME }}_ALLOCATION_H
+#define {{ NAME }}_ALLOCATION_H
 
 /* All files of the kernel have to be compiled with the same definitions, see vehicle.mk. */
 #ifndef CA_N
-#define CA_N $n
+#define CA_N {{ firmware.columns }}
 #endif
 #ifndef CA_M
-#define CA_M $m
+#define CA_M {{ axes | length }}
 #endif
-$precision
-#if CA_N != $n || CA_M != $m
-#error "compile all files with $definitions"
+{% if firmware.single %}
+#ifndef CA_FLOAT
+#define CA_FLOAT
+#endif
+{% else %}
+#ifdef CA_FLOAT
+#error "this vehicle was exported in double precision"
+#endif
+{% endif %}
+#if CA_N != {{ firmware.columns }} || CA_M != {{ axes | length }}
+#error "compile all files with {{ firmware.definitions }}"
 #endif
 
 #ifdef __cplusplus
@@ -21,20 +29,25 @@ extern "C" {
 
 #include "exact.h"
 
-#define ${NAME}_ROTORS $n
-#define ${NAME}_AXES $m
-#define ${NAME}_FAULTS $count
+#define {{ NAME }}_ROTORS {{ firmware.columns }}
+#define {{ NAME }}_AXES {{ axes | length }}
+#define {{ NAME }}_FAULTS {{ firmware.faults | length }}
 
 /* What is known of the rotors. Axes that a fault takes away are not commanded. */
-enum ${name}_fault {
-$faults
+enum {{ name }}_fault {
+{% for fault in firmware.faults %}
+{% set lost = axes | reject('in', fault.problem.axes) | join(', ') %}
+    {{ NAME }}_{{ fault.constant }} = {{ loop.index0 }}, /* {{ fault.meaning }}{{ '; not commanded: ' ~ lost if lost }} */
+{% endfor %}
 };
 
 /* Find the rotor speeds for a wrench.
  *
- * fault   an enum ${name}_fault
+ * fault   an enum {{ name }}_fault
  * wrench  in the body frame, x forward, y left, z up:
-$wrench
+{% for axis in axes %}
+ *         [{{ loop.index0 }}] {{ axis }} [{{ axis | unit }}]
+{% endfor %}
  * speeds  of each rotor, in the order of the vehicle's file [rad/s]
  *
  * Returns an enum ca_status (exact.h). The speeds are finite and within their bounds, whatever the
@@ -42,15 +55,34 @@ $wrench
  * CA_REJECTED, all rotors are at the speed nearest to zero. The function keeps no state: it may
  * be called from several threads and interrupts.
  */
-int ${name}_allocate(int fault, const ca_real wrench[${NAME}_AXES],
-    ca_real speeds[${NAME}_ROTORS]);
+int {{ name }}_allocate(int fault, const ca_real wrench[{{ NAME }}_AXES],
+    ca_real speeds[{{ NAME }}_ROTORS]);
 
-${rates_header}${throttles_header}/* How far a wrench is from the limits of the rotors: the distance to the nearest facet of the set of
+{% if firmware.rates %}
+/* Time since the last call that counts at most [s]. */
+#define {{ NAME }}_TIME_MAX {{ period_max | literal }}
+
+/* The same within what the rotors reach at their rates from their speeds, `time` [s] after these.
+ * `speeds` are those of the last command, and become those of this one. If bounds that the rates move
+ * limit the answer, it is CA_RATE_LIMITED. The bounds need no new set-up. The function has a copy of
+ * the problem, so that two tasks must not call it at once; the answer depends on no earlier call. */
+int {{ name }}_allocate_within(int fault, const ca_real wrench[{{ NAME }}_AXES], ca_real time,
+    ca_real speeds[{{ NAME }}_ROTORS]);
+
+{% endif %}
+{% if has_throttles %}
+/* Throttles, from 0 to 1 (from -1 for rotors that reverse), and pulse widths [us] of speeds [rad/s],
+ * by the thrust curve at the nominal voltage of the vehicle's file. */
+void {{ name }}_throttles(const ca_real speeds[{{ NAME }}_ROTORS], ca_real throttles[{{ NAME }}_ROTORS],
+    ca_real pulses[{{ NAME }}_ROTORS]);
+
+{% endif %}
+/* How far a wrench is from the limits of the rotors: the distance to the nearest facet of the set of
  * attainable wrenches, negative if the wrench is not attainable [N for a facet that limits the
  * thrust, N m for one that limits a torque]; -INFINITY if the wrench or the fault is invalid. It tests
  * all choices of as many rotors as there are axes less one: use it for a low-rate warning, not in the
  * loop. It is as sound in interrupts as the function above. */
-ca_real ${name}_margin(int fault, const ca_real wrench[${NAME}_AXES]);
+ca_real {{ name }}_margin(int fault, const ca_real wrench[{{ NAME }}_AXES]);
 
 #ifdef __cplusplus
 }

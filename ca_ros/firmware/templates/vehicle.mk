@@ -1,10 +1,10 @@
 # The vehicle of this folder, for the Makefile.
-NAME := $name
-DEFINITIONS := $definitions
-KERNEL := $kernel
+NAME := {{ name }}
+DEFINITIONS := {{ firmware.definitions }}
+KERNEL := {{ 'vectored vectored_priorities' if tilting else 'exact least_norm priorities' }}
 # Not empty if the detector of rotor failures is here, too.
-DETECTOR := $detector
+DETECTOR := {{ 'yes' if detector }}
 # Double precision is for cores that have it in hardware.
-CORE := $core
+CORE := {{ 'M4' if firmware.single else 'M7' }}
 # The function whose memory is measured.
-MEASURED := $measured
+MEASURED := {{ measured }}
