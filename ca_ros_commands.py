@@ -7,6 +7,7 @@ traceback, as it does later.
 from __future__ import annotations
 
 import signal
+import sys
 from functools import partial
 
 
@@ -25,3 +26,8 @@ def __getattr__(command: str) -> partial[int | None]:
     if command.startswith('_'):
         raise AttributeError(command)
     return partial(run, command)
+
+
+if __name__ == '__main__':
+    # `bringup` starts the nodes in this way; the command reads the arguments after its name.
+    raise SystemExit(run(sys.argv.pop(1)))

@@ -35,7 +35,7 @@ from ca_ros.vehicle.files import find
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
-MODULES = {'allocator': 'ca_ros.nodes.allocator', 'echo': 'benchmarks.echo'}
+MODULES = {'allocator': ['ca_ros_commands', 'allocator'], 'echo': ['benchmarks.echo']}
 
 RATES = (250.0, 1000.0)  # rates at which latencies are measured [Hz]
 
@@ -59,7 +59,7 @@ def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
     ros += ['-r', '/diagnostics:=diagnostics', '-r']
     spaces = {kind: f'/benchmark_{kind}_{os.getpid()}' for kind in MODULES}
     children = {
-        kind: [sys.executable, '-m', module, *ros, f'__ns:={spaces[kind]}']
+        kind: [sys.executable, '-m', *module, *ros, f'__ns:={spaces[kind]}']
         for kind, module in MODULES.items()
     }
     commands = flown(vehicle)

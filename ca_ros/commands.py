@@ -6,9 +6,7 @@ library, because setup.py runs it.
 
 from __future__ import annotations
 
-import signal
 import sys
-from functools import partial
 from importlib import import_module
 
 NODES = ('controller', 'allocator', 'simulator')
@@ -56,9 +54,6 @@ def run(command: str) -> int | None:
     """Run a command; return its exit code."""
     try:
         code: int | None = import_module(COMMANDS[command]).main()
-    except KeyboardInterrupt:
-        # Ctrl-C before the command handles signals itself.
-        return 128 + signal.SIGINT
     except ModuleNotFoundError as missing:
         package = (missing.name or '').partition('.')[0]
         if package not in HINTS:
@@ -66,10 +61,3 @@ def run(command: str) -> int | None:
         print(f'{command}: needs {package}: {HINTS[package]}', file=sys.stderr)
         return 1
     return code
-
-
-def __getattr__(command: str) -> partial[int | None]:
-    """Return the function that runs a command, under the name of the command."""
-    if command not in COMMANDS:
-        raise AttributeError(f'{command}: expected one of {", ".join(COMMANDS)}')
-    return partial(run, command)

@@ -191,7 +191,7 @@ def test_what_is_killed_leaves_no_shared_memory_behind(graph, tmp_path, monkeypa
         victims.clear()
         for process in graph.alive():
             with suppress(psutil.Error):
-                if 'ca_ros.nodes.allocator' in process.cmdline() and process.num_threads() > 5:
+                if 'allocator' in process.cmdline() and process.num_threads() > 5:
                     victims.append(process)
         return victims
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import ca_ros_commands
 from ca_ros import ALLOCATORS, commands
 from ca_ros.commands import COMMANDS, STUDIES
 from ca_ros.commands import NODES as LOOP
@@ -170,7 +171,7 @@ def test_an_interrupt_while_a_command_starts_ends_it_without_a_traceback(monkeyp
         raise KeyboardInterrupt
 
     monkeypatch.setattr(commands, 'import_module', interrupted)
-    assert commands.allocator() == 130
+    assert ca_ros_commands.allocator() == 130
     assert capfd.readouterr() == ('', '')
 
 

@@ -36,20 +36,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     # The matrices are too small for the threads of BLAS.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    interrupts: list[int] = []
+    new = None
     try:
         plan = parse(sys.argv[1:] if argv is None else argv)
-        if plan.out is not None:
-            return _bringup(plan, plan.out)
-        out = _new_folder()
+        out = plan.out or (new := _new_folder())
+        interrupts = note_signals()
+        return _bringup(plan, out, interrupts)
     except (CaRosError, OSError) as error:
         print(f'bringup: {error}', file=sys.stderr)
-        return 1
-    try:
-        return _bringup(plan, out)
+        return 128 + interrupts[0] if interrupts else 1
     finally:
-        # This fails if the folder holds a flight.
-        with suppress(OSError):
-            out.rmdir()
+        try_shutdown()
+        if new:
+            # This fails if the folder holds a flight.
+            with suppress(OSError):
+                new.rmdir()
 
 
 def _new_folder() -> Path:
@@ -63,27 +65,15 @@ def _new_folder() -> Path:
     return folder
 
 
-def _bringup(plan: Plan, out: Path) -> int:
-    interrupts = note_signals()
-    try:
-        nodes, bag = _prepare(plan, out)
-    except (CaRosError, OSError, ValueError) as error:
-        print(f'bringup: {error}', file=sys.stderr)
-        return 1
-    try:
-        flown = Session(plan, nodes, interrupts, bag).fly()
-        foreign = 'controller' in plan.replacements
-        shares = None if foreign else served(flown, plan.trajectory, plan.failures)
-        cuts = () if shares is None else shares.cuts
-        summary, reached = summarize(
-            flown, plan.trajectory.last, plan.failures, cuts, plan.tolerance)
-        print(summary)
-        write_results(plan, out, flown, shares)
-    except (CaRosError, OSError) as error:
-        print(f'bringup: {error}', file=sys.stderr)
-        return 128 + interrupts[0] if interrupts else 1
-    finally:
-        try_shutdown()
+def _bringup(plan: Plan, out: Path, interrupts: list[int]) -> int:
+    nodes, bag = _prepare(plan, out)
+    flown = Session(plan, nodes, interrupts, bag).fly()
+    foreign = 'controller' in plan.replacements
+    shares = None if foreign else served(flown, plan.trajectory, plan.failures)
+    cuts = () if shares is None else shares.cuts
+    summary, reached = summarize(flown, plan.trajectory.last, plan.failures, cuts, plan.tolerance)
+    print(summary)
+    write_results(plan, out, flown, shares)
     if bag:
         print(f'  bag           {bag}')
     return 0 if reached else 1
@@ -100,9 +90,9 @@ def _prepare(plan: Plan, out: Path) -> tuple[dict[str, list[str]], Bag | None]:
         validate_namespace(plan.namespace)
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except InvalidNamespaceException:
-        raise ValueError(f'--namespace: {plan.namespace} is not a namespace') from None
+        raise CaRosError(f'--namespace: {plan.namespace} is not a namespace') from None
     except RCLError as error:
-        raise ValueError(in_one_line(error)) from None
+        raise CaRosError(in_one_line(error)) from None
     return nodes, Bag(plan.bag) if plan.bag else None
 
 
@@ -131,7 +121,3 @@ def naming(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise OSError(f'{error.filename or path}: {error.strerror}') from None
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

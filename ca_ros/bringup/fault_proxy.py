@@ -189,7 +189,3 @@ def main() -> int:
         'between flights.',
         parse=_parse,
     )
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

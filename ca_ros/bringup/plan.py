@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ca_ros.arguments import full_name
 from ca_ros.bringup.fault_proxy import remaps
-from ca_ros.commands import COMMANDS, HINTS, NODES
+from ca_ros.commands import HINTS, NODES
 from ca_ros.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
@@ -20,6 +20,9 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import ParameterFile
 
 POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]
+
+RUN = sys.executable, '-m', 'ca_ros_commands'
+"""Runs a command of the package, whose name and arguments follow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,7 @@ class Plan:
             own = ['--ros-args', '--enclave', full, *space]
             if self.faults is not None:
                 own += remaps(name)
-            node: Sequence[str] = [sys.executable, '-m', COMMANDS[name]]
+            node: Sequence[str] = [*RUN, name]
             if name in self.replacements:
                 node = self.replacements[name]
                 own += ['-r', f'__node:={name}']
@@ -78,7 +81,7 @@ class Plan:
                 lines[name] += ['-p', 'await_health:=true']
         if self.faults is not None:
             own = ['--ros-args', *space, *_parameters(self.faults)]
-            lines['fault_proxy'] = [sys.executable, '-m', COMMANDS['fault_proxy'], *own]
+            lines['fault_proxy'] = [*RUN, 'fault_proxy', *own]
         return lines
 
 

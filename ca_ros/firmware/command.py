@@ -71,7 +71,3 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add('--faults', nargs='+', default=['single'], metavar='FAULT', help=faults)
     add('--detector', action='store_true', help='with the detector of rotor failures')
     return parser.parse_args(argv)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -123,7 +123,3 @@ def main() -> int:
         parse_problem = partial(parse, file_arguments=_problem_arguments)
         return run('allocator', ProblemAllocatorNode, about, parse=parse_problem)
     return run('allocator', AllocatorNode, about)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -233,7 +233,3 @@ class ControllerNode(HealthNode):
 
 ABOUT = 'Fly to command/pose: a state to command/wrench.'
 main = partial(run, 'controller', ControllerNode, ABOUT)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

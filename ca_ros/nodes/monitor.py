@@ -196,7 +196,3 @@ class MonitorNode(VehicleNode):
 
 ABOUT = 'Detect rotor failures (rotor_health) from states and commanded rotor speeds.'
 main = partial(run, 'monitor', MonitorNode, ABOUT)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -239,7 +239,3 @@ class SimulatorNode(VehicleNode):
 
 ABOUT = 'Simulate: command/motor_speed to pose and velocity.'
 main = partial(run, 'simulator', SimulatorNode, ABOUT)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -226,7 +226,3 @@ def _named(case: Case, found: Found) -> str:
         for rotor in (health < case.vehicle.health).nonzero()[0].tolist():
             first.setdefault(rotor + 1, time / 1e9)
     return ', '.join(f'rotor {rotor} at {time:.2f} s' for rotor, time in first.items()) or 'none'
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

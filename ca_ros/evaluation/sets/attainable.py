@@ -205,7 +205,3 @@ def _draw_body(plot: Any, polytope: Polytope, look: dict[str, Any]) -> None:
 
     faces = [polytope.vertices[corners] for corners in polytope.corners()]
     plot.add_collection3d(Poly3DCollection(faces, **{**look, 'linewidth': 0.8}))
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -136,7 +136,3 @@ def _metrics(
         'status': own['status'],
         **metrics(problem, demands, thrusts),
     }
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

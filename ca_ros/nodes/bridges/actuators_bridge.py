@@ -28,23 +28,16 @@ class ActuatorsBridge(Bridge):
 
         self._kind = Actuators
         publisher = self.create_publisher(Actuators, self.target, COMMAND)
-        self.subscribe_commands(self.passes(self._convert, publisher), self.vehicle.tilts)
+        self.subscribe_commands(self.passes(self.convert, publisher), self.vehicle.tilts)
 
-    def fields(
-        self, speeds: Float64MultiArray, *angles: Float64MultiArray
-    ) -> dict[str, list[float]]:
-        """Return the fields of Actuators."""
-        found = sound_speeds(speeds.data, self.vehicle)
-        name, values = 'velocity', found
+    def convert(self, speeds: Float64MultiArray, *angles: Float64MultiArray) -> Any:
+        """Return the message."""
+        name, values = 'velocity', sound_speeds(speeds.data, self.vehicle)
         if self.settings.bridge.actuators == 'normalized':
-            name, values = 'normalized', self.vehicle.throttles(found)
-        fields = {name: ordered(values, self.order).tolist()}
-        for message in angles:
-            fields['position'] = servo_angles(message.data, self.vehicle, self.order).tolist()
-        return fields
-
-    def _convert(self, speeds: Float64MultiArray, *angles: Float64MultiArray) -> Any:
-        message = self._kind(**self.fields(speeds, *angles))
+            name, values = 'normalized', self.vehicle.throttles(values)
+        message = self._kind(**{name: ordered(values, self.order).tolist()})
+        for each in angles:
+            message.position = servo_angles(each.data, self.vehicle, self.order).tolist()
         message.header.stamp = stamp(speeds_stamp(speeds) or 0)
         return message
 

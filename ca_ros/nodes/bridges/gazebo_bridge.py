@@ -8,6 +8,7 @@ the models of a vehicle; ros_gz_bridge carries the messages.
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -33,14 +34,11 @@ class GazeboBridge(ActuatorsBridge):
         publishers = self.publish_stream(topics.POSE), self.publish_stream(topics.VELOCITY)
         self.listen(Odometry, 'odometry', self.passes(self._state, *publishers))
 
-    def fields(
-        self, speeds: Float64MultiArray, *angles: Float64MultiArray
-    ) -> dict[str, list[float]]:
-        """Return the fields of Actuators; Gazebo takes no negative speed."""
-        found = super().fields(speeds, *angles)
-        if any(speed < 0.0 for values in found.values() for speed in values):
-            raise ValueError(f'rotor speeds {found}: Gazebo takes none that is negative')
-        return found
+    def convert(self, speeds: Float64MultiArray, *angles: Float64MultiArray) -> Any:
+        message = super().convert(speeds, *angles)
+        if min(speeds.data) < 0.0:
+            raise ValueError(f'rotor speeds {[*speeds.data]}: Gazebo takes none that is negative')
+        return message
 
     def _state(self, odometry: Odometry) -> tuple[PoseStamped, TwistStamped]:
         state = *pose_arrays(odometry.pose), *twist_arrays(odometry.twist)

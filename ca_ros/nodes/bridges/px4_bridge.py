@@ -53,7 +53,7 @@ class Px4Bridge(Bridge):
             self._thrust: Any = None
             # As in PX4, each torque is allocated, with the newest thrust.
             name = 'fmu/out/vehicle_thrust_setpoint'
-            self.listen(VehicleThrustSetpoint, name, self._keep)
+            self.listen(VehicleThrustSetpoint, name, partial(setattr, self, '_thrust'))
             passes = self.passes(self._wrench, self.publish_stream(topics.WRENCH))
             self.listen(VehicleTorqueSetpoint, 'fmu/out/vehicle_torque_setpoint', passes)
 
@@ -91,9 +91,6 @@ class Px4Bridge(Bridge):
         time = stamp(odometry.timestamp_sample * 1000)
         frames = self.settings.world_frame, self.settings.command_frame
         return state_messages(*px4.state(odometry), time, *frames)
-
-    def _keep(self, thrust: Any) -> None:
-        self._thrust = thrust
 
     def _wrench(self, torque: Any) -> Any:
         time = torque.timestamp_sample
