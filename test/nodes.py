@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Log
 from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray, Int8MultiArray, MultiArrayDimension
 
 from ca_ros import Vehicle, control_allocation_matrix
@@ -298,7 +299,7 @@ class ControllerClient:
         # In lockstep it gets each message, in order.
         self.process = graph.start(
             'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
-        self.waypoint = graph.publisher(PoseStamped, 'command/pose')
+        self.waypoint = graph.publisher(PoseStamped, 'command/pose', QoSProfile(depth=1))
         self.pose = graph.publisher(PoseStamped, 'local_position/pose')
         self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
         self.wrenches = graph.listen(WrenchStamped, 'command/wrench')
