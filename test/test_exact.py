@@ -148,13 +148,14 @@ def test_without_slack_almost_symmetric_vehicles_are_exact_on_all_of_their_facet
                   for policy in ('prioritize', 'scale')]
     gamma, center = control_allocation_matrix(vehicle), middle(vehicle)
     edge = boundary_thrusts(vehicle, rng, 30) @ gamma.T
+    admissible = AdmissibleSet(vehicle)
     anywhere = allocators[0].problem.hover + rng.normal(size=(30, 4)) * [8.0, 4.0, 4.0, 0.3]
     for u in rng.uniform(vehicle.thrust_min, vehicle.thrust_max, (30, vehicle.n)) @ gamma.T:
         check(vehicle, allocators[0], 'interior', u)
     for u in edge:
         check(vehicle, allocators[0], 'boundary', u)
     for allocator, policy in zip(
-            allocators, (allocators[0].admissible.prioritize, allocators[1].admissible.scale),
+            allocators, (admissible.prioritize, admissible.scale),
             strict=True):
         for u in np.vstack([center + 1.5 * (edge - center), anywhere]):
             a, served = allocator.allocate(u), policy(u)

@@ -427,7 +427,7 @@ def test_levels_of_scaling_are_the_share_of_the_line():
     u = np.array([-0.0039885, 0.0, 98.1, 0.0875, -0.3255988, -0.617299])
     level = allocator.allocate(u).level
     np.testing.assert_allclose(allocator.allocate_batch(np.tile(u, (20, 1))).level, level)
-    start = allocator.admissible.reference
+    start = AdmissibleSet(vehicle).reference
     np.testing.assert_allclose(
         allocator.allocate(u).wrench, start + level * (u - start), rtol=0.0, atol=1e-9)
 

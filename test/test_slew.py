@@ -171,38 +171,33 @@ def test_sequences_are_exact_within_the_moving_bounds(index, monkeypatch):
     demands, periods = sequence(problem, rng), rng.choice([0.002, 0.01, 0.05], 10)
     rates = RATES * rng.uniform(0.5, 2.0, vehicle.n), 0.5 * RATES * rng.uniform(0.5, 2.0)
     start = rng.uniform(vehicle.speed_min, vehicle.speed_max)
-    found = {}
+    slow = {}
     for engine in ('c', 'numpy'):
         monkeypatch.setenv('CA_ROS_KERNEL', engine)
-        slow = SlewLimited(make_allocator('exact', problem), *rates)
-        found[engine] = slow.allocate_sequence(demands, start, periods)
-    batch = found['c']
-    low, high = batch.bounds
-    assert np.all((low <= batch.thrusts) & (batch.thrusts <= high))
-    sizes = np.maximum(1.0, np.linalg.norm(demands, axis=1))
+        slow[engine] = SlewLimited(make_allocator('exact', problem), *rates)
     last = start
-    for i, u in enumerate(demands):
-        # NumPy from the same last command: errors of single steps, not of the sequence.
-        monkeypatch.setenv('CA_ROS_KERNEL', 'numpy')
-        numpy = slow.allocate(u, last, periods[i])
-        last = vehicle.speeds(batch.thrusts[i])
-        assert numpy.status == batch.status[i]
-        assert np.abs(numpy.wrench - batch.wrench[i]).max() <= 1e-12 * max(
-            sizes[i], np.abs(batch.thrusts[i]).sum())
+    for u, period in zip(demands, periods, strict=True):
+        # Both from the same last command: errors of single steps, not of the sequence.
+        answer, numpy = (slow[engine].allocate(u, last, period) for engine in ('c', 'numpy'))
+        last, size, (low, high) = answer.speeds, max(1.0, np.linalg.norm(u)), answer.bounds
+        assert np.all((low <= answer.thrusts) & (answer.thrusts <= high))
+        assert numpy.status == answer.status
+        assert np.abs(numpy.wrench - answer.wrench).max() <= 1e-12 * max(
+            size, np.abs(answer.thrusts).sum())
         served = u
-        if batch.status[i] == Status.EXACT:
-            assert np.linalg.norm(batch.residual[i]) <= 1e-12 * sizes[i]
+        if answer.status == Status.EXACT:
+            assert np.linalg.norm(answer.residual) <= 1e-12 * size
         else:
-            served = batch.wrench[i]
-            assert batch.status[i] in (Status.PRIORITIZED, Status.RATE_LIMITED)
+            served = answer.wrench
+            assert answer.status in (Status.PRIORITIZED, Status.RATE_LIMITED)
             with pytest.raises(ValueError, match='constraints are inconsistent'):
-                by_quadprog(problem.gamma, u, low[i], high[i])
+                by_quadprog(problem.gamma, u, low, high)
         try:
-            least = by_quadprog(problem.gamma, served, low[i], high[i])
+            least = by_quadprog(problem.gamma, served, low, high)
         except ValueError:
             # On the boundary rounding decides whether quadprog finds the wrench.
             continue
-        assert np.linalg.norm(batch.thrusts[i]) <= np.linalg.norm(least) + 1e-9
+        assert np.linalg.norm(answer.thrusts) <= np.linalg.norm(least) + 1e-9
     # Without a bound that is narrower the answers are those without rates, to the last bit.
     monkeypatch.setenv('CA_ROS_KERNEL', 'c')
     free = make_allocator('exact', problem)

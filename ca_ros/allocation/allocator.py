@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from inspect import Parameter, Signature, cleandoc, signature
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
-from ca_ros.arrays import Array, BoolArray, IntArray
+from ca_ros.arrays import Array
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
@@ -189,42 +189,17 @@ class Allocator(ABC):
         """Allocate one checked wrench."""
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
-        return self._stacked(demands, [self._allocate(u) for u in demands])
-
-    def _stacked(self, demands: Array, answers: Sequence[Allocation]) -> AllocationBatch:
-        """Return answers to demands (N, m) as one result."""
+        answers = [self._allocate(u) for u in demands]
         thrusts = np.array([a.thrusts for a in answers]).reshape(len(demands), self.problem.n)
-        status, level, violation = (
+        status = np.array([a.status for a in answers], dtype=np.int8)
+        level, violation = (
             np.array([getattr(a, name) for a in answers], dtype=float)
-            for name in ('status', 'level', 'violation')
+            for name in ('level', 'violation')
         )
-        return self._batch(demands, thrusts, status, level, violation)
-
-    def _batch(
-        self, demands: Array, thrusts: Array, status: Array | IntArray | None = None,
-        levels: Array | None = None, violations: Array | None = None,
-        preference: tuple[Array, Array] | None = None,
-    ) -> AllocationBatch:
-        """Return the result for demands (N, m); without a status, compute it from the thrusts."""
-        n = len(demands)
-        if status is None:
-            status = np.where(self._judge(demands, thrusts), Status.EXACT, Status.INEXACT)
-        return AllocationBatch(
-            self.problem, demands, thrusts, status.astype(np.int8),
-            np.ones(n) if levels is None else levels,
-            np.zeros(n) if violations is None else violations, preference,
-        )
-
-    def _judge(self, demands: Array, thrusts: Array, share: float = 1.0) -> BoolArray:
-        """Return (...) whether thrusts (..., n) produce the demands (..., m) exactly.
-
-        A method that can still refine its thrusts uses a `share` of the tolerance, so that the
-        result is also exact with another order of summation.
-        """
-        return self.problem.is_exact(demands, thrusts, share)
+        return AllocationBatch(self.problem, demands, thrusts, status, level, violation)
 
     def _status(self, u: Array, thrusts: Array) -> Status:
-        return Status.EXACT if self._judge(u, thrusts) else Status.INEXACT
+        return Status.EXACT if self.problem.is_exact(u, thrusts) else Status.INEXACT
 
     def _clipped(self, u: Array, wanted: Array) -> Allocation:
         """Return the allocation of thrusts (n,) that are clipped to their bounds, Eq. (13)."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,17 +74,22 @@ def certify(
     """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m].
 
     `preference` has the weights and the preferred thrusts, (n,) each [1, N]; `bounds` are narrower
-    bounds (..., n) of the thrusts [N].
+    bounds (n,) of one answer [N].
     """
     if bounds is not None:
-        return _certify_within(problem, demand, thrusts, preference, bounds)
+        moved = problem.bounded(*bounds)
+        moved.check_volume()
+        found = certify(moved, demand, thrusts, preference)
+        slow = (found.limit > 0) & (moved.upper < problem.upper)
+        slow |= (found.limit < 0) & (moved.lower > problem.lower)
+        return replace(found, rate_limited=slow)
     wrench = thrusts @ problem.gamma.T
     rows = wrench.reshape(-1, wrench.shape[-1])
     solver = problem.least_norm
     if preference is not None:
         solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
-    found = [solver.solve(row, float(problem.tolerance(row))).multipliers for row in rows]
-    multipliers = np.array(found).reshape(wrench.shape)
+    solved = [solver.solve(row, float(problem.tolerance(row))).multipliers for row in rows]
+    multipliers = np.array(solved).reshape(wrench.shape)
     least = solver.least_norm_thrusts(multipliers)
     image = problem.attainable_set
     heights = (demand - image.center) @ image.normals.T
@@ -99,25 +103,3 @@ def certify(
         limit=np.sign(side * image.sides[nearest]).astype(np.int8),
         rate_limited=np.zeros(thrusts.shape, dtype=bool), problem=problem,
     )
-
-
-def _certify_within(
-    problem: AllocationProblem, demand: Array, thrusts: Array,
-    preference: tuple[Array, Array] | None, bounds: tuple[Array, Array],
-) -> Certificate:
-    if thrusts.ndim > 1:
-        rows = [
-            _certify_within(problem, *row[:2], preference, row[2:])
-            for row in zip(demand, thrusts, *bounds, strict=True)
-        ]
-        names = [field.name for field in fields(Certificate)][:-1]
-        stacked: dict[str, Any] = {
-            name: np.array([getattr(row, name) for row in rows]) for name in names
-        }
-        return replace(rows[0], **stacked)
-    moved = problem.bounded(*bounds)
-    moved.check_volume()
-    found = certify(moved, demand, thrusts, preference)
-    slow = (found.limit > 0) & (moved.upper < problem.upper)
-    slow |= (found.limit < 0) & (moved.lower > problem.lower)
-    return replace(found, rate_limited=slow)

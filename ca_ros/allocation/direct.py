@@ -60,16 +60,15 @@ class Direct(Allocator):
         return np.where(given, levels, np.nan)
 
     def _allocate(self, u: Array) -> Allocation:
-        level = float(self.levels(u))
+        level, problem = float(self.levels(u)), self.problem
         if np.isnan(level):
-            resting = self.problem.resting_thrusts.copy()
-            return Allocation(self.problem, u, resting, Status.REJECTED, 0.0)
+            return Allocation(problem, u, problem.resting_thrusts.copy(), Status.REJECTED, 0.0)
         served = level * u
         thrusts = self._cheapest(served)
-        if self._judge(u, thrusts):
-            return Allocation(self.problem, u, thrusts, Status.EXACT)
-        status = Status.SCALED if self._judge(served, thrusts) else Status.INEXACT
-        return Allocation(self.problem, u, thrusts, status, level)
+        if problem.is_exact(u, thrusts):
+            return Allocation(problem, u, thrusts, Status.EXACT)
+        status = Status.SCALED if problem.is_exact(served, thrusts) else Status.INEXACT
+        return Allocation(problem, u, thrusts, status, level)
 
     def _cheapest(self, u: Array) -> Array:
         """Return the thrusts (n,) of least cost that give u: a vertex of all that give it."""

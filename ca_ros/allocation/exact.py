@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen, warn_if_missing
-from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.limits import Limits
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
@@ -89,11 +87,6 @@ class Exact(Allocator):
         # The kernel cannot be copied; its set-up takes microseconds.
         return type(self), (self.problem, self.settings)
 
-    @cached_property
-    def admissible(self) -> AdmissibleSet:
-        """The set of attainable wrenches."""
-        return AdmissibleSet(self.problem)
-
     def allocate(self, u: ArrayLike) -> Allocation:
         """Allocate one wrench; see `Allocator.allocate`."""
         return self._answer(u)
@@ -159,4 +152,6 @@ class Exact(Allocator):
                 list(pool.map(work, ends[:-1], ends[1:]))
         elif size:
             work(0, size)
-        return self._batch(demands, thrusts, status, levels, preference=self._preference)
+        violations = np.zeros(size)
+        return AllocationBatch(
+            self.problem, demands, thrusts, status, levels, violations, self._preference)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import SERVED
-from ca_ros.allocation.osqp_program import OsqpStart
+from ca_ros.allocation.osqp_program import osqp_start
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
 from ca_ros.kernel import Kernel
@@ -69,7 +69,7 @@ class NumpyEngine:
         self._problem, self._status = problem, settings.status
         self._slack = settings.residual_slack
         self._serve = Prioritization(problem, rows, reference, thrust_deviation, begin, airmode)
-        self._osqp = OsqpStart(problem, preference) if settings.solver == 'osqp' else None
+        self._osqp = osqp_start(problem, preference) if settings.solver == 'osqp' else None
         self._solver = problem.least_norm
         self._preference = preference or ()
         if preference is not None:
@@ -145,7 +145,7 @@ class NumpyEngine:
             status[i], levels[i] = (0, 1.0) if answer is None else answer[:2]
 
     def _least(self, solver: DualNewton, u: Array) -> Solution:
-        start = None if self._osqp is None else self._osqp.multipliers(u)
+        start = None if self._osqp is None else self._osqp(u)
         tolerance = float(self._problem.tolerance(u))
         slack = tolerance / EXACT_TOLERANCE * self._slack
         return solver.solve(u, tolerance, start, slack)

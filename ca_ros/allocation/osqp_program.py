@@ -44,31 +44,28 @@ def osqp_program(
     return solver, solve
 
 
-class OsqpStart:
-    """The multipliers that OSQP finds for Eqs. (20)-(22).
+def osqp_start(
+    problem: AllocationProblem, preference: tuple[Array, Array] | None
+) -> Callable[[Array], Array | None]:
+    """Return a function from a wrench (m,) to the multipliers (m,) that OSQP finds for it.
 
     OSQP's thrusts have errors of the size of its tolerance, and much larger ones on the boundary
     of the admissible set.  OSQP's status does not show that.  Therefore only its multipliers are
-    used, as the start of Newton's method.  Raises a ValueError if the package osqp is not
-    installed.
-
-    `preference` (n,): as for `osqp_program`.
+    used, as the start of Newton's method; they are None if they are not finite.  Raises a
+    ValueError if the package osqp is not installed.
     """
+    # The result must depend on the wrench alone; a bad start costs only time.
+    settings = {'warm_starting': False, 'max_iter': 200, 'eps_abs': 1e-5, 'eps_rel': 1e-5}
+    try:
+        _, solve = osqp_program(problem, preference, **settings)
+    except ImportError:
+        raise ValueError(
+            "solver: 'osqp' needs the package osqp (pip install osqp); "
+            "'newton' gives the same answers without it"
+        ) from None
 
-    def __init__(
-        self, problem: AllocationProblem, preference: tuple[Array, Array] | None = None
-    ) -> None:
-        # The result must depend on the wrench alone; a bad start costs only time.
-        settings = {'warm_starting': False, 'max_iter': 200, 'eps_abs': 1e-5, 'eps_rel': 1e-5}
-        try:
-            _, self._solve = osqp_program(problem, preference, **settings)
-        except ImportError:
-            raise ValueError(
-                "solver: 'osqp' needs the package osqp (pip install osqp); "
-                "'newton' gives the same answers without it"
-            ) from None
+    def multipliers(u: Array) -> Array | None:
+        found: Array = -solve(u).y[: len(u)]
+        return found if np.isfinite(found).all() else None
 
-    def multipliers(self, u: Array) -> Array | None:
-        """Return OSQP's multipliers (m,) of Gamma f = u; None if they are not finite."""
-        multipliers: Array = -self._solve(u).y[: len(u)]
-        return multipliers if np.isfinite(multipliers).all() else None
+    return multipliers

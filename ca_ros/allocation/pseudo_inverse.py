@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
-from ca_ros.allocation.result import Allocation, AllocationBatch
+from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
 from ca_ros.settings import Settings
 
@@ -36,4 +36,7 @@ class PseudoInverse(Allocator):
         wanted = demands @ self.inverse.T
         thrusts = self.problem.saturate(wanted)
         violations: Array = np.abs(wanted - thrusts).max(axis=-1, initial=0.0)
-        return self._batch(demands, thrusts, violations=violations)
+        inexact = ~self.problem.is_exact(demands, thrusts)
+        status = (inexact * Status.INEXACT).astype(np.int8)
+        ones = np.ones(len(demands))
+        return AllocationBatch(self.problem, demands, thrusts, status, ones, violations)

@@ -43,7 +43,7 @@ class Answer:
     demand: Array
     thrusts: Array
     preference: tuple[Array, Array] | None
-    bounds: tuple[Array, Array] | None
+    bounds: tuple[Array, Array] | None = None
 
     @property
     def effectors(self) -> Array:
@@ -179,7 +179,6 @@ class AllocationBatch(Answer):
     level: Array
     violation: Array
     preference: tuple[Array, Array] | None = None
-    bounds: tuple[Array, Array] | None = None
 
     def __len__(self) -> int:
         """Return the number of wrenches."""

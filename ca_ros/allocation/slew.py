@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.reach import reached
-from ca_ros.allocation.result import Allocation, AllocationBatch
+from ca_ros.allocation.result import Allocation
 from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.problem import AllocationProblem
@@ -111,31 +108,6 @@ class SlewLimited(Allocator):
         if seconds < 0.0:
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
         return self.allocator.allocate_within(u, *self.reachable(command, seconds))
-
-    def allocate_sequence(
-        self, wrenches: ArrayLike, last: ArrayLike, periods: Iterable[float]
-    ) -> AllocationBatch:
-        """Allocate N wrenches (N, m), each from the answer before it.
-
-        Parameters
-        ----------
-        wrenches : (N, m) array
-        last : (n,) array
-            The command before the first, as in `allocate`.
-        periods : iterable of N floats
-            The time before each wrench [s].
-        """
-        demands, answers = self.problem.check(wrenches, batch=True), []
-        command = numbers('last', last, self.problem.n)
-        is_vehicle = isinstance(self.problem, VehicleProblem)
-        for u, period in zip(demands, periods, strict=True):
-            answers.append(self.allocate(u, command, period))
-            command = answers[-1].speeds if is_vehicle else answers[-1].thrusts
-        bounds = np.array([answer.bounds for answer in answers], dtype=float)
-        low, high = np.moveaxis(bounds.reshape(len(demands), 2, self.problem.n), 1, 0)
-        preference = answers[0].preference if answers else None
-        found = self._stacked(demands, answers)
-        return replace(found, preference=preference, bounds=(low, high))
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)
