@@ -21,7 +21,7 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.kernel import extension
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
-from strategies import HEXAROTOR
+from strategies import HEXAROTOR, length
 
 REALISTIC = [
     'detector.motor_time_constant:=0.05', 'detector.delay:=0.01',
@@ -58,8 +58,8 @@ def without(n, **lost):
 
 
 @pytest.mark.parametrize(('vehicle', 'n', 'rotor', 'delay'), [
-    ('hexarotor', 6, 2, 0.08), ('hexarotor_tilted', 6, 1, 0.08), ('octorotor', 8, 8, 0.08),
-    ('x8', 8, 3, 0.15), ('y6', 6, 4, 0.15), ('hexarotor_tilting', 6, 5, 0.08),
+    ('hexarotor', 6, 2, 0.08), ('y6', 6, 4, 0.15), ('hexarotor_tilting', 6, 5, 0.08), *length([], [
+        ('hexarotor_tilted', 6, 1, 0.08), ('octorotor', 8, 8, 0.08), ('x8', 8, 3, 0.15)]),
 ])
 def test_a_lost_rotor_is_found_and_the_vehicle_flies_on(vehicle, n, rotor, delay):
     case = Case.load(vehicle, [*REALISTIC, *SERVOS])
@@ -341,7 +341,7 @@ def disturbed(flight, rng):
     return [*rows, *((t - 20_000_000_000, *row) for t, *row in rows)]
 
 
-@pytest.mark.parametrize('seed', [0, 1])
+@pytest.mark.parametrize('seed', length([0], [0, 1]))
 def test_the_detector_in_c_is_that_in_numpy(with_a_failure, seed):
     case, flight = with_a_failure
     rng = np.random.default_rng(seed)

@@ -349,7 +349,7 @@ def test_the_studies_have_all_methods(tmp_path, monkeypatch):
     assert list(json.loads(Path('static.json').read_text())['methods']) == list(ALLOCATORS)
     # A hexarotor without a rotor has no yaw.  Without airmode, sequential desaturation overturns
     # it: thrust must not be raised for the opposite rotor, which is at its minimum.
-    command = ['--methods', 'all', '--duration', '2', '--fail', '1@1']
+    command = ['--methods', 'all', '--duration', '1.5', '--fail', '1@0.5']
     command += ['-p', 'allocation.sequential_desaturation.airmode:=roll_pitch']
     assert dynamic_study.main(command) == 0
     found = json.loads(Path('dynamic.json').read_text())['methods']

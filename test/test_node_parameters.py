@@ -101,7 +101,7 @@ def test_a_wrong_value_ends_the_start_with_one_line_that_names_it(tmp_path, node
         ('vehicle.mass', math.nan, ''), ('rotors.positions', [0.0, math.inf, *[0.0] * 16], ''),
         ('command_timeout', 0.0, ''), *((name, 1.0, word) for name, word in UNKNOWN.items())]
     if node == 'allocator':
-        wrong += WRONG[::length(24, 1)]
+        wrong += WRONG[::length(48, 1)]
     refused = REFUSED if node != 'simulator' else []
     answers = starts(tmp_path, node, [*({name: value} for name, value, _ in wrong), *refused])
     for name, _, word in wrong:
@@ -229,7 +229,7 @@ def test_what_cannot_be_set_changes_nothing_now_or_later(client):
 STATES = [
     {'allocation.method': 'exact', 'rotors.health': [1.0, 1.0, 1.0, 0.7, 1.0, 1.0]},
     {'allocation.method': 'pseudo_inverse', 'rotors.health': [0.8, 1.0, 1.0, 1.0, 1.0, 1.0]}]
-CHANGES = 40
+CHANGES = length(20, 40)
 RATE = 200.0
 """Of the commands [Hz]."""
 

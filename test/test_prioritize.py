@@ -251,7 +251,7 @@ def test_a_limit_on_airmode_serves_as_the_linear_programs_do(name, order):
     rng = np.random.default_rng(4)
     vehicle = FLEET.get(name) or random_vehicle(np.random.default_rng(int(name[7:])), 6)
     lateral = [[axis for axis in vehicle.axes if axis.startswith('force')]]
-    size = int(os.environ.get('CA_ROS_AIRMODE', 18))
+    size = int(os.environ.get('CA_ROS_AIRMODE', length(8, 18)))
     compare(vehicle, ORDERS[order] + lateral * bool(lateral[0]), rng, size, AIRMODES)
 
 

@@ -112,7 +112,7 @@ class Watched:
         """Wait for much longer than the time-out, by the node's own clock."""
         before = len(self.diagnostics.all(self.name))
         self.graph.spin_until(
-            lambda: len(self.diagnostics.all(self.name)) >= before + 3, 'three diagnoses')
+            lambda: len(self.diagnostics.all(self.name)) >= before + 2, 'two diagnoses')
 
 
 def fallen_back(message):
