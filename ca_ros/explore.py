@@ -5,12 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
-from ca_ros.allocation.settings import AllocatedVehicleSettings
-from ca_ros.settings import LARGEST, RENAMED, REQUIRED, SMALLEST, ParameterError, table
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
-from ca_ros.vehicle.settings import MovingBodySettings
 from ca_ros.vehicle.vehicle import Vehicle
 
 PAGE = Path(__file__).with_name('explorer.html')  # the page, which ``make explorer`` builds
@@ -52,26 +49,3 @@ def page(vehicle: str | None = None) -> str:
     file = find(vehicle)
     start = json.dumps({file.stem: file.read_text(encoding='utf-8')}).replace('</', '<\\/')
     return text.replace(NO_VEHICLE, NO_VEHICLE.replace('{}', start))
-
-
-def settings() -> dict[str, Any]:
-    """Return the settings that the page checks, and their old names, for the page's build."""
-    known = {
-        **table(AllocatedVehicleSettings), **table(MovingBodySettings, 'vehicle.'),
-    }
-    fields = {
-        name: {
-            'words': str in field.kinds, 'whole': int in field.kinds, 'array': field.array,
-            'minimum': SMALLEST if field.positive else max(field.minimum, -LARGEST),
-            'maximum': min(field.maximum, LARGEST), 'choices': list(field.choices),
-            'sizes': list(field.sizes) or None, 'range': field.range(),
-            'default': None if field.default is REQUIRED else field.default,
-            'description': field.description,
-        }
-        for name, field in known.items()
-    }
-    return {'fields': fields, 'renamed': {old: new for old, (new, _) in RENAMED.items()}}
-
-
-if __name__ == '__main__':
-    print(json.dumps(settings()))

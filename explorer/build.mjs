@@ -18,7 +18,7 @@ try {
   {stdio: 'inherit'});
   const names = readdirSync(join(root, 'config')).filter((name) => name.endsWith('.yaml'));
   const vehicles = Object.fromEntries(names.map((name) => [name.slice(0, -5), read(root, 'config', name)]));
-  const SETTINGS = execFileSync(python, ['-m', 'ca_ros.explore'], {cwd: root, encoding: 'utf8'});
+  const SETTINGS = execFileSync(python, [join(here, 'settings.py')], {encoding: 'utf8'});
   const {outputFiles: [{text: script}]} = await build({
     entryPoints: [join(here, 'src', 'main.js')], bundle: true, minify: true, write: false, format: 'esm',
     target: 'es2022', loader: {'.wasm': 'binary'}, alias: {'kernel.wasm': wasm}, legalComments: 'inline',

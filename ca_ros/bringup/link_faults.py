@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from heapq import heappop, heappush
+from itertools import count
 from math import copysign, inf, nan
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -163,7 +164,7 @@ class Link(Generic[Message]):
     def __init__(self) -> None:
         self._waiting: list[tuple[float, int, Message]] = []
         self._overtaken: list[tuple[float, Message]] = []
-        self._order = 0
+        self._order = count()
 
     def __len__(self) -> int:
         """Return the number of messages that are held back."""
@@ -177,13 +178,11 @@ class Link(Generic[Message]):
     def put(self, message: Message, fate: Fate, now: float) -> None:
         """Accept a message at a time [s], and the messages that it overtakes after it."""
         due = now + fate.delay
-        overtaken, self._overtaken = self._overtaken, []
         copies = [(due, message)] * fate.copies
-        if fate.overtaken:
-            self._overtaken = copies
-        else:
-            self._send(copies)
-        self._send([(max(due, own), late) for own, late in overtaken])
+        late = [(max(due, own), each) for own, each in self._overtaken]
+        self._overtaken = copies if fate.overtaken else []
+        for time, each in late if fate.overtaken else copies + late:
+            heappush(self._waiting, (time, next(self._order), each))
 
     def take(self, now: float) -> list[Message]:
         """Return the messages that are due by a time [s]."""
@@ -191,8 +190,3 @@ class Link(Generic[Message]):
         while self._waiting and self.due <= now:
             taken.append(heappop(self._waiting)[2])
         return taken
-
-    def _send(self, messages: list[tuple[float, Message]]) -> None:
-        for due, message in messages:
-            heappush(self._waiting, (due, self._order, message))
-            self._order += 1

@@ -66,9 +66,6 @@ class ProblemAllocatorNode(AllocatorNode):
         label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
         self._message = speeds_message(self._last, None, label)
 
-    def publish_others(self) -> None:
-        """Effectors have no throttles."""
-
     @property
     def hardware_id(self) -> str:
         """The name of the problem's file."""

@@ -76,23 +76,20 @@ class AllocatorNode(HealthNode):
             self._angles = self.publish_stream(topics.TILT_COMMAND)
             angles = self._last[self._n :]
             self._angles_message = speeds_message(angles, None, messages.TILT_ANGLE)
-        self.publish_others()
+        for option, topic, label, convert in (
+            ('publish_throttle', topics.THROTTLE, 'throttle', 'throttles'),
+            ('publish_pwm', topics.PWM, 'pulse width [us]', 'pulses'),
+        ):
+            # Effectors without a vehicle have neither.
+            if getattr(self.settings, option, False):
+                message = speeds_message(self._last[: self._n], None, label)
+                self._others.append((self.publish_stream(topic), message, convert))
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
         self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
         self.subscribe_stream(topics.WRENCH, self._serve, messages.read_wrench)
         if find_spec('osqp') is None:
             known = 'allocation.exact.solver can only be newton, which gives the same answers'
             self.get_logger().info(f'osqp is not installed: {known}')
-
-    def publish_others(self) -> None:
-        """Create the publishers of throttles and pulse widths that the settings ask for."""
-        for wanted, topic, label, convert in (
-            (self.settings.publish_throttle, topics.THROTTLE, 'throttle', 'throttles'),
-            (self.settings.publish_pwm, topics.PWM, 'pulse width [us]', 'pulses'),
-        ):
-            if wanted:
-                message = speeds_message(self._last[: self._n], None, label)
-                self._others.append((self.publish_stream(topic), message, convert))
 
     def build(self, settings: AllocatorSettings) -> tuple[Any, Allocator]:
         """Create the method for the axes that the rotors can control; in flight no code loads."""

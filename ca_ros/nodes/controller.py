@@ -50,8 +50,7 @@ class ControllerNode(HealthNode):
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
-        self._logged_waypoint: Waypoint | None = None
-        self._logged_text = ''
+        self._waypoint_text = self._logged_text = ''
         self._came = dict.fromkeys(('pose', 'velocity', SAME_STAMP), -inf)
         self._standing: Subscription | None = None
         self._open = False
@@ -121,15 +120,9 @@ class ControllerNode(HealthNode):
     def watch(self) -> None:
         """Also log the waypoint if it has changed, at most once a second."""
         super().watch()
-        waypoint = self._waypoint
-        if waypoint is None or waypoint is self._logged_waypoint:
-            return
-        text = f'waypoint {waypoint.position} m, heading {waypoint.heading:.4f} rad'
-        if text != self._logged_text:
-            if not self.may_log('changed waypoint'):
-                return
-            self.get_logger().info(text)
-        self._logged_waypoint, self._logged_text = waypoint, text
+        if self._waypoint_text != self._logged_text and self.may_log('changed waypoint'):
+            self._logged_text = self._waypoint_text
+            self.get_logger().info(self._logged_text)
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
@@ -141,7 +134,9 @@ class ControllerNode(HealthNode):
             self.counts['refused waypoints'] += 1
             self.warn_throttled('waypoint', f'refused a waypoint {fault}')
             return
-        self._waypoint, self._nearest = Waypoint(position, attitude), inf
+        waypoint = Waypoint(position, attitude)
+        self._waypoint, self._nearest = waypoint, inf
+        self._waypoint_text = f'waypoint {position} m, heading {waypoint.heading:.4f} rad'
 
     def _stamps(self) -> list[int]:
         """Return the stamps of the last pose and velocity, as far as there are any [ns]."""

@@ -20,8 +20,6 @@ from ca_ros.nodes.topics import STANDING, offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 
-LABEL = 'rotor health'
-
 FOUND = 'failure found of rotor '
 """Name of the values of the diagnostics that say when a failure was found."""
 
@@ -48,8 +46,7 @@ class MonitorNode(VehicleNode):
         self._logged_health: list[float] = []
 
     def connect(self) -> None:
-        self._message = messages.speeds_message(self.detector.health, None)
-        self._message.layout.dim[0].label = LABEL
+        self._message = messages.speeds_message(self.detector.health, None, 'rotor health')
         topic = topics.ROTOR_HEALTH
         quality = offered(self.mode)
         quality.durability = STANDING.durability

@@ -189,14 +189,12 @@ class VehicleNode(ParameterNode):
         """Return the values of the diagnostics by name."""
         if self.audit is None:
             return dict(self.counts)
-        vehicle, found = self.audit.vehicle, dict[str, object]()
-        for name, rotors in (
-            ('lost rotors', np.flatnonzero(vehicle.lost).tolist()),
-            ('stuck servos', None if vehicle.tilts is None else vehicle.tilts.stuck_rotors),
-        ):
-            if rotors is not None:
-                found[name] = ', '.join(f'{i + 1}' for i in rotors) or 'none'
-        return {**found, **self.counts}
+        vehicle = self.audit.vehicle
+        failed = {'lost rotors': np.flatnonzero(vehicle.lost).tolist()}
+        if vehicle.tilts is not None:
+            failed['stuck servos'] = vehicle.tilts.stuck_rotors
+        listed = {name: ', '.join(f'{i + 1}' for i in failed[name]) for name in failed}
+        return {**{name: text or 'none' for name, text in listed.items()}, **self.counts}
 
     @property
     def missing(self) -> str:

@@ -11,10 +11,7 @@ from pathlib import Path
 def executable(name: str) -> Path:
     """Return the path of an executable: of this package, of another ROS package, on the PATH.
 
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.  A name with a slash is a path, and not looked for.
+    A name with a slash is a path, and not looked for.  Raises a FileNotFoundError without one.
     """
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     libraries = [Path(prefix, 'lib') for prefix in prefixes]

@@ -1,7 +1,7 @@
 // The settings in a parameter file, checked as ca_ros.settings does, by Python's own table of them.
 import {load} from 'js-yaml';
 
-/** By name the settings that a vehicle and its allocation can have; see ca_ros.explore.settings. */
+/** By name the settings that a vehicle and its allocation can have; see settings.py. */
 export const FIELDS = SETTINGS.fields;
 
 export function insist(sound, message) {
