@@ -6,8 +6,7 @@ from typing import Any
 
 from ca_ros.bringup.fault_proxy import PREFIX
 from ca_ros.process.diagnostics import counts
-from ca_ros.testing.diagnostics import Diagnostics
-from ca_ros.testing.graph import Graph, Parameters
+from ca_ros.testing.graph import Diagnostics, Graph, Parameters
 
 
 class FaultProxy:

@@ -1,4 +1,4 @@
-"""A ROS graph of a test: processes and nodes in a domain of their own, and their parameters."""
+"""A ROS graph of a test: processes and nodes, their parameters, and their diagnostics."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from re import sub
 from typing import Any, TypeVar
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -16,6 +17,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from ca_ros.nodes.topics import DIAGNOSTICS
+from ca_ros.process.diagnostics import Status, statuses
 from ca_ros.process.parameters import Call, ParameterClient
 from ca_ros.process.processes import Deadline
 from ca_ros.testing.processes import DEADLINE, GraphProcesses
@@ -172,3 +175,30 @@ class Parameters:
         answer = call.answer()
         assert answer is not None
         return answer
+
+
+class Diagnostics:
+    """Records the diagnostics of the nodes of a graph; `arrays` has the messages so far."""
+
+    def __init__(self, graph: Graph) -> None:
+        self._graph = graph
+        self.arrays: list[DiagnosticArray] = graph.listen(DiagnosticArray, DIAGNOSTICS.name)
+
+    def all(self, node: str) -> list[Status]:
+        """Return all statuses of a node so far, or of one subject, ``'node: subject'``."""
+        return statuses(self.arrays, node)
+
+    def wait(
+        self, node: str, condition: Callable[[bytes, str, dict[str, str]], bool], what: str
+    ) -> Status:
+        """Wait until level, message and values of the newest status of a node fulfil a condition.
+
+        Returns them; `what` describes the condition for the error, see `Graph.spin_until`.
+        """
+
+        def fulfilled() -> bool:
+            found = self.all(node)
+            return bool(found) and condition(*found[-1])
+
+        self._graph.spin_until(fulfilled, f'{node} reports: {what}')
+        return self.all(node)[-1]

@@ -1,12 +1,14 @@
-"""The processes of a graph: start, end, exit codes and output."""
+"""The processes of a graph: executables, start, end, exit codes and output."""
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +20,6 @@ import psutil
 
 from ca_ros.process.processes import Deadline, Process, Processes
 from ca_ros.testing.domain import claim
-from ca_ros.testing.executables import executable
 
 DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))  # time limit of a wait [s]
 
@@ -214,6 +215,24 @@ class GraphProcesses:
 
     def _tail(self, process: Process, lines: int) -> str:
         return '\n'.join(''.join(self.output(process)).splitlines()[-lines:])
+
+
+def executable(name: str) -> Path:
+    """Return the path of an executable: of this package, of another ROS package, on the PATH.
+
+    A name with a slash is a path, and not looked for.  Raises a FileNotFoundError without one.
+    """
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    libraries = [Path(prefix, 'lib') for prefix in prefixes]
+    places = [
+        *(library / 'ca_ros' for library in libraries), Path(sysconfig.get_path('scripts')),
+        *(package for library in libraries for package in library.glob('*')),
+        os.environ.get('PATH', os.defpath),
+    ]
+    path = shutil.which(name, path=os.pathsep.join(map(str, places)))
+    if path is None:
+        raise FileNotFoundError(f"no executable '{name}': is its package installed, or sourced?")
+    return Path(path)
 
 
 @contextmanager
