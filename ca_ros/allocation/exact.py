@@ -74,8 +74,8 @@ class Exact(Allocator):
         self._vectored = isinstance(problem, VectoredProblem)
         self._engine: Any
         if isinstance(problem, VectoredProblem):
-            self._engine = VectoredEngine(problem, settings)
-            self.engine = self._engine.engine
+            vectored = VectoredEngine(problem, settings)
+            self._engine, self.engine = vectored.kernel() or vectored, vectored.engine
         elif settings.solver == 'newton' and (kernel := chosen(problem.n, len(problem.axes))):
             self._engine, self.engine = kernel_for(kernel, problem, settings), 'C'
         else:

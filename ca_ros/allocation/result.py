@@ -9,13 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ca_ros.allocation.certificate import Certificate, certify
+from ca_ros.allocation.certificate import Certificate, VectoredCertificate, certify
 from ca_ros.allocation.explanation import Explanation, explain
-from ca_ros.allocation.vectored_certificate import VectoredCertificate, certify_vectors
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.limits import Limits
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
 
 
@@ -93,8 +91,6 @@ class Answer:
     @cached_property
     def certificate(self) -> Certificate | VectoredCertificate:
         """The certificate, computed from the problem's data at the first access."""
-        if isinstance(self.problem, VectoredProblem):
-            return certify_vectors(self.problem, self.demand, self.thrusts, self.preference)
         return certify(self.problem, self.demand, self.thrusts, self.preference, self.bounds)
 
 

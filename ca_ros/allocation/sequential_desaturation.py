@@ -61,10 +61,8 @@ class SequentialDesaturation(Allocator):
     @takes_settings(SequentialDesaturationSettings)
     def __init__(self, problem: Subject, settings: SequentialDesaturationSettings) -> None:
         super().__init__(problem)
-        self.airmode = settings.airmode
-        problem = self.problem
-        found = mixer('sequential_desaturation', problem)
-        self._columns, self._base, self._offset = found
+        self.airmode, problem = settings.airmode, self.problem
+        self._columns, self._base, self._offset = mixer('sequential_desaturation', problem)
         self._strong = _strong(self._columns)
         self._yaw = problem.axes.index('yaw') if 'yaw' in problem.axes else None
         self._least_relief = FOLD_MIN * 2.0 * problem.half_range.max(initial=0.0)
@@ -106,18 +104,15 @@ class SequentialDesaturation(Allocator):
         low, high = limits or (-np.inf, np.inf)
         moved = 0.0
         for share in (1.0, 0.5):
-            gain = share * self._gain(axis, thrusts, margin)
+            needed = self._needed(axis, thrusts, margin)
+            # The step balances the greatest saturations of both signs.
+            gain = share * float(needed.min(initial=0.0) + needed.max(initial=0.0))
             if gain > 0.0 and not raised and share == 1.0:
                 return thrusts
             gain = min(max(gain, low - moved), high - moved)
             moved += gain
             thrusts = thrusts + gain * self._columns[axis]
         return thrusts
-
-    def _gain(self, axis: str, thrusts: Array, margin: float) -> float:
-        """Return the step along an axis that balances the greatest saturations of both signs."""
-        needed = self._needed(axis, thrusts, margin)
-        return float(needed.min(initial=0.0) + needed.max(initial=0.0))
 
     def _needed(self, axis: str, thrusts: Array, margin: float = 0.0) -> Array:
         """Return for each rotor that counts the step along an axis that ends its saturation."""

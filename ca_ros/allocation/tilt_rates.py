@@ -136,14 +136,14 @@ class TiltLimited:
                 # Without the rate a full disc would give thrust.
                 bound = bool(tilts.endless[mine[0]])
             elif len(mine) == 2:
-                off = acos(max(-1.0, min(1.0, float(vector @ rows @ tilts.nominal[i]) / length)))
+                off = _angle(float(vector @ rows @ tilts.nominal[i]) / length)
                 bound = off < tilts.gimbal[i] - AT_END
             else:
                 turned = float(answer.angles[mine[0]])
                 bound = low[mine[0]] + AT_END < turned < high[mine[0]] - AT_END
             half = each.half_angle if isinstance(each, Sector) else 0.0
             side = half == 0.0 or length <= slack or (
-                acos(max(-1.0, min(1.0, float(vector[0]) / length))) >= half - AT_END)
+                _angle(float(vector[0]) / length) >= half - AT_END)
             if bound and side:
                 servos.append(i + 1)
         kinds = ('rotor', rotors), ('servo', servos)
@@ -197,6 +197,10 @@ class TiltLimited:
         return _centered(low, high, angle, away)
 
 
+def _angle(cosine: float) -> float:
+    return acos(max(-1.0, min(1.0, cosine)))
+
+
 def _centered(low: float, high: float, angle: float, away: float) -> tuple[float, float]:
     """Return middle and half of a range, narrowed until the middle is at most `away`."""
     least, most = 2.0 * (angle - away) - high, 2.0 * (angle + away) - low
@@ -211,7 +215,7 @@ def _cap(
     nominal, limit = tilts.nominal[rotor], float(tilts.gimbal[rotor])
     # Within a cap of this size both angles change by at most their steps.
     size = min(float(steps[1]), asin(sin(min(float(steps[0]), pi / 2)) * cos(beta)))
-    off = acos(max(-1.0, min(1.0, float(here @ nominal))))
+    off = _angle(float(here @ nominal))
     side = here - (here @ nominal) * nominal
     length = float(np.linalg.norm(side))
     side = side / length if length > 1e-9 else np.cross(tilts.axes[rotor], nominal)

@@ -59,7 +59,7 @@ class VectoredEngine:
         given = rows, serving.reference, serving.thrust_deviation
         return VectoredPrioritization(self._problem, *given, solver=self._solver)
 
-    @cached_property
+    @property
     def fields(self) -> dict[str, Array | float]:
         """The fields of ``ca_vectored`` in C."""
         prioritizes = self._settings.status is Status.PRIORITIZED
@@ -70,8 +70,8 @@ class VectoredEngine:
             resting=self._problem.resting_thrusts, **given,
         )
 
-    @cached_property
-    def _kernel(self) -> Any:
+    def kernel(self) -> Any:
+        """Return the same in C, which has `allocate` and `allocate_batch`; None without."""
         solver, status = self._solver, self._settings.status
         if not isinstance(solver, KernelNewton):
             return None
@@ -80,9 +80,6 @@ class VectoredEngine:
 
     def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
         """Write the vectors for u; see `ca_ros.kernel.Kernel.allocate`."""
-        if self._kernel is not None:
-            answer: tuple[int, float, int, int] | None = self._kernel.allocate(u, thrusts)
-            return answer
         thrusts[:], status, level = self._answer(self._problem.check(u))
         return None if status == Status.EXACT else (int(status), level, 0, 0)
 
@@ -90,9 +87,6 @@ class VectoredEngine:
         self, wrenches: Array, thrusts: Array, status: IntArray, levels: Array, work: None
     ) -> None:
         """Write vectors, status and levels for wrenches; see `Kernel.allocate_batch`."""
-        if self._kernel is not None:
-            self._kernel.allocate_batch(wrenches, thrusts, status, levels, None)
-            return
         for i, u in enumerate(wrenches):
             thrusts[i], found, levels[i] = self._answer(u)
             status[i] = found
