@@ -31,6 +31,10 @@ from ca_ros.flight.rigid_body import (
     velocity_in_body,
 )
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.nodes.allocator_node import AllocatorNode
+from ca_ros.nodes.controller import ControllerNode
+from ca_ros.nodes.executable import parse
+from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.testing import DEADLINE, RELIABLE, Diagnostics, six, wrench
@@ -135,6 +139,27 @@ def refused(cases):
         assert len(err.splitlines()) == 1, err
         assert err.startswith(f'{way[0]}: '), err
         assert [word for word in words if word not in err] == [], err
+
+
+# Nodes in the process of the test
+
+KINDS = {'allocator': AllocatorNode, 'controller': ControllerNode, 'simulator': SimulatorNode}
+
+
+def separate(graph, name, *words):
+    """Start a node of the hexarotor as a process of its own; return it."""
+    return graph.start(name, '--vehicle', 'hexarotor', '--ros-args', *words)
+
+
+def host(graph, name, *words):
+    """Let a node of the hexarotor work whenever the test waits; return it.
+
+    A process of its own takes ten times as long.  `words`: further arguments for ROS.
+    """
+    kind = KINDS[name]
+    ros = parse(name, '', ['--vehicle', 'hexarotor', '--ros-args', *words], kind.declared)
+    return graph.add_node(
+        kind(name, context=graph.context, cli_args=ros, use_global_arguments=False))
 
 
 # Load
@@ -294,11 +319,10 @@ REST = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 class ControllerClient:
     """Sends waypoints and states and gathers the wrenches."""
 
-    def __init__(self, graph):
+    def __init__(self, graph, start=separate):
         self.graph, self.last = graph, 0
         # In lockstep it gets each message, in order.
-        self.process = graph.start(
-            'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+        self.process = start(graph, 'controller', '-p', 'mode:=lockstep')
         self.waypoint = graph.publisher(PoseStamped, 'command/pose', QoSProfile(depth=1))
         self.pose = graph.publisher(PoseStamped, 'local_position/pose')
         self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
@@ -378,11 +402,10 @@ BODY = RigidBody(Vehicle.load('hexarotor'))
 class SimulatorClient:
     """Commands rotor speeds and gathers what the vehicle does."""
 
-    def __init__(self, graph, mode, *arguments):
+    def __init__(self, graph, mode, *arguments, start=separate):
         self.graph = graph
-        self.process = graph.start(
-            'simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
-            '-p', 'timeout_action:=hold', *arguments)
+        self.process = start(
+            graph, 'simulator', '-p', f'mode:={mode}', '-p', 'timeout_action:=hold', *arguments)
         self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
         self.poses = graph.listen(PoseStamped, 'local_position/pose')
         self.velocities = graph.listen(TwistStamped, 'local_position/velocity_body')

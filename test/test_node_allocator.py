@@ -1,4 +1,4 @@
-"""The allocator node, a process of its own, over DDS."""
+"""The allocator node, over DDS."""
 
 import math
 import time
@@ -18,7 +18,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.messages import read_wrench
 from ca_ros.nodes.stream import STALL_MIN, Streams
 from ca_ros.testing import BEST_EFFORT, Graph, wrench
-from nodes import GAMMA, HOVER, AllocatorClient, some_wrenches, twin
+from nodes import GAMMA, HOVER, AllocatorClient, host, some_wrenches, twin
 from strategies import HEXAROTOR
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
@@ -27,8 +27,7 @@ HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
 
 def start(graph, *arguments):
     """Start an allocator in lockstep, where it gets each message, in order."""
-    graph.start(
-        'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep', *arguments)
+    host(graph, 'allocator', '-p', 'mode:=lockstep', *arguments)
     return AllocatorClient(graph)
 
 
@@ -124,9 +123,7 @@ def test_rotors_with_rates_go_no_further_than_they_reach(graph):
 
 
 def test_wrenches_without_stamps_count_from_their_arrival(graph):
-    graph.start(
-        'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p',
-        'rotors.acceleration_max:=300.0', '-p', 'mode:=realtime')
+    host(graph, 'allocator', '-p', 'rotors.acceleration_max:=300.0')
     client = AllocatorClient(graph)
 
     def hovers():
@@ -344,9 +341,7 @@ def test_after_a_stall_only_the_newest_of_what_waits_is_received(graph):
 
 def test_allocators_in_two_namespaces_do_not_meet_and_best_effort_is_enough(graph):
     for namespace in ('/uav1', '/uav2'):
-        graph.start(
-            'allocator', '--vehicle', 'hexarotor', '--ros-args', '-r', f'__ns:={namespace}',
-            '-p', 'command_timeout:=1000.0')
+        host(graph, 'allocator', '-r', f'__ns:={namespace}', '-p', 'command_timeout:=1000.0')
     one, two = (AllocatorClient(graph, namespace, BEST_EFFORT) for namespace in ('/uav1', '/uav2'))
     for numbers in some_wrenches(3):
         assert one.ask(numbers).tobytes() == one.expected.speeds.tobytes()

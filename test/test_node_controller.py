@@ -1,4 +1,4 @@
-"""The controller node, a process of its own, over DDS."""
+"""The controller node, over DDS."""
 
 import math
 import time
@@ -10,7 +10,16 @@ from rcl_interfaces.msg import Log
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.testing import Graph, counts, six
-from nodes import LAW, REST, WAYPOINT, ControllerClient, expected, pose_message, velocity_message
+from nodes import (
+    LAW,
+    REST,
+    WAYPOINT,
+    ControllerClient,
+    expected,
+    host,
+    pose_message,
+    velocity_message,
+)
 from strategies import file_values, settings_of
 
 
@@ -18,7 +27,7 @@ from strategies import file_values, settings_of
 def client():
     """Share a controller that flies to `WAYPOINT`."""
     with Graph() as graph:
-        client = ControllerClient(graph)
+        client = ControllerClient(graph, host)
         client.send_waypoint(*WAYPOINT)
         yield client
 

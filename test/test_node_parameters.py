@@ -16,7 +16,7 @@ from ca_ros.commands import NODES
 from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings
 from ca_ros.settings import table
 from ca_ros.testing import Graph, wrench
-from nodes import HOVER, AllocatorClient, refused, run_all, some_wrenches, twin
+from nodes import HOVER, AllocatorClient, host, refused, run_all, some_wrenches, twin
 from strategies import file_values, length
 
 SHIPPED = file_values('hexarotor')
@@ -174,8 +174,7 @@ def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
 def client():
     """Share an allocator."""
     with Graph() as graph:
-        graph.start(
-            'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+        host(graph, 'allocator', '-p', 'mode:=lockstep')
         yield AllocatorClient(graph)
 
 
@@ -236,7 +235,7 @@ RATE = 200.0
 
 @pytest.mark.parametrize('mode', length(['realtime'], ['realtime', 'lockstep']))
 def test_changes_under_load_are_all_or_nothing(graph, mode):
-    graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}')
+    host(graph, 'allocator', '-p', f'mode:={mode}')
     command = graph.publisher(WrenchStamped, 'command/wrench')
     speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
     parameters = graph.connect('allocator')

@@ -1,4 +1,4 @@
-"""The simulator node, a process of its own, over DDS."""
+"""The simulator node, over DDS."""
 
 import math
 import signal
@@ -19,7 +19,7 @@ from ca_ros.flight.rigid_body import (
 from ca_ros.flight.settings import PlantSettings
 from ca_ros.settings import read
 from ca_ros.testing import Diagnostics, counts
-from nodes import BODY, STEP, SimulatorClient, nanoseconds, published, state_array
+from nodes import BODY, STEP, SimulatorClient, host, nanoseconds, published, state_array
 from strategies import EVERY_EFFECT
 
 REST = published(NULL_STATE)
@@ -29,7 +29,7 @@ def test_with_every_effect_a_reset_repeats_the_flight_to_the_last_bit(graph):
     words = [word for name, value in EVERY_EFFECT.items() for word in ('-p', f'{name}:={value}')]
     client = SimulatorClient(
         graph, 'lockstep', *words, '-p', 'simulator.publish_clock:=true',
-        '-p', 'simulator.publish_odometry:=true')
+        '-p', 'simulator.publish_odometry:=true', start=host)
     clock = graph.listen(Clock, '/clock')
     odometry = graph.listen(Odometry, 'local_position/odometry')
     reset = graph.node.create_client(Trigger, 'simulator/reset')
@@ -67,7 +67,7 @@ BAD_COMMANDS = [
 
 
 def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
-    client = SimulatorClient(graph, 'realtime')
+    client = SimulatorClient(graph, 'realtime', start=host)
     for speeds in BAD_COMMANDS:
         client.send(speeds)
     graph.spin_until(lambda: len(client.poses) >= 50 <= len(client.velocities), 'states at rest')
@@ -110,7 +110,7 @@ def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph):
 
 def test_simulated_time_passes_at_the_real_time_factor(graph):
     factor = 0.05
-    client = SimulatorClient(graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}')
+    client = SimulatorClient(graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}', start=host)
 
     def risen():
         """Return the times of the states in the air [ns]."""
@@ -138,7 +138,7 @@ def test_simulated_time_passes_at_the_real_time_factor(graph):
 def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
     # As an allocator sends it that has outlived the simulator before this one.
     diagnostics = Diagnostics(graph)
-    client = SimulatorClient(graph, 'realtime', '-p', 'simulator.velocity_noise:=0.1')
+    client = SimulatorClient(graph, 'realtime', '-p', 'simulator.velocity_noise:=0.1', start=host)
     idle = Float64MultiArray(data=[40.0] * 6)
     idle.layout.dim = [MultiArrayDimension(label='no stamp')]
     for _ in range(5):
@@ -162,7 +162,7 @@ def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
 
 
 def test_in_lockstep_it_waits_where_it_is_told_to(graph):
-    client = SimulatorClient(graph, 'lockstep', '-p', 'simulator.hold_at:=0.02')
+    client = SimulatorClient(graph, 'lockstep', '-p', 'simulator.hold_at:=0.02', start=host)
     parameters = graph.connect('simulator')
     speeds = np.full(6, 250.0)
 
@@ -197,9 +197,7 @@ def test_in_lockstep_it_waits_where_it_is_told_to(graph):
 def test_three_nodes_fly_in_frames_of_other_names(graph):
     frames = '-p', 'command_frame:=uav1/base_link', '-p', 'world_frame:=odom'
     for name in ('simulator', 'controller', 'allocator'):
-        graph.start(
-            name, '--vehicle', 'hexarotor', '--ros-args', '-r', '__ns:=/uav1',
-            '-p', 'mode:=lockstep', *frames)
+        host(graph, name, '-r', '__ns:=/uav1', '-p', 'mode:=lockstep', *frames)
     waypoint = graph.publisher(PoseStamped, '/uav1/command/pose')
     poses = graph.listen(PoseStamped, '/uav1/local_position/pose')
     velocities = graph.listen(TwistStamped, '/uav1/local_position/velocity_body')

@@ -22,7 +22,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.nodes.watchdog import TICK, Watchdog
 from ca_ros.testing import Diagnostics, counts, wrench
 from ca_ros.vehicle.settings import AXES
-from nodes import STALL, start_flood, stolen, stood_still
+from nodes import STALL, host, separate, start_flood, stolen, stood_still
 from strategies import PARAMETERS, length, ring
 
 TIMEOUTS = length(3, 6, 150)
@@ -44,12 +44,10 @@ NAMES = 'allocator', 'simulator'
 class Watched:
     """An allocator or a simulator that gets commands now and then."""
 
-    def __init__(self, graph, name, *options):
+    def __init__(self, graph, name, *options, start=separate):
         self.graph, self.name, self.timeouts, self.speed = graph, f'/{name}', 0, 255.0
         self.allocates = name == 'allocator'
-        self.process = graph.start(
-            name, '--vehicle', 'hexarotor', '--ros-args',
-            '-p', f'command_timeout:={TIMEOUT}', *options)
+        self.process = start(graph, name, '-p', f'command_timeout:={TIMEOUT}', *options)
         if self.allocates:
             self.command = graph.publisher(WrenchStamped, 'command/wrench')
             self.heard = graph.listen(Float64MultiArray, 'command/motor_speed')
@@ -249,7 +247,7 @@ def test_a_client_that_keeps_setting_parameters_does_not_postpone_it(
 
 @pytest.mark.parametrize('name', NAMES)
 def test_time_out_and_action_can_be_set_while_commands_are_missing(graph, name):
-    node = Watched(graph, name)
+    node = Watched(graph, name, start=host)
     # Before the first command nothing is over.
     node.send(math.nan)
     node.wait_a_while()
@@ -285,7 +283,7 @@ def test_time_out_and_action_can_be_set_while_commands_are_missing(graph, name):
 
 @pytest.mark.parametrize('name', length(['simulator'], NAMES))
 def test_ros_time_that_stands_still_or_jumps_changes_nothing(graph, name):
-    node = Watched(graph, name, '-p', 'use_sim_time:=true')
+    node = Watched(graph, name, '-p', 'use_sim_time:=true', start=host)
     clock = graph.publisher(Clock, '/clock')
 
     def set_clock(seconds):
@@ -321,7 +319,7 @@ def test_what_rclpy_cannot_convert_is_dropped_and_ends_no_node(graph, name):
 
 
 def test_a_rotor_that_is_lost_while_others_hold_stands_still(graph):
-    node = Watched(graph, 'allocator', '-p', 'timeout_action:=hold')
+    node = Watched(graph, 'allocator', '-p', 'timeout_action:=hold', start=host)
     node.fly()
     node.wait_for('hold')
     lost = node.speed * np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
@@ -349,7 +347,7 @@ def test_a_command_that_nobody_looked_at_ends_one_pause_and_begins_another():
 
 
 def test_in_lockstep_time_may_stand_still(graph):
-    node = Watched(graph, 'allocator', '-p', 'mode:=lockstep')
+    node = Watched(graph, 'allocator', '-p', 'mode:=lockstep', start=host)
     node.fly()
     node.heard.clear()
     node.wait_a_while()
