@@ -110,7 +110,8 @@ def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph):
 
 def test_simulated_time_passes_at_the_real_time_factor(graph):
     factor = 0.05
-    client = SimulatorClient(graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}', start=host)
+    client = SimulatorClient(
+        graph, 'realtime', '-p', f'simulator.real_time_factor:={factor}', start=host)
 
     def risen():
         """Return the times of the states in the air [ns]."""
