@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -399,6 +400,8 @@ def test_firmware_of_rotors_that_tilt_answers_as_the_allocator(name, policy, tmp
         answer = allocator.allocate(wrench)
         assert status == answer.status
         np.testing.assert_allclose(command, answer.command, rtol=1e-9, atol=1e-9)
+    with pytest.raises(ParameterError, match='firmware is made of the method exact'):
+        firmware_of_any(firmware.faults, replace(parameters, method='pseudo_inverse'), 'double')
 
 
 @pytest.mark.parametrize(('curve', 'precision'), [

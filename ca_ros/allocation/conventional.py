@@ -99,10 +99,7 @@ class Conventional(Allocator):
 
 
 def _weight(weight: Numbers, n: int) -> Array:
-    try:
-        matrix = np.array(weight, dtype=float)
-    except ValueError:
-        matrix = np.zeros(0)
+    matrix = np.asarray(weight, dtype=float)
     if matrix.size == 1:
         matrix = float(matrix.reshape(())) * np.eye(n)
     elif matrix.shape == (n,):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
-from ca_ros.settings import Settings
 from ca_ros.solver.simplex import Simplex
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
@@ -34,12 +33,11 @@ class Direct(Allocator):
     solves = 'linear program: max alpha with Gamma f = alpha u within the bounds, 0 <= alpha <= 1'
     guarantees = 'the bounds, and the direction of u'
 
-    @takes_settings(Settings)
-    def __init__(self, problem: Subject, settings: Settings) -> None:
+    def __init__(self, problem: Subject) -> None:
         super().__init__(problem)
-        # Fractional parts of multiples of the golden ratio are far from each other.
-        self.cost = 1.0 + np.arange(1, self.problem.n + 1) * GOLDEN % 1.0
         problem = self.problem
+        # Fractional parts of multiples of the golden ratio are far from each other.
+        self.cost = 1.0 + np.arange(1, problem.n + 1) * GOLDEN % 1.0
         self._image = problem.attainable_set
         cost = self.cost * problem.half_range
         gamma = problem.gamma * problem.half_range / problem.extent[:, None]

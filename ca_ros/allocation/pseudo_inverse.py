@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
-from ca_ros.settings import Settings
 
 
 class PseudoInverse(Allocator):
@@ -21,8 +20,7 @@ class PseudoInverse(Allocator):
     solves = 'f = sat(Gamma^+ u)'
     takes_vectors = True
 
-    @takes_settings(Settings)
-    def __init__(self, problem: Subject, settings: Settings) -> None:
+    def __init__(self, problem: Subject) -> None:
         super().__init__(problem)
         # Without the columns of lost rotors, the others produce the whole wrench.
         lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)

@@ -53,10 +53,16 @@ class Firmware:
         Raises a ParameterError if the method is another, the vehicle is too large or the kernel is
         not built.
         """
-        method = settings.method
-        if method != 'exact':
+        if settings.method != 'exact':
             words = 'firmware is made of the method exact'
-            raise ParameterError(f'allocation.method: {words}, got {method}')
+            raise ParameterError(f'allocation.method: {words}, got {settings.method}')
+        with full_names(settings):
+            return cls._made(faults, settings, precision)
+
+    @classmethod
+    def _made(
+        cls, faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
+    ) -> Firmware:
         n = faults[0].problem.n
         if n > ROTORS_MAX:
             raise ParameterError(f'the kernel is for up to {ROTORS_MAX} rotors, got {n}')
@@ -66,11 +72,9 @@ class Firmware:
                 f'the extension module ca_ros.kernel._{precision} is not built: install a C '
                 'compiler, then ca_ros again'
             )
-        with full_names(settings):
-            made = [
-                kernel_for(kind, fault.problem, settings.exact, DTYPES[precision])
-                for fault in faults
-            ]
+        made = [
+            kernel_for(kind, fault.problem, settings.exact, DTYPES[precision]) for fault in faults
+        ]
         return cls(faults, made, settings, precision)
 
     @property

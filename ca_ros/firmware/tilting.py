@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.settings import VehicleMethodSettings, full_names
+from ca_ros.allocation.settings import VehicleMethodSettings
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
@@ -16,7 +16,7 @@ from ca_ros.firmware.firmware import Firmware
 from ca_ros.kernel import extension
 from ca_ros.kernel.vectored import made, padded
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.tilts import Tilts
 
@@ -25,12 +25,10 @@ class TiltingFirmware(Firmware):
     """`Firmware` with a command of rotor speeds, and behind them servo angles."""
 
     @classmethod
-    def make(
+    def _made(
         cls, faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
     ) -> TiltingFirmware:
-        """Set the kernels up; see `Firmware.make`."""
         problem = faults[0].problem
-        assert isinstance(problem, TiltingVehicleProblem)
         if not problem.vehicle.curve.square:
             raise ParameterError('rotors.thrust_curve: not for the firmware of rotors that tilt')
         module = extension('vectored_single' if precision == 'single' else 'vectored')
@@ -40,8 +38,7 @@ class TiltingFirmware(Firmware):
                 f'the rotors have more than 32 components: {components(problem, settings)}, with '
                 f'those of the axes for the policy prioritize'
             )
-        with full_names(settings):
-            fields = [VectoredEngine(_vectored(f), settings.exact).fields for f in faults]
+        fields = [VectoredEngine(_vectored(f), settings.exact).fields for f in faults]
         firmware = cls(faults, [made(module, each) for each in fields], settings, precision)
         firmware.__dict__['constants'] = [padded(module, each) for each in fields]
         return firmware
@@ -54,9 +51,7 @@ class TiltingFirmware(Firmware):
     @property
     def tilts(self) -> Tilts:
         """The servos."""
-        tilts = self.problem.vehicle.tilts
-        assert tilts is not None
-        return tilts
+        return _tilts(self.problem)
 
     @property
     def rates(self) -> None:
@@ -72,9 +67,7 @@ class TiltingFirmware(Firmware):
         """
         found = []
         for fault in self.faults:
-            vehicle = fault.problem.vehicle
-            tilts = vehicle.tilts
-            assert tilts is not None
+            vehicle, tilts = fault.problem.vehicle, _tilts(fault.problem)
             counts = np.bincount(tilts.rotors, minlength=vehicle.n).astype(np.int32)
             low, high = tilts.limits
             numbers = vehicle.thrust_min, vehicle.thrust_max, (low + high) / 2.0, low, high
@@ -110,6 +103,11 @@ def firmware_of(
 def components(problem: AllocationProblem, settings: VehicleMethodSettings) -> int:
     """Return the number of components that the kernel needs: the priorities add one an axis."""
     return problem.n + len(problem.axes) * (settings.exact.policy == 'prioritize')
+
+
+def _tilts(problem: VehicleProblem) -> Tilts:
+    assert problem.vehicle.tilts is not None
+    return problem.vehicle.tilts
 
 
 def _vectored(fault: Fault) -> TiltingVehicleProblem:
