@@ -1,4 +1,4 @@
-"""The fault proxy node, a process of its own: what it passes on, and flights through it."""
+"""The fault proxy node: what it passes on, and flights through it."""
 
 import math
 import re
@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 
-from ca_ros.bringup.fault_proxy import PREFIX
+from ca_ros.bringup.fault_proxy import PREFIX, FaultProxyNode
 from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, FaultSettings, corrupted
 from ca_ros.settings import table
 from ca_ros.testing import BEST_EFFORT, DEADLINE, six, wrench
@@ -21,9 +21,8 @@ class Proxy:
     def __init__(self, graph, kind, topic, **parameters):
         self.graph, self.kind = graph, kind
         values = [f'{name}:={value}' for name, value in parameters.items()]
-        graph.start(
-            'fault_proxy', '--ros-args',
-            *(word for value in values for word in ('-p', value)))
+        graph.add_node(FaultProxyNode(context=graph.context, use_global_arguments=False, cli_args=[
+            '--ros-args', *(word for value in values for word in ('-p', value))]))
         self.sent = 0
         self.input = graph.publisher(kind, topic)
         self.received = graph.listen(kind, f'{PREFIX}{topic}')

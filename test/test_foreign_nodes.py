@@ -1,6 +1,5 @@
 """Programs of one's own beside our nodes: `bringup --plant`, stamps, standing waypoints."""
 
-import signal
 import sys
 from functools import partial
 from itertools import count
@@ -22,7 +21,7 @@ from ca_ros.nodes.settings import DECLARED
 from ca_ros.nodes.topics import STANDING
 from ca_ros.testing import Diagnostics
 from ca_ros.vehicle.vehicle import Vehicle
-from nodes import fly_offline, read
+from nodes import fly_offline, host, read
 from strategies import file_values
 
 # The command lines
@@ -36,7 +35,7 @@ def test_a_program_gets_the_arguments_of_the_node_whose_place_it_takes():
     rest = lines['simulator'][4:]
     name = rest.index('__node:=simulator')
     del rest[name - 1:name + 1]
-    assert rest == own['simulator'][3:]
+    assert rest == own['simulator'][4:]
     assert {name: lines[name] for name in ('controller', 'allocator')} == {
         name: own[name] for name in ('controller', 'allocator')}
 
@@ -183,7 +182,7 @@ def test_a_plant_of_the_page_flies_as_our_simulator_does(graph, tmp_path):
 # Stamps
 
 def test_the_simulator_says_which_stamp_it_expects_in_lockstep(graph):
-    graph.start('simulator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    host(graph, 'simulator', '-p', 'mode:=lockstep')
     command = graph.publisher(Float64MultiArray, 'command/motor_speed')
     diagnostics = Diagnostics(graph)
     graph.connect('simulator')
@@ -227,12 +226,12 @@ def waypoint(height):
     return message
 
 
-def test_the_controller_gets_waypoints_kept_for_it_and_says_that_stamps_are_unequal(graph):
+def test_the_controller_gets_waypoints_kept_for_it_and_says_that_stamps_are_unequal(
+        graph, capfd):
     standing = graph.publisher(PoseStamped, 'command/pose', STANDING)
     standing.publish(waypoint(1.0))
     state, diagnostics = State(graph), Diagnostics(graph)
-    node = graph.start(
-        'controller', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    host(graph, 'controller', '-p', 'mode:=lockstep')
     graph.connect('controller')
     graph.spin_until(
         lambda: [text for _, text, _ in diagnostics.all('controller')][-1:] == [
@@ -260,5 +259,4 @@ def test_the_controller_gets_waypoints_kept_for_it_and_says_that_stamps_are_uneq
     graph.spin_until(lambda: 0.0 < thrust() < 9.0, 'a later waypoint', repeat=send)
     standing.publish(waypoint(1.0))
     graph.spin_until(lambda: thrust() > 10.0, 'one more', repeat=send)
-    _, err = graph.end(node, signal.SIGTERM)
-    assert 'no answer to pose and velocity with the stamps 5 and 3: expected equal stamps' in err
+    assert 'the stamps 5 and 3: expected equal stamps' in capfd.readouterr().err

@@ -25,6 +25,7 @@ from nodes import (
     ControllerClient,
     SimulatorClient,
     expected,
+    host,
     nanoseconds,
     pose_message,
     published,
@@ -406,9 +407,7 @@ class Clock:
 
     def __init__(self, graph, mode, *options):
         self.graph, self.now, self.sent = graph, time.time_ns(), 0
-        graph.start(
-            'allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', f'mode:={mode}',
-            '-p', 'command_order:=newer', *options)
+        host(graph, 'allocator', '-p', f'mode:={mode}', '-p', 'command_order:=newer', *options)
         self.command = graph.publisher(WrenchStamped, 'command/wrench')
         self.speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
         self.diagnostics = Diagnostics(graph)

@@ -51,7 +51,7 @@ class Flight:
         """Return the process of a node, if there is one."""
         for child in psutil.Process(self.process.pid).children():
             try:
-                if f'ca_ros.nodes.{name}' in child.cmdline():
+                if name in child.cmdline():
                     return child
             except psutil.Error:
                 pass

@@ -12,6 +12,7 @@ from ca_ros import AllocationProblem, Exact, ParameterError, Vehicle
 from ca_ros.nodes.allocator import rows_of
 from ca_ros.testing import Diagnostics, wrench
 from ca_ros.vehicle.files import read
+from nodes import host
 
 BatteryState = pytest.importorskip('sensor_msgs.msg').BatteryState
 
@@ -23,12 +24,12 @@ CURVE = {
 }
 
 
-def test_throttles_pulses_and_the_voltage(graph):
+def test_throttles_pulses_and_the_voltage(graph, capfd):
     options = CURVE | {
         'publish_throttle': 'true', 'publish_pwm': 'true', 'battery_timeout': 0.5,
         'timeout_action': 'hold'}
     words = [word for name, value in options.items() for word in ('-p', f'{name}:={value}')]
-    process = graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', *words)
+    host(graph, 'allocator', *words)
     vehicle = Vehicle.from_parameters(read('hexarotor') | CURVE)
     sender = graph.publisher(WrenchStamped, 'command/wrench')
     battery = graph.publisher(BatteryState, 'battery')
@@ -78,8 +79,7 @@ def test_throttles_pulses_and_the_voltage(graph):
         'allocator', lambda _, text, values: 'no sound voltage for 0.5 s: 12 V holds' in text,
         'no voltage')
     assert_allclose(answers([0.0, 0.0, 100.0, 0.0, 0.0, 0.0])[0], 300.0)
-    _, err = graph.end(process, signal.SIGTERM)
-    assert 'refused battery: ' in err
+    assert 'refused battery: ' in capfd.readouterr().err
 
 
 def test_a_problem_without_a_vehicle_in_the_node(graph):
