@@ -30,12 +30,11 @@ class Plan:
     """What is flown, with which nodes, and what is written.
 
     The duration is in s.  `tolerance` is the greatest distance from the waypoint at the end [m].
-    `vehicle` is a shipped one or a file, or None if `ros`, the ROS
-    arguments of all nodes, names a file.  `parameters` are those that options set.  A program of
-    `replacements` takes the place of a node.  With `detect` the monitor flies along, with `view`
-    the viewer.  `faults` are
-    parameters of the fault proxy, ``NAME:=VALUE``, or None without it.  `out` and `bag` are
-    folders; None: a new one, no bag.  Figures have formats and a width [mm].
+    `vehicle` is a shipped one or a file, or None if `ros`, the ROS arguments of all nodes, names a
+    file.  `parameters` are those that options set.  A program of `replacements` takes the place of
+    a node.  With `detect` the monitor flies along, with `view` the viewer.  `faults` are those of
+    the fault proxy, ``NAME:=VALUE``, or None without it.  `out` and `bag` are folders; None: a new
+    one, no bag.  Figures have formats and a width [mm].
     """
 
     trajectory: Trajectory

@@ -127,14 +127,13 @@ def _parameter_files(ros: Sequence[str]) -> str:
 
 
 def run(
-    name: str, node_class: type[ParameterNode], description: str,
-    argv: Sequence[str] | None = None, parse: Parse = parse,
+    name: str, node_class: type[ParameterNode], description: str, parse: Parse = parse
 ) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 
     The signals set a flag and do not shut the context down, so the node can send its last
-    messages.  The name is that of executable and node, the description is for ``--help``, and
-    `argv` is by default that of the process.  `parse` returns the arguments for ROS.
+    messages.  The name is that of executable and node, the description is for ``--help``.  `parse`
+    returns the arguments for ROS.
     """
     replace_closed()
     stop: list[int] = []
@@ -158,8 +157,7 @@ def run(
         ending.callback(try_shutdown)
         ros: list[str] = []
         try:
-            given = sys.argv[1:] if argv is None else argv
-            ros = parse(name, description, given, node_class.declared)
+            ros = parse(name, description, sys.argv[1:], node_class.declared)
             rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
             node = node_class(name)
         except (ValueError, ParameterException, RCLError) as error:
