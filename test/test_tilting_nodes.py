@@ -229,7 +229,8 @@ def test_what_takes_no_rotors_that_tilt_refuses_them_in_one_line(graph):
             'allocation.method': 'pseudo_inverse', 'rotors.tilt_rate_max': 1.0})
 
 
-def test_effectors_in_sets_of_a_problem_without_a_vehicle(graph, tmp_path):
+@pytest.mark.parametrize(('mode', 'stamp'), [('realtime', 7), ('lockstep', 0)])
+def test_effectors_in_sets_of_a_problem_without_a_vehicle(graph, tmp_path, mode, stamp):
     file = tmp_path / 'boat.yaml'
     file.write_text("""problem:
   axes: [surge, sway]
@@ -237,7 +238,7 @@ def test_effectors_in_sets_of_a_problem_without_a_vehicle(graph, tmp_path):
   sets: [{disc: 2.0}, {interval: [0.2, 1.0]}]
 """)
     node = graph.add_node(ProblemAllocatorNode(context=graph.context, parameter_overrides=[
-        Parameter('problem', value=str(file))]))
+        Parameter('problem', value=str(file)), Parameter('mode', value=mode)]))
     command = graph.publisher(WrenchStamped, 'command/wrench')
     effectors, saturation = (
         graph.listen(kind, name) for kind, name in (
@@ -245,8 +246,8 @@ def test_effectors_in_sets_of_a_problem_without_a_vehicle(graph, tmp_path):
     graph.connect('allocator')
     u = [1.0, 0.5, 0.0, 0.0, 0.0, 0.0]
     graph.spin_until(
-        lambda: len(saturation) > 1, 'answers', repeat=lambda: command.publish(wrench(u, 7)))
-    [*_, answer] = [each for each in effectors if speeds_stamp(each) == 7]
+        lambda: len(saturation) > 1, 'answers', repeat=lambda: command.publish(wrench(u, stamp)))
+    [*_, answer] = [each for each in effectors if speeds_stamp(each) == stamp]
     # By hand: x = (1, 0.5) - (f, f) / 2 and least x^2 + f^2 at f = 0.5.
     np.testing.assert_allclose(answer.data, [0.75, 0.25, 0.5], atol=1e-12)
     assert answer.layout.dim[0].label == '1.1, 1.2, 2'

@@ -64,7 +64,6 @@ class AllocatorNode(HealthNode):
         self._last: Array = np.zeros(1)
         # The command before that of the newest moment [ns], and its moment.
         self._moment, self._before = self._newest, (self._last, self._newest)
-        self._has_rates = False
         self._angles: Publisher | None = None
         self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
@@ -112,7 +111,6 @@ class AllocatorNode(HealthNode):
         self.audit = report
         vehicle = report.vehicle
         self._wrenches = rotor_wrenches(vehicle)
-        self._has_rates = within_rates(self.method) is not None
         self._rows = [AXES.index(axis) for axis in vehicle.axes]
         self._lost = vehicle.lost
         # The action hold repeats the last speeds, idle before the first answer, within the bounds
@@ -240,12 +238,9 @@ class AllocatorNode(HealthNode):
         if moment != self._moment:
             # A second wrench with the same stamp replaces the first.
             self._before = self._last, self._moment
-        if moment == 0:
+        if moment == 0 and self.audit is not None:
             # A flight in lockstep begins, maybe after a reset of the simulator.
-            idle = vehicle_of(self.method.problem).idle_command
-            self._before = idle, -round(1e9 * PERIOD_MAX)
-        if not self._has_rates:
-            return self.method.allocate(u)
+            self._before = self.audit.vehicle.idle_command, -round(1e9 * PERIOD_MAX)
         last, before = self._before
         return allocate_next(self.method, u, last, moment, before)
 

@@ -87,8 +87,8 @@ class HealthNode(VehicleNode):
 
     def waits_for_health(self, time: int) -> bool:
         """Return whether the health for a state [ns] has still to come, in lockstep."""
-        awaited = self.mode == 'lockstep' and bool(self.settings.await_health)
-        return awaited and self._reported_time < time
+        heeds = self.heeds_monitor and self.mode == 'lockstep'
+        return heeds and self.settings.await_health and self._reported_time < time
 
     def health_came(self) -> None:
         """Answer what waited for the health; a subclass defines it."""
