@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen, warn_if_missing
-from ca_ros.problem.limits import Limits
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.vehicle.vehicle import Vehicle
@@ -118,14 +118,14 @@ class Exact(Allocator):
             None if answer is None or self._vectored else self._explain,
         )
 
-    def _explain(self, answer: Allocation) -> tuple[float, Limits]:
+    def _explain(self, answer: Allocation) -> Explanation:
         m, n = self.problem.gamma.shape
         served, gain, airmode = np.empty(m), np.empty(m * n), np.empty(m)
         limit = np.empty(n, dtype=np.int32)
         margin = self._engine.explain(
             answer.demand, answer.thrusts, served, gain, airmode, limit, *(answer.bounds or ())
         )
-        return margin, Limits(served, gain.reshape(m, n), airmode, limit)
+        return Explanation(served, gain.reshape(m, n), airmode, limit, self.problem, margin)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.explanation import SERVED
+from ca_ros.allocation.explanation import explain
 from ca_ros.allocation.osqp_program import osqp_start
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array, IntArray
 from ca_ros.kernel import Kernel
-from ca_ros.problem.limits import limits_of, shares
 from ca_ros.problem.prioritization import Prioritization, sensed
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
 from ca_ros.problem.vectored import VectoredProblem
@@ -89,12 +88,11 @@ class NumpyEngine:
         limit: NDArray[np.int32], *bounds: Array,
     ) -> float:
         """Write why thrusts are the answer to u; see `Kernel.explain`."""
-        within = self._within(*bounds)
-        moved = within or self._problem
-        served[:] = shares(self._problem, u, self._problem.gamma @ thrusts, SERVED)
-        found = limits_of(self._problem, moved, served, self._serve.prices(u, within))
-        gain[:], airmode[:], limit[:] = found.gain.ravel(), found.airmode, found.limit
-        return float(moved.attainable_set.margin(u)) if moved.has_volume else -np.inf
+        within = self._within(*bounds) or self._problem
+        found = explain(self._problem, within, u, thrusts, self._serve)
+        served[:], gain[:] = found.served, found.gain.ravel()
+        airmode[:], limit[:] = found.airmode, found.limit
+        return found.margin
 
     def allocate(
         self, u: Array, thrusts: Array, *bounds: Array

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -18,28 +17,15 @@ SERVED = 1e-9  # residual, as a share of the range of an axis, that counts as no
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
-    """Why thrusts produce another wrench than the demand.
+class Explanation(Limits):
+    """Why thrusts produce another wrench than the demand: its `Limits`, and the margin.
 
-    - `margin`: signed distance of the demand to the boundary of the attainable set of this answer,
-      positive inside [N, N m]
-    - `served` (m,): share of its demand that each axis gets, counted from the reference (hover): 1
-      is all
-    - `gain` (m, n): multipliers: by how much an axis would come nearer to its demand per N by
-      which the bound of a rotor moved out.  Zero if the rotor does not limit the axis, even at a
-      bound
-    - `airmode` (m,): the same per N of the limit on airmode; positive if thrust may not rise any
-      more, negative if it may not fall
-    - `limit` (n,): of each rotor that limits an axis: 1 for a bound, 2 for a rate, 3 for its
-      health; negative at the lower bound
+    `margin`: signed distance of the demand to the boundary of the attainable set of this answer,
+    positive inside [N, N m].
     """
 
     problem: AllocationProblem
     margin: float
-    served: Array
-    gain: Array
-    airmode: Array
-    limit: NDArray[np.int32]
 
     @property
     def limits(self) -> dict[str, str]:
@@ -82,20 +68,24 @@ class Explanation:
 
 
 def explain(
-    problem: AllocationProblem, within: AllocationProblem, demand: Array, thrusts: Array
-) -> tuple[float, Limits]:
-    """Return the margin and the limits of an answer by any method.
+    problem: AllocationProblem, within: AllocationProblem, demand: Array, thrusts: Array,
+    serve: Prioritization | None = None,
+) -> Explanation:
+    """Return why thrusts are the answer of a method.
 
-    The limits are those of the default priorities: what keeps the demand from being served.
+    `within`: the problem with the bounds of this answer.  `serve`: the priorities that limit the
+    answer; by default the default ones, which say what keeps the demand from being served.
     """
     served = shares(problem, demand, problem.gamma @ thrusts, SERVED)
     m, n = problem.gamma.shape
     found = Limits(served, np.zeros((m, n)), np.zeros(m), np.zeros(n, dtype=np.int32))
+    margin = float(within.attainable_set.margin(demand)) if within.has_volume else -np.inf
     if not problem.has_volume:
-        return float('nan'), found
-    margin = float(AdmissibleSet(within).margin(demand)) if within.has_volume else -np.inf
-    serve = AdmissibleSet(problem).check_order(None)
-    if isinstance(serve, Prioritization) and margin < 0.0 and (served < 1.0).any():
+        margin = float('nan')
+    elif serve is None and margin < 0.0 and (served < 1.0).any():
+        default = AdmissibleSet(problem).check_order(None)
+        serve = default if isinstance(default, Prioritization) else None
+    if serve is not None:
         prices = serve.prices(demand, None if within is problem else within)
         found = limits_of(problem, within, served, prices)
-    return margin, found
+    return Explanation(**vars(found), problem=problem, margin=margin)

@@ -12,7 +12,6 @@ import numpy as np
 from ca_ros.allocation.certificate import Certificate, VectoredCertificate, certify
 from ca_ros.allocation.explanation import Explanation, explain
 from ca_ros.arrays import Array, IntArray
-from ca_ros.problem.limits import Limits
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
 
@@ -126,13 +125,13 @@ class Allocation(Answer):
     violation: float = 0.0
     preference: tuple[Array, Array] | None = None
     bounds: tuple[Array, Array] | None = None
-    _explain: Callable[[Allocation], tuple[float, Limits]] | None = field(default=None, repr=False)
+    _explain: Callable[[Allocation], Explanation] | None = field(default=None, repr=False)
 
     def __init__(
         self, problem: AllocationProblem, demand: Array, thrusts: Array, status: Status,
         level: float = 1.0, violation: float = 0.0, preference: tuple[Array, Array] | None = None,
         bounds: tuple[Array, Array] | None = None,
-        _explain: Callable[[Allocation], tuple[float, Limits]] | None = None,
+        _explain: Callable[[Allocation], Explanation] | None = None,
     ) -> None:
         # The __init__ of a frozen dataclass takes three times as long.
         fields = self.__dict__
@@ -153,12 +152,10 @@ class Allocation(Answer):
     def explanation(self) -> Explanation:
         """What was served of each axis, and what limits the rest; computed at the first access."""
         if self._explain is not None:
-            margin, limits = self._explain(self)
-        else:
-            problem = self.problem
-            within = problem if self.bounds is None else problem.bounded(*self.bounds)
-            margin, limits = explain(problem, within, self.demand, self.thrusts)
-        return Explanation(self.problem, margin, *limits)
+            return self._explain(self)
+        problem = self.problem
+        within = problem if self.bounds is None else problem.bounded(*self.bounds)
+        return explain(problem, within, self.demand, self.thrusts)
 
 
 @dataclass(frozen=True, eq=False)

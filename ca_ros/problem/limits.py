@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,15 @@ from ca_ros.solver.simplex import ZERO
 BY_BOUND, BY_RATE, BY_HEALTH = 1, 2, 3  # what limits an effector: enum ca_limit of the kernel
 
 
-class Limits(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Limits:
     """What limits the axes, as in `ca_explanation` of the kernel.
 
     - `served` (m,): share of its demand that each axis gets, counted from the reference
+      (hover): 1 is all
     - `gain` (m, n): multipliers: by how much an axis would come nearer to its demand per unit by
-      which the bound of an effector moved out; zero if the effector does not limit the axis
+      which the bound of an effector moved out; zero if the effector does not limit the axis, even
+      at a bound
     - `airmode` (m,): the same per N of the limit on airmode; positive if thrust may not rise any
       more, negative if it may not fall
     - `limit` (n,): `BY_BOUND`, `BY_RATE` or `BY_HEALTH`, negative at the lower bound; 0 for no
