@@ -92,11 +92,6 @@ class ThrustCurveSettings(Settings):
         if len({*np.ravel(self.pwm)}) < 2:
             raise ParameterError(f'pwm: expected two different pulse widths, got {self.pwm}')
 
-    @property
-    def is_measured(self) -> bool:
-        """Whether the thrust is not k_f w^2."""
-        return self.polynomial != 0.0 or self.thrusts != 0.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class RotorSettings(Settings):

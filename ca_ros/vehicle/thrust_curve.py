@@ -99,7 +99,7 @@ class ThrustCurve:
         the greatest speed, or fits neither k_f nor rotors that reverse.
         """
         made, k_f, top = cls(), float(coefficient[0]), float(high.max())
-        if settings.is_measured:
+        if settings.polynomial != 0.0 or settings.thrusts != 0.0:
             if (coefficient != k_f).any() or (low < 0.0).any():
                 raise ParameterError(
                     'polynomial, thrusts: expected rotors with one thrust_coefficient that do not '
@@ -161,6 +161,10 @@ class ThrustCurve:
         a, b, c = self.segments.T[:, np.searchsorted(self.levels, f, 'right') - 1]
         return np.asarray(root(a, b, f - c))
 
+    def inverse(self, ratio: Array) -> Array:
+        """Return the speeds (...) [rad/s] of thrusts over k_f (...), not negative [rad^2/s^2]."""
+        return np.sqrt(ratio) if self.square else self.speed(self.coefficient * ratio)
+
     @property
     def levels(self) -> Array:
         """The thrusts (K,) at which the segments begin [N]."""
@@ -169,14 +173,14 @@ class ThrustCurve:
     def throttle(self, speeds: ArrayLike, full: ArrayLike) -> Array:
         """Return the throttles (...) of speeds (...) [rad/s], negative backwards.
 
-        `speeds` (...).  `full` (...): the speed of full throttle [rad/s], where no throttles were
-        measured.
+        `full` (...): the speed of full throttle [rad/s], where no throttles were measured.
         """
         w = np.abs(np.asarray(speeds, dtype=float))
         if len(self.throttles):
             found = np.interp(w, self.throttle_speeds, self.throttles)
         else:
-            found = from_thrust(np.minimum(self.thrust(w) / self.thrust(full), 1.0), self.expo)
+            share = np.minimum(self.thrust(w) / self.thrust(full), 1.0)
+            found = root(np.full(1, self.expo), np.full(1, 1.0 - self.expo), share)
         return np.asarray(np.copysign(found, speeds))
 
     def pulse(self, throttles: ArrayLike, reverses: ArrayLike = False) -> Array:
@@ -197,9 +201,7 @@ def rotor_speeds(
 
     Quotient, square root and comparisons give the same bits in C, in the precision of the arrays.
 
-    - `thrusts` (..., n)
-    - `forwards` and `backwards` (n,): k_f of rotors that turn forwards and backwards, positive [kg
-      m]
+    - `forwards` and `backwards` (n,): k_f of rotors that turn so, positive [kg m]
     - `low` and `high` (n,): bounds of the speeds [rad/s]
     - `inverse`: from thrust over k_f to speed, of rotors that turn forwards
     """
@@ -222,11 +224,6 @@ def to_thrust(throttle: ArrayLike, expo: float) -> Array:
     """Return the shares of the greatest thrust at throttles, both in [0, 1]: PX4's THR_MDL_FAC."""
     x = np.asarray(throttle, dtype=float)
     return np.asarray((expo * x + (1.0 - expo)) * x)
-
-
-def from_thrust(share: ArrayLike, expo: float) -> Array:
-    """Return the throttles of shares of the greatest thrust; the inverse of `to_thrust`."""
-    return root(np.full(1, expo), np.full(1, 1.0 - expo), np.asarray(share, dtype=float))
 
 
 def increasing(name: str, values: ArrayLike) -> Array:

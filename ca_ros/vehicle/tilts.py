@@ -92,7 +92,7 @@ class Tilts:
     def within(self, angles: Array) -> Array:
         """Return angles (k,) within the limits: the same direction for those without end."""
         low, high = self.limits
-        if self._any_endless:
+        if self.endless.any():
             whole = 2.0 * pi * self.endless
             angles = np.where(angles < low, angles + whole, angles)
             angles = np.where(angles > high, angles - whole, angles)
@@ -147,10 +147,6 @@ class Tilts:
     def _second(self) -> list[bool]:
         rotors = self.rotors
         return [k > 0 and rotors[k - 1] == rotor for k, rotor in enumerate(rotors)]
-
-    @cached_property
-    def _any_endless(self) -> bool:
-        return bool(self.endless.any())
 
     @cached_property
     def _frames(self) -> tuple[NDArray[np.intp], Array, Array]:

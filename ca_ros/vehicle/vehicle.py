@@ -44,55 +44,34 @@ class Vehicle:
 
     The body frame is forward-left-up (REP 103).  Use `load` or `from_parameters`, which validate.
 
-    Attributes
-    ----------
-    mass : float
-        [kg]
-    gravity : float
-        [m/s^2]
-    buoyancy : float
-        [N]
-    inertia : (3, 3) array or None
-        About the centre of mass [kg m^2].  Only a controller and a simulation need it.
-    arms : (n, 3) array
-        Position of each rotor relative to the centre of mass [m].
-    rotor_axes : (n, 3) array
-        Direction of each rotor's thrust, unit vectors.
-    spins : (n,) array
-        Sign of each rotor's reaction torque about its axis: +1 if it turns clockwise seen from
-        above, Eq. (2).
-    thrust_coefficient, torque_coefficient : (n,) arrays
-        k_f [kg m] and k_tau [kg m^2] of Eqs. (1)-(2), of a sound rotor that turns forwards.
-    thrust_coefficient_reverse : (n,) array
-        k_f of a rotor that turns backwards [kg m].  Its k_tau differs by the same factor.
-    speed_min, speed_max : (n,) arrays
-        Eq. (7) [rad/s].  A rotor with a negative lower bound can reverse: its thrust is
-        k_f |omega| omega.
-    health : (n,) array
-        Thrust delivered over thrust expected, in [0, 1]; below `HEALTH_MIN` the rotor is lost.
-    axes : tuple of str
-        The components of the wrench that are commanded, in the order of
-        `ca_ros.vehicle.settings.AXES`.
-    lost_axes : 'refuse' or 'drop'
-        Whether a vehicle that cannot control every axis and hover is refused, or flies without
-        the lost axes: see `ca_ros.problem.audit.accept`.
-    curve: ThrustCurve
-        Of all rotors, in the ratio of their k_f.  The reaction torque is k_tau / k_f times the
-        thrust.
-    speed_max_per_volt : (n,) array or 0
-        Speed of full throttle per volt of the battery [rad/s/V]; 0: the voltage does not matter.
-    nominal_voltage : float
-        Of the battery; readings outside of `VOLTAGES` times of it are refused [V].  Without
-        `rotors.battery_voltage` it is the least one at which all rotors reach `speed_max`.
-    voltage : float or None
-        Of the battery, if `at_voltage` was told [V].
-    rated : pair of (n,) arrays or None
-        The bounds of the speeds whatever the voltage is, if it is given [rad/s].
-    tilts : Tilts or None
-        The servos of rotors that tilt; None if all are fixed to the body.
-    acceleration_max, deceleration_max : (n,) arrays or None
-        Greatest rates at which the rotor speeds grow and shrink [rad/s^2]; None for no limit, or
-        for a deceleration like the acceleration.  See `ca_ros.SlewLimited`.
+    - `mass` [kg], `gravity` [m/s^2] and `buoyancy` [N]
+    - `inertia` (3, 3): about the centre of mass [kg m^2]; None is enough for an allocator
+    - `arms` (n, 3): position of each rotor relative to the centre of mass [m]
+    - `rotor_axes` (n, 3): direction of each rotor's thrust, unit vectors
+    - `spins` (n,): sign of each rotor's reaction torque about its axis: +1 if it turns clockwise
+      seen from above, Eq. (2)
+    - `thrust_coefficient` and `torque_coefficient` (n,): k_f [kg m] and k_tau [kg m^2] of Eqs.
+      (1)-(2), of a sound rotor that turns forwards
+    - `thrust_coefficient_reverse` (n,): k_f of a rotor that turns backwards [kg m]; its k_tau
+      differs by the same factor
+    - `speed_min` and `speed_max` (n,): Eq. (7) [rad/s].  A rotor with a negative lower bound can
+      reverse: its thrust is k_f |omega| omega
+    - `health` (n,): thrust delivered over thrust expected, in [0, 1]; below `HEALTH_MIN` the rotor
+      is lost
+    - `axes`: the commanded components of the wrench, in the order of `AXES`
+    - `lost_axes`: see `AxesSettings` and `ca_ros.problem.audit.accept`
+    - `curve`: of all rotors, in the ratio of their k_f.  The reaction torque is k_tau / k_f times
+      the thrust
+    - `speed_max_per_volt` (n,) or 0: speed of full throttle per volt of the battery [rad/s/V]; 0:
+      the voltage does not matter
+    - `nominal_voltage`: of the battery [V].  Without `rotors.battery_voltage` it is the least one
+      at which all rotors reach `speed_max`
+    - `voltage`: of the battery, if `at_voltage` was told [V]
+    - `rated`: the bounds (n,) of the speeds whatever the voltage is, if it is given [rad/s]
+    - `tilts`: the servos of rotors that tilt; None if all are fixed to the body
+    - `acceleration_max` and `deceleration_max` (n,): greatest rates at which the rotor speeds grow
+      and shrink [rad/s^2]; None for no limit, or for a deceleration like the acceleration.  See
+      `ca_ros.SlewLimited`
     """
 
     mass: float
@@ -129,19 +108,9 @@ class Vehicle:
         """Read a vehicle from a parameter file.
 
         Only the vehicle's own parameters are checked; `ca_ros.nodes.settings.load` checks the
-        whole file.
+        whole file.  Raises a ParameterError that names the file, the key and the fault.
 
-        Parameters
-        ----------
-        vehicle : str or path
-            A shipped vehicle's name, such as ``'hexarotor'``, or a path to a YAML file.
-        node : str, optional
-            As in `ca_ros.vehicle.files.read`.
-
-        Raises
-        ------
-        ParameterError
-            In one line that names the file, the key and the fault.
+        `vehicle` and `node`: see `ca_ros.vehicle.files.read`.
         """
         given = files.read(vehicle, node)
         try:
@@ -154,12 +123,8 @@ class Vehicle:
         """Build a vehicle from parameters by name, as in a parameter file.
 
         Unknown names are ignored, except in the groups ``vehicle`` and ``rotors``, and those that
-        are similar to the vehicle's.  The inertia may be missing.
-
-        Raises
-        ------
-        ParameterError
-            In one line that names the key and the fault.
+        are similar to the vehicle's.  The inertia may be missing.  Raises a ParameterError that
+        names the key and the fault.
         """
         groups = table(MovingVehicleSettings)
         check_given({name: given[name] for name in given if _concerns_vehicle(name)}, groups)
@@ -173,10 +138,7 @@ class Vehicle:
     ) -> Vehicle:
         """Build a vehicle from its settings; by default it commands the usual four axes.
 
-        Raises
-        ------
-        ParameterError
-            If settings contradict each other.
+        Raises a ParameterError if settings contradict each other.
         """
         axes = AxesSettings() if axes is None else axes
         arms = rotor_positions(rotors) - np.array(body.center_of_mass, float)
@@ -253,11 +215,8 @@ class Vehicle:
     def at_voltage(self, voltage: float) -> Vehicle:
         """Return the same vehicle with the greatest speeds that a battery of a voltage [V] allows.
 
-        Raises
-        ------
-        ParameterError
-            If a battery with the nominal voltage cannot have this one, or no rotor speed is left
-            between the bounds.
+        Raises a ParameterError if the voltage is not within `VOLTAGES` times the nominal one, or
+        leaves no rotor speed between the bounds.
         """
         least, most = (share * self.nominal_voltage for share in VOLTAGES)
         if self.nominal_voltage and not least <= voltage <= most:
@@ -287,10 +246,7 @@ class Vehicle:
     def with_stuck_servos(self, pairs: ArrayLike) -> Vehicle:
         """Return the same vehicle with these servos stuck, and no others.
 
-        Parameters
-        ----------
-        pairs : (2 k,) array, or 0 for none
-            Number of the rotor, from 1, and angle [rad], one pair after the other.
+        `pairs` (2 k,), or 0 for none: see `RotorSettings.stuck_servos`.
         """
         flat = np.ravel(np.asarray(pairs, dtype=float))
         sound = self if self.tilts is None else replace(self, tilts=self.tilts.sound)
@@ -332,16 +288,12 @@ class Vehicle:
     @cached_property
     def thrust_per_squared_speed(self) -> Array:
         """k_f times health, (n,) [kg m]; zero for a lost rotor."""
-        return constant(self._share * self.thrust_coefficient)
+        return constant(np.where(self.lost, 0.0, self.health * self.thrust_coefficient))
 
     @cached_property
     def reverse_thrust_per_squared_speed(self) -> Array:
         """As `thrust_per_squared_speed`, of rotors that turn backwards."""
-        return constant(self._share * self.thrust_coefficient_reverse)
-
-    @property
-    def _share(self) -> Array:
-        return np.where(self.lost, 0.0, self.health)
+        return constant(np.where(self.lost, 0.0, self.health * self.thrust_coefficient_reverse))
 
     @property
     def powerless(self) -> bool:
@@ -374,12 +326,8 @@ class Vehicle:
         """Return the speeds (..., n) [rad/s] for thrusts (..., n) [N] in bounds, Eq. (11).
 
         They are within `speed_limits` to the last bit: rounding errors beyond these are clipped.
-
-        Raises
-        ------
-        ValueError
-            If there is not one thrust per rotor, or one is out of bounds by more than
-            `BOUND_ROUNDING`.
+        Raises a ValueError if there is not one thrust per rotor, or one is out of bounds by more
+        than `BOUND_ROUNDING`.
         """
         thrusts = np.asarray(thrusts, float)
         if thrusts.ndim == 1 and len(thrusts) == self.n and self.curve.square:
@@ -404,12 +352,7 @@ class Vehicle:
                 f'thrusts: {thrusts[place]:g} N of rotor {i + 1}, expected '
                 f'{self.thrust_min[i]:g} to {self.thrust_max[i]:g} N'
             )
-        inverse = np.sqrt if self.curve.square else self._curve_speeds
-        return rotor_speeds(thrusts, k, reverse, low, high, inverse)
-
-    def _curve_speeds(self, ratio: Array) -> Array:
-        """Return the speeds (..., n) for thrusts over k_f (..., n) by the thrust curve."""
-        return self.curve.speed(self.curve.coefficient * ratio)
+        return rotor_speeds(thrusts, k, reverse, low, high, self.curve.inverse)
 
     def throttles(self, speeds: ArrayLike) -> Array:
         """Return the throttles (..., n) of speeds (..., n) [rad/s], from -1 (or 0) to 1."""
