@@ -18,8 +18,6 @@ os.environ |= {
     'CA_ROS_TEST_DEADLINE': '240',
 }
 
-from strategies import LONG
-
 # Otherwise each process of the tests compiles all that it imports, if the installer has not.
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
 sys.dont_write_bytecode = False
@@ -52,7 +50,7 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker('nodes')
         if (NODES | FLIGHTS) & {*item.fixturenames}:
             item.add_marker('slow')
-    if not LONG:
+    if not os.environ.get('CA_ROS_LONG'):
         long = [item for item in items if item.get_closest_marker('long')]
         config.hook.pytest_deselected(items=long)
         items[:] = [item for item in items if item not in long]

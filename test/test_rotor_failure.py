@@ -21,6 +21,7 @@ from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.testing import Diagnostics, wrench
+from nodes import host
 from strategies import length, settings_of
 
 HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
@@ -233,7 +234,7 @@ def test_a_vehicle_that_starts_without_a_rotor_is_judged_by_what_it_has(graph, t
 
 
 def test_a_node_without_any_rotor_leaves_them_at_rest_with_every_method(graph):
-    graph.start('allocator', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    host(graph, 'allocator', '-p', 'mode:=lockstep')
     wrenches = graph.publisher(WrenchStamped, 'command/wrench')
     speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
     said = Diagnostics(graph)
