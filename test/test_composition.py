@@ -96,7 +96,7 @@ class Composition:
         self.spin_until(lambda recorder: not recorder.missing(), 'complete loops')
         for recorder in self.recorders:
             recorder.send(Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0)))
-        self.spin_until(lambda recorder: recorder.elapsed >= DURATION, 'two flights')
+        self.spin_until(lambda recorder: (recorder.elapsed or 0) >= 1e9 * DURATION, 'two flights')
         return [recorder.flight(DURATION) for recorder in self.recorders]
 
 

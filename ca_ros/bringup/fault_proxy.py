@@ -10,8 +10,6 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.link_faults import FAULTY, FaultSettings, Link, corrupted
@@ -55,7 +53,6 @@ class FaultProxyNode(ParameterNode):
 
     def __init__(self, node_name: str = 'fault_proxy', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         if self.unknown:
             names = ', '.join(table(FaultSettings))
             raise ParameterError(f'{self.unknown[0]}: no such parameter ({names})')
@@ -76,10 +73,10 @@ class FaultProxyNode(ParameterNode):
             topic: self.create_subscription(kind, topic, partial(self._take, topic), quality)
             for topic, kind in kinds.items()
         }
-        self._alarm = self.create_timer(1.0, self._pass_on, clock=self._steady)
+        self._alarm = self.create_timer(1.0, self._pass_on, clock=self.steady)
         self._alarm.cancel()
         self._diagnostics = DiagnosticsPublisher(self, hardware_id='link')
-        self.create_timer(1.0, self._diagnose, clock=self._steady)
+        self.create_timer(1.0, self._diagnose, clock=self.steady)
 
     def build(self, settings: FaultSettings) -> dict[str, FaultSettings]:
         """Return the faults of each link."""
@@ -118,7 +115,7 @@ class FaultProxyNode(ParameterNode):
             self._alarm.reset()
 
     def _now(self) -> float:
-        return self._steady.now().nanoseconds / 1e9
+        return self.steady.now().nanoseconds / 1e9
 
     def _diagnose(self) -> None:
         """Publish the counts; active faults are a warning."""

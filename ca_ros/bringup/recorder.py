@@ -165,13 +165,8 @@ class Recorder(Node):
             self.send(self._goal)
 
     @property
-    def elapsed(self) -> float:
-        """Time of the flight so far, up to the last complete sample [s]."""
-        return (self.elapsed_ns or 0) / 1e9
-
-    @property
-    def elapsed_ns(self) -> int | None:
-        """`elapsed` in nanoseconds; None before the flight."""
+    def elapsed(self) -> int | None:
+        """Time of the flight up to the last complete sample [ns]; None before the flight."""
         start, last = self.samples.start, self.samples.last
         return None if start is None or last is None else last - start
 

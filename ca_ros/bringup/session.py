@@ -111,11 +111,11 @@ class Session:
         progress, patience = 0.0, Patience()
         while progress < duration:
             self._spin()
-            timeline.update(recorder.elapsed_ns, self._spin)
+            timeline.update(recorder.elapsed, self._spin)
             if recorder.waiting and not recorder.missing():
                 recorder.send(trajectory.first)
-            if recorder.elapsed != progress:
-                progress, patience = recorder.elapsed, Patience()
+            if (elapsed := (recorder.elapsed or 0) / 1e9) != progress:
+                progress, patience = elapsed, Patience()
                 _show(progress, duration)
             patience.check(partial(self._stalled, progress))
         if bag:
@@ -141,7 +141,7 @@ class Session:
 
     def _stalled(self, progress: float, seconds: float) -> str:
         what = f'stalled at {progress:.2f} s for {seconds:g} s'
-        if self._recorder.elapsed_ns is None:
+        if self._recorder.elapsed is None:
             answers = f'no rotor speeds that answer a wrench on {SPEEDS.name}'
             what = f'not begun for {seconds:g} s: {answers}'
         return f'the flight has {what}{self._reports.faults_of_nodes()}'

@@ -13,6 +13,8 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -80,6 +82,7 @@ class ParameterNode(Node, metaclass=_Starting):
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         given = renamed({name: each.value for name, each in given_parameters(self).items()})
         method = str(given.get('allocation.method'))
         self.known = with_own_methods(self.known, method)

@@ -10,8 +10,6 @@ from time import monotonic
 from typing import Any, ClassVar
 
 import numpy as np
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray
@@ -53,7 +51,6 @@ class VehicleNode(ParameterNode):
         self.audit: Audit | None = None
         self._logged_audit: Audit | None = None
         self.counts: Counter[str] = Counter()
-        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.mode = str(self.settings.mode)
         self._watchdog = Watchdog()
         self._streams = Streams(self, self.mode, self.drop, self.counts)
