@@ -35,7 +35,8 @@ def kernel_for(
     if isinstance(problem, VectoredProblem):
         raise ParameterError('the C kernel takes numbers within bounds, not rotors that tilt')
     axes, serving = problem.axes, settings.serving(problem)
-    keeps = sensed(serving.groups, serving.thrust_deviation)
+    named = [[axes[row] for row in group] for group in serving.groups]
+    keeps = sensed(named, serving.thrust_deviation)
     preference = settings.preference(problem)
     gamma, lower, upper, start = (
         np.ascontiguousarray(array, dtype)
@@ -43,10 +44,10 @@ def kernel_for(
     )
     return kernel(
         gamma, lower, upper, start,
-        order=[axes.index(axis) for group in serving.groups for axis in group],
+        order=[row for group in serving.groups for row in group],
         group=[i for i, group in enumerate(serving.groups) for _ in group],
         keep_sense=[int(axis in keeps) for axis in axes], policy=int(settings.status),
-        on_reference=serving.on_reference, slack=settings.residual_slack,
+        on_reference=serving.begin is not None, slack=settings.residual_slack,
         weight=preference and np.ascontiguousarray(preference[0], dtype),
         preferred=preference and np.ascontiguousarray(preference[1], dtype),
         thrust=axes.index('thrust') if 'thrust' in axes else -1, airmode=serving.airmode_limit,
@@ -61,13 +62,10 @@ class NumpyEngine:
     """
 
     def __init__(self, problem: AllocationProblem, settings: ExactSettings) -> None:
-        groups, thrust_deviation, reference, on_reference, airmode = settings.serving(problem)
-        rows = [[problem.axes.index(axis) for axis in group] for group in groups]
-        begin = reference if on_reference else None
         preference = settings.preference(problem)
         self._problem, self._status = problem, settings.status
         self._slack = settings.residual_slack
-        self._serve = Prioritization(problem, rows, reference, thrust_deviation, begin, airmode)
+        self._serve = Prioritization(problem, *settings.serving(problem))
         self._osqp = osqp_start(problem, preference) if settings.solver == 'osqp' else None
         self._solver = problem.least_norm
         self._preference = preference or ()

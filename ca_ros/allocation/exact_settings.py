@@ -22,20 +22,15 @@ PREFERRED_MAX = 100.0  # greatest preferred thrust, in units of the greatest bou
 
 
 class Serving(NamedTuple):
-    """How wrenches that are not attainable are served; see `Prioritization`.
+    """How wrenches that are not attainable are served: the arguments of `Prioritization`.
 
-    - `groups`: the axes of each group of the priorities
-    - `thrust_deviation` ('prevent', 'avoid' or 'allow')
-    - `reference` (m,): the wrench from which demands are counted [N, N m]
-    - `on_reference`: whether the lines of the priorities begin at the reference, which then is
-      attainable
-    - `airmode_limit`: see `airmode_limits`
+    For the policies other than 'prioritize', all axes are one group, and `begin` is the reference.
     """
 
-    groups: Sequence[Sequence[str]]
-    thrust_deviation: str
+    groups: Sequence[Sequence[int]]
     reference: Array
-    on_reference: bool
+    thrust_deviation: str
+    begin: Array | None = None
     airmode_limit: Sequence[float] = AIRMODE
 
 
@@ -96,11 +91,11 @@ class ExactSettings(PrioritiesSettings):
         Raises a ParameterError if the order does not suit the axes, or the reference of scale is
         not attainable, or a ValueError if the problem's admissible set has no volume.
         """
-        groups = self.groups(problem.axes)
-        admissible, given = AdmissibleSet(problem), self.scale_reference
-        reference = None if given is None else admissible.check_reference(given)
+        axes, admissible, given = problem.axes, AdmissibleSet(problem), self.scale_reference
+        groups = [[axes.index(axis) for axis in group] for group in self.groups(axes)]
+        start = None if given is None else admissible.check_reference(given)
         if self.policy == 'prioritize':
             limits = airmode_limits(self.airmode_limit)
-            return Serving(groups, self.thrust_deviation, problem.reference, False, limits)
-        start = admissible.reference if reference is None else reference
-        return Serving((problem.axes,), 'allow', start, True)
+            return Serving(groups, problem.reference, self.thrust_deviation, None, limits)
+        start = admissible.reference if start is None else start
+        return Serving([range(len(axes))], start, 'allow', start)

@@ -44,8 +44,8 @@ class VectoredEngine:
     def _begin(self) -> Array:
         """An attainable wrench (m,), where lines to demands begin."""
         serving, middle = self._serving, self._problem.gamma @ self._problem.middle
-        if serving.on_reference:
-            return serving.reference
+        if serving.begin is not None:
+            return serving.begin
         way = serving.reference - middle
         if not way.any():
             return middle
@@ -54,10 +54,7 @@ class VectoredEngine:
 
     @cached_property
     def _serve(self) -> VectoredPrioritization:
-        axes, serving = self._problem.axes, self._serving
-        rows = [[axes.index(axis) for axis in group] for group in serving.groups]
-        given = rows, serving.reference, serving.thrust_deviation
-        return VectoredPrioritization(self._problem, *given, solver=self._solver)
+        return VectoredPrioritization(self._problem, *self._serving[:3], solver=self._solver)
 
     @property
     def fields(self) -> dict[str, Array | float]:
@@ -66,7 +63,7 @@ class VectoredEngine:
         given = self._serve.fields if prioritizes else {'reference': self._serving.reference}
         return fields_of(
             self._solver, slack=self._settings.residual_slack, policy=float(self._settings.status),
-            begin=self._begin, on_reference=float(self._serving.on_reference),
+            begin=self._begin, on_reference=float(self._serving.begin is not None),
             resting=self._problem.resting_thrusts, **given,
         )
 
@@ -113,7 +110,7 @@ class VectoredEngine:
             answer = self._serve(u)
             return answer.thrusts, status, float(answer.levels.min())
         level, way = line.length, u - self._serving.reference
-        if not self._serving.on_reference:
+        if self._serving.begin is None:
             served = problem.gamma @ line.point - self._serving.reference
             shares = np.divide(served, way, out=np.ones_like(way), where=way != 0.0)
             level = float(np.clip(shares, 0.0, 1.0).min())

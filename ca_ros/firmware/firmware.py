@@ -227,15 +227,3 @@ class Firmware:
         _, levels, segments = self.segments
         a, b, c = segments[np.searchsorted(levels, ratio, 'right') - 1].T
         return root(a, b, ratio - c)
-
-    def effort(self, fault: int, wrenches: Array) -> tuple[int, int]:
-        """Return the greatest numbers of steps and of pivots for wrenches (N, m)."""
-        demands = np.ascontiguousarray(wrenches[:, self.rows[fault]])
-        size = len(demands)
-        work: Any = np.empty((size, 2), np.int32)
-        self.kernels[fault].allocate_batch(
-            demands, np.empty((size, self.problem.n), self.dtype), np.empty(size, np.int8),
-            np.empty(size, self.dtype), work,
-        )
-        steps, pivots = work.max(axis=0).tolist()
-        return steps, pivots

@@ -80,11 +80,16 @@ def vectors(firmware: Firmware) -> list[Entry]:
 
 def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
     """Return the greatest numbers of steps and pivots over 3 size wrenches for each fault."""
-    efforts = [
-        firmware.effort(fault, wrenches(firmware, fault, size, seed))
-        for fault in range(len(firmware.faults))
-    ]
-    return max(steps for steps, _ in efforts), max(pivots for _, pivots in efforts)
+    work = np.zeros((len(firmware.faults), 3 * size, 2), np.int32)
+    for fault, kernel in enumerate(firmware.kernels):
+        demands = wrenches(firmware, fault, size, seed)[:, firmware.rows[fault]]
+        kernel.allocate_batch(
+            np.ascontiguousarray(demands),
+            np.empty((3 * size, firmware.problem.n), firmware.dtype),
+            np.empty(3 * size, np.int8), np.empty(3 * size, firmware.dtype), work[fault],
+        )
+    steps, pivots = work.max(axis=(0, 1)).tolist()
+    return steps, pivots
 
 
 def _on_facets(problem: AllocationProblem, rng: np.random.Generator, size: int) -> Array:
