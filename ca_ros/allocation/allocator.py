@@ -32,8 +32,8 @@ HEADING = re.compile(r'^(?=\w+\n---)', re.MULTILINE)  # where a section of a doc
 def takes_settings(
     kind: Callable[P, S],
 ) -> Callable[
-    [Callable[[A, Vehicle | AllocationProblem, S], None]],
-    Callable[Concatenate[A, Vehicle | AllocationProblem, P], None],
+    [Callable[[A, Subject, S], None]],
+    Callable[Concatenate[A, Subject, P], None],
 ]:
     """Decorate the ``__init__`` of a method that takes a problem and the settings of a class.
 
@@ -106,7 +106,7 @@ class Allocator(ABC):
             cls.__doc__ = '\n\n'.join([head.rstrip(), parameters, *rest])
 
     @takes_settings(Settings)
-    def __init__(self, problem: Vehicle | AllocationProblem, settings: Settings) -> None:
+    def __init__(self, problem: Subject, settings: Settings) -> None:
         self.problem = (
             accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
         )

@@ -64,11 +64,7 @@ class Conventional(Allocator):
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _solve(self, u: Array) -> Array:
-        """Minimise the cost by the primal active-set method, which ends after finitely many steps.
-
-        Each step moves the free thrusts to their minimum, or to the first bound on the way, which
-        becomes active.  At the minimum, the bound with the largest wrong multiplier is released.
-        """
+        """Minimise the cost by the primal active-set method, whose steps are finitely many."""
         low, high, hessian = self.problem.lower, self.problem.upper, self.hessian
         linear = self._pull + self.problem.gamma.T @ u
         thrusts = self.problem.clip(np.asarray(np.linalg.solve(hessian, linear), dtype=np.float64))
@@ -80,6 +76,7 @@ class Conventional(Allocator):
             way = goal - thrusts
             with np.errstate(divide='ignore', invalid='ignore'):
                 shares = np.where(way > 0.0, high - thrusts, low - thrusts) / way
+            # The free thrusts go to their minimum, or to the first bound in the way.
             shares[~free | (way == 0.0)] = np.inf
             first = int(shares.argmin())
             if shares[first] < 1.0:
@@ -88,6 +85,7 @@ class Conventional(Allocator):
                 free[first] = False
                 continue
             thrusts = goal
+            # The bound with the greatest wrong multiplier is released.
             slopes = hessian @ thrusts - linear
             descent = np.where(thrusts <= low, -slopes, slopes)
             descent[free | (high == low)] = 0.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import Explanation
@@ -16,9 +16,7 @@ from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen, warn_if_missing
-from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.vehicle.vehicle import Vehicle
 
 EXACT = Status.EXACT
 
@@ -66,7 +64,7 @@ class Exact(Allocator):
     settings: ExactSettings
 
     @takes_settings(ExactSettings)
-    def __init__(self, problem: Vehicle | AllocationProblem, settings: ExactSettings) -> None:
+    def __init__(self, problem: Subject, settings: ExactSettings) -> None:
         super().__init__(problem)
         problem = self.problem
         self._n = problem.n

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import acos, asin, cos, inf, pi, sin
 
 import numpy as np
@@ -104,12 +105,7 @@ class TiltLimited:
             problem.wanted = problem.forces(slopes @ problem.gamma)
         if answer.status in (Status.PRIORITIZED, Status.SCALED):
             problem.rate_limited = self._limits(answer, problem)
-        if not problem.rate_limited:
-            return answer
-        return Allocation(
-            problem, answer.demand, answer.thrusts, Status.RATE_LIMITED, answer.level,
-            preference=answer.preference,
-        )
+        return replace(answer, status=Status.RATE_LIMITED) if problem.rate_limited else answer
 
     def _limits(self, answer: Allocation, problem: TiltingVehicleProblem) -> list[str]:
         """Return in words whose rates limit an answer on the boundary."""

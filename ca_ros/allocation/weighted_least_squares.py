@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, takes_settings
+from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.kernel.vectored import sets_newton
@@ -25,7 +25,6 @@ from ca_ros.settings import (
 )
 from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.vehicle.settings import AXES
-from ca_ros.vehicle.vehicle import Vehicle
 
 WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')  # the default of Wv, that of Paparazzi
 RATIO_MAX = 1e10  # greatest ratio of the weights of the wrench to those of the thrusts
@@ -87,9 +86,7 @@ class WeightedLeastSquares(Allocator):
     takes_vectors = True
 
     @takes_settings(WeightedLeastSquaresSettings)
-    def __init__(
-        self, problem: Vehicle | AllocationProblem, settings: WeightedLeastSquaresSettings
-    ) -> None:
+    def __init__(self, problem: Subject, settings: WeightedLeastSquaresSettings) -> None:
         super().__init__(problem)
         problem = self.problem
         self.wu = problem.spread('wu', settings.wu)
@@ -123,12 +120,7 @@ class WeightedLeastSquares(Allocator):
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
     def _solve(self, u: Array) -> Array:
-        """Minimise |A f - b| within the bounds by a primal active-set method.
-
-        The method starts at the middles of the bounds, as in Paparazzi.  Each iteration solves for
-        the free thrusts.  If a bound is in the way, the thrusts go as far as the bound, which
-        becomes active.  Otherwise the active bound with the most negative multiplier is released.
-        """
+        """Minimise |A f - b| within the bounds, from their middles on, as in Paparazzi."""
         problem, matrix = self.problem, self._matrix
         low, high = problem.lower, problem.upper
         thrusts = problem.middle.copy()
@@ -143,6 +135,7 @@ class WeightedLeastSquares(Allocator):
             step = np.zeros(problem.n)
             step[free] = np.linalg.solve(triangle, image)
             goal = thrusts + step
+            # The thrusts go as far as the first bound in the way, which becomes active.
             beyond = free & ((goal < low) | (goal > high))
             if beyond.any():
                 ends = np.where(step > 0.0, high, low)
@@ -158,6 +151,7 @@ class WeightedLeastSquares(Allocator):
             # A second projection removes what rounding has left in the space of the free columns.
             residual -= basis @ image
             residual -= basis @ (basis.T @ residual)
+            # The active bound with the most negative multiplier is released.
             multipliers = active * (residual @ matrix)
             worst = int(multipliers.argmin())
             if multipliers[worst] >= -ROUNDING * self._lengths[worst] * np.linalg.norm(residual):
