@@ -14,7 +14,7 @@ from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.failure_test import FailureTest, StuckServos
 from ca_ros.flight.kernel_detector import KernelDetector, packed
 from ca_ros.flight.lag_check import LagCheck
-from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.motor_lag import lagged
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.waypoint import Waypoint
@@ -246,13 +246,13 @@ def test_a_rotor_that_turns_too_slowly_has_lost_thrust():
 def test_what_arrives_late_is_no_failure_and_a_stop_is_one(late, shift):
     # Two rotors change their speeds; commands reach the motors late by some steps of 10 ms, and
     # measurements arrive late, or before their state.
-    detector, lag = FailureDetector(HEXAROTOR, SETTINGS), MotorLag(SETTINGS.motor_time_constant)
+    detector, lag = FailureDetector(HEXAROTOR, SETTINGS), SETTINGS.motor_time_constant
     commands = 300.0 - 200.0 * ((np.arange(400)[:, None] % [60, 40, 400, 400, 400, 400]) < 20)
     speeds, turning = np.zeros(6), []
     for i in range(400):
         turning.append(speeds)
         if i > late:
-            speeds = lag(speeds, commands[i - 1 - late], 0.01)
+            speeds = lagged(lag, speeds, commands[i - 1 - late], 0.01)
         if i >= 330:
             speeds = speeds * [1, 1, 1, 0, 1, 1]
     found = []
@@ -293,13 +293,13 @@ def test_a_wrong_lag_or_delay_is_warned_of(with_a_failure, source, lag, delay, s
     # The motors have a lag of 50 ms and a delay of 10 ms.  Only their sum shows.
     case, flight = with_a_failure
     check = LagCheck(case.vehicle, replace(SETTINGS, motor_time_constant=lag, delay=delay))
-    true, turning = MotorLag(0.05), np.zeros(8)
+    turning = np.zeros(8)
     for i in range(200):
         check.observe(i * 10_000_000, flight.angular_velocity[i], np.ones(8))
         if source == 'measured speeds':
             check.measure(turning, np.ones(8))
         check.command(i * 10_000_000, flight.speeds[i])
-        turning = true(turning, flight.speeds[i - 1] if i else turning, 0.01)
+        turning = lagged(0.05, turning, flight.speeds[i - 1] if i else turning, 0.01)
     fault = 'lag and delay of the motors are about .. ms, but .* are '
     assert re.fullmatch(fault + re.escape(sums) if sums else '', check.fault), check.fault
     assert check.total == pytest.approx(0.06, abs=0.0101)
@@ -393,9 +393,9 @@ def test_rotors_follow_commands_with_delay_and_lag():
     rotors.command(0, np.full(6, 100.0))
     rotors.command(10_000_000, np.full(6, 200.0))
     rotors.thrusts(0, 30_000_000)
-    lag, speeds = MotorLag(0.05), np.zeros(6)
+    speeds = np.zeros(6)
     for command, time in ((0.0, 0.015), (100.0, 0.01), (200.0, 0.005)):
-        speeds = lag(speeds, np.full(6, command), time)
+        speeds = lagged(0.05, speeds, np.full(6, command), time)
     np.testing.assert_allclose(rotors.speeds, speeds, rtol=1e-12)
     # At rest in the end: the thrust of the command.
     for i in range(3, 60):
@@ -430,7 +430,7 @@ def windows(rng, spread=1.0, lost=0.0):
 
 
 def test_the_score_is_the_reduction_of_chi_square():
-    find = FailureTest(rotor_wrenches(HEXAROTOR), None, 1e6, 0.01, 0.995, 0.35)
+    find = FailureTest(rotor_wrenches(HEXAROTOR), None, 1e6, DetectorSettings())
     lacked, given, variance = windows(np.random.default_rng(0), lost=0.6)
     found = find(lacked, given, variance, np.ones(6))
     scale = variance[0] ** -0.5
@@ -463,11 +463,11 @@ def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
 
 
 def test_false_alarms_are_as_rare_as_promised():
-    # One window, six rotors: with 6 e5 tests an hour and 6 e4 false alarms, one score in ten tests
+    # One window, six rotors: with 1e4 tests an hour and 1e3 false alarms, one score in ten tests
     # of Gaussian noise at most is over the limit, and by the two senses of a loss half as many.
     wrenches = rotor_wrenches(HEXAROTOR)
-    find = FailureTest(wrenches, None, 6e5, 6e4, 0.995, 0.35)
-    assert find.limit == pytest.approx(chdtri(1, 6e4 / 6e5 / 6.0), rel=1e-9)
+    find = FailureTest(wrenches, None, 1e4, DetectorSettings(false_alarms=1e3))
+    assert find.limit == pytest.approx(chdtri(1, 1e3 / 1e4 / 6.0), rel=1e-9)
     rng = np.random.default_rng(1)
     over = sum(find(*windows(rng), np.ones(6)).score > find.limit for _ in range(2000))
     assert 0.01 < over / 2000 <= 0.1
@@ -475,7 +475,7 @@ def test_false_alarms_are_as_rare_as_promised():
 
 def test_two_opposite_rotors_may_be_a_load():
     wrenches = rotor_wrenches(HEXAROTOR)
-    find = FailureTest(wrenches, None, 1e6, 0.01, 0.995, 0.35)
+    find = FailureTest(wrenches, None, 1e6, DetectorSettings())
     _, given, variance = windows(np.random.default_rng(0))
     for second, named in ((1, (0, 1)), (3, ())):
         lacked = -0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.drag import Drag, Wind
-from ca_ros.flight.motor_lag import MotorLag
+from ca_ros.flight.motor_lag import lagged
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import (
     ANGULAR_VELOCITY,
@@ -60,11 +60,10 @@ def falling(**parts):
 
 def test_a_motor_follows_a_step_as_one_minus_exp():
     # 1 - exp(-t / T), in any number of steps.
-    lag = MotorLag(0.05)
     for steps in (1, 3, 10):
         speeds = STOPPED
         for _ in range(steps):
-            speeds = lag(speeds, HOVER, 0.1 / steps)
+            speeds = lagged(0.05, speeds, HOVER, 0.1 / steps)
         np.testing.assert_allclose(speeds, (1.0 - exp(-2.0)) * HOVER, rtol=1e-14)
     slow = plant(motor_time_constant=0.05)
     for _ in range(5):

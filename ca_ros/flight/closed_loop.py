@@ -54,8 +54,7 @@ def fly(
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
-    The samples have the measured states and the commanded rotor speeds and tilt angles.
-    Raises a
+    The samples have the measured states and the commanded rotor speeds and tilt angles.  Raises a
     FloatingPointError if the flight diverges because the gains or the steps are too large, or a
     ValueError if a time step is given for a plant.
 
@@ -79,36 +78,35 @@ def fly(
     plant = body.restarted(state)
     step_ns, time_step = plant.time_step_ns, plant.time_step
     pending = sorted(changes, key=lambda change: change.time)[::-1]
-    for step in range(steps(duration, time_step) + 1):
-        while pending and pending[-1].time <= step * step_ns:
+    for now in range(0, (steps(duration, time_step) + 1) * step_ns, step_ns):
+        while pending and pending[-1].time <= now:
             change = pending.pop()
             controller = change.controller_after(controller)
             allocator = change.allocator or allocator
             plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
         state = plant.measured
-        parts = detection.observe(step * step_ns, state) if detection else None
+        parts = detection.observe(now, state) if detection else None
         if parts is not None:
-            controller = Change(step * step_ns, parts[0]).controller_after(controller)
+            controller = Change(now, parts[0]).controller_after(controller)
             allocator = parts[1]
         velocity = velocity_in_body(state)
         try:
             pose, omega = (state[POSITION], state[ATTITUDE]), state[ANGULAR_VELOCITY]
-            wrench = controller.wrench(*pose, velocity, omega, waypoint, step * step_ns)
+            wrench = controller.wrench(*pose, velocity, omega, waypoint, now)
         except ValueError as error:
-            time = step * time_step
-            raise FloatingPointError(f'after {time:g} s the flight diverges: {error}') from error
+            what = f'after {now / 1e9:g} s the flight diverges'
+            raise FloatingPointError(f'{what}: {error}') from error
         last = commands[-1] if commands else plant.body.vehicle.idle_command
-        now = step * step_ns
         # Before the first command the rotors have all the time that counts.
         before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
-        speeds = allocate_next(allocator, wrench, last, now, before).command
+        command = allocate_next(allocator, wrench, last, now, before).command
         if detection:
-            detection.command(step * step_ns, speeds)
+            detection.command(now, command)
         states.append(state)
         velocities.append(velocity)
-        commands.append(speeds)
-        plant.step(speeds)
+        commands.append(command)
+        plant.step(command)
     flown = np.array(states)
     nanoseconds = np.arange(len(flown)) * step_ns
     return Flight(

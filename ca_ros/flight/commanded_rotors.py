@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.motor_lag import MotorLag, Servos
+from ca_ros.flight.motor_lag import Servos, lagged
 from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
@@ -32,7 +32,7 @@ class CommandedRotors:
     ) -> None:
         s = settings
         self.vehicle = vehicle.with_health(1.0)
-        self._lag = MotorLag(s.motor_time_constant if lags is None else lags)
+        self._lag = s.motor_time_constant if lags is None else lags
         self._servos = Servos(s.servo_time_constant, s.servo_rate, vehicle)
         self._delay = round(s.delay * 1e9)
         self._waiting: list[tuple[int, Array, Array]] = []
@@ -61,7 +61,7 @@ class CommandedRotors:
                 self._command = self._waiting.pop(0)[1:]
             until = min(end, self._waiting[0][0]) if self._waiting else end
             before, step = self.speeds, (until - now) / 1e9
-            self.speeds = self._lag(before, self._command[0], step)
+            self.speeds = lagged(self._lag, before, self._command[0], step)
             if len(angles):
                 moved = self._servos.move(self._angles, self._command[1], step, self.vehicle)
                 self._angles = moved

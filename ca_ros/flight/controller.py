@@ -98,29 +98,26 @@ class Controller:
         is needed for integral action alone.
         """
         state = position, attitude, velocity, angular_velocity
-        if self.disturbances is None:
-            return self._attainable(self.demand(*state, waypoint))
-        if time is None:
-            raise ValueError('time: missing; the integral action needs it')
-        _check(*state)
-        # As in `demand`.
-        with np.errstate(over='ignore', invalid='ignore'):
-            rotation = rotation_matrix(attitude)
-            motion = np.concatenate([rotation @ velocity, angular_velocity])
-            self.disturbances.observe(time, motion)
-        wrench = self._attainable(self.demand(*state, waypoint))
-        full = np.zeros(len(AXES))
-        full[self._rows] = wrench
-        full[:3] = rotation @ full[:3]
-        self.disturbances.expect(full, angular_velocity)
-        return wrench
-
-    def _attainable(self, demand: Array) -> Array:
+        if self.disturbances is not None:
+            if time is None:
+                raise ValueError('time: missing; the integral action needs it')
+            _check(*state)
+            # As in `demand`.
+            with np.errstate(over='ignore', invalid='ignore'):
+                rotation = rotation_matrix(attitude)
+                motion = np.concatenate([rotation @ velocity, angular_velocity])
+                self.disturbances.observe(time, motion)
+        demand = self.demand(*state, waypoint)
         served = np.zeros(len(demand))
         if self._exact is not None:
             answer = self._exact.allocate(demand)
             served = demand if answer.status is Status.EXACT else answer.wrench
         self.unallocated = demand - served
+        if self.disturbances is not None:
+            full = np.zeros(len(AXES))
+            full[self._rows] = served
+            full[:3] = rotation @ full[:3]
+            self.disturbances.expect(full, angular_velocity)
         return served
 
     def demand(

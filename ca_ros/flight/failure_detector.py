@@ -61,9 +61,8 @@ class FailureDetector:
         self._slow = SlowRotors(vehicle.n, s.least_loss)
         self._rotors = CommandedRotors(vehicle, s)
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
-        tests, wrenches = 3600.0 / BLOCK * len(WINDOWS), self._rotors.wrenches
-        chances = tests, s.false_alarms, s.certainty, s.least_loss
-        self._find = FailureTest(wrenches, vehicle.tilts, *chances)
+        tests = 3600.0 / BLOCK * len(WINDOWS)
+        self._find = FailureTest(self._rotors.wrenches, vehicle.tilts, tests, s)
         self._usual = UsualMotion(vehicle, s)
         noises = np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._moving = (MOVING * noises).tolist()
@@ -121,7 +120,7 @@ class FailureDetector:
             'time_error': settings.time_error, 'least_loss': settings.least_loss,
             'certainty': settings.certainty, 'limit': find.limit, 'odds': find.odds,
             'lever': find.lever, 'noise': self._usual.noise, 'moving': self._moving,
-            'jump': self._observer.jump_max, 'balance': self._observer.balance,
+            'jump': self._observer.jump_max, 'balance': self._observer.ground.limits,
         }
         return {name: np.array(value, float) for name, value in numbers.items()}
 
@@ -209,7 +208,8 @@ class FailureDetector:
             self._refined = {i: age for i, age in ages.items() if age < REFINED}
         if not recent and max((windows.lacked**2 / usual.spread).dot(ALL).tolist()) <= SUSPICION:
             # No score exceeds this sum.
-            self._clear()
+            self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
+            self._probabilities = NOBODY
             self._learn(moving, given)
             return False
         impulses, changes = windows.rotors()
@@ -247,11 +247,6 @@ class FailureDetector:
             else:
                 self._stick(rotor, found.angle, time)
         return changed or not np.array_equal(self.health, before)
-
-    def _clear(self) -> None:
-        """Suspect no rotor."""
-        self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
-        self._probabilities = NOBODY
 
     def _learn(self, moving: bool, given: Array) -> None:
         """Learn what is usual, unless a failure is suspected."""

@@ -8,6 +8,7 @@ from math import log
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.tilts import Tilts
 
 ANGLES = 101  # angles that are tested of each servo
@@ -134,21 +135,19 @@ class FailureTest:
     - `wrenches` (6, n): force and torque per thrust of each rotor
     - `tilts`: the servos of the rotors
     - `tests`: tests in an hour
-    - `false_alarms`, `certainty` and `least_loss`: see `DetectorSettings`
     """
 
     def __init__(
-        self, wrenches: Array, tilts: Tilts | None, tests: float, false_alarms: float,
-        certainty: float, least_loss: float,
+        self, wrenches: Array, tilts: Tilts | None, tests: float, settings: DetectorSettings
     ) -> None:
         # Here, as the import takes half a second, and only who detects failures needs it.
         from scipy.special import chdtri
 
-        share = min(1.0, false_alarms / (tests * wrenches.shape[1]))
+        share = min(1.0, settings.false_alarms / (tests * wrenches.shape[1]))
         self.limit = float(chdtri(1.0, share))
-        self.odds = 2.0 * log(certainty / (1.0 - certainty))
+        self.odds = 2.0 * log(settings.certainty / (1.0 - settings.certainty))
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
-        self._least_loss = least_loss
+        self._least_loss = settings.least_loss
         self._servos = StuckServos(tilts) if tilts is not None and tilts.planar else None
 
     def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:

@@ -32,7 +32,8 @@ class Standing:
     wrench of its rotors is far from balance: thrust below its weight on the ground, or above it
     with motors that are off.
 
-    `still`: time for which the vehicle has not moved [s]; 0 if it moves.
+    - `still`: time for which the vehicle has not moved [s]; 0 if it moves
+    - `limits` (4,): imbalance of vertical force and torque of a vehicle that stands [N, N m]
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -85,12 +86,14 @@ class MomentumObserver:
     unattainable.  The detector of rotor failures (`ca_ros.flight.failure_detector`) expects the
     wrench of the commanded rotor speeds, and compares each impulse with the rotors.
 
-    While the vehicle stands (`ca_ros.flight.standing`), the estimate does not change; it is that
+    While the vehicle stands (`Standing`), the estimate does not change; it is that
     of the flight before.
 
     States that arrive too late, after a newer one, are ignored.
 
     - `gain`: L [1/s]; it may change between two states; with 0 the estimate stays
+    - `time`: stamp of the last state that was not ignored [ns]
+    - `ground`: whether the vehicle stands
     - `estimate` (6,): force in the world frame before torque in the body frame [N, N m]
     - `step`: time between the last two states [s]; 0 if the last one was ignored, or the vehicle
       stands
@@ -107,30 +110,20 @@ class MomentumObserver:
         self._inertia = inertia_of(vehicle)
         self._masses = np.diag(np.full(6, vehicle.mass))
         self._masses[3:, 3:] = self._inertia
-        self.jump_max = JUMP_MAX * np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
-        self._jump_max = self.jump_max.tolist()
-        self._time: int | None = None
+        inertias = np.repeat([vehicle.mass, np.linalg.norm(self._inertia, 2)], 3)
+        self.jump_max: list[float] = (JUMP_MAX * inertias).tolist()
+        self.time: int | None = None
         self._doubtful: int | None = None
         self._momentum = self._wrench = np.zeros(6)
-        self._standing, self._flown = Standing(vehicle), 0.0
+        self.ground, self._flown = Standing(vehicle), 0.0
         self.step, self.lacked = 0.0, np.zeros(6)
         self.estimate: Array = np.zeros(6)
         self._before = self._latest = self.estimate
 
     @property
-    def balance(self) -> Array:
-        """Imbalance of vertical force and torque of a vehicle that stands, (4,) [N, N m]."""
-        return self._standing.limits
-
-    @property
-    def time(self) -> int | None:
-        """Stamp of the last state that was not ignored [ns]."""
-        return self._time
-
-    @property
     def standing(self) -> bool:
         """Whether the vehicle stands."""
-        return self._standing.standing
+        return self.ground.standing
 
     def observe(self, time: int, motion: Array) -> None:
         """Update the estimate with a new state.
@@ -145,8 +138,8 @@ class MomentumObserver:
         """
         self.step = 0.0
         momentum = self._masses.dot(motion)
-        step = 0 if self._time is None else time - self._time
-        if self._time is not None and not 0 < step < RESTART:
+        step = 0 if self.time is None else time - self.time
+        if self.time is not None and not 0 < step < RESTART:
             confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
             if abs(step) < RESTART or not confirmed:
                 if step:
@@ -154,24 +147,24 @@ class MomentumObserver:
                 self._doubtful = time if abs(step) >= RESTART else self._doubtful
                 return
             if step < 0:
-                self._standing, self._flown = Standing(self._vehicle), 0.0
+                self.ground, self._flown = Standing(self._vehicle), 0.0
                 self.estimate = self._before = self._latest = np.zeros(6)
         else:
             self._update(step / 1e9, momentum, motion)
-        self._time, self._doubtful, self._momentum = time, None, momentum
+        self.time, self._doubtful, self._momentum = time, None, momentum
 
     def _update(self, step: float, momentum: Array, motion: Array) -> None:
         stood = self.standing
         known = 0.0 if stood else step
         lacked = momentum - self._momentum - known * (self._wrench + self.estimate)
-        if step and not all(map(le, abs(lacked).tolist(), self._jump_max)):
+        if step and not all(map(le, abs(lacked).tolist(), self.jump_max)):
             self.counts['jump'] += 1
-        elif self._standing.observe(step, motion, self._wrench) or stood:
+        elif self.ground.observe(step, motion, self._wrench) or stood:
             self.estimate = self._before if not stood else self.estimate
         else:
             self.step, self.lacked = step, lacked
             self.estimate = self.estimate - expm1(-self.gain * step) / step * lacked
-            self._flown += step * (self._standing.still == 0.0)
+            self._flown += step * (self.ground.still == 0.0)
             if self._flown > KEEP:
                 self._before, self._latest, self._flown = self._latest, self.estimate, 0.0
 

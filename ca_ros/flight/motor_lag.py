@@ -11,23 +11,17 @@ from ca_ros.flight.rigid_body import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
 
-class MotorLag:
-    """A first-order lag, T dw/dt = command - w, solved exactly for a command that is held.
+def lagged(time_constant: float | Array, speeds: Array, command: Array, step: float) -> Array:
+    """Return the speeds (n,) after a step [s] towards a command (n,) that is held [rad/s].
 
-    `time_constant`: T [s]; 0: the rotors have the commanded speeds at once.  An array
+    The lag is of first order, T dw/dt = command - w.  `time_constant`: T [s]; 0: no lag.  An array
     (C, 1) of positive ones gives speeds (C, n).
     """
-
-    def __init__(self, time_constant: float | Array) -> None:
-        self.time_constant = time_constant
-
-    def __call__(self, speeds: Array, command: Array, step: float) -> Array:
-        """Return the speeds (n,) after a step [s] from the speeds (n,) before it [rad/s]."""
-        if isinstance(self.time_constant, np.ndarray):
-            return speeds - np.expm1(-step / self.time_constant) * (command - speeds)
-        if not self.time_constant:
-            return command
-        return speeds - expm1(-step / self.time_constant) * (command - speeds)
+    if isinstance(time_constant, np.ndarray):
+        return speeds - np.expm1(-step / time_constant) * (command - speeds)
+    if not time_constant:
+        return command
+    return speeds - expm1(-step / time_constant) * (command - speeds)
 
 
 class Servos:
@@ -40,7 +34,7 @@ class Servos:
 
     def __init__(self, time_constant: float, rate: float, vehicle: Vehicle) -> None:
         angles = np.zeros(0) if vehicle.tilts is None else vehicle.tilts.resting
-        self._rate, self._lag = rate, MotorLag(time_constant)
+        self._rate, self._time_constant = rate, time_constant
         self.resting = np.zeros(vehicle.n), angles
 
     def move(self, angles: Array, command: Array, step: float, vehicle: Vehicle) -> Array:
@@ -53,7 +47,7 @@ class Servos:
             return angles
         shorter = angles + difference(command, angles)
         command = np.where(vehicle.tilts.endless, shorter, command)
-        moved = self._lag(angles, command, step)
+        moved = lagged(self._time_constant, angles, command, step)
         if self._rate:
             most = self._rate * step
             moved = angles + np.minimum(np.maximum(moved - angles, -most), most)

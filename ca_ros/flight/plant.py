@@ -9,9 +9,9 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.drag import Drag, Wind
-from ca_ros.flight.motor_lag import MotorLag, Servos
+from ca_ros.flight.motor_lag import Servos, lagged
 from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, INTEGRATORS, POSITION, VELOCITY, RigidBody
-from ca_ros.flight.sensors import Delay, Sensors, delay_steps
+from ca_ros.flight.sensors import Sensors, delay_line
 from ca_ros.flight.settings import PlantSettings, triple
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.vehicle.vehicle import Vehicle
@@ -80,13 +80,12 @@ class Plant:
                 'simulator.wind and simulator.gust_intensity act through the drag: set '
                 'simulator.linear_drag or simulator.rotor_drag'
             )
-        self._lag = MotorLag(settings.motor_time_constant)
         self._servos = Servos(settings.servo_time_constant, settings.servo_rate, body.vehicle)
         self.speeds = np.concatenate(self._servos.resting)
-        late = delay_steps('simulator.command_delay', settings.command_delay, self._sub_step)
-        self._commands = Delay(late, self.speeds)
-        late = delay_steps('simulator.state_delay', settings.state_delay, self._sub_step)
-        self._states = Delay(late, self.state)
+        self._commands, self._states = (
+            delay_line(f'simulator.{name}', getattr(settings, name), self._sub_step, first)
+            for name, first in (('command_delay', self.speeds), ('state_delay', self.state))
+        )
         deviation, bias = (
             np.concatenate([triple(getattr(settings, f'{part}_{kind}')) for part in MEASURED])
             for kind in ('noise', 'bias')
@@ -107,8 +106,10 @@ class Plant:
         """
         state, step, n = self.state, self._sub_step, self.body.vehicle.n
         for _ in range(self._sub_steps):
-            given = self._commands(command)
-            speeds = self._lag(self.speeds[:n], given[:n], step)
+            self._commands.append(command)
+            given = self._commands.popleft()
+            lag = self._settings.motor_time_constant
+            speeds = lagged(lag, self.speeds[:n], given[:n], step)
             angles = self._servos.move(self.speeds[n:], given[n:], step, self.body.vehicle)
             self.speeds = np.concatenate([speeds, angles])
             if self._settings.lost_rotors == 'stop':
@@ -117,7 +118,8 @@ class Plant:
             state = self.body.step(state, self.speeds, step, self._wind(step), self._integrate)
             if self._grounded:
                 state = stopped_by_ground(state)
-            late = self._states(state)
+            self._states.append(state)
+            late = self._states.popleft()
         self.state, self._late = state, late
         return self.measure()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from math import hypot
-from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -56,30 +55,13 @@ def turn(quaternion: Array, rotation: Array) -> Array:
     return turned / hypot(*turned.tolist())
 
 
-T = TypeVar('T')
-
 STEPS_MAX = 1_000_000  # greatest delay in steps; each step takes memory
 
 
-class Delay(Generic[T]):
-    """Returns what it was given some steps ago.
+def delay_line(name: str, delay: float, step: float, first: Array) -> deque[Array]:
+    """Return a queue with a first value for each step [s] of a delay [s].
 
-    `steps`: 0: no delay.  `first`: what is returned before that.
-    """
-
-    def __init__(self, steps: int, first: T) -> None:
-        self._line = deque([first] * steps)
-
-    def __call__(self, value: T) -> T:
-        """Put a value in, and return the one of `steps` calls ago."""
-        self._line.append(value)
-        return self._line.popleft()
-
-
-def delay_steps(name: str, delay: float, step: float) -> int:
-    """Return a delay in steps [s]; raise a `ParameterError` if it is no whole number of steps.
-
-    More than `STEPS_MAX` steps are an error, too.
+    Raises a ParameterError if the delay is no whole number of steps, or over `STEPS_MAX` of them.
     """
     steps = round(delay / step)
     if steps > STEPS_MAX:
@@ -89,4 +71,4 @@ def delay_steps(name: str, delay: float, step: float) -> int:
             f'{name}: expected a multiple of simulator.time_step / simulator.sub_steps, '
             f'{step:g} s, got {delay:g} s'
         )
-    return steps
+    return deque([first] * steps)

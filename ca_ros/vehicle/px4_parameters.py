@@ -9,6 +9,10 @@ where u is its output, and KM is positive for a rotor that turns counter-clockwi
 (module.yaml of PX4's control_allocator).  PX4 normalises the allocation matrix.  Therefore only
 the ratios of CT matter there, and only the ratios of |KM|.  Airframes often leave both at
 PX4's defaults, 6.5 and 0.05.  Measure the coefficients that ca_ros needs (docs/vehicle.md).
+
+A rotor of the airframe "Multirotor with Tilt" points upwards at the angle zero.  At the angle a it
+points by sin a towards the direction TD [degrees], clockwise seen from above: 0 is the front, 90
+the right (the same module.yaml, at commit 00f285e).
 """
 
 from __future__ import annotations
@@ -16,20 +20,26 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Mapping, Sequence
+from math import atan2, degrees, radians
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ca_ros.arguments import finite
 from ca_ros.vehicle.parameter_text import parameter_text
-from ca_ros.vehicle.px4_tilts import AIRFRAME, tilts_from, tilts_to
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS = 12  # the most rotors of PX4; 8 before version 1.14
 
 KINDS = ('PX', 'PY', 'PZ', 'AX', 'AY', 'AZ', 'CT', 'KM')
 DEFAULTS = dict(zip(KINDS, (0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 6.5, 0.05), strict=True))
-"""PX4's defaults of CA_ROTOR*."""
+SERVO_DEFAULTS = {'MINA': 0.0, 'MAXA': 90.0, 'TD': 0.0}
+"""PX4's defaults of CA_ROTOR* and CA_SV_TL*."""
+
+AIRFRAME, SERVOS = 8, 4  # CA_AIRFRAME of a multirotor with tilt, and its greatest CA_SV_TL_COUNT
+
+ROUNDING = 1e-6
 
 FLIP = np.array([1.0, -1.0, -1.0])
 
@@ -154,6 +164,71 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
     if reversing := sum(1 << motor for motor, i in enumerate(rows) if vehicle.speed_min[i] < 0.0):
         found['CA_R_REV'] = reversing
     return found | tilts_to(vehicle, rows)
+
+
+def tilts_from(given: Mapping[str, float], n: int) -> dict[str, Any]:
+    """Return the settings `rotors.*` of the tilts of n rotors by name; empty if none tilts.
+
+    Raises a ValueError if PX4 would tilt none, or two rotors by one servo.
+    """
+    servos = [int(given.get(f'CA_ROTOR{i}_TILT', 0)) for i in range(n)]
+    if not any(servos):
+        return {}
+    if given.get('CA_AIRFRAME') != AIRFRAME:
+        raise ValueError(f'CA_AIRFRAME: expected {AIRFRAME} (multirotor with tilt) beside _TILT')
+    count, lower, upper = int(given.get('CA_SV_TL_COUNT', 0)), [0.0] * n, [0.0] * n
+    axes = np.zeros((n, 3))
+    for i, servo in enumerate(servos):
+        if not servo:
+            continue
+        if not 1 <= servo <= count:
+            raise ValueError(f'CA_ROTOR{i}_TILT is {servo}: CA_SV_TL_COUNT is {count}')
+        if servos.count(servo) > 1:
+            raise ValueError(f'CA_ROTOR{i}_TILT is {servo}: expected a servo for each rotor')
+        low, high, way = (
+            radians(given.get(f'CA_SV_TL{servo - 1}_{kind}', value))
+            for kind, value in SERVO_DEFAULTS.items()
+        )
+        axes[i] = np.sin(way), np.cos(way), 0.0
+        lower[i], upper[i] = low, high
+    up = np.tile([0.0, 0.0, 1.0], (n, 1))
+    return {'axes': up, 'tilt_axes': axes, 'tilt_min': lower, 'tilt_max': upper}
+
+
+def tilts_to(vehicle: Vehicle, rows: Sequence[int]) -> dict[str, float]:
+    """Return the parameters of a vehicle's tilts by name; `rows` has the rotor of each motor.
+
+    Raises a ValueError if PX4 has no such servos: more than four, gimbals, rotors that do not
+    point upwards at the angle zero, directions that are no whole degrees.
+    """
+    tilts = vehicle.tilts
+    if tilts is None:
+        return {}
+    if (tilts.gimbal > 0.0).any() or tilts.driven.sum() > SERVOS:
+        raise ValueError(f'PX4 tilts up to {SERVOS} rotors about one axis each')
+    if (abs(tilts.nominal - [0.0, 0.0, 1.0]) > ROUNDING).any():
+        raise ValueError('PX4 tilts rotors that point upwards at the angle zero: rotors.axes')
+    found: dict[str, float] = {'CA_AIRFRAME': AIRFRAME, 'CA_SV_TL_COUNT': int(tilts.driven.sum())}
+    servo = 0
+    for motor, i in enumerate(rows):
+        if not tilts.driven[i]:
+            continue
+        x, y, _ = tilts.axes[i].tolist()
+        way = degrees(atan2(x, y)) % 360.0
+        if abs(way - round(way)) > 1e-3:
+            raise ValueError(f'rotor {i + 1} tilts towards {way:g} degrees: PX4 has whole degrees')
+        side = np.cross(tilts.axes[i], tilts.nominal[i])
+        _, pitch, yaw = np.abs(np.cross(vehicle.arms[i], side)) > ROUNDING
+        found |= {
+            f'CA_ROTOR{motor}_TILT': servo + 1, f'CA_SV_TL{servo}_MINA': degrees(tilts.lower[i]),
+            f'CA_SV_TL{servo}_MAXA': degrees(tilts.upper[i]),
+            f'CA_SV_TL{servo}_TD': round(way) % 360,
+            f'CA_SV_TL{servo}_CT': int(yaw) + 2 * int(pitch),
+        }
+        servo += 1
+    if np.abs([tilts.lower, tilts.upper]).max() > radians(90.0) + ROUNDING:
+        raise ValueError('PX4 tilts rotors by up to 90 degrees: rotors.tilt_min, rotors.tilt_max')
+    return found
 
 
 def text(found: Mapping[str, float], style: str) -> str:
