@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,20 +14,13 @@ from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.kernel_detector import KernelDetector, packed
 from ca_ros.flight.rigid_body import inertia_of
 from ca_ros.flight.settings import DetectorSettings
-from ca_ros.settings import ParameterError, Settings, check_given, read, table
+from ca_ros.settings import ParameterError, check_given, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.tilts import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEP = 0.01  # between two states of the golden flight [s]
 STATES, FAILURE = 90, 70  # states of the golden flight, and the first after the failure of rotor 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class DetectedSettings(Settings):
-    """The settings of the detector in a vehicle's file."""
-
-    detector: DetectorSettings
 
 
 def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
@@ -38,8 +30,8 @@ def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
     """
     refuse_tilts(vehicle.tilts, 'detector in C')
     ours = {name: value for name, value in given.items() if name.startswith('detector.')}
-    check_given(ours, table(DetectedSettings))
-    return FailureDetector(vehicle, read(DetectedSettings, ours).detector)
+    check_given(ours, table(DetectorSettings, 'detector.'))
+    return FailureDetector(vehicle, read(DetectorSettings, ours, 'detector.'))
 
 
 def golden_flight(detector: FailureDetector, precision: str) -> list[tuple[Array, ...]]:
