@@ -11,7 +11,7 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_detector import FailureDetector
-from ca_ros.flight.failure_test import FailureTest, StuckServos
+from ca_ros.flight.failure_test import FailureTest, stuck_servos
 from ca_ros.flight.kernel_detector import KernelDetector, packed
 from ca_ros.flight.lag_check import LagCheck
 from ca_ros.flight.motor_lag import lagged
@@ -450,7 +450,7 @@ def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
     rotor = given[1, :, [3, 9, 15]]
     lacked[1] = 10.0 * lacked[1] * 1e-3 + health[3] * (
         np.cos(0.5) * rotor[1] + np.sin(0.5) * rotor[2] - rotor[0])
-    scores, likeliest = StuckServos(tilts)(lacked, weights, given, health)
+    scores, likeliest = stuck_servos(tilts, lacked, weights, given, health)
     assert (likeliest.rotor, likeliest.window) == (3, 1)
     assert likeliest.angle == pytest.approx(0.5, abs=0.05)
     assert scores.argmax() == 3

@@ -66,7 +66,6 @@ class FailureDetector:
         self._usual = UsualMotion(vehicle, s)
         noises = np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._moving = (MOVING * noises).tolist()
-        self._time: int | None = None
         self._turn, self._motion = ONE, np.zeros(6)
         self.reset()
 
@@ -86,7 +85,7 @@ class FailureDetector:
     @property
     def certainty(self) -> Array:
         """Probability that each rotor has failed, now or before, (n,)."""
-        return np.where(self._sound, self._probabilities, self._found)
+        return np.where(self._found, self._found, self._probabilities)
 
     def reset(self) -> None:
         """Forget all failures, and what was learnt of the noise."""
@@ -99,7 +98,6 @@ class FailureDetector:
         self.evidence = [''] * n
         self.suspect: int | None = None
         self._slow.reset()
-        self._sound = np.ones(n, bool)
         self._refined: dict[int, float] = {}
         self._usual.reset()
         self._begin()
@@ -144,7 +142,7 @@ class FailureDetector:
 
     def measure(self, time: int, speeds: Array) -> bool:
         """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed."""
-        found = self._slow.measure(time, speeds, self._sound)
+        found = self._slow.measure(time, speeds, self._found == 0.0)
         failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
         if failed or found is None:
             # When they failed is not known: the motion before shows nothing more.
@@ -166,7 +164,8 @@ class FailureDetector:
         turn = ONE.copy()
         turn[:3, :3] = rotation_matrix(attitude)
         motion = np.concatenate([velocity, angular_velocity])
-        last, observer, usual = self._time, self._observer, self._usual
+        observer, usual = self._observer, self._usual
+        last = observer.time
         if last is not None and 0 < time - last < RESTART:
             given = self._rotors.given(last, time)
             own = given[:, : self.vehicle.n]
@@ -182,7 +181,7 @@ class FailureDetector:
             return False
         if last is not None and time < last:
             self._rotors = CommandedRotors(self._rotors.vehicle, self.settings)
-        self._time, self._turn, self._motion = time, turn, motion
+        self._turn, self._motion = turn, motion
         step = observer.step
         if not step:
             if observer.standing:
@@ -260,14 +259,12 @@ class FailureDetector:
 
     def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
         self.since[rotor], self.evidence[rotor] = time, evidence
-        self._sound[rotor] = False
         self._refined[rotor] = 0.0
         self._reduce(rotor, share)
 
     def _stick(self, rotor: int, angle: float, time: int) -> None:
         """Take a rotor whose servo sticks out of use, if the vehicle can do without it."""
         self.since[rotor], self.evidence[rotor] = time, f'servo sticks at {angle:.2f} rad'
-        self._sound[rotor] = False
         # What it gives until it stops is known.
         planar, first = self._rotors.planar, self.vehicle.n
         for column, share in (

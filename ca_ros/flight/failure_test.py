@@ -32,56 +32,44 @@ class StuckServo:
     share: float
 
 
-class StuckServos:
-    """A generalized likelihood ratio test over servos, angles and windows of time.
+def stuck_servos(
+    tilts: Tilts, lacked: Array, weights: Array, given: Array, health: Array
+) -> tuple[Array, StuckServo]:
+    """Return the score for each rotor (n,), zero without a single servo, and the likeliest.
 
-    A rotor with a single servo that sticks at an angle a gives cos(a) p + sin(a) q, where p and q
-    are its impulses at the angle zero and after a quarter turn, instead of those at the commanded
-    angles.
+    It is a generalized likelihood ratio test over servos, angles and windows of time.  A rotor
+    with a single servo that sticks at an angle a gives cos(a) p + sin(a) q, where p and q are its
+    impulses at the angle zero and after a quarter turn, instead of those at the commanded angles.
 
-    `tilts`: of a vehicle with at least one rotor that has a single servo.
+    - `tilts`: of a vehicle with at least one rotor that has a single servo
+    - `lacked` (T, 6), `given` (T, 6, n + 2 s) and `health` (n,): as of `FailureTest`
+    - `weights` (T, 6): one over the variance of what is lacked
     """
+    n, rotors = len(health), tilts.planar
+    angles = np.linspace(tilts.lower[rotors], tilts.upper[rotors], ANGLES)
+    own, p, q = given[:, :, rotors], *np.split(given[:, :, n:], 2, axis=2)
+    own, p, q = (health[rotors] * each for each in (own, p, q))
+    rest = lacked[:, :, None] + own
 
-    def __init__(self, tilts: Tilts) -> None:
-        self._rotors = tilts.planar
-        ends = tilts.lower[self._rotors], tilts.upper[self._rotors]
-        self._angles = np.linspace(*ends, ANGLES)
+    def product(a: Array, b: Array) -> Array:
+        return np.einsum('tk,tks,tks->ts', weights, a, b)
 
-    def __call__(
-        self, lacked: Array, weights: Array, given: Array, health: Array
-    ) -> tuple[Array, StuckServo]:
-        """Return the score for each rotor (n,), zero without a single servo, and the likeliest.
-
-        - `lacked` (T, 6), `given` (T, 6, n + 2 s) and `health` (n,): as of `FailureTest`
-        - `weights` (T, 6): one over the variance of what is lacked
-        """
-        n, rotors = len(health), self._rotors
-        own, p, q = given[:, :, rotors], *np.split(given[:, :, n:], 2, axis=2)
-        own, p, q = (health[rotors] * each for each in (own, p, q))
-        rest = lacked[:, :, None] + own
-
-        def product(a: Array, b: Array) -> Array:
-            return np.einsum('tk,tks,tks->ts', weights, a, b)
-
-        cosine, sine = np.cos(self._angles)[:, None], np.sin(self._angles)[:, None]
-        seen = np.einsum('tk,tk->t', weights, lacked**2)[:, None]
-        left = (
-            product(rest, rest) - 2.0 * (cosine * product(rest, p) + sine * product(rest, q))
-            + cosine**2 * product(p, p) + sine**2 * product(q, q)
-            + 2.0 * cosine * sine * product(p, q)
-        )
-        scores = seen - left
-        i, window, servo = np.unravel_index(scores.argmax(), scores.shape)
-        angle = float(self._angles[i, servo])
-        force = np.cos(angle) * p[window, :3, servo] + np.sin(angle) * q[window, :3, servo]
-        moved = float(np.linalg.norm(force - own[window, :3, servo]))
-        share = moved / max(float(np.linalg.norm(force)), 1e-12)
-        best = np.zeros(n)
-        best[rotors] = scores.max(axis=(0, 1))
-        likeliest = StuckServo(
-            rotors[servo], angle, float(scores.max()), int(window), share
-        )
-        return best, likeliest
+    cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    seen = np.einsum('tk,tk->t', weights, lacked**2)[:, None]
+    left = (
+        product(rest, rest) - 2.0 * (cosine * product(rest, p) + sine * product(rest, q))
+        + cosine**2 * product(p, p) + sine**2 * product(q, q)
+        + 2.0 * cosine * sine * product(p, q)
+    )
+    scores = seen - left
+    i, window, servo = np.unravel_index(scores.argmax(), scores.shape)
+    angle = float(angles[i, servo])
+    force = np.cos(angle) * p[window, :3, servo] + np.sin(angle) * q[window, :3, servo]
+    moved = float(np.linalg.norm(force - own[window, :3, servo]))
+    share = moved / max(float(np.linalg.norm(force)), 1e-12)
+    best = np.zeros(n)
+    best[rotors] = scores.max(axis=(0, 1))
+    return best, StuckServo(rotors[servo], angle, float(scores.max()), int(window), share)
 
 
 EXPLAINED = 0.7  # least share of what is seen that a failure explains
@@ -129,7 +117,7 @@ class FailureTest:
     theta_i (-2 (s_i, c) - theta_i (s_i, s_i)), the greatest of all windows (Willsky and Jones,
     IEEE Trans. Automatic Control 21, 1976).  A rotor is named if its score is over the limit of
     the false alarms, explains most of what is seen, and is over that of any other rotor by the
-    odds of the wanted certainty.  Servos that stick compete with the rotors: see `StuckServos`.
+    odds of the wanted certainty.  Servos that stick compete with the rotors: see `stuck_servos`.
     If no single rotor explains what is seen, all pairs are tested whose loss cannot be a load.
 
     - `wrenches` (6, n): force and torque per thrust of each rotor
@@ -148,7 +136,7 @@ class FailureTest:
         self.odds = 2.0 * log(settings.certainty / (1.0 - settings.certainty))
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
         self._least_loss = settings.least_loss
-        self._servos = StuckServos(tilts) if tilts is not None and tilts.planar else None
+        self._tilts = tilts if tilts is not None and tilts.planar else None
 
     def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:
         """Test windows.
@@ -167,8 +155,8 @@ class FailureTest:
         rotor = int(best.argmax())
         score, window = float(best[rotor]), int(scores[:, rotor].argmax())
         stuck = None
-        if self._servos is not None:
-            of_servos, stuck = self._servos(lacked, weights, everything, health)
+        if self._tilts is not None:
+            of_servos, stuck = stuck_servos(self._tilts, lacked, weights, everything, health)
             best = np.maximum(best, of_servos)
             seen = float(weights[stuck.window] @ lacked[stuck.window] ** 2)
             if stuck.score > max(score, EXPLAINED * seen):

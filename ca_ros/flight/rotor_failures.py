@@ -100,8 +100,7 @@ class RotorFailures:
 
     def times(self) -> list[int]:
         """Return the times of flight of all failures and announcements, in order [ns]."""
-        late = [] if self.announce is None else [0.0, self.announce]
-        delays = late or [0.0]
+        delays = 0.0, self.announce or 0.0
         return sorted({_ns(each.time + delay) for each in self.failures for delay in delays})
 
     def moments(self, detected: Iterable[float] = ()) -> dict[str, list[float]]:
@@ -112,11 +111,11 @@ class RotorFailures:
 
     def physical(self, health: Array, time: int) -> Array:
         """Return the actual health (n,) at a time of flight [ns] from that at the start."""
-        return self._after(health, time, 0.0)
+        return _after(health, self._past(time, 0.0))
 
     def believed(self, health: Array, time: int) -> Array:
         """Return the announced health (n,) at a time of flight [ns] from that at the start."""
-        return health if self.announce is None else self._after(health, time, self.announce)
+        return _after(health, self._past(time, self.announce))
 
     def values(
         self, health: Array, pairs: Numbers, time: int, told: bool
@@ -126,23 +125,25 @@ class RotorFailures:
         They come from those at the start, and are the actual ones, or if `told` the announced
         ones.
         """
-        shares = (self.believed if told else self.physical)(health, time).tolist()
+        past = self._past(time, self.announce if told else 0.0)
         stuck = [] if pairs in (0.0, [0.0]) else np.ravel(pairs).tolist()
-        if not told or self.announce is not None:
-            for each in self._past(time, (self.announce or 0.0) if told else 0.0):
-                stuck += [] if each.angle is None else [float(each.rotor), each.angle]
-        return shares, stuck or [0.0]
+        for each in past:
+            stuck += [] if each.angle is None else [float(each.rotor), each.angle]
+        return _after(health, past).tolist(), stuck or [0.0]
 
-    def _after(self, health: Array, time: int, delay: float) -> Array:
-        after = np.array(health, dtype=float)
-        for each in self._past(time, delay):
-            if each.angle is None:
-                after[each.rotor - 1] = each.health
-        return after
-
-    def _past(self, time: int, delay: float) -> list[RotorFailure]:
+    def _past(self, time: int, delay: float | None) -> list[RotorFailure]:
+        if delay is None:
+            return []
         ordered = sorted(self.failures, key=lambda failure: failure.time)
         return [each for each in ordered if _ns(each.time + delay) <= time]
+
+
+def _after(health: Array, failures: list[RotorFailure]) -> Array:
+    after = np.array(health, dtype=float)
+    for each in failures:
+        if each.angle is None:
+            after[each.rotor - 1] = each.health
+    return after
 
 
 def _ns(seconds: float) -> int:

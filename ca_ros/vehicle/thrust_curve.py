@@ -76,13 +76,9 @@ class ThrustCurve:
 
         Below the first point the thrust falls with the square of the speed, to zero at rest.
         """
-        w, f = increasing('speeds', speeds), increasing('thrusts', thrusts)
-        if len(w) != len(f):
-            raise ParameterError(f'thrusts: {len(f)} for {len(w)} speeds: expected one for each')
+        w, f = points(speeds, 'thrusts', thrusts)
         if (w[0] == 0.0) != (f[0] == 0.0):
             raise ParameterError(f'thrusts: {f[0]:g} N at {w[0]:g} rad/s: expected 0 only at rest')
-        if w[0] > 0.0:
-            w, f = np.insert(w, 0, 0.0), np.insert(f, 0, 0.0)
         a = np.diff(f) / np.diff(w**2)
         rows = np.column_stack([a, np.zeros(len(a)), f[:-1] - a * w[:-1] ** 2])
         return cls(starts=constant(w[:-1]), segments=constant(rows))
@@ -122,16 +118,8 @@ class ThrustCurve:
             )
         if settings.throttles == 0.0:
             return made
-        return made.with_throttles(settings.speeds, settings.throttles)
-
-    def with_throttles(self, speeds: ArrayLike, throttles: ArrayLike) -> ThrustCurve:
-        """Return the same curve with measured throttles at speeds [rad/s]."""
-        w, t = increasing('speeds', speeds), increasing('throttles', throttles)
-        if len(w) != len(t):
-            raise ParameterError(f'throttles: {len(t)} for {len(w)} speeds: expected one for each')
-        if w[0] > 0.0 and t[0] > 0.0:
-            w, t = np.insert(w, 0, 0.0), np.insert(t, 0, 0.0)
-        return replace(self, throttle_speeds=constant(w), throttles=constant(t))
+        w, t = points(settings.speeds, 'throttles', settings.throttles)
+        return replace(made, throttle_speeds=constant(w), throttles=constant(t))
 
     @property
     def square(self) -> bool:
@@ -226,12 +214,24 @@ def to_thrust(throttle: ArrayLike, expo: float) -> Array:
     return np.asarray((expo * x + (1.0 - expo)) * x)
 
 
-def increasing(name: str, values: ArrayLike) -> Array:
-    """Return numbers (k,) as an array; raise a `ParameterError` if they do not increase."""
-    array = np.asarray(values, dtype=float)
-    sound = np.isfinite(array).all() and (np.diff(array) > 0.0).all()
-    if array.ndim != 1 or len(array) < 2 or array[0] < 0.0 or not sound:
-        raise ParameterError(
-            f'{name}: expected two or more numbers from 0 on that increase, got {array.tolist()}'
-        )
-    return array
+def points(speeds: ArrayLike, name: str, values: ArrayLike) -> tuple[Array, Array]:
+    """Return speeds and values as arrays (k,), from rest on: from (0, 0) if neither is 0.
+
+    Raises a ParameterError if they do not increase, or there is not one value for each speed.
+    """
+    found = []
+    for what, numbers in (('speeds', speeds), (name, values)):
+        array = np.asarray(numbers, dtype=float)
+        sound = np.isfinite(array).all() and (np.diff(array) > 0.0).all()
+        if array.ndim != 1 or len(array) < 2 or array[0] < 0.0 or not sound:
+            raise ParameterError(
+                f'{what}: expected two or more numbers from 0 on that increase, got '
+                f'{array.tolist()}'
+            )
+        found.append(array)
+    w, v = found
+    if len(w) != len(v):
+        raise ParameterError(f'{name}: {len(v)} for {len(w)} speeds: expected one for each')
+    if w[0] > 0.0 and v[0] > 0.0:
+        return np.insert(w, 0, 0.0), np.insert(v, 0, 0.0)
+    return w, v
