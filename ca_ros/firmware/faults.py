@@ -28,6 +28,10 @@ class Fault:
     meaning: str
     report: Audit
 
+    def __post_init__(self) -> None:
+        if self.report.vehicle.powerless or not self.problem.has_volume:
+            raise ParameterError(f'{self.meaning}: no axis is left that the rotors can control')
+
     @property
     def problem(self) -> VehicleProblem:
         """The problem of the axes that the rotors can control independently."""
@@ -44,7 +48,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     `words`: 'none', 'single', or failures as in `read_failures`, such as ``1,3=0.4``.
     """
     report = accept(vehicle)
-    found = [_fault('NO_FAULT', 'the rotors are as in the file', report)]
+    found = [Fault('NO_FAULT', 'the rotors are as in the file', report)]
 
     def after(failures: dict[str, float]) -> Audit:
         # Axes that are lost already stay so.
@@ -54,18 +58,12 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
         if word == 'single':
             for i in np.flatnonzero(vehicle.health >= HEALTH_MIN).tolist():
                 name = f'ROTOR_{i + 1}_LOST'
-                found.append(_fault(name, f'rotor {i + 1} is lost', after({str(i + 1): 0.0})))
+                found.append(Fault(name, f'rotor {i + 1} is lost', after({str(i + 1): 0.0})))
         elif word != 'none':
             try:
                 failures = read_failures(word)
                 left = after(failures)
             except ParameterError as error:
                 raise ParameterError(f'--faults: {error}; or {" or ".join(CHOICES)}') from None
-            found.append(_fault(f'FAULT_{len(found)}', in_words(failures), left))
+            found.append(Fault(f'FAULT_{len(found)}', in_words(failures), left))
     return found
-
-
-def _fault(constant: str, meaning: str, report: Audit) -> Fault:
-    if report.vehicle.powerless or not report.independent.has_volume:
-        raise ParameterError(f'{meaning}: no axis is left that the rotors can control')
-    return Fault(constant, meaning, report)
