@@ -33,18 +33,6 @@ TILTING_FILES = (
 )
 DETECTOR_FILES = ('detector.h', 'detector.c')
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
-TEMPLATES = {
-    'vehicle.h': '{name}.h', 'vehicle.c': '{name}.c', 'golden.h': 'golden.h',
-    'vehicle.mk': 'vehicle.mk', 'README.md': 'README.md',
-}
-TILTING_TEMPLATES = {
-    'tilting.h': '{name}.h', 'tilting.c': '{name}.c', 'golden.h': 'golden.h',
-    'vehicle.mk': 'vehicle.mk', 'tilting.md': 'README.md',
-}
-DETECTOR_TEMPLATES = {
-    'detector_constants.h': '{name}_detector.h', 'detector_constants.c': '{name}_detector.c',
-    'golden_flight.h': 'golden_flight.h',
-}
 HEADERS = ('errno', 'float', 'limits', 'math', 'stdio', 'stdlib', 'string', 'time')
 TAKEN = {
     *('ca', 'golden', 'vehicle', *HEADERS),
@@ -99,9 +87,14 @@ def write(
     problem, exact, single = firmware.problem, firmware.settings.exact, firmware.single
     measured = f'{name}_allocate{"_within" * (firmware.rates is not None)}'
     core = 'Cortex-M4F' if single else 'Cortex-M7'
+    kind = 'tilting' if tilting else 'vehicle'
+    targets = {
+        f'{kind}.h': f'{name}.h', f'{kind}.c': f'{name}.c', 'golden.h': 'golden.h',
+        'vehicle.mk': 'vehicle.mk', f'{kind}.md': 'README.md',
+    }
     _fill(
-        TILTING_TEMPLATES if tilting else TEMPLATES, name, firmware.precision, out,
-        firmware=firmware, axes=problem.axes, detector=detector, tilting=tilting,
+        targets, name, firmware.precision, out, firmware=firmware, axes=problem.axes,
+        detector=detector, tilting=tilting,
         commanded=[row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows],
         measured=measured, footprint=partial(measure, out, measured, core),
         bounds=partial(loop_bounds, out), problems=literals.problems(firmware),
@@ -128,8 +121,12 @@ def write_detector(detector: FailureDetector, name: str, precision: str, out: Pa
         key: np.asarray(each, DTYPES[precision]).astype(float)
         for key, each in detector.model().items()
     }
+    targets = {
+        'detector_constants.h': f'{name}_detector.h',
+        'detector_constants.c': f'{name}_detector.c', 'golden_flight.h': 'golden_flight.h',
+    }
     _fill(
-        DETECTOR_TEMPLATES, name, precision, out, model=literals.fields(model, precision),
+        targets, name, precision, out, model=literals.fields(model, precision),
         flight=golden_flight(detector, precision),
     )
 
@@ -158,9 +155,9 @@ def _copy(folder: Path, files: Iterable[str], out: Path) -> None:
 
 
 def _fill(
-    templates: Mapping[str, str], name: str, precision: str, out: Path, **values: Any
+    targets: Mapping[str, str], name: str, precision: str, out: Path, **values: Any
 ) -> None:
-    """Write templates, in their order, to files."""
+    """Write templates, in their order, to their targets."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader('ca_ros.firmware'), undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True,
@@ -170,6 +167,6 @@ def _fill(
         'rows': partial(literals.rows, precision=precision), 'unit': unit,
     }
     environment.globals |= {'name': name, 'NAME': name.upper(), 'zip': zip}
-    for template, target in templates.items():
+    for template, target in targets.items():
         text = environment.get_template(template).render(values)
-        (out / target.format(name=name)).write_text(text, encoding='utf-8')
+        (out / target).write_text(text, encoding='utf-8')
