@@ -79,17 +79,16 @@ def fly(
     step_ns, time_step = plant.time_step_ns, plant.time_step
     pending = sorted(changes, key=lambda change: change.time)[::-1]
     for now in range(0, (steps(duration, time_step) + 1) * step_ns, step_ns):
+        state, due = plant.measured, []
         while pending and pending[-1].time <= now:
-            change = pending.pop()
+            due.append(pending.pop())
+        if detection and (parts := detection.observe(now, state)):
+            due.append(Change(now, *parts))
+        for change in due:
             controller = change.controller_after(controller)
             allocator = change.allocator or allocator
             plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
-        state = plant.measured
-        parts = detection.observe(now, state) if detection else None
-        if parts is not None:
-            controller = Change(now, parts[0]).controller_after(controller)
-            allocator = parts[1]
         velocity = velocity_in_body(state)
         try:
             pose, omega = (state[POSITION], state[ATTITUDE]), state[ANGULAR_VELOCITY]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from math import expm1
 from operator import le
 
@@ -98,13 +97,10 @@ class MomentumObserver:
     - `step`: time between the last two states [s]; 0 if the last one was ignored, or the vehicle
       stands
     - `lacked` (6,): the integral of d less its estimate over the last step [N s, N m s]
-    - `counts`: how many states were ignored as 'late', because of a 'step' of their stamps by
-      seconds, or because of a 'jump' of the velocity
     """
 
     def __init__(self, vehicle: Vehicle, gain: float) -> None:
         self.gain = gain
-        self.counts: Counter[str] = Counter()
         self._vehicle = vehicle
         self._weight = np.array([0.0, 0.0, vehicle.weight])
         self._inertia = inertia_of(vehicle)
@@ -142,8 +138,6 @@ class MomentumObserver:
         if self.time is not None and not 0 < step < RESTART:
             confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
             if abs(step) < RESTART or not confirmed:
-                if step:
-                    self.counts['late' if abs(step) < RESTART else 'step'] += 1
                 self._doubtful = time if abs(step) >= RESTART else self._doubtful
                 return
             if step < 0:
@@ -158,8 +152,8 @@ class MomentumObserver:
         known = 0.0 if stood else step
         lacked = momentum - self._momentum - known * (self._wrench + self.estimate)
         if step and not all(map(le, abs(lacked).tolist(), self.jump_max)):
-            self.counts['jump'] += 1
-        elif self.ground.observe(step, motion, self._wrench) or stood:
+            return
+        if self.ground.observe(step, motion, self._wrench) or stood:
             self.estimate = self._before if not stood else self.estimate
         else:
             self.step, self.lacked = step, lacked

@@ -144,9 +144,8 @@ class Tilts:
         return replace(self, lower=lower, upper=upper, unstuck=self.sound)
 
     @cached_property
-    def _second(self) -> list[bool]:
-        rotors = self.rotors
-        return [k > 0 and rotors[k - 1] == rotor for k, rotor in enumerate(rotors)]
+    def _second(self) -> BoolArray:
+        return np.diff(self.rotors, prepend=-1) == 0
 
     @cached_property
     def _frames(self) -> tuple[NDArray[np.intp], Array, Array]:
