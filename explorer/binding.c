@@ -5,51 +5,47 @@
 #include "exact.c" /* for span, normal_of, half_width and next_choice */
 
 #define SHARED __attribute__((visibility("default")))
-#define INTS(name, place) SHARED int *const int_##name = place;
-#define REALS(name, place) SHARED ca_real *const real_##name = place;
+/* A variable, or a part of one, that the page finds by its name. */
+#define PART(type, name, place) SHARED type *const type##_##name = (type *)&place;
+#define FIELD(type, name, dimensions) static type name dimensions; PART(type, name, name)
 #define FACETS 8192
-#define POINTS 65536
-#define CORNERS 128 /* of one polygon */
 #define INDEPENDENCE_MIN 0.05
 #define SEGMENTS 64
 
 enum method { EXACT, CLIPPED, COMPUTED_ONCE };
 
 /* What the page writes: a vehicle, the case, and a demand. */
-static int n, m, axis[CA_M]; /* `axis`: places among force_x, force_y, thrust, roll, pitch, yaw */
-static ca_real gamma[CA_M * CA_N], lower[CA_N], upper[CA_N], forward[CA_N], reverse[CA_N];
-static ca_real speed_min[CA_N], speed_max[CA_N], acceleration[CA_N], deceleration[CA_N];
+FIELD(int, n, ) FIELD(int, m, )
+FIELD(int, axis, [CA_M]) /* places among force_x, force_y, thrust, roll, pitch, yaw */
+FIELD(ca_real, gamma, [CA_M * CA_N])
+FIELD(ca_real, lower, [CA_N]) FIELD(ca_real, upper, [CA_N])
+FIELD(ca_real, forward, [CA_N]) FIELD(ca_real, reverse, [CA_N])
+FIELD(ca_real, speed_min, [CA_N]) FIELD(ca_real, speed_max, [CA_N])
+FIELD(ca_real, acceleration, [CA_N]) FIELD(ca_real, deceleration, [CA_N])
 /* A thrust curve: start, a, b and c of its segments, for rotors with a k_f of `unit`. */
-static int segments;
-static ca_real segment[SEGMENTS][4], unit, elapsed; /* `elapsed`: time since hover; 0: any time */
+FIELD(int, segments, ) FIELD(ca_real, segment, [SEGMENTS][4]) FIELD(ca_real, unit, )
+FIELD(ca_real, elapsed, ) /* time since hover; 0: any time */
+FIELD(ca_real, hover, [CA_M]) FIELD(ca_real, demand, [CA_M])
 static ca_options options = {.airmode_limited = 1, .reports_health = 1};
-static ca_real hover[CA_M], demand[CA_M], base[CA_M];
-static ca_real center[CA_M], extent[CA_M]; /* the unit of `points` is `extent`, from `center` */
-INTS(n, &n) INTS(m, &m) INTS(axis, axis) INTS(segments, &segments)
-INTS(policy, &options.policy) INTS(order, options.order) INTS(group, options.group)
-INTS(keep_sense, options.keep_sense) INTS(weighted, &options.weighted)
-INTS(impaired, options.impaired) INTS(thrust, &options.thrust)
-REALS(weight, options.weight) REALS(preferred, options.preferred) REALS(slack, &options.slack)
-REALS(airmode, options.airmode) REALS(gamma, gamma) REALS(lower, lower) REALS(upper, upper)
-REALS(forward, forward) REALS(reverse, reverse) REALS(speedMin, speed_min)
-REALS(speedMax, speed_max) REALS(acceleration, acceleration) REALS(deceleration, deceleration)
-REALS(unit, &unit) REALS(segment, segment[0]) REALS(elapsed, &elapsed) REALS(hover, hover)
-REALS(demand, demand) REALS(base, base) REALS(center, center) REALS(extent, extent)
+PART(int, policy, options.policy) PART(int, order, options.order)
+PART(int, group, options.group) PART(int, keep_sense, options.keep_sense)
+PART(int, weighted, options.weighted) PART(ca_real, weight, options.weight)
+PART(ca_real, preferred, options.preferred) PART(ca_real, slack, options.slack)
+PART(int, impaired, options.impaired) PART(int, thrust, options.thrust)
+PART(ca_real, airmode, options.airmode)
 
 /* What it reads. */
-static int facets; /* pairs of parallel facets; -1: too many */
-static int status, saturation[CA_N], limit[CA_N]; /* `limit`: rotors at the nearest facet */
-static ca_real thrusts[CA_N], speeds[CA_N], level, margin;
+FIELD(int, facets, ) /* pairs of parallel facets at their width from the middle; -1: too many */
+FIELD(ca_real, normal, [FACETS][CA_M]) FIELD(ca_real, width, [FACETS])
+FIELD(int, status, ) FIELD(ca_real, level, )
+FIELD(ca_real, thrusts, [CA_N]) FIELD(ca_real, speeds, [CA_N]) FIELD(int, saturation, [CA_N])
+FIELD(ca_real, margin, ) FIELD(int, limit, [CA_N]) /* rotors at the nearest facet */
 static ca_explanation why;
-static ca_real points[POINTS][3]; /* the corners of polygons, and how many each has */
-static int corners[FACETS * 2];
-INTS(facets, &facets) INTS(status, &status) INTS(saturation, saturation) INTS(limit, limit)
-INTS(cause, why.limit) INTS(corners, corners) REALS(thrusts, thrusts) REALS(speeds, speeds)
-REALS(level, &level) REALS(margin, &margin) REALS(served, why.served) REALS(gain, why.gain[0])
-REALS(airmodeGain, why.airmode) REALS(points, points[0])
+PART(int, cause, why.limit) PART(ca_real, served, why.served)
+PART(ca_real, gain, why.gain) PART(ca_real, airmode_gain, why.airmode)
 
 static ca_problem problem, current, once; /* `current` without lost rotors, `once` with them */
-static ca_real normal[FACETS][CA_M], width[FACETS];
+PART(ca_real, middle, current.center)
 
 static void speeds_of(const ca_real *f, ca_real *w)
 {
@@ -272,97 +268,4 @@ SHARED void allocate(int method)
     if (m && method != EXACT)
         status = ca_length(m, missed) <= allowed ? CA_EXACT : CA_INEXACT;
     speeds_of(thrusts, speeds);
-}
-
-/* Cut a polygon by a plane: keep what satisfies g x <= h. Returns the number of corners. */
-static int cut(int count, ca_real polygon[CORNERS][3], const ca_real *g)
-{
-    static ca_real whole[CORNERS][3];
-    int left = 0;
-    ca_copy(3 * count, polygon[0], whole[0]);
-    for (int i = 0; i < count && left < CORNERS - 1; i++) {
-        const ca_real *from = whole[i], *to = whole[(i + 1) % count];
-        const ca_real a = ca_dot(3, g, from) - g[3], b = ca_dot(3, g, to) - g[3];
-        if (a <= 0)
-            ca_copy(3, from, polygon[left++]);
-        if ((a < 0 && b > 0) || (a > 0 && b < 0)) {
-            for (int k = 0; k < 3; k++)
-                polygon[left][k] = from[k] + a / (a - b) * (to[k] - from[k]);
-            left++;
-        }
-    }
-    return left;
-}
-
-/* The facets as planes g x <= h over the shown rows, with the other axes at `base`. Returns their
- * number; -1 if `base` is outside of them. */
-static int find_planes(const int *shown, ca_real (*planes)[4])
-{
-    int count = 0;
-    for (int f = 0; f < 2 * facets; f++) {
-        const ca_real side = f % 2 ? -1 : 1, *facet = normal[f / 2], most = width[f / 2];
-        ca_real *plane = planes[count], at[CA_M];
-        ca_copy(m, base, at);
-        for (int s = 0; s < 3; s++) {
-            plane[s] = shown[s] < 0 ? 0 : side * facet[shown[s]] * extent[shown[s]];
-            if (shown[s] >= 0)
-                at[shown[s]] = center[shown[s]];
-        }
-        plane[3] = most;
-        for (int k = 0; k < m; k++)
-            plane[3] -= side * facet[k] * (at[k] - current.center[k]);
-        const ca_real length = ca_length(3, plane);
-        if (length <= 1e-12 * most) {
-            if (plane[3] < -1e-9 * most)
-                return -1;
-            continue;
-        }
-        int known = 0;
-        for (int k = 0; k < 4; k++)
-            plane[k] /= length;
-        for (int j = 0; j < count && !known; j++) {
-            ca_real apart = 0;
-            for (int k = 0; k < 4; k++)
-                apart += ca_abs(plane[k] - planes[j][k]);
-            known = apart < 1e-9;
-        }
-        count += !known;
-    }
-    return count;
-}
-
-/* The attainable wrenches whose other axes are those of `base`: polygons over rows a, b and c, or
- * one polygon over a and b if c is -1. Returns their number; -1 if there are too many facets. */
-SHARED int section(int a, int b, int c)
-{
-    static ca_real planes[2 * FACETS][4], polygon[CORNERS][3];
-    const int shown[3] = {a, b, c}, count = find_planes(shown, planes);
-    int polygons = 0, used = 0;
-    if (facets <= 0)
-        return facets;
-    for (int f = 0; f < (c < 0 ? count > 0 : count); f++) {
-        const ca_real flat[4] = {0, 0, 1, 0}, *plane = c < 0 ? flat : planes[f];
-        int up = 0, size = 4;
-        for (int k = 1; k < 3; k++)
-            up = ca_abs(plane[k]) > ca_abs(plane[up]) ? k : up;
-        /* A part of the plane that is greater than the set. */
-        const int x = (up + 1) % 3, y = (up + 2) % 3;
-        for (int i = 0; i < 4; i++) {
-            polygon[i][x] = i == 0 || i == 3 ? 4 : -4;
-            polygon[i][y] = i < 2 ? 4 : -4;
-            polygon[i][up] = (plane[3] - plane[x] * polygon[i][x] - plane[y] * polygon[i][y]) /
-                             plane[up];
-        }
-        for (int j = 0; j < count && size > 0; j++)
-            if (c < 0 || j != f)
-                size = cut(size, polygon, planes[j]);
-        if (size < 3)
-            continue;
-        if (used + size > POINTS)
-            return -1;
-        ca_copy(3 * size, polygon[0], points[used]);
-        used += size;
-        corners[polygons++] = size;
-    }
-    return polygons;
 }

@@ -7,16 +7,14 @@ const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALI
 const METHODS = ['exact', 'pseudo_inverse', 'fixed_pseudo_inverse'];
 
 const count = (size, make) => Array.from({length: size}, (_, i) => make(i));
-const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
+export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
 export async function loadKernel() {
   const {exports} = (await WebAssembly.instantiate(wasm, {})).instance, {buffer} = exports.memory;
   // Numbers of C by name: the kernel exports pointers to them.
-  const find = (name) => {
-    const type = exports[`int_${name}`] ? Int32Array : Float64Array;
-    const pointer = exports[`int_${name}`] ?? exports[`real_${name}`];
-    return new type(buffer, new Int32Array(buffer, pointer.value, 1)[0]);
-  };
+  const address = (pointer) => new Int32Array(buffer, pointer.value, 1)[0];
+  const find = (name) => exports[`int_${name}`] ? new Int32Array(buffer, address(exports[`int_${name}`]))
+    : new Float64Array(buffer, address(exports[`ca_real_${name}`]));
   const c = new Proxy({}, {get: (known, name) => (known[name] ??= find(name))});
   const set = (given) => Object.entries(given).forEach(([name, values]) => c[name].set([values].flat(2)));
   const get = (name, size) => [...c[name].subarray(0, size)];
@@ -45,10 +43,15 @@ export async function loadKernel() {
     set({
       order: groups.flat().map((axis) => kept.indexOf(axis)), group: groups.flatMap((group, i) => group.map(() => i)),
       keep_sense: kept.map((axis) => !groups[0].includes(axis) && keeps(axis)), thrust: kept.indexOf('thrust'),
-      hover: kernelRows(reference), center: kernelRows(center), extent: kernelRows(extent),
+      hover: kernelRows(reference),
     });
     const fault = exports.prepare_vehicle(), left = fault ? [] : kept;
-    return {fault, kept: left, lost: axes.filter((axis) => !left.includes(axis)), center, extent,
+    const byAxis = (values, from = 0) => rowOf.map((row) => row < 0 ? 0 : values[from + row]);
+    const middle = byAxis(c.middle), facets = count(Math.max(0, c.facets[0]), (f) => {
+      const normal = byAxis(c.normal, f * AXES.length);
+      return {normal, middle: dot(normal, middle), width: c.width[f]};
+    });
+    return {fault, kept: left, lost: axes.filter((axis) => !left.includes(axis)), center, extent, facets,
       lower: get('lower', n), upper: get('upper', n)};
   }
 
@@ -60,17 +63,9 @@ export async function loadKernel() {
       status: STATUS[c.status[0]], level: c.level[0], margin: c.margin[0], thrusts, speeds: get('speeds', n),
       wrench: gamma.map((row) => dot(row, thrusts)), saturation: get('saturation', n), limit: get('limit', n),
       served: rowOf.map((row) => c.served[row]), cause: get('cause', n),
-      airmodeBlocks: rowOf.map((row) => Math.abs(c.airmodeGain[row]) > 0),
+      airmodeBlocks: rowOf.map((row) => Math.abs(c.airmode_gain[row]) > 0),
       blocked: rowOf.map((row) => count(n, (i) => c.gain[row * ROTORS + i] > 0)),
     };
   }
-
-  /** Polygons of the attainable set over two or three axes, the other axes at `base`. */
-  function section(base, [a, b, c3]) {
-    rowOf.forEach((row, k) => row >= 0 && c.base.fill(base[k], row, row + 1));
-    const polygons = exports.section(rowOf[a], rowOf[b], rowOf[c3] ?? -1);
-    let at = 0;
-    return count(Math.max(0, polygons), (f) => count(c.corners[f], () => [...c.points.subarray(3 * at, 3 * ++at)]));
-  }
-  return {prepare, allocate, section};
+  return {prepare, allocate};
 }

@@ -4,6 +4,7 @@ import {Vector3} from 'three';
 import {loadKernel} from './kernel.js';
 import {page, REACH} from './page.js';
 import {drawSet, drawVehicle} from './pictures.js';
+import {section} from './section.js';
 import {Stage} from './stage.js';
 import {bounds, readCase, readVehicle} from './vehicle.js';
 import {explain, METHODS} from './words.js';
@@ -98,7 +99,7 @@ function sections(bases, view) {
     return [[], true];
   }
   if (key !== polygons.key) {
-    polygons.sets = bases.map((base) => kernel.section(base, view));
+    polygons.sets = bases.map((base) => section(shown.set, base, view));
     Object.assign(polygons, {key, time: performance.now() - now});
   }
   return [polygons.sets, false];

@@ -185,7 +185,7 @@ export function bounds({curve, forward, reverse, speedMin, speedMax}, health) {
   const factor = (coefficients) => coefficients.map((k, i) => (share[i] * k > 0 ? share[i] * k : 1));
   return {
     lower: speedMin.map(thrust), upper: speedMax.map(thrust), forward: factor(forward), reverse: factor(reverse),
-    speedMin: turning(speedMin), speedMax: turning(speedMax),
+    speed_min: turning(speedMin), speed_max: turning(speedMax),
   };
 }
 
