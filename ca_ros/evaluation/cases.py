@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
 from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
 from ca_ros.evaluation.comparison import FOR_COMPARISON
-from ca_ros.flight.closed_loop import Change
+from ca_ros.flight.closed_loop import Change, Detection, Found
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.detection import Detection, Found
 from ca_ros.flight.kernel_detector import Detector, make_detector
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import RigidBody

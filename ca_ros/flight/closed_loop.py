@@ -1,8 +1,8 @@
-"""The closed loop without ROS: controller, allocator and plant, step by step."""
+"""The closed loop without ROS: controller, allocator, plant and detector, step by step."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from ca_ros.allocation import Allocator
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
-from ca_ros.flight.detection import Detection
+from ca_ros.flight.kernel_detector import Detector
 from ca_ros.flight.plant import Plant
 from ca_ros.flight.record import Flight, steps
 from ca_ros.flight.rigid_body import (
@@ -23,6 +23,11 @@ from ca_ros.flight.rigid_body import (
 )
 from ca_ros.flight.settings import PlantSettings
 from ca_ros.flight.waypoint import Waypoint
+
+Found = list[tuple[int, Array]]
+"""The times [ns] at which the health changed, each with the new health (n,)."""
+
+Rebuild = Callable[[Array], tuple[Controller, Allocator]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +50,30 @@ class Change:
             return before
         self.controller.disturbances = before.disturbances
         return self.controller
+
+
+class Detection:
+    """A detector, and what a closed loop does when it finds a failure.
+
+    `rebuild`: takes the health of the rotors (n,); returns the controller and the allocator for
+    it.
+    """
+
+    def __init__(self, detector: Detector, rebuild: Rebuild) -> None:
+        self.detector, self._rebuild = detector, rebuild
+        self.found: Found = []
+
+    def observe(self, time: int, state: Array) -> tuple[Controller, Allocator] | None:
+        """Take a measured state (13,) at a time [ns]; return new parts if there is a failure."""
+        motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
+        if not self.detector.observe(time, state[ATTITUDE], *motion):
+            return None
+        self.found.append((time, self.detector.health))
+        return self._rebuild(self.detector.health)
+
+    def command(self, time: int, command: Array) -> None:
+        """Take the command (n + k,) [rad/s, rad] that answers the state of a time [ns]."""
+        self.detector.command(time, command)
 
 
 def fly(
@@ -112,3 +141,18 @@ def fly(
         nanoseconds / 1e9, flown[:, POSITION], flown[:, ATTITUDE], np.array(velocities),
         flown[:, ANGULAR_VELOCITY], *np.split(np.array(commands), [plant.body.vehicle.n], axis=1),
     )
+
+
+def replay(detector: Detector, flight: Flight) -> Found:
+    """Return what a detector finds in a recorded flight, as it did in the flight itself."""
+    found: Found = []
+    angles = np.reshape(flight.angles, (len(flight.time), -1))
+    samples = zip(
+        np.round(flight.time * 1e9).astype(int).tolist(), flight.attitude, flight.velocity,
+        flight.angular_velocity, np.column_stack([flight.speeds, angles]), strict=True,
+    )
+    for time, attitude, velocity, angular_velocity, command in samples:
+        if detector.observe(time, attitude, velocity, angular_velocity):
+            found.append((time, detector.health))
+        detector.command(time, command)
+    return found

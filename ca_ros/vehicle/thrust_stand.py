@@ -126,10 +126,8 @@ def _column(place: str, title: str) -> tuple[str | None, float]:
     name, unit = title, ''
     if found := re.search(r'[\[(](.*?)[\])]', title):
         name, unit = title[: found.start()], found[1].strip()
-    if re.search(IGNORED, name):
-        return None, 1.0
     quantity = next((key for key, word in QUANTITIES.items() if re.search(word, name)), None)
-    if quantity is None:
+    if quantity is None or re.search(IGNORED, name):
         return None, 1.0
     if quantity == 'speed' and not unit and 'rpm' in name:
         unit = 'rpm'

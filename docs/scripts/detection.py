@@ -15,8 +15,7 @@ from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.animation import animate
 from ca_ros.evaluation.dynamic.metrics import Flights, sample_errors
 from ca_ros.evaluation.tables import table
-from ca_ros.flight.closed_loop import Change
-from ca_ros.flight.detection import Detection
+from ca_ros.flight.closed_loop import Change, Detection
 from ca_ros.flight.plant import Plant
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures

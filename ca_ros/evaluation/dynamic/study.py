@@ -31,8 +31,7 @@ from ca_ros.evaluation.paper import flown_as_in_the_paper
 from ca_ros.evaluation.result_files import facts, write
 from ca_ros.evaluation.study_cli import case_of, concluded, parser
 from ca_ros.evaluation.tables import render
-from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.detection import Found, replay
+from ca_ros.flight.closed_loop import Change, Found, fly, replay
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import NULL_STATE
 from ca_ros.problem.audit import audit
