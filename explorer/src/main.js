@@ -11,8 +11,6 @@ import {explain, METHODS} from './words.js';
 
 const SLOW = 40, REST = 150; // [ms]; a set that takes longer is drawn when the drag rests
 const UNPREPARED = ['demand', 'beside', 'shown']; // what the kernel need not be prepared for
-const KEYS = {ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowDown: [1, -1], ArrowUp: [1, 1], PageDown: [2, -1],
-  PageUp: [2, 1]};
 
 const $ = (id) => document.getElementById(id);
 const kernel = await loadKernel();
@@ -157,18 +155,6 @@ const act = {
   reset() {
     const {reference, health, airmode} = shown.vehicle;
     change({demand: reference, health, airmode, elapsed: 0});
-  },
-  async copy() {
-    const done = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
-    $('link').textContent = done ? 'Copied' : 'Copy it from the address bar';
-    setTimeout(() => { $('link').textContent = 'Copy link'; }, 2000);
-  },
-  step({key, shiftKey}) {
-    const {state, set} = shown, [place, sense] = KEYS[key] ?? [];
-    const spot = viewed().map((k) => (state.demand[k] - set.center[k]) / set.extent[k]);
-    if (!(place < spot.length)) return;
-    spot[place] += sense * (shiftKey ? 0.1 : 0.01);
-    moveTo(spot);
   },
 };
 

@@ -33,7 +33,6 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
       <button id="open" @click=${act.browse}>Open YAML</button>
       <input id="file" type="file" accept=".yaml,.yml" aria-label="YAML of a vehicle" hidden @change=${act.choose}>
       <button id="hover" title="Demand hover with all rotors sound" @click=${act.reset}>Reset</button>
-      <button id="link" aria-live="polite" title="Copy the address of this case" @click=${act.copy}>Copy link</button>
       <output id="fault" role="alert"></output>
     </header>
     <main><div id="pictures">
@@ -48,7 +47,7 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
         <h2>${title}</h2>
         <p class="hint"><b>Drag the orange ring</b>: it is the demand.${
           view.length > 2 ? ' Elsewhere a drag turns the picture.' : ''}</p>
-        <div class="view" id="set" tabindex="0" aria-label="Demand: arrow keys move it" @keydown=${act.step}></div>
+        <div class="view" id="set"></div>
         <div id="shown" class="row" role="group" aria-label="Axes shown">${views(axes).map((list) => html`
           <button value=${list} aria-pressed=${String(list) === String(state.shown)}
             @click=${() => act.change({shown: list})}>${list.length > 2 ? 'all torques' : list.join('–')}</button>`)}

@@ -3,6 +3,7 @@ import {BufferGeometry, Color, CylinderGeometry, DirectionalLight, DoubleSide, F
   HemisphereLight, Mesh, MeshLambertMaterial, PerspectiveCamera, Plane, Raycaster, Scene, Vector2, Vector3,
   WebGLRenderer} from 'three';
 import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
+import {CSS2DObject, CSS2DRenderer} from 'three/examples/jsm/renderers/CSS2DRenderer.js';
 import {LineMaterial} from 'three/examples/jsm/lines/LineMaterial.js';
 import {LineSegments2} from 'three/examples/jsm/lines/LineSegments2.js';
 import {LineSegmentsGeometry} from 'three/examples/jsm/lines/LineSegmentsGeometry.js';
@@ -12,7 +13,7 @@ const color = (name) => new Color(getComputedStyle(document.documentElement).get
 export class Stage {
   constructor(element, eye) {
     const light = new DirectionalLight(0xffffff, 2), camera = new PerspectiveCamera(30, 1, 0.1, 50);
-    Object.assign(this, {element, camera, labels: [], scene: new Scene(), content: new Group()});
+    Object.assign(this, {element, camera, scene: new Scene(), content: new Group()});
     light.position.set(2, -3, 5);
     this.scene.add(new HemisphereLight(0xffffff, 0x8899aa, 2), light, this.content);
     camera.up.set(0, 0, 1);
@@ -24,7 +25,8 @@ export class Stage {
       element.textContent = 'This browser has no WebGL, so there is no picture here.';
       return;
     }
-    element.append(this.renderer.domElement);
+    this.labels = new CSS2DRenderer();
+    element.append(this.renderer.domElement, this.labels.domElement);
     this.controls = new OrbitControls(camera, this.renderer.domElement);
     this.controls.enablePan = this.controls.enableZoom = false;
     this.controls.addEventListener('change', () => this.draw());
@@ -32,6 +34,7 @@ export class Stage {
       const {clientWidth: w, clientHeight: h} = element;
       this.renderer.setPixelRatio(devicePixelRatio);
       this.renderer.setSize(w, h);
+      this.labels.setSize(w, h);
       Object.assign(camera, {aspect: w / h, zoom: Math.min(1, 0.9 * w / h)});
       camera.updateProjectionMatrix();
       this.draw();
@@ -59,7 +62,6 @@ export class Stage {
   clear() {
     this.content.traverse((thing) => (thing.geometry?.dispose(), thing.material?.dispose()));
     this.content.clear();
-    this.labels.splice(0).forEach(({span}) => span.remove());
   }
 
   add(geometry, name, opacity = 1, more = {}) {
@@ -97,8 +99,9 @@ export class Stage {
 
   label(text, at, kind) {
     const span = Object.assign(document.createElement('span'), {textContent: text, className: kind});
-    this.element.append(span);
-    this.labels.push({span, at});
+    const label = new CSS2DObject(span);
+    label.position.copy(at);
+    this.content.add(label);
   }
 
   /** Return where a point is on the element [pixels]. */
@@ -124,10 +127,7 @@ export class Stage {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = undefined;
       this.renderer.render(this.scene, this.camera);
-      for (const {span, at} of this.labels) {
-        const {x, y} = this.project(at);
-        span.style.transform = `translate(${x}px, ${y}px) translate(-50%, -50%)`;
-      }
+      this.labels.render(this.scene, this.camera);
     });
   }
 }

@@ -3,7 +3,7 @@ import {check, FIELDS, insist, readSettings} from './settings.js';
 
 export const AXES = FIELDS['allocation.axes'].choices;
 const ACCELERATION = 2000; // of rotors without a rate in the file [rad/s^2]
-const HEALTH_MIN = 1e-9, ROTORS_MAX = 32, SEGMENTS_MAX = 64, APART_MAX = 2, WEIGHTS_MAX = 1e4, PREFERRED_MAX = 100;
+const HEALTH_MIN = 1e-9, ROTORS_MAX = 32, APART_MAX = 2, WEIGHTS_MAX = 1e4, PREFERRED_MAX = 100;
 
 const expect = (sound, name, expected) => insist(sound, `${name}: expected ${expected}`);
 
@@ -61,8 +61,9 @@ export function groups(name, order, axes) {
 /** Return a vehicle: what the kernel and the picture need, and `exact`, which a case can change. */
 export function readVehicle(text) {
   const [get, given] = readSettings(text), exact = (name) => get(`allocation.exact.${name}`);
-  for (const name of ['rotors.tilt_axes', 'rotors.gimbal']) {
-    expect([get(name)].flat().every((x) => x === 0), name, 'fixed rotors: the explorer knows no others');
+  for (const name of ['tilt_axes', 'gimbal', 'thrust_curve.speeds', 'thrust_curve.thrusts', 'thrust_curve.throttles']) {
+    const without = [get(`rotors.${name}`)].flat().every((x) => x === 0);
+    expect(without, `rotors.${name}`, 'none: the explorer knows neither rotors that tilt nor tables of thrust');
   }
   const com = get('vehicle.center_of_mass');
   const arms = positions(get).map((place) => place.map((x, i) => x - com[i])), n = arms.length;
@@ -129,44 +130,20 @@ export function readVehicle(text) {
 
 /** Return the segments of a thrust curve, as ca_ros.vehicle.thrust_curve: start, a, b, c; none: k_f w^2. */
 function thrustCurve(get, forward, low, high, throttle) {
-  const at = (name) => `rotors.thrust_curve.${name}`, least = Math.min(...low), top = Math.max(...high);
-  const [polynomial, speeds, thrusts, throttles, pwm] = ['polynomial', 'speeds', 'thrusts', 'throttles', 'pwm']
-    .map((name) => get(at(name)));
-  expect(polynomial === 0 || thrusts === 0, at('polynomial'), 'either the polynomial or thrusts, got both');
-  expect((!thrusts && !throttles) || speeds, at('speeds'), 'the speeds of thrusts and throttles [rad/s]');
-  for (const [name, list] of Object.entries({speeds, thrusts, throttles})) {
-    const rises = list.length > 1 && list[0] >= 0 && list.every((x, i) => !i || x > list[i - 1]);
-    expect(list === 0 || rises, at(name), 'two or more numbers from 0 on that increase');
-    expect(list === 0 || list.length === speeds.length, at(name), 'one for each of the speeds');
-  }
-  expect(!speeds || speeds.at(-1) >= top * (1 - 1e-9), at('speeds'), `speeds up to speed_max, ${top}`);
-  expect(pwm[0] !== pwm[1], at('pwm'), 'two different pulse widths');
-  if (polynomial === 0 && thrusts === 0) return [];
+  const name = 'rotors.thrust_curve.polynomial', least = Math.min(...low), top = Math.max(...high);
+  const polynomial = get(name);
+  if (polynomial === 0) return [];
   const alike = least >= 0 && forward.every((k) => k === forward[0]);
-  expect(alike, at('polynomial'), 'rotors with one thrust_coefficient that do not reverse');
-  const curve = thrusts ? throughPoints(speeds, thrusts) : [];
-  if (polynomial !== 0) {
-    expect(polynomial.length === 3, at('polynomial'), 'a, b and c');
-    const [a, b, c] = polynomial, first = (a * least + b) * least + c, end = throttles ? top : throttle;
-    const rises = Math.min(2 * a * least + b, 2 * a * end + b) >= 0 && (a || b) && (least > 0 ? first > 0 : c === 0);
-    expect(rises, at('polynomial'), 'thrusts that are positive and increase from speed_min to full throttle');
-    if (least > 0) curve.push([0, first / (least * least), 0, 0]);
-    curve.push([Math.max(least, 0), a, b, c]);
-  } else {
-    expect((speeds[0] === 0) === (thrusts[0] === 0), at('thrusts'), '0 N only at rest');
-  }
-  expect(curve.length <= SEGMENTS_MAX, at('speeds'), `up to ${SEGMENTS_MAX} points`);
+  expect(alike, name, 'rotors with one thrust_coefficient that do not reverse');
+  expect(polynomial.length === 3, name, 'a, b and c');
+  const [a, b, c] = polynomial, first = (a * least + b) * least + c;
+  const rises = Math.min(2 * a * least + b, 2 * a * throttle + b) >= 0 && (a || b) && (least > 0 ? first > 0 : c === 0);
+  expect(rises, name, 'thrusts that are positive and increase from speed_min to full throttle');
+  const curve = [[Math.max(least, 0), a, b, c]];
+  if (least > 0) curve.unshift([0, first / (least * least), 0, 0]);
   const apart = thrustAt(curve, top) / (forward[0] * top * top);
-  expect(apart >= 1 / APART_MAX && apart <= APART_MAX, at('thrusts'), 'thrusts in the unit of thrust_coefficient');
+  expect(apart >= 1 / APART_MAX && apart <= APART_MAX, name, 'thrusts in the unit of thrust_coefficient');
   return curve;
-}
-
-function throughPoints(speeds, thrusts) {
-  const [w, f] = [speeds, thrusts].map((list) => (speeds[0] > 0 ? [0, ...list] : list));
-  return w.slice(1).map((x, i) => {
-    const a = (f[i + 1] - f[i]) / (x * x - w[i] * w[i]);
-    return [w[i], a, 0, f[i] - a * (w[i] * w[i])];
-  });
 }
 
 function thrustAt(curve, speed) {
