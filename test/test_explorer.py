@@ -503,19 +503,6 @@ def test_at_390_pixels_the_status_is_seen_beside_the_set(page):
     page.set_viewport_size({'width': 1280, 'height': 800})
 
 
-def test_a_slow_set_waits_until_the_drag_rests(page):
-    text = twelve().replace('"count": 12', '"count": 32').replace(
-        '"spins": [', '"spins": [' + '"cw", "ccw", ' * 10)
-    show(page, text)
-    assert page.evaluate('explorer.sets[0].length') > 100
-    page.evaluate("""() => {
-      for (let i = 0; i < 3; i++) explorer.change({demand: [20 + i, 0, 0, 0.1]});
-    }""")
-    assert 'when the drag rests' in page.locator('#waits').inner_text()
-    page.wait_for_selector('#waits', state='hidden')
-    assert page.evaluate('explorer.sets[0].length') > 100
-
-
 def test_one_rotor_is_no_plural(page):
     show(page, 'quadrotor', demand=[4.0, 0.9, 0.0, 0.0], policy='scale')
     words = page.locator('#words').inner_text()

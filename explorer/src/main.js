@@ -9,7 +9,6 @@ import {Stage} from './stage.js';
 import {bounds, readCase, readVehicle} from './vehicle.js';
 import {explain, METHODS} from './words.js';
 
-const SLOW = 40, REST = 150; // [ms]; a set that takes longer is drawn when the drag rests
 const UNPREPARED = ['demand', 'beside', 'shown']; // what the kernel need not be prepared for
 
 const $ = (id) => document.getElementById(id);
@@ -17,7 +16,7 @@ const kernel = await loadKernel();
 const started = Object.entries(JSON.parse($('start').textContent))[0];
 let shown; // the case: vehicle, name, state (what the controls set) and the attainable set
 let own; // the vehicle that was opened last
-let polygons = {}; // of the sets that are drawn, with the time that they took and what they are for
+let polygons = {}; // of the sets that are drawn, and what they are for
 let stages; // the pictures
 window.explorer = {change, kernel, readVehicle, bounds, show, times: [], get sets() { return polygons.sets; },
   get state() { return {name: shown.name, ...shown.state}; }};
@@ -74,10 +73,10 @@ function update() {
   if (set.fault) answer.status = 'LOST';
   const moved = axes.some((axis, k) => !view.includes(k) && set.kept.includes(axis) &&
     Math.abs(demand[k] - served[k]) > 1e-9);
-  const [sets, waits] = sections(moved ? [demand, served] : [demand], view);
+  const sets = sections(moved ? [demand, served] : [demand], view);
   explorer.times.push(performance.now() - began);
   const names = {...Object.fromEntries(Object.keys(VEHICLES).map((word) => [word, word])), '': own?.name ?? ''};
-  const extras = {words: explain(shown, answer, beside, hover), view, moved, waits, names};
+  const extras = {words: explain(shown, answer, beside, hover), view, moved, names};
   render(page(shown, answer, beside, extras, act), document.body);
   stages ??= makeStages();
   drawVehicle(stages.body, vehicle, health, set, answer);
@@ -86,21 +85,11 @@ function update() {
   history.replaceState(null, '', `#${address()}`);
 }
 
-/** Return the attainable sets through some wrenches, and whether they wait until the drag rests. */
+/** Return the attainable sets through some wrenches; a drag in the picture leaves them as they are. */
 function sections(bases, view) {
   const key = JSON.stringify([view, bases.map((base) => base.filter((_, k) => !view.includes(k)))]);
-  const now = performance.now(), moved = polygons.moved;
-  clearTimeout(polygons.timer);
-  polygons.moved = now;
-  if (polygons.time > SLOW && key !== polygons.key && now < moved + REST) {
-    polygons.timer = setTimeout(update, REST);
-    return [[], true];
-  }
-  if (key !== polygons.key) {
-    polygons.sets = bases.map((base) => section(shown.set, base, view));
-    Object.assign(polygons, {key, time: performance.now() - now});
-  }
-  return [polygons.sets, false];
+  if (key !== polygons.key) polygons = {key, sets: bases.map((base) => section(shown.set, base, view))};
+  return polygons.sets;
 }
 
 function address() {

@@ -20,7 +20,7 @@ const slider = (label, [min, max, step], value, act) => html`<input type="range"
 const mark = (color) => html`<i class=${color}></i>`;
 
 /** Return the page of a case; `act` has what its controls do. */
-export function page({vehicle, name, state, set}, answer, beside, {words, view, moved, waits, names}, act) {
+export function page({vehicle, name, state, set}, answer, beside, {words, view, moved, names}, act) {
   const {axes} = vehicle, {demand, health} = state, change = (name) => (value) => act.change({[name]: value});
   const others = axes.flatMap((axis, k) => view.includes(k) || (axes.length > 4 && !demand[k]) ? []
     : [`${axis} ${digits(demand[k])} ${UNITS[axis]}`]);
@@ -55,7 +55,6 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
         <p class="legend"><span>${mark('demand')}demand</span>
           <span>${mark('served')}what the rotors produce (method exact)</span>
           <span id="moved" ?hidden=${!moved}>${mark('dashed')}attainable with what the other axes get</span>
-          <span id="waits" ?hidden=${!waits}>the set is drawn when the drag rests</span>
           <span ?hidden=${!beside}>${mark('beside')}${METHODS[state.beside]}</span></p>
       </section>
       <section id="answer" aria-live="polite"><strong id="status" class=${answer.status === 'EXACT' ? '' : 'short'}>${

@@ -34,7 +34,7 @@ function planesOf({facets, center, extent}, base, shown) {
       if (!planes.some((known) => same(known, plane))) planes.push(plane);
     }
   }
-  return planes;
+  return planes.sort((a, b) => b.constant - a.constant); // the nearest first: they cut most
 }
 
 function same(a, b) {
