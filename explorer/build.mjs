@@ -12,8 +12,9 @@ const python = process.env.PYTHON ?? join(root, '.venv', 'bin', 'python');
 const parts = ['least_norm.c', 'priorities.c'].map((name) => join(kernel, name));
 const read = (...names) => readFileSync(join(...names), 'utf8');
 try {
-  execFileSync('clang', ['--target=wasm32', '-std=c99', '-O2', '-ffreestanding', '-nostdlib', '-ffp-contract=off',
-    '-mbulk-memory', '-fvisibility=hidden', '-Wall', '-Wextra', '-Werror', `-I${here}/freestanding`, `-I${kernel}`,
+  execFileSync('clang', ['--target=wasm32', '-std=c99', '-O2', '-ffreestanding', '-nostdlib',
+    '-ffp-contract=off', '-mbulk-memory', '-fvisibility=hidden', '-Wall', '-Wextra', '-Werror',
+    `-I${here}/freestanding`, `-I${kernel}`,
     join(here, 'binding.c'), ...parts, '-Wl,--no-entry,--export-dynamic,-z,stack-size=262144', '-o', wasm],
   {stdio: 'inherit'});
   const names = readdirSync(join(root, 'config')).filter((name) => name.endsWith('.yaml'));
@@ -24,8 +25,10 @@ try {
     target: 'es2022', loader: {'.wasm': 'binary'}, alias: {'kernel.wasm': wasm}, legalComments: 'inline',
     define: {VEHICLES: JSON.stringify(vehicles), SETTINGS},
   });
-  const inserted = {STYLE: read(here, 'src', 'style.css'), SCRIPT: script.replaceAll('</script', '<\\/script')};
-  const text = read(here, 'src', 'index.html').replace(/\/\* (STYLE|SCRIPT) \*\//g, (_, name) => inserted[name]);
+  const inserted = {STYLE: read(here, 'src', 'style.css'),
+    SCRIPT: script.replaceAll('</script', '<\\/script')};
+  const text = read(here, 'src', 'index.html')
+    .replace(/\/\* (STYLE|SCRIPT) \*\//g, (_, name) => inserted[name]);
   writeFileSync(page, text);
   console.log(`Written: ${page} (${(text.length / 1e6).toFixed(2)} MB)`);
 } finally {

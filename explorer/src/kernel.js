@@ -25,13 +25,15 @@ export async function loadKernel() {
     const {n, axes, gamma, weight, preferred, slack, curve, acceleration, deceleration, reference} = vehicle;
     const now = bounds(vehicle, health);
     set({
-      n, m: axes.length, axis: axes.map((axis) => AXES.indexOf(axis)), gamma, ...now, acceleration, deceleration,
-      unit: vehicle.forward[0], segments: curve.length, segment: curve, elapsed, policy: POLICIES[policy], airmode,
+      n, m: axes.length, axis: axes.map((axis) => AXES.indexOf(axis)), gamma, ...now, acceleration,
+      deceleration, unit: vehicle.forward[0], segments: curve.length, segment: curve, elapsed,
+      policy: POLICIES[policy], airmode,
       slack, weight, preferred, weighted: weight.some((w) => w !== 1) || preferred.some((f) => f !== 0),
       impaired: health.map((h) => h < 1),
     });
     exports.audit();
-    const kept = get('axis', c.m[0]).map((place) => AXES[place]), rows = kept.map((axis) => axes.indexOf(axis));
+    const kept = get('axis', c.m[0]).map((place) => AXES[place]),
+      rows = kept.map((axis) => axes.indexOf(axis));
     rowOf = axes.map((axis) => kept.indexOf(axis));
     const groups = (policy === 'prioritize' ? order : [kept.join(' ')])
       .map((group) => group.split(' ').filter((axis) => kept.includes(axis))).filter((group) => group.length);
@@ -41,8 +43,10 @@ export async function loadKernel() {
     const extent = gamma.map((row) => half(now.lower.map((f) => -f), now.upper)(row.map(Math.abs)) || 1);
     const kernelRows = (list) => rows.map((k) => list[k]);
     set({
-      order: groups.flat().map((axis) => kept.indexOf(axis)), group: groups.flatMap((group, i) => group.map(() => i)),
-      keep_sense: kept.map((axis) => !groups[0].includes(axis) && keeps(axis)), thrust: kept.indexOf('thrust'),
+      order: groups.flat().map((axis) => kept.indexOf(axis)),
+      group: groups.flatMap((group, i) => group.map(() => i)),
+      keep_sense: kept.map((axis) => !groups[0].includes(axis) && keeps(axis)),
+      thrust: kept.indexOf('thrust'),
       hover: kernelRows(reference),
     });
     const fault = exports.prepare_vehicle(), left = fault ? [] : kept;

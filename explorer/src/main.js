@@ -60,14 +60,16 @@ function change(given) {
 /** Return the axes that are drawn, without those that are lost. */
 function viewed() {
   const {vehicle, state, set} = shown;
-  const left = state.shown.filter((axis) => set.kept.includes(axis)).map((axis) => vehicle.axes.indexOf(axis));
+  const left = state.shown.filter((axis) => set.kept.includes(axis))
+    .map((axis) => vehicle.axes.indexOf(axis));
   return left.length > 1 ? left : [0, 1];
 }
 
 /** Answer the demand, and show it. */
 function update() {
   const {vehicle, name, state, set} = shown, {axes, reference: start} = vehicle, {demand, health} = state;
-  const began = performance.now(), beside = state.beside ? kernel.allocate(vehicle, demand, state.beside) : null;
+  const began = performance.now(),
+    beside = state.beside ? kernel.allocate(vehicle, demand, state.beside) : null;
   const answer = kernel.allocate(vehicle, demand), served = answer.wrench, view = viewed();
   const hover = health.some((h) => h < 1e-9) && kernel.allocate(vehicle, start);
   if (set.fault) answer.status = 'LOST';
@@ -75,7 +77,8 @@ function update() {
     Math.abs(demand[k] - served[k]) > 1e-9);
   const sets = sections(moved ? [demand, served] : [demand], view);
   explorer.times.push(performance.now() - began);
-  const names = {...Object.fromEntries(Object.keys(VEHICLES).map((word) => [word, word])), '': own?.name ?? ''};
+  const names = {...Object.fromEntries(Object.keys(VEHICLES).map((word) => [word, word])),
+    '': own?.name ?? ''};
   const extras = {words: explain(shown, answer, beside, hover), view, moved, names};
   render(page(shown, answer, beside, extras, act), document.body);
   stages ??= makeStages();

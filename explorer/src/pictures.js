@@ -17,7 +17,8 @@ export function drawVehicle(stage, {arms, directions, speedMax, forward}, health
   stage.label('front', new Vector3(0.5, 0, -0.16), 'tick');
   places.forEach((place, i) => {
     const name = kind(health[i], answer.saturation[i]), axis = new Vector3(...directions[i]);
-    const along = (length) => place.clone().addScaledVector(axis, length), end = (thrust) => along(0.9 * thrust / most);
+    const along = (length) => place.clone().addScaledVector(axis, length),
+      end = (thrust) => along(0.9 * thrust / most);
     stage.rod(new Vector3(0, 0, place.z * 0.5), place, 0.022, 'soft');
     stage.rod(place, along(0.015), radius, name, radius, 0.35).userData.rotor = i;
     const ring = stage.add(new TorusGeometry(radius, 0.018, 8, 48), name);
@@ -25,7 +26,8 @@ export function drawVehicle(stage, {arms, directions, speedMax, forward}, health
     ring.quaternion.setFromUnitVectors(OUT, axis);
     if (name === 'lost') {
       for (const turn of [1, -1]) {
-        const arm = new Vector3(1, turn, 0).normalize().multiplyScalar(radius).applyQuaternion(ring.quaternion);
+        const arm = new Vector3(1, turn, 0).normalize().multiplyScalar(radius)
+          .applyQuaternion(ring.quaternion);
         stage.rod(place.clone().sub(arm), place.clone().add(arm), 0.025, name);
       }
     } else {
@@ -45,8 +47,10 @@ export function drawVehicle(stage, {arms, directions, speedMax, forward}, health
 /** Draw the attainable set over the shown axes, in units of half of their ranges. */
 export function drawSet(stage, {axes, shown, set, sets, demand, served, beside, start}) {
   stage.clear();
-  const scaled = (u, k) => (u[k] - set.center[k]) / set.extent[k], value = (x, k) => set.center[k] + x * set.extent[k];
-  const flat = shown.length < 3, spot = (u) => new Vector3(...shown.map((k) => scaled(u, k)), ...(flat ? [0] : []));
+  const scaled = (u, k) => (u[k] - set.center[k]) / set.extent[k],
+    value = (x, k) => set.center[k] + x * set.extent[k];
+  const flat = shown.length < 3,
+    spot = (u) => new Vector3(...shown.map((k) => scaled(u, k)), ...(flat ? [0] : []));
   sets.forEach((polygons, i) => {
     const edges = polygons.flatMap((corners) =>
       corners.map((corner, j) => [...corner, ...corners[(j + 1) % corners.length]]));

@@ -44,7 +44,8 @@ function same(a, b) {
 /** Return a square in a plane that is greater than the set. */
 function squareIn({normal, constant}) {
   const sizes = normal.toArray().map(Math.abs), least = sizes.indexOf(Math.min(...sizes));
-  const along = new Vector3().setComponent(least, 1).cross(normal).normalize(), across = normal.clone().cross(along);
+  const along = new Vector3().setComponent(least, 1).cross(normal).normalize(),
+    across = normal.clone().cross(along);
   return SQUARE.map(([x, y]) => new Vector3().addScaledVector(along, x).addScaledVector(across, y)
     .addScaledVector(normal, -constant));
 }

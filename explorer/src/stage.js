@@ -112,13 +112,15 @@ export class Stage {
 
   ray({clientX, clientY}) {
     const {left, top, width, height} = this.element.getBoundingClientRect(), ray = new Raycaster();
-    ray.setFromCamera(new Vector2((clientX - left) / width * 2 - 1, 1 - (clientY - top) / height * 2), this.camera);
+    ray.setFromCamera(new Vector2((clientX - left) / width * 2 - 1, 1 - (clientY - top) / height * 2),
+      this.camera);
     return ray;
   }
 
   /** Return where the pointer is in the plane through a point that faces the camera. */
   under(event, point) {
-    const plane = new Plane().setFromNormalAndCoplanarPoint(this.camera.getWorldDirection(new Vector3()), point);
+    const plane = new Plane().setFromNormalAndCoplanarPoint(this.camera.getWorldDirection(new Vector3()),
+      point);
     return this.ray(event).ray.intersectPlane(plane, new Vector3());
   }
 

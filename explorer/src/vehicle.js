@@ -45,7 +45,8 @@ function direction(first, i, n) {
 /** Return two rises and two falls, as ca_ros.problem.prioritization.airmode_limits. */
 function airmodeLimits(name, given) {
   const [first, second = first, fall = 1, later = 1] = [given].flat();
-  expect(second <= first && later <= fall, name, `limits for yaw up to those for roll and pitch, got ${[given]}`);
+  expect(second <= first && later <= fall, name,
+    `limits for yaw up to those for roll and pitch, got ${[given]}`);
   return [first, second, fall, later];
 }
 
@@ -61,9 +62,11 @@ export function groups(name, order, axes) {
 /** Return a vehicle: what the kernel and the picture need, and `exact`, which a case can change. */
 export function readVehicle(text) {
   const [get, given] = readSettings(text), exact = (name) => get(`allocation.exact.${name}`);
-  for (const name of ['tilt_axes', 'gimbal', 'thrust_curve.speeds', 'thrust_curve.thrusts', 'thrust_curve.throttles']) {
+  for (const name of ['tilt_axes', 'gimbal', 'thrust_curve.speeds', 'thrust_curve.thrusts',
+    'thrust_curve.throttles']) {
     const without = [get(`rotors.${name}`)].flat().every((x) => x === 0);
-    expect(without, `rotors.${name}`, 'none: the explorer knows neither rotors that tilt nor tables of thrust');
+    expect(without, `rotors.${name}`,
+      'none: the explorer knows neither rotors that tilt nor tables of thrust');
   }
   const com = get('vehicle.center_of_mass');
   const arms = positions(get).map((place) => place.map((x, i) => x - com[i])), n = arms.length;
@@ -76,13 +79,16 @@ export function readVehicle(text) {
   if (directions.length === 1) directions = Array(n).fill(directions[0]);
   expect(directions.length === n, 'rotors.axes', `3 or ${3 * n} numbers`);
   const words = get('rotors.spins');
-  expect(Array.isArray(words) && words.length === n, 'rotors.spins', `${n} words, one per rotor, got ${words}`);
+  expect(Array.isArray(words) && words.length === n, 'rotors.spins',
+    `${n} words, one per rotor, got ${words}`);
   const each = (name) => {
     const list = [get(name)].flat();
-    expect(list.length === 1 || list.length === n, name, `1 or ${n} numbers, one per rotor, got ${list.length}`);
+    expect(list.length === 1 || list.length === n, name,
+      `1 or ${n} numbers, one per rotor, got ${list.length}`);
     return list.length === 1 ? Array(n).fill(list[0]) : list;
   };
-  const [forward, torque, backward, rates, slowing, low, high, perVolt] = ['thrust_coefficient', 'torque_coefficient',
+  const [forward, torque, backward, rates, slowing, low, high, perVolt] = ['thrust_coefficient',
+    'torque_coefficient',
     'thrust_coefficient_reverse', 'acceleration_max', 'deceleration_max', 'speed_min', 'speed_max',
     'speed_max_per_volt'].map((name) => each(`rotors.${name}`));
   const one = 'positive numbers for all rotors, or 0 for all';
@@ -90,12 +96,14 @@ export function readVehicle(text) {
   expect(all(rates, true) || (all(rates, false) && all(slowing, false)), 'rotors.acceleration_max', one);
   expect(all(slowing, true) || all(slowing, false), 'rotors.deceleration_max', one);
   const tooHigh = low.findIndex((speed, i) => speed > high[i]);
-  expect(tooHigh < 0, 'rotors.speed_min', `up to rotors.speed_max, got ${low[tooHigh]} of rotor ${tooHigh + 1}`);
+  expect(tooHigh < 0, 'rotors.speed_min',
+    `up to rotors.speed_max, got ${low[tooHigh]} of rotor ${tooHigh + 1}`);
   const volts = get('rotors.battery_voltage');
   const nominal = volts || Math.max(0, ...perVolt.map((k, i) => (k ? high[i] / k : 0)));
   const throttle = Math.max(...high, ...perVolt.map((k) => 1.5 * nominal * k)); // a full battery
   const full = perVolt.map((k) => (volts && k ? k * volts : Infinity)); // the battery limits the speeds
-  const speedMin = low.map((s, i) => Math.max(s, -full[i])), speedMax = high.map((s, i) => Math.min(s, full[i]));
+  const speedMin = low.map((s, i) => Math.max(s, -full[i])),
+    speedMax = high.map((s, i) => Math.min(s, full[i]));
   const turns = speedMax.every((s, i) => s > Math.max(speedMin[i], 0));
   expect(!volts || turns, 'rotors.battery_voltage', 'enough to turn the rotors');
 
@@ -110,7 +118,8 @@ export function readVehicle(text) {
   const acceleration = rates.map((a) => a || ACCELERATION);
   const vehicle = {
     name: get('vehicle.name'), n, axes, arms, directions, forward, speedMin, speedMax, acceleration,
-    curve: thrustCurve(get, forward, low, high, throttle), reverse: backward.map((k, i) => (k > 0 ? k : forward[i])),
+    curve: thrustCurve(get, forward, low, high, throttle),
+    reverse: backward.map((k, i) => (k > 0 ? k : forward[i])),
     gamma: axes.map((axis) => wrenches.map((wrench) => wrench[AXES.indexOf(axis)])),
     reference: axes.map((axis) => (axis === 'thrust' ? hover : 0)),
     deceleration: slowing.map((d, i) => d || acceleration[i]), health: each('rotors.health'),
@@ -137,7 +146,8 @@ function thrustCurve(get, forward, low, high, throttle) {
   expect(alike, name, 'rotors with one thrust_coefficient that do not reverse');
   expect(polynomial.length === 3, name, 'a, b and c');
   const [a, b, c] = polynomial, first = (a * least + b) * least + c;
-  const rises = Math.min(2 * a * least + b, 2 * a * throttle + b) >= 0 && (a || b) && (least > 0 ? first > 0 : c === 0);
+  const rises = Math.min(2 * a * least + b, 2 * a * throttle + b) >= 0 && (a || b) &&
+    (least > 0 ? first > 0 : c === 0);
   expect(rises, name, 'thrusts that are positive and increase from speed_min to full throttle');
   const curve = [[Math.max(least, 0), a, b, c]];
   if (least > 0) curve.unshift([0, first / (least * least), 0, 0]);
@@ -161,7 +171,8 @@ export function bounds({curve, forward, reverse, speedMin, speedMax}, health) {
   const turning = (speeds) => speeds.map((speed, i) => (share[i] * forward[i] > 0 ? speed : 0 * speed));
   const factor = (coefficients) => coefficients.map((k, i) => (share[i] * k > 0 ? share[i] * k : 1));
   return {
-    lower: speedMin.map(thrust), upper: speedMax.map(thrust), forward: factor(forward), reverse: factor(reverse),
+    lower: speedMin.map(thrust), upper: speedMax.map(thrust), forward: factor(forward),
+    reverse: factor(reverse),
     speed_min: turning(speedMin), speed_max: turning(speedMax),
   };
 }
@@ -186,5 +197,6 @@ export function readCase(vehicle, given, methods) {
     state[name] = check(name, value, fields[name]);
   }
   expect(new Set(state.shown).size === state.shown.length, 'shown', `different axes, got ${state.shown}`);
-  return {...state, order: groups('order', state.order, axes), airmode: airmodeLimits('airmode', state.airmode)};
+  return {...state, order: groups('order', state.order, axes),
+    airmode: airmodeLimits('airmode', state.airmode)};
 }

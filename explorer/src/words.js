@@ -1,13 +1,16 @@
 // What the numbers of the kernel mean, in words.
-export const UNITS = {force_x: 'N', force_y: 'N', thrust: 'N', roll: 'N\xa0m', pitch: 'N\xa0m', yaw: 'N\xa0m'};
+export const UNITS = {force_x: 'N', force_y: 'N', thrust: 'N', roll: 'N\xa0m', pitch: 'N\xa0m',
+  yaw: 'N\xa0m'};
 export const METHODS = {'': 'no other method', pseudo_inverse: 'clipped pseudo-inverse',
   fixed_pseudo_inverse: 'clipped pseudo-inverse, computed once'};
 const BOUNDS = [['at maximum', 1], ['at minimum', -1]];
-const CAUSES = [...BOUNDS, ['speeding up', 2], ['slowing down', -2], ['lost or weak', 3], ['lost or weak', -3]];
+const CAUSES = [...BOUNDS, ['speeding up', 2], ['slowing down', -2], ['lost or weak', 3],
+  ['lost or weak', -3]];
 const NEAR = 1e-6; // shortfall that counts as none, as a share of half of the axis's range
 
 export const digits = (x) => String(Math.abs(x) < 1e-9 ? 0 : Number(x.toPrecision(3)));
-const listed = (words) => words.length > 1 ? `${words.slice(0, -1).join(', ')} and ${words.at(-1)}` : words.join('');
+const listed = (words) => words.length > 1 ? `${words.slice(0, -1).join(', ')} and ${words.at(-1)}`
+  : words.join('');
 const capital = (words) => words[0].toUpperCase() + words.slice(1);
 const numbers = (flags, value) => flags.flatMap((flag, i) => flag === value ? [i + 1] : []);
 const rotors = (some) => `rotor${some.length > 1 ? 's' : ''} ${listed(some)}`;
