@@ -87,10 +87,9 @@ export function readVehicle(text) {
       `1 or ${n} numbers, one per rotor, got ${list.length}`);
     return list.length === 1 ? Array(n).fill(list[0]) : list;
   };
-  const [forward, torque, backward, rates, slowing, low, high, perVolt] = ['thrust_coefficient',
-    'torque_coefficient',
-    'thrust_coefficient_reverse', 'acceleration_max', 'deceleration_max', 'speed_min', 'speed_max',
-    'speed_max_per_volt'].map((name) => each(`rotors.${name}`));
+  const [forward, torque, backward, rates, slowing, low, high, perVolt] = [
+    'thrust_coefficient', 'torque_coefficient', 'thrust_coefficient_reverse', 'acceleration_max',
+    'deceleration_max', 'speed_min', 'speed_max', 'speed_max_per_volt'].map((name) => each(`rotors.${name}`));
   const one = 'positive numbers for all rotors, or 0 for all';
   const all = (list, sense) => list.every((x) => x > 0 === sense);
   expect(all(rates, true) || (all(rates, false) && all(slowing, false)), 'rotors.acceleration_max', one);
