@@ -13,7 +13,7 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
     """Adds the default of each option to its help, unless it is None or empty."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default in (None, []):
+        if action.default is None or action.default in ([], (), {}):
             return action.help
         return super()._get_help_string(action)
 

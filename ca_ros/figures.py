@@ -164,6 +164,7 @@ def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
     """Write a figure in each format to the path with the format as suffix; return the files."""
     import matplotlib
 
+    path = path.with_suffix('') if path.suffix[1:] in FORMATS else path
     files = [path.with_name(f'{path.name}.{form}') for form in formats]
     dpi = max(200.0, PIXELS / figure.get_figwidth())
     # By default the ids in an SVG file are random, and a PDF file has fonts of Type 3, which many

@@ -82,7 +82,8 @@ def _bringup(plan: Plan, out: Path, interrupts: list[int]) -> int:
 def _prepare(plan: Plan, out: Path) -> tuple[dict[str, list[str]], Bag | None]:
     """Return the commands of the nodes, and the bag; find faults before the flight."""
     nodes = plan.commands()
-    out.mkdir(parents=True, exist_ok=True)
+    with naming(out):
+        out.mkdir(parents=True, exist_ok=True)
     if not os.access(out, os.W_OK | os.X_OK):
         raise PermissionError(f'--out: {out} cannot be written to')
     words = ['--ros-args', '--enclave', f'{plan.namespace.rstrip("/")}/recorder']

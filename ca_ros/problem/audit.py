@@ -20,7 +20,7 @@ from ca_ros.problem.controllability import (
     unit,
     unit_rows,
 )
-from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
 from ca_ros.settings import ParameterError, read
 from ca_ros.solver.zonotope import facet_normals
 from ca_ros.vehicle.settings import AxesSettings
@@ -234,7 +234,7 @@ def audit(vehicle: Vehicle) -> Audit:
     then until hover is inside their admissible set.  Thrust is never given up.  The health of the
     rotors counts.
     """
-    full = VehicleProblem(vehicle)
+    full = VehicleProblem(vehicle_of(problem_of(vehicle)))
     independent = independent_part(full)
     hovering = hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:

@@ -161,6 +161,8 @@ def fit(
             raise ParameterError(f'no column of speed: expected {needed}')
         shares = np.maximum(data['thrust'], 0.0) / max(data['thrust'].max(initial=0.0), 1e-9)
         data['speed'] = speed_max * np.sqrt(shares)
+    elif speed_max is not None:
+        raise ParameterError('--speed-max: not with a column of speed')
     ends, note = None, ''
     turning = (data['speed'] > 0.0) & (data['thrust'] > 0.0)
     if 'pwm' in data and len(turning):

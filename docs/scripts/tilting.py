@@ -107,7 +107,7 @@ THERE = trajectory((0, 1, 1, 0, 0.5))
 FLIGHTS = (
     ('hexarotor_tilting', 'slalom, level', SLALOM, ()),
     ('omnidirectional_gimbals', 'roll by 90°', ROLL, ()),
-    ('tricopter', 'servo of rotor 2 stuck', THERE, ('2@1=0.05rad',)),
+    ('tricopter', 'servo of rotor 2 stuck at 0.05 rad', THERE, ('2@1=0.05rad',)),
     ('azimuth_boat', 'rotor 1 lost', THERE, ('1@1',)),
 )  # vehicle, words, waypoints, failures
 

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ca_ros.arguments import HelpFormatter, shown, split
+from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
 from ca_ros.evaluation.sets.sections import fixed, labels, units
 from ca_ros.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
@@ -104,10 +104,15 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add('--at', type=_values, default={}, metavar='AXIS=VALUE,...', help=others)
     add('--projection', action='store_true', help='let the other axes have any attainable value')
     failed = 'also draw the set after failures: 3 without rotor 3, 3=0.6 with 60 %% of it'
-    add('--fail', type=shown(read_failures), default={}, metavar='ROTOR[=HEALTH],...', help=failed)
+    add('--fail', action='append', metavar='ROTOR[=HEALTH],...', help=failed)
     add('--out', type=Path, default=Path('attainable'), metavar='PATH', help='without the suffix')
     add_options(made)
-    return made.parse_args(split(argv)[0])
+    options = made.parse_args(split(argv)[0])
+    try:
+        options.fail = read_failures(','.join(options.fail)) if options.fail else {}
+    except ParameterError as error:
+        made.error(f'argument --fail: {error}')
+    return options
 
 
 def _words(text: str) -> list[str]:

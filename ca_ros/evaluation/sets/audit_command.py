@@ -27,7 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('vehicle', help='a shipped vehicle or a parameter file')
     failed = 'rotors that are lost already, counted from 1, or weaker; all=0.8: each at 80 %%'
-    add('--fail', metavar='ROTOR[=HEALTH],...', help=failed)
+    add('--fail', action='append', metavar='ROTOR[=HEALTH],...', help=failed)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     vehicle = Vehicle.load(options.vehicle)
     if options.fail is not None:
         try:
-            vehicle = with_failures(vehicle, read_failures(options.fail))
+            vehicle = with_failures(vehicle, read_failures(','.join(options.fail)))
         except ParameterError as error:
             raise ParameterError(f'--fail: {error}') from None
     rotors = f'{vehicle.n} rotors'
