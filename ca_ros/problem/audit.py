@@ -8,18 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.problem.controllability import (
-    INDEPENDENCE_MIN,
-    authority,
-    hover_margin,
-    hovering_part,
-    independence,
-    independent_part,
-    lift,
-    spin_torque,
-    unit,
-    unit_rows,
-)
+from ca_ros.problem import controllability
+from ca_ros.problem.controllability import INDEPENDENCE_MIN, lift, unit, unit_rows
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
 from ca_ros.settings import ParameterError, read
 from ca_ros.solver.zonotope import facet_normals
@@ -45,16 +35,11 @@ The largest multirotors have arms of this length; arms grow with the cube root o
 class Audit:
     """The result of an audit.
 
-    Attributes
-    ----------
-    full : VehicleProblem
-        The problem of all axes of the vehicle.
-    independent : VehicleProblem
-        The problem of the axes that the rotors can control independently.
-    controllable : VehicleProblem
-        The problem of the axes that are not lost.
-    hovers, keeps_hovering : bool
-        Whether hover is inside the admissible set of `full`, and of `controllable`.
+    - `full`: the problem of all axes of the vehicle
+    - `independent`: the problem of the axes that the rotors can control independently
+    - `controllable`: the problem of the axes that are not lost
+    - `hovers`, `keeps_hovering`: whether hover is inside the admissible set of `full`, and of
+      `controllable`
     """
 
     full: VehicleProblem
@@ -85,7 +70,7 @@ class Audit:
         of the thrusts, and the span of the other rows: 1 is best, 0 means that the rotors cannot
         control the axis.
         """
-        distances = independence(unit_rows(self.full)).tolist()
+        distances = controllability.independence(unit_rows(self.full)).tolist()
         return dict(zip(self.full.axes, distances, strict=True))
 
     @property
@@ -104,17 +89,19 @@ class Audit:
 
         It is -inf if that set has no volume.
         """
-        return hover_margin(self.full)
+        return controllability.hover_margin(self.full)
 
     @cached_property
     def controllable_hover_margin(self) -> float:
         """As `hover_margin`, for `controllable`."""
-        return hover_margin(self.controllable)
+        return controllability.hover_margin(self.controllable)
 
     @cached_property
     def spin_torque(self) -> float:
         """The yaw torque that remains in hover if yaw is lost, and spins the vehicle [N m]."""
-        return spin_torque(self.full, self.controllable) if self.keeps_hovering else 0.0
+        if not self.keeps_hovering:
+            return 0.0
+        return controllability.spin_torque(self.full, self.controllable)
 
     @cached_property
     def authority(self) -> dict[str, tuple[float, float]]:
@@ -122,7 +109,7 @@ class Audit:
 
         Empty if hover is not attainable.
         """
-        return authority(self.controllable) if self.keeps_hovering else {}
+        return controllability.authority(self.controllable) if self.keeps_hovering else {}
 
     @property
     def vehicle(self) -> Vehicle:
@@ -235,8 +222,8 @@ def audit(vehicle: Vehicle) -> Audit:
     rotors counts.
     """
     full = VehicleProblem(vehicle_of(problem_of(vehicle)))
-    independent = independent_part(full)
-    hovering = hovering_part(independent)
+    independent = controllability.independent_part(full)
+    hovering = controllability.hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:
         # The caller accepts or refuses the vehicle by this audit; allocators must not refuse it.
         independent.vehicle = replace(independent.vehicle, lost_axes='drop')

@@ -45,16 +45,12 @@ P = TypeVar('P')
 def read_problem(name: str | Path, kind: Callable[..., P]) -> tuple[P, dict[str, Any]] | None:
     """Read the file of a problem; return None if it is the parameter file of a vehicle.
 
-    Raises a ParameterError that names the file, the entry and the fault.
+    The result has the problem, and the options of the methods by name, such as
+    ``allocation.exact.policy``, not checked.  Raises a ParameterError that names the file, the
+    entry and the fault.
 
     `name`: a shipped problem, such as ``'admire'``, or a path to a YAML file.  `kind`:
     `AllocationProblem`.
-
-    Returns
-    -------
-    AllocationProblem
-    dict
-        The options of the methods by name, such as ``allocation.exact.policy``, not checked.
     """
     file = ParameterFile(name)
     if not isinstance(file.content, Mapping) or 'problem' not in file.content:

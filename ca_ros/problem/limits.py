@@ -47,9 +47,8 @@ def limits_of(
 ) -> Limits:
     """Return what limits the axes that are not served in full.
 
-    - `problem` and `within`: the problem, and the same with the bounds of this answer
-    - `served` (m,)
-    - `prices` (m, m + 1): of `Prioritization.prices`
+    `within` is the problem with the bounds of this answer; `served` (m,) are the shares, and
+    `prices` (m, m + 1) those of `Prioritization.prices`.
     """
     ranged = problem.half_range > 0.0
     ranges = np.where(ranged, problem.half_range, problem.half_range.max())
@@ -61,8 +60,7 @@ def limits_of(
     above = np.where(within.upper < problem.upper, BY_RATE, above)
     below = np.where(within.lower > problem.lower, -BY_RATE, -BY_BOUND)
     for row in slopes:
-        found = np.where(row > 0.0, above, np.where(row < 0.0, below, limit))
-        limit = found.astype(np.int32)
+        limit = np.where(row > 0.0, above, np.where(row < 0.0, below, limit)).astype(np.int32)
     airmode = np.zeros(len(served))
     if 'thrust' in problem.axes:
         range_ = problem.extent[problem.axes.index('thrust')]

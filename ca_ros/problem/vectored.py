@@ -33,27 +33,13 @@ class VectoredProblem(AllocationProblem):
     interval.  The thrusts of an answer are all components of these vectors, in the order of
     the columns of B.
 
-    Parameters
-    ----------
-    matrix : (m, n) array
-        B, with one column for each component.  The first component of a sector is along its axis.
-    sets : sequence of Interval or Sector
-        C_i, with n components together.
-    axes, reference, effector_kind, effector_unit, axis_units
-        As in `AllocationProblem`.
-    effector_names : sequence of str, optional
-        One for each set; by default their numbers, from 1.
+    Arguments, attributes and errors are those of `AllocationProblem`, but for:
 
-    Attributes
-    ----------
-    sets : ConvexSets
-    lower, upper : (n,) arrays
-        The least box around the sets.
-
-    Raises
-    ------
-    ValueError
-        As in `AllocationProblem`, or if the sets have another number of components.
+    - `matrix` (m, n): B, with one column for each component.  The first component of a sector is
+      along its axis
+    - `sets`: an `Interval` or `Sector` for each effector, with n components together
+    - `effector_names`: one for each set
+    - `lower`, `upper` (n,): attributes: the least box around the sets
     """
 
     sets: ConvexSets

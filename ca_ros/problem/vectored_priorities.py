@@ -75,14 +75,10 @@ class VectoredPrioritization:
         """Return the served wrenches for demands (..., m) [N, N m]."""
         problem = self.problem
         if u.ndim > 1:
-            found = [self(row) for row in u.reshape(-1, u.shape[-1])]
-            rows = [served[:4] for served in found]
-            wrenches, levels, reached, thrusts = map(np.array, zip(*rows, strict=True))
-            shape = u.shape[:-1]
-            return Served(
-                wrenches.reshape(u.shape), levels.reshape(u.shape), reached.reshape(shape),
-                thrusts.reshape(*shape, problem.n),
-            )
+            # One row of wrenches, levels, whether reached and thrusts for each demand.
+            found = zip(*[self(row)[:4] for row in u.reshape(-1, u.shape[-1])], strict=True)
+            parts = [np.array(part) for part in found]
+            return Served(*[part.reshape(*u.shape[:-1], *part.shape[1:]) for part in parts])
         point, share = self._answer(u)
         served, way = problem.gamma @ point, u - self.reference
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):

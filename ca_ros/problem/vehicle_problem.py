@@ -41,10 +41,12 @@ class VehicleProblem(AllocationProblem):
         # A vehicle has sound numbers, in SI units.
         self.vehicle, self.axes = vehicle, vehicle.axes
         self.effector_names = tuple(str(i + 1) for i in range(vehicle.n))
-        self._fill(
-            control_allocation_matrix(vehicle), vehicle.thrust_min, vehicle.thrust_max,
-            np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]),
-        )
+        gamma = control_allocation_matrix(vehicle)
+        self._fill(gamma, vehicle.thrust_min, vehicle.thrust_max, self._weight())
+
+    def _weight(self) -> Array:
+        """Return the wrench (m,) of hover [N, N m]."""
+        return np.array([self.vehicle.weight * (axis == 'thrust') for axis in self.axes])
 
     @property
     def hover(self) -> Array:
@@ -92,11 +94,8 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         owners = [i for i, (each, _) in enumerate(self.windows) for _ in range(each.size)]
         self.directions = np.concatenate([rows for _, rows in self.windows])
         self.wrenches = thrust_wrenches(vehicle, owners, self.directions)
-        self._fill(
-            self.wrenches[[AXES.index(axis) for axis in vehicle.axes]], self.sets.lower,
-            self.sets.upper,
-            np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]),
-        )
+        gamma = self.wrenches[[AXES.index(axis) for axis in vehicle.axes]]
+        self._fill(gamma, self.sets.lower, self.sets.upper, self._weight())
 
     @property
     def facet_choices(self) -> int:

@@ -34,17 +34,11 @@ class Sector:
     In the plane this is a sector: a rotor with one tilt angle.  In space it is a cone with a round
     base: a rotor on a gimbal.  With a half angle of pi it is a disc or a ball.
 
-    Parameters
-    ----------
-    half_angle : float
-        Up to pi/2, or pi: a sector of between half a circle and a circle is not convex [rad].
-    radius : float
-        Positive.
-    size : 2 or 3
-        Number of components.
-    least : float
-        Least component along the axis, below `radius`; zero for none.  Vectors from a length
-        `least` on are not a convex set; these are a convex part of them.
+    - `half_angle`: up to pi/2, or pi: between half a circle and a circle it is not convex [rad]
+    - `radius`: positive
+    - `size`: 2 or 3 components
+    - `least`: least component along the axis, below `radius`; zero for none.  Vectors from a
+      length `least` on are not a convex set; these are a convex part of them
     """
 
     half_angle: float
@@ -114,24 +108,17 @@ class ConvexSets:
         self._numbers = [i for i, each in enumerate(sets) if isinstance(each, Interval)]
         self._low = np.array([each.lower for each, _ in intervals], float)
         self._high = np.array([each.upper for each, _ in intervals], float)
-        self._groups = [
-            _Sectors([(each, k) for each, k in placed if isinstance(each, Sector)
-                      and each.size == size], size)
-            for size in (2, 3)
-            if any(isinstance(each, Sector) and each.size == size for each in sets)
-        ]
-        self.lower = -self.support_of_axes(-1.0)
-        self.upper = self.support_of_axes(1.0)
+        sectors = [(each, k) for each, k in placed if isinstance(each, Sector)]
+        groups = [[pair for pair in sectors if pair[0].size == size] for size in (2, 3)]
+        self._groups = [_Sectors(group) for group in groups if group]
+        # Beside other components of zero only this one's set counts, but all are summed.
+        rest = self.support(np.zeros(self.n))
+        self.lower = -(self.support(-np.eye(self.n)) - rest)
+        self.upper = self.support(np.eye(self.n)) - rest
         self.inner = np.zeros(self.n)
         self.inner[self._line] = 0.5 * (self._low + self._high)
         for group in self._groups:
             self.inner[group.places[:, 0]] = group.middle
-
-    def support_of_axes(self, sign: float) -> Array:
-        """Return the greatest value (n,) of each component times a sign."""
-        # Beside other components of zero only this one's set counts, but all are summed.
-        zero = float(self.support(np.zeros(self.n)))
-        return np.asarray(self.support(sign * np.eye(self.n)) - zero, float)
 
     def project(self, points: Array) -> Array:
         """Return the nearest points (..., n) of the sets."""
@@ -208,40 +195,31 @@ class ConvexSets:
     @property
     def length_limits(self) -> tuple[Array, Array]:
         """Least and greatest length (k,) of each set's vectors, of an interval its ends."""
-        ends = [
+        low, high = np.array([
             (each.lower, each.upper) if isinstance(each, Interval) else (each.least, each.radius)
             for each in self.sets
-        ]
-        return np.array(ends).T[0], np.array(ends).T[1]
+        ]).T
+        return low, high
 
     def lengths(self, points: Array) -> Array:
         """Return the length (..., k) of each effector's vector; of an interval its number."""
         lengths = np.sqrt(np.add.reduceat(points * points, self.first, axis=-1))
-        if self._line.size:
-            lengths[..., self._numbers] = points[..., self._line]
+        lengths[..., self._numbers] = points[..., self._line]
         return np.asarray(lengths, float)
 
 
 class _Sectors:
     """Sectors with the same number of components; arrays are (..., k, size)."""
 
-    def __init__(self, placed: Sequence[tuple[Sector, int]], size: int) -> None:
-        self.places = np.array([[k + i for i in range(size)] for _, k in placed])
-        sets = [each for each, _ in placed]
-        self._radius = np.array([each.radius for each in sets])
-        self._least = np.array([each.least for each in sets])
-        self._full = np.array([each.half_angle == pi for each in sets])
-        angles = np.array([min(each.half_angle, pi / 2) for each in sets])
-        corners = np.array([each.corners for each in sets]).T
-        self._end, self._across, self._inner = corners[0], corners[1], corners[3]
-        self._cos, self._sin = np.cos(angles), np.sin(angles)
-        self._cos[angles > pi / 2 - 1e-12], half = 0.0, self._cos < 1e-12
-        # The flank from `least` to the arc; it is empty if `least` cuts all of it off.
-        begin = self._least / np.where(half, np.where(self._least > 0.0, 1e-300, 1.0), self._cos)
-        self._begin = np.minimum(begin, self._radius)
-        self._flank = (begin < self._radius) & ~self._full
-        low = np.where(self._full, 0.0, self._least)
-        self.middle = np.where(self._full, 0.0, low + 0.6 * (self._radius - low))
+    def __init__(self, placed: Sequence[tuple[Sector, int]]) -> None:
+        self.places = np.array([np.arange(k, k + each.size) for each, k in placed])
+        _, self._least, self._radius, full, self._cos, self._sin, self._begin, *corners = np.array(
+            [each.fields for each, _ in placed]).T
+        self._end, self._across, self._inner = corners
+        self._full = full > 0.0
+        self._flank = (self._begin < self._radius) & ~self._full
+        inner = self._least + 0.6 * (self._radius - self._least)
+        self.middle = np.where(self._full, 0.0, inner)
 
     def project(self, points: Array) -> tuple[Array, Any, Array, Array, Array, Array]:
         """Return nearest points, the number of the case, and the half plane's coordinates.
@@ -314,7 +292,7 @@ class _Sectors:
         up = np.where(ahead, across * scale, np.where(out, self._across, self._inner))
         up = np.where(across > 0.0, up, 0.0)
         value = np.where(ahead, self._radius * length, np.maximum(outer, inner))
-        value, to = np.where(self._full & (length == 0.0), 0.0, value), np.where(
-            self._full & (length == 0.0), 0.0, to)
+        still = self._full & (length == 0.0)
+        value, to = np.where(still, 0.0, value), np.where(still, 0.0, to)
         ratio = (up / np.where(across > 0.0, across, 1.0))[..., None]
         return np.concatenate([to[..., None], rest * ratio], axis=-1), value

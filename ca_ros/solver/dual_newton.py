@@ -240,16 +240,11 @@ class DualNewton:
         return self._preferred + deviations / self._weights
 
     def settle(self, thrusts: Array, u: Array, tolerance: float) -> Array:
-        """Remove the rounding error of u by the rotors between their bounds.
+        """Remove the rounding error of u (m,) by the thrusts (n,) between their bounds.
 
         Newton's coordinates serve problems whose axes are almost dependent; the axes themselves
-        keep their digits where coordinates lose them.
-
-        - `thrusts` (n,): within their bounds
-        - `u` (m,)
-        - `tolerance`: goal for |A f - u|; the method aims at a share of it
-
-        The result: of all iterates those with the least |A f - u|.
+        keep their digits where coordinates lose them.  The method aims at a share of the
+        tolerance of |A f - u|, and returns the iterate with the least.
         """
         best, least = thrusts, np.inf
         for in_axes in (False, True):

@@ -112,12 +112,10 @@ class Simplex:
                 sign = 1.0 if left > 0.0 else -1.0
                 row = zip(self._nonbasic, self._rates[r], strict=True)
                 self.proof = {x: sign * rate for x, rate in row}
-                rates = zip(self._rates[r], self._nonbasic, strict=True)
-                self.doubt += sum(
-                    abs(rate)
-                    * min((upper[x] - value[x] if rate * left > 0.0 else value[x] - lower[x]), 2.0)
-                    for rate, x in rates if abs(rate) <= ZERO
-                )
+                for x, rate in self.proof.items():
+                    if abs(rate) <= ZERO:
+                        room = upper[x] - value[x] if rate > 0.0 else value[x] - lower[x]
+                        self.doubt += abs(rate) * min(room, 2.0)
                 return False
             blocked, reached = self._move(k, left / self._rates[r][k], goal, v)
             if reached:
@@ -169,15 +167,13 @@ class Simplex:
 
         The result: the new variable; it is nonbasic, and its goal is 0.
         """
-        most = max(
-            abs(goal - self.value[v]) / weight
-            for v, goal, weight in zip(rows, goals, weights, strict=True)
-        )
+        lagging = list(zip(rows, goals, weights, strict=True))
+        most = max(abs(goal - self.value[v]) / weight for v, goal, weight in lagging)
         for rates in self._rates:
             rates.append(0.0)
         lag = self._new(most, 0.0, most)
         self._nonbasic.append(lag)
-        for v, goal, weight in zip(rows, goals, weights, strict=True):
+        for v, goal, weight in lagging:
             if v in self._basic:
                 rates = self._rates[self._basic.index(v)]
             else:

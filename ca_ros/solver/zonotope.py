@@ -51,7 +51,7 @@ class Zonotope:
         self.widths = np.abs(self.sides).sum(axis=1)
         self.sides[np.abs(self.sides) <= PARALLEL * np.linalg.norm(generators, axis=0)] = 0.0
         self._spans = np.abs(self.normals) @ extent
-        for array in (self.center, self.generators, self.normals, self.sides, self.widths):
+        for array in (self.normals, self.sides, self.widths):
             array.flags.writeable = False
 
     @property
