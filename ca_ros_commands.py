@@ -4,8 +4,6 @@ The import of the package takes up to a second.  Ctrl-C in that second ends a co
 traceback, as it does later.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from functools import partial

@@ -1,7 +1,5 @@
 """Run the benchmark: ``python -m benchmarks --out DIR`` writes results.csv, .md and .png."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

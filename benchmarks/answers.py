@@ -1,7 +1,5 @@
 """The check of answers: what is wrong with thrusts, by the data of the problem alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """C code of one vehicle for the contenders in C: its numbers, and OSQP's generated code."""
 
-from __future__ import annotations
-
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path

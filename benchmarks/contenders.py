@@ -1,7 +1,5 @@
 """The contenders of the benchmark: the baseline, our methods, and the solvers of others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial

@@ -1,7 +1,5 @@
 """The echo node: the cost of a message without an allocation."""
 
-from __future__ import annotations
-
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 

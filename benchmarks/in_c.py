@@ -4,8 +4,6 @@
 the code that OSQP generates; of DAQP the library inside its Python package is called.
 """
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Both nodes run all the time, each in a process and a namespace of its own, and g
 short alternating blocks, so that background load affects both equally.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import struct

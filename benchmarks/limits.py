@@ -1,7 +1,5 @@
 """The limits that the package is to meet on the paper's vehicle, and whether a run met them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """The page of a benchmark."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The parts of a benchmark: calls, number of rotors, batches, set-ups."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from functools import partial

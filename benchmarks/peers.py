@@ -8,8 +8,6 @@ solver's memory, or None if the solver does not claim to have solved the problem
 status is part of the call.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any

@@ -1,7 +1,5 @@
 """The plot of a benchmark: times in units of the clipped pseudo-inverse."""
 
-from __future__ import annotations
-
 import matplotlib
 import numpy as np
 import pandas as pd

@@ -5,8 +5,6 @@ that is shuffled for each turn.  A repetition is complete when all have allocate
 Ratios are computed within a repetition, and their median over the repetitions is taken.
 """
 
-from __future__ import annotations
-
 import gc
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The commands of a flight, and vehicles with other numbers of rotors."""
 
-from __future__ import annotations
-
 from itertools import cycle
 from typing import Any
 

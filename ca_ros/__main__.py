@@ -1,7 +1,5 @@
 """What this installation of ca_ros has, and its commands: ``python -m ca_ros [COMMAND]``."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import sys

@@ -1,7 +1,5 @@
 """Command lines with arguments of ca_ros and of ROS."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable, Sequence

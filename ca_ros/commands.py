@@ -4,8 +4,6 @@ A command reports a missing package in one line.  This module imports nothing bu
 library, because setup.py runs it.
 """
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 

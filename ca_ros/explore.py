@@ -1,7 +1,5 @@
 """``python -m ca_ros explore``: the explorer, one page for a browser, with the kernel in it."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

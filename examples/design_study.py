@@ -1,7 +1,5 @@
 """Rank vehicles with rotors on a circle by what they can do in hover, also after a failure."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from dataclasses import replace

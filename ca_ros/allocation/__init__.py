@@ -1,7 +1,5 @@
 """The allocation methods, one per file, with one interface."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator, Powerless

@@ -1,7 +1,5 @@
 """A mixer like Betaflight's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

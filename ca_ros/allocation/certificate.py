@@ -1,7 +1,5 @@
 """The certificate of an allocation: residuals that prove its optimality."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

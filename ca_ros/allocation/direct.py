@@ -1,7 +1,5 @@
 """Direct allocation."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.allocation.allocator import Allocator, Subject

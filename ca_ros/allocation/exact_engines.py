@@ -3,8 +3,6 @@
 Both have the methods `allocate` and `allocate_batch` of `ca_ros.kernel.Kernel`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The settings of the exact allocator, and what its engines make of them for a problem."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple

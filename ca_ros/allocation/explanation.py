@@ -1,7 +1,5 @@
 """Why an answer is what it is: what was served of each axis, and what limits the rest."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The axes of methods that treat thrust, roll, pitch and yaw differently."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

@@ -1,7 +1,5 @@
 """OSQP, set up for the quadratic program of the exact allocator; where Newton's method starts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any

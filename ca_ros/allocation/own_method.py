@@ -1,7 +1,5 @@
 """Methods of one's own: classes in modules outside of this package, named module:Class."""
 
-from __future__ import annotations
-
 import os
 import sys
 from importlib import import_module

@@ -1,7 +1,5 @@
 """What effectors reach from their last values at given rates."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

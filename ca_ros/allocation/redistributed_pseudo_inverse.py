@@ -1,7 +1,5 @@
 """The redistributed pseudo-inverse, also called cascaded generalised inverse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sequential desaturation, as in PX4."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

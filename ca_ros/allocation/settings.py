@@ -1,7 +1,5 @@
 """The settings of allocation: the method, and a group of settings for each method."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

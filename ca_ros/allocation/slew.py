@@ -1,7 +1,5 @@
 """Slew limits: allocation within bounds that move with the last command."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Rates of servos and rotors: allocation within what they reach in one step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import acos, asin, cos, inf, pi, sin
 

@@ -1,7 +1,5 @@
 """The engine of the exact allocator for effectors that are vectors in convex sets."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

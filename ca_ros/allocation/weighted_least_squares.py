@@ -1,7 +1,5 @@
 """Weighted least squares by an active-set method."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

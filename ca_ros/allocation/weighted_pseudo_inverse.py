@@ -1,7 +1,5 @@
 """The weighted pseudo-inverse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whether the nodes of a flight agree with the options of `bringup` and with each other."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Any

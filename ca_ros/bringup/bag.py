@@ -1,7 +1,5 @@
 """A bag of every message of the vehicle, for ros2 bag, Foxglove and PlotJuggler."""
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter
 from importlib.util import find_spec

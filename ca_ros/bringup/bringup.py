@@ -1,7 +1,5 @@
 """The bringup script: starts the three nodes as processes, flies, and reports."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """The fault proxy node: forwards messages with losses, delays and damage."""
 
-from __future__ import annotations
-
 import argparse
 from array import array
 from collections import Counter

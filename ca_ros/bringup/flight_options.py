@@ -1,7 +1,5 @@
 """The options of a command line that say what is flown: waypoints and rotor failures."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

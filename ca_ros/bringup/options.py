@@ -1,7 +1,5 @@
 """The options of the bringup script."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import shutil

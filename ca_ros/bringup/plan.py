@@ -1,7 +1,5 @@
 """The plan of a flight, and the commands that start the nodes for it."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

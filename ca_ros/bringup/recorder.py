@@ -1,7 +1,5 @@
 """The recorder: a node that sends the waypoint and records the flight."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """What the nodes report on /diagnostics during a flight: timeouts, and faults of the links."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from diagnostic_msgs.msg import DiagnosticArray

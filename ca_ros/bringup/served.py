@@ -1,7 +1,5 @@
 """What the rotors served of the controller's demands in a flight, and what limited the rest."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A flight over ROS: starts the nodes, sends the waypoint and records until the end."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import time

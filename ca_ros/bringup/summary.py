@@ -1,7 +1,5 @@
 """The summary of a flight: whether the waypoint was reached and the rotors kept their bounds."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What happens at given times of a flight: waypoints, rotor failures and their announcements."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Allocators for comparison, which only the studies have."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, ClassVar
 

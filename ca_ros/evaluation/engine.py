@@ -1,7 +1,5 @@
 """The engine of studies: chunks on one executor, of local processes or of a Dask cluster."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Errors of answers, computed from the problem's data."""
 
-from __future__ import annotations
-
 from time import perf_counter_ns
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``python -m ca_ros fit-thrust``: a thrust curve from the CSV file of a test stand."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

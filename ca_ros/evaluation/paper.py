@@ -1,7 +1,5 @@
 """Table 1 of the paper, and why our numbers differ from it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

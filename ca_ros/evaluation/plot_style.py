@@ -1,7 +1,5 @@
 """The look and the titles of the methods in all plots of the studies."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from string import ascii_lowercase
 from textwrap import wrap

@@ -1,7 +1,5 @@
 """The result files of the studies, and what they say about how they were made."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

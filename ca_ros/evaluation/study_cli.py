@@ -1,7 +1,5 @@
 """The command lines of the studies."""
 
-from __future__ import annotations
-
 import argparse
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Tables and numbers in Markdown, and the documents that are made of templates."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Metrics that the paper leaves out: what becomes of each axis, and the energy of the thrusts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Sets of wrenches: samples of the admissible set and around it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

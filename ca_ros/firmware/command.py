@@ -1,7 +1,5 @@
 """The exact allocator of a vehicle, as C99 with golden vectors for a flight controller."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The detector of rotor failures of an exported vehicle: its constants and a golden flight."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

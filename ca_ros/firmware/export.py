@@ -1,7 +1,5 @@
 """The files of an exported vehicle."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence

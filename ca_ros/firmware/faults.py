@@ -1,7 +1,5 @@
 """The faults that can be announced to the firmware: the health of the rotors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Flash, RAM and stack of the exported function on a Cortex-M, if its compiler is installed."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import tempfile

@@ -1,7 +1,5 @@
 """Golden vectors: wrenches inside, on and outside of the admissible set, with their answers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers and tables as C99 initialisers that keep every bit."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from numbers import Integral

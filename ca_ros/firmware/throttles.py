@@ -1,7 +1,5 @@
 """Throttles and pulse widths of exported firmware."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

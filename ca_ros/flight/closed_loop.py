@@ -1,7 +1,5 @@
 """The closed loop without ROS: controller, allocator, plant and detector, step by step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 

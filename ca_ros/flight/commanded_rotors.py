@@ -1,7 +1,5 @@
 """The thrusts of rotors that follow stamped commands with a delay and a lag."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

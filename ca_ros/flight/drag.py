@@ -1,7 +1,5 @@
 """The air: its drag on a vehicle, and a constant wind with gusts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from math import exp, expm1, hypot, sqrt
 

@@ -1,7 +1,5 @@
 """Rotor failures that nobody announces, detected from the motion of a vehicle."""
 
-from __future__ import annotations
-
 from math import cos, sin
 from operator import gt
 

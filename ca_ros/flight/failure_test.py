@@ -1,7 +1,5 @@
 """The test for failures: which lost thrust, or servo that sticks, explains an impulse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import log
 

@@ -1,7 +1,5 @@
 """The detector of rotor failures in C, where it is built, and the choice between both."""
 
-from __future__ import annotations
-
 import re
 from os import environ
 from typing import Any

@@ -1,7 +1,5 @@
 """An estimate of the motors' lag and delay from a flight, which checks the settings."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

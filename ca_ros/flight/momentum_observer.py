@@ -1,7 +1,5 @@
 """The momentum observer: force and torque that the model lacks; whether a vehicle stands."""
 
-from __future__ import annotations
-
 from math import expm1
 from operator import le
 

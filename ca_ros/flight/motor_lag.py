@@ -1,7 +1,5 @@
 """The lag of motors and servos: speeds and angles that approach their commands."""
 
-from __future__ import annotations
-
 from math import expm1
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A recorded flight."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -5,8 +5,6 @@ The world frame is east-north-up, the body frame forward-left-up (REP 103).  A s
 (body to world), and angular velocity in the body frame [rad/s].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import hypot
 from typing import Any

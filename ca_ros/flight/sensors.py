@@ -1,7 +1,5 @@
 """Sensors: the state as it is measured, with noise, bias and a delay by whole steps."""
 
-from __future__ import annotations
-
 from collections import deque
 from math import hypot
 

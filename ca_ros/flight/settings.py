@@ -1,7 +1,5 @@
 """The settings of the controller, of the detector and of the simulated plant."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Rotors whose measured speeds do not follow their commands."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

@@ -1,7 +1,5 @@
 """What is usual in a flight without failures: wrenches of the rotors, drag and noise."""
 
-from __future__ import annotations
-
 from math import expm1
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sums of impulses over windows of time that end now."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

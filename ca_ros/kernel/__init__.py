@@ -7,8 +7,6 @@ exactly four axes, and faster; it gives the same bits.  `CA_ROS_KERNEL=numpy` in
 chooses the NumPy implementation instead, and `CA_ROS_KERNEL=c` makes a missing extension an error.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from functools import cache

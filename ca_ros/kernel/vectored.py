@@ -3,8 +3,6 @@
 `vectored.h` is its public header, and `vectored_module.c` binds it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from os import environ

@@ -3,8 +3,6 @@
 A problem without a vehicle, such as a boat or control surfaces, has effectors instead of rotors.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The allocator of a vehicle: it answers wrenches with rotor speeds."""
 
-from __future__ import annotations
-
 from collections import deque
 from importlib.util import find_spec
 from math import inf

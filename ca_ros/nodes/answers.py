@@ -1,7 +1,5 @@
 """The answers of a node in lockstep, where late copies of a question may come."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from typing import Any
 

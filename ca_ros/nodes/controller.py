@@ -1,7 +1,5 @@
 """The controller node: state and waypoint in, wrench out."""
 
-from __future__ import annotations
-
 from functools import partial
 from math import degrees, dist, hypot, inf
 from time import monotonic

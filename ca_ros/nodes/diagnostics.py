@@ -1,7 +1,5 @@
 """The diagnostics of a node on /diagnostics (REP 107), and faults of the endpoints of streams."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue

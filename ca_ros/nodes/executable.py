@@ -1,7 +1,5 @@
 """A node as an executable: its arguments, its start and its end."""
 
-from __future__ import annotations
-
 import argparse
 import faulthandler
 import gc

@@ -1,7 +1,5 @@
 """An executor with one wait set for one thread."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The base class of the nodes that heed monitor and battery: allocator and controller."""
 
-from __future__ import annotations
-
 from time import monotonic
 from typing import Any, ClassVar
 

@@ -1,7 +1,5 @@
 """A vehicle in flight as markers for RViz and Foxglove."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Conversion of ROS messages from and to arrays."""
 
-from __future__ import annotations
-
 import re
 from array import array
 from struct import Struct

@@ -1,7 +1,5 @@
 """The monitor node: states and rotor speeds in, the health of the rotors out."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A node whose parameters are settings; a change takes effect completely or not at all."""
 
-from __future__ import annotations
-
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import isfinite
 from traceback import format_exception

@@ -6,8 +6,6 @@
 - rclpy has no public access to parameters that were given to a node but not declared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

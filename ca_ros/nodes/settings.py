@@ -1,7 +1,5 @@
 """The settings of the nodes, and all that a file may have."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar

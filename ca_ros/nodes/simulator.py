@@ -1,7 +1,5 @@
 """The simulator node: rotor speeds in, the vehicle's state out."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The subscriptions to streams, topics that should have one publisher."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from math import inf

@@ -3,8 +3,6 @@
 A new topic is a line here and the calls in its nodes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The base class of the nodes of the loop: audit of the vehicle, streams, diagnostics."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from functools import partial

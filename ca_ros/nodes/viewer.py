@@ -1,7 +1,5 @@
 """The viewer node: states, speeds and wrenches in, markers for RViz and Foxglove out."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

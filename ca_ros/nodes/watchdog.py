@@ -1,7 +1,5 @@
 """The watchdog for commands, and the rotor speeds of the timeout actions."""
 
-from __future__ import annotations
-
 from time import monotonic
 
 import numpy as np

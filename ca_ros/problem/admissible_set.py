@@ -1,7 +1,5 @@
 """The admissible set: all wrenches that the rotors can produce within their bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from math import nan

@@ -1,7 +1,5 @@
 """The audit: which axes a vehicle's rotors can control, and the refusal of a vehicle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

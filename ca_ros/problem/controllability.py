@@ -1,7 +1,5 @@
 """Which axes of a problem the rotors can control: independence, hover, axes to give up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

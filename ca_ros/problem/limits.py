@@ -1,7 +1,5 @@
 """Why an axis gets less than its demand: the rotors and limits that the multipliers name."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The attainable set of vectors in convex sets, known by its support function."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

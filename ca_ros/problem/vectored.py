@@ -1,7 +1,5 @@
 """Allocation problems whose effectors are vectors in convex sets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import pi

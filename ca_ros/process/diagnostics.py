@@ -1,7 +1,5 @@
 """What nodes publish on /diagnostics."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple

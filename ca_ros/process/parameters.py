@@ -1,7 +1,5 @@
 """The parameters of a node in another process, through its services."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from time import monotonic
 from typing import Any, Generic, TypeVar

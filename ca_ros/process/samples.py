@@ -1,7 +1,5 @@
 """The messages of a flight, joined to samples by their stamps."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Convex sets of effectors: projection, its derivative and support function."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import acos, cos, isfinite, pi, sin, tan

@@ -1,7 +1,5 @@
 """Least-norm thrusts within bounds: the quadratic program of the exact allocator."""
 
-from __future__ import annotations
-
 from copy import copy
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Faces of convex sets: what is left of the sets once a linear cost is at its least value."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

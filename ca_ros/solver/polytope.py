@@ -1,7 +1,5 @@
 """Convex polytopes by their vertices: sections and projections of zonotopes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product

@@ -1,7 +1,5 @@
 """The dual Newton method of the exact allocator for effectors in convex sets."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

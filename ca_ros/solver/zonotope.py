@@ -1,7 +1,5 @@
 """Zonotopes: the images of boxes under linear maps."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from itertools import combinations
 from math import comb

@@ -1,7 +1,5 @@
 """A ROS domain that nothing else on the machine uses."""
 
-from __future__ import annotations
-
 import fcntl
 import random
 import tempfile

@@ -1,7 +1,5 @@
 """Faults on the links between nodes: messages lost, delayed, duplicated, reordered, damaged."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ca_ros.bringup.fault_proxy import PREFIX

@@ -1,7 +1,5 @@
 """Lockstep with the simulator: a record of each step, single steps, and wrench messages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import Any

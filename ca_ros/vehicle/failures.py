@@ -1,7 +1,5 @@
 """Rotor failures as text: ``ROTOR`` or ``ROTOR=HEALTH``, separated by commas."""
 
-from __future__ import annotations
-
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -3,8 +3,6 @@
 A `ParameterError` names the setting whose value has a wrong shape.
 """
 
-from __future__ import annotations
-
 from math import cos, floor, sin, tau
 
 import numpy as np

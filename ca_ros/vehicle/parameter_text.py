@@ -1,7 +1,5 @@
 """The text of a parameter file from values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

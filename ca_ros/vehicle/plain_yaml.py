@@ -1,7 +1,5 @@
 """YAML without tags, aliases and dates, as ROS reads it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import yaml

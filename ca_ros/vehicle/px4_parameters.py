@@ -15,8 +15,6 @@ points by sin a towards the direction TD [degrees], clockwise seen from above: 0
 the right (the same module.yaml, at commit 00f285e).
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 from collections.abc import Mapping, Sequence

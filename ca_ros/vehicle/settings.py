@@ -1,7 +1,5 @@
 """The settings of a vehicle: its mass, its rotors and the axes that it commands."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """The thrust curve of a motor from the measurements of a test stand."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Mapping

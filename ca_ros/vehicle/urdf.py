@@ -1,7 +1,5 @@
 """``python -m ca_ros from-urdf``: a parameter file from a URDF, with its rotor links by name."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Checks of numbers and names that define a vehicle, a problem or an option."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

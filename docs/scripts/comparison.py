@@ -3,8 +3,6 @@
 Also draws the plot of the page.  Takes about half an hour.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Fly unannounced failures and fill the tables of docs/detection.md; or fly hours without one."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from functools import partial

@@ -6,8 +6,6 @@ gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm, and takes a quar
 most of it for OSQP.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import subprocess

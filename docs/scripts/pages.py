@@ -1,7 +1,5 @@
 """The pages that scripts fill, and what the scripts share."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ Flies manoeuvres that saturate the rotors with every shipped vehicle, behind a c
 not limit its wrench.  Takes about two minutes.
 """
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Any
 

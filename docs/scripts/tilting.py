@@ -4,8 +4,6 @@ With --flights, only fly.  With --instructions, print what the kernel takes on a
 microcontroller instead.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from functools import partial

@@ -1,7 +1,5 @@
 """A vehicle as a rigid body in MuJoCo."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -6,8 +6,6 @@
 The parameters are those of `simulator`; MuJoCo moves the vehicle, by RK4.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 

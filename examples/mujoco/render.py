@@ -7,8 +7,6 @@
 that has stopped in flight is orange.  The sphere is where the flight ends.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """An animation of flights as a GIF file, methods side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Manoeuvres that saturate the rotors, drawn from seeds, behind a controller without a limit."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace

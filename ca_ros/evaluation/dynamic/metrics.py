@@ -1,7 +1,5 @@
 """Metrics of a flight to a waypoint, and the flights of a dynamic study."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Observations on flights: the paper's, checked by numbers, and findings for any vehicle."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from math import degrees
 from typing import NamedTuple

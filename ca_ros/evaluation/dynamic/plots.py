@@ -1,7 +1,5 @@
 """Plots of the dynamic study, as Figures 2 to 4 of the paper."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

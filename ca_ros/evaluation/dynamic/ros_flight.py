@@ -1,7 +1,5 @@
 """A flight over the real nodes, in lockstep."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import tempfile

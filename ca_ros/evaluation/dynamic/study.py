@@ -1,7 +1,5 @@
 """The dynamic study: a flight to a waypoint with each method, as in Figures 2 to 4."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The tables of dynamic.md: one row per method, one column per metric."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from math import degrees
 from typing import Any

@@ -1,7 +1,5 @@
 """The command ``attainable``: plots the admissible set of a vehicle or a matrix."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence

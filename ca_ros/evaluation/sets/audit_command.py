@@ -1,7 +1,5 @@
 """``python -m ca_ros audit``: which axes a vehicle's rotors can control, and after each loss."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from itertools import zip_longest

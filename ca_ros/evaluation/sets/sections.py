@@ -1,7 +1,5 @@
 """Plane sections of the admissible set, for plots."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

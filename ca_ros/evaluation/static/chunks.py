@@ -1,7 +1,5 @@
 """The chunks of a static study: each allocates its own samples, and keeps sums and a few rows."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Plots of the static study: errors, times, and sections of the admissible set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

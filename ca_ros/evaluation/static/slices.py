@@ -1,7 +1,5 @@
 """The plot of what methods achieve in plane sections of the admissible set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from textwrap import wrap
 from typing import Any

@@ -1,7 +1,5 @@
 """The static study: the methods on random wrenches of the admissible set, as in Table 1."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence

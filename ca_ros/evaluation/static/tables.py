@@ -1,7 +1,5 @@
 """The tables of static.md: the paper's Table 1 beside ours, and the differences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from math import hypot, sqrt
 from typing import Any

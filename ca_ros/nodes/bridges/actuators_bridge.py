@@ -1,7 +1,5 @@
 """Rotor speeds and tilt angles to actuator_msgs/Actuators."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, ClassVar
 

@@ -1,7 +1,5 @@
 """The base class of the bridges: nodes that convert messages and compute nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, ClassVar
 

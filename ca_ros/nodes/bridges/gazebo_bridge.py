@@ -5,8 +5,6 @@ and never negative, in both senses of rotation.  ``python -m ca_ros gazebo-motor
 the models of a vehicle; ros_gz_bridge carries the messages.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rotor speeds as the motors of others take them: order, signs, and Gazebo's motor models."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from xml.etree import ElementTree

@@ -14,8 +14,6 @@ gains of PX4's rate loop remain right, and without saturation PX4's own allocato
 the same motors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

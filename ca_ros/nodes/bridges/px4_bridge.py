@@ -5,8 +5,6 @@ stabilises the vehicle.  With ``bridge.px4_input: setpoints`` the speeds answer 
 instead, and PX4 stabilises the vehicle.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from math import inf
 from time import monotonic

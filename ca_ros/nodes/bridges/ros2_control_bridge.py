@@ -4,8 +4,6 @@ A JointGroupVelocityController takes a Float64MultiArray on ~/commands, one velo
 its joints.
 """
 
-from __future__ import annotations
-
 from array import array
 from functools import partial
 
