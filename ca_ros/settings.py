@@ -149,6 +149,13 @@ class Settings:
     of its `ParameterError` begins with the name of a setting.
     """
 
+    def __new__(cls, *_: Any, **given: Any) -> Any:
+        known = [each.name for each in dataclasses.fields(cls)] if given else []
+        for name in given:
+            if name not in known:
+                raise TypeError(f'no setting {name!r}: expected {", ".join(known) or "none"}')
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         for name, field in _fields(type(self)).items():
             if isinstance(field, Field):
