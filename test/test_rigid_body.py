@@ -166,6 +166,11 @@ def test_steps_that_diverge_are_an_error_and_not_a_state():
     state[ANGULAR_VELOCITY] = [20.0, -30.0, 40.0]
     with pytest.raises(FloatingPointError, match='diverge'):
         flown(body, state, np.zeros(6), 10.0, 1000)
+    state[ANGULAR_VELOCITY] = 0.0
+    state[VELOCITY] = 1e8
+    body.step(state, np.zeros(6), 0.01)
+    with pytest.raises(FloatingPointError, match='diverge'):
+        body.step(state, np.zeros(6), 10.0)
 
 
 def test_rotational_drag_grows_with_the_square_of_the_angular_velocity():

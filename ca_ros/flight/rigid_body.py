@@ -45,6 +45,8 @@ NULL_STATE: Array = np.concatenate([np.zeros(9), [1.0], np.zeros(3)])
 
 CALM: Array = np.zeros(3)
 
+STATE_MAX = 1e9  # in each unit of the state; what exceeds it is no motion of a vehicle
+
 
 def rotation_matrix(quaternion: Array) -> Array:
     """Return the matrix (3, 3) from body to world coordinates for a quaternion x, y, z, w.
@@ -173,7 +175,7 @@ class RigidBody:
         with np.errstate(over='ignore', invalid='ignore'):
             after = integrate(lambda x: self.derivative(x, speeds, wind), state, time_step)
             after[ATTITUDE] /= hypot(*after[ATTITUDE].tolist())
-        if not np.isfinite(after).all():
+        if not (abs(after) < STATE_MAX).all():
             raise FloatingPointError(f'the vehicle tumbles: steps of {time_step:g} s diverge')
         return after
 
