@@ -39,10 +39,10 @@ NOT_HERE = {
 """Marks of blocks that are not run here, and what they would need."""
 
 SHORT = {
-    'bringup': '"$@" --figures none --duration 0.2 --waypoint 0 0 0 --heading 0',
-    'dynamic_study': '"$@" --figures none --duration 0.2',
-    'mypy': '"$@" ca_ros/errors.py',
-    'static_study': '"$@" --figures none --samples 50',
+    'bringup': '--figures none --duration 0.2 --waypoint 0 0 0 --heading 0',
+    'dynamic_study': '--figures none --duration 0.2',
+    'mypy': 'ca_ros/errors.py',
+    'static_study': '--figures none --samples 50',
 }
 """How commands are shortened to seconds unless CA_ROS_LONG=1; the last of equal options counts."""
 
@@ -89,8 +89,11 @@ def clone(tmp_path):
     for name, arguments in ({} if LONG else SHORT).items():
         file = activate.with_name(name)
         file.write_text(
-            '#!/bin/sh\ncase " $* " in *" --ros-args "*) set -- "$@" --;; esac\n'
-            f"exec '{executable(name)}' {arguments}\n", encoding='utf-8')
+            f'#!{sys.executable}\nimport os, re, sys\n'
+            "words = [re.sub('(?<=[0-9]@)[0-9.]+', '0.1', word) for word in sys.argv[1:]]\n"
+            "words += ['--'] * ('--ros-args' in words)\n"
+            f'os.execv({str(executable(name))!r}, [sys.argv[0], *words, *{arguments.split()}])\n',
+            encoding='utf-8')
         file.chmod(0o755)
     return place
 

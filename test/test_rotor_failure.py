@@ -160,7 +160,7 @@ def test_what_is_no_failure_is_refused(text):
         RotorFailure.parse(text)
 
 
-def test_a_rotor_cannot_fail_twice_at_the_same_time(capsys, tmp_path):
+def test_a_rotor_cannot_fail_twice_at_the_same_time_nor_after_the_flight(capsys, tmp_path):
     failures = RotorFailure(1, 1.0), RotorFailure(2, 1.0), RotorFailure(1, 1.5)
     assert len(RotorFailures(failures).times()) == 4
     words = '--fail 1@1=0.5: rotor 1 fails twice at 1 s'
@@ -169,6 +169,8 @@ def test_a_rotor_cannot_fail_twice_at_the_same_time(capsys, tmp_path):
     for command in (bringup, dynamic_study):
         assert command(['--fail', '1@1', '--fail', '1@1=0.5', '--out', str(tmp_path)]) == 1
         assert capsys.readouterr().err.endswith(f': {words}\n')
+        assert command(['--fail', '1@2', '--duration', '2', '--out', str(tmp_path)]) == 1
+        assert capsys.readouterr().err.endswith(': --fail 1@2: --duration is 2 s\n')
 
 
 def test_failures_and_announcements_have_their_times():

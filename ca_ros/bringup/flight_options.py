@@ -57,7 +57,13 @@ def trajectory_of(options: argparse.Namespace) -> Trajectory:
 
 
 def failures_of(options: argparse.Namespace) -> RotorFailures:
-    """Return the failures that the options name; a ParameterError if two are the same."""
+    """Return the failures that the options name.
+
+    Raises a ParameterError if two are the same, or one is after the end of the flight.
+    """
+    for each in options.fail:
+        if each.time >= options.duration:
+            raise ParameterError(f'--fail {each}: --duration is {options.duration:g} s')
     return RotorFailures(tuple(options.fail), options.announce)
 
 
