@@ -12,6 +12,7 @@ from signal import SIG_DFL, SIGPIPE, signal
 from ca_ros import explore
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS
+from ca_ros.errors import message
 from ca_ros.evaluation import fit_thrust
 from ca_ros.evaluation.sets import audit_command
 from ca_ros.kernel import NOT_BUILT, chosen, load
@@ -47,7 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             options.run(options)
     except (OSError, ValueError) as error:
         sys.stdout.flush()
-        print(f'{" ".join(filter(None, ["ca_ros", options.command]))}: {error}', file=sys.stderr)
+        prog = ' '.join(filter(None, ['ca_ros', options.command]))
+        print(f'{prog}: {message(error)}', file=sys.stderr)
         return 1
     return 0
 

@@ -1,4 +1,6 @@
-"""The base class of the package's errors."""
+"""The base class of the package's errors, and their messages."""
+
+from pathlib import Path
 
 
 class CaRosError(Exception):
@@ -7,3 +9,10 @@ class CaRosError(Exception):
     Wrong arguments of functions raise a `ValueError`.  Wrong parameters raise a `ParameterError`,
     which is both.
     """
+
+
+def message(error: Exception, file: str | Path | None = None) -> str:
+    """Return the message of an error, with the name of its file and without an error number."""
+    text = getattr(error, 'strerror', None) or str(error)
+    name = getattr(error, 'filename', None) or file
+    return f'{name}: {text}' if name else text

@@ -21,7 +21,7 @@ from ca_ros.bringup.plots import draw_flight
 from ca_ros.bringup.served import Served, served
 from ca_ros.bringup.session import Flown, Session
 from ca_ros.bringup.summary import summarize
-from ca_ros.errors import CaRosError
+from ca_ros.errors import CaRosError, message
 from ca_ros.figures import save
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         interrupts = note_signals()
         return _bringup(plan, out, interrupts)
     except (CaRosError, OSError) as error:
-        print(f'bringup: {error}', file=sys.stderr)
+        print(f'bringup: {message(error)}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
     finally:
         try_shutdown()
@@ -119,4 +119,4 @@ def naming(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OSError(f'{error.filename or path}: {error.strerror}') from None
+        raise OSError(message(error, path)) from None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ca_ros.allocation import ALLOCATORS, Allocator
 from ca_ros.arguments import HelpFormatter
-from ca_ros.errors import CaRosError
+from ca_ros.errors import CaRosError, message
 from ca_ros.evaluation.cases import Case, methods_of
 from ca_ros.evaluation.comparison import FOR_COMPARISON
 from ca_ros.figures import add_options
@@ -71,7 +71,7 @@ def concluded(prog: str, study: Callable[[], None]) -> int:
     try:
         study()
     except (CaRosError, FloatingPointError, OSError) as error:
-        print(f'{prog}: {error}', file=sys.stderr)
+        print(f'{prog}: {message(error)}', file=sys.stderr)
         return 1
     except KeyboardInterrupt as stop:
         print(f'{prog}: interrupted{stop}', file=sys.stderr)

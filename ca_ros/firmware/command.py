@@ -8,6 +8,7 @@ from typing import Any
 
 from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.arguments import split
+from ca_ros.errors import message
 from ca_ros.firmware.detector import detector_of
 from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
@@ -31,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         detector = detector_of(vehicle, given) if options.detector else None
         write(firmware, name, options.out, detector)
     except (ValueError, OSError) as error:
-        text = str(error).removeprefix(f'{options.vehicle}: ')
+        text = message(error).removeprefix(f'{options.vehicle}: ')
         print(f'firmware: {options.vehicle}: {text}', file=sys.stderr)
         return 1
     print(

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.errors import message
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.settings import ParameterError
@@ -46,7 +47,7 @@ class Trajectory:
             with path.open(newline='', encoding='utf-8-sig') as file:
                 rows = list(csv.DictReader(file, strict=True, skipinitialspace=True))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise ParameterError(f'{path}: {error}') from None
+            raise ParameterError(message(error, path)) from None
         posed = bool(rows) and 'heading' not in rows[0]
         names = (*COLUMNS[:4], *QUATERNION) if posed and 'qw' in rows[0] else COLUMNS
         try:

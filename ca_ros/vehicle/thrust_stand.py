@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.errors import message
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.thrust_curve import ThrustCurve, to_thrust
 
@@ -90,7 +91,7 @@ def read_stand(file: str | Path) -> dict[str, Array]:
             reader = csv.reader(stream)
             lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ParameterError(f'{file}: {error}') from None
+        raise ParameterError(message(error, file)) from None
     columns: dict[str, Array] = {}
     titles = lines[0][1] if lines else []
     if len(titles) == 1 and ';' in titles[0]:

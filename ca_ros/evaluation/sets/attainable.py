@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 
 from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
+from ca_ros.errors import message
 from ca_ros.evaluation.sets.sections import fixed, labels, units
 from ca_ros.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
-        print(f'attainable: {error}', file=sys.stderr)
+        print(f'attainable: {message(error)}', file=sys.stderr)
         return 1
     for name, polytope in found.items():
         ends = (
