@@ -79,12 +79,16 @@ def test_a_healthy_flight_that_is_too_short_does_not_blame_the_machine(monkeypat
     for timeouts in (Counter(), Counter(controller=1)):
         *_, hint = lines(SHORT, timeouts=timeouts)
         assert re.fullmatch(
-            '  hint          it was still approaching, by .* mm/s: try a longer --duration', hint)
+            '  hint          it was still approaching, by .* mm/s: try a longer --duration, '
+            'or controller.integral_gain if an offset remains', hint)
     # There, but not yet turned.
     turning = fly_offline('exact', 0.5, (0.0, 0.0, 0.0, GOAL[3]))
     flown = replace(SHORT, flight=replace(turning, position=turning.position + GOAL[:3]))
     [hint] = lines(flown)
     assert 'degrees/s: try a longer --duration' in hint
+    boat = replace(SHORT.vehicle, axes=('force_x', 'force_y', 'yaw'))
+    [hint] = lines(replace(SHORT, vehicle=boat))
+    assert 'no vertical force' in hint
 
 
 def test_a_lost_rotor_that_turns_long_after_it_was_announced_is_out_of_bounds():

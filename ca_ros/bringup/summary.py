@@ -115,8 +115,13 @@ def _hint(flown: Flown, waypoint: Waypoint, spins: bool, tolerance: float) -> li
     """Return a line on why the waypoint was missed, if that is known."""
     load, processors = os.getloadavg()[0], os.cpu_count() or 1
     late = flown.timeouts or load > processors
-    if speed := _approach(flown.flight, waypoint, spins, tolerance):
+    off = abs(flown.flight.position[-1, 2] - waypoint.position[2])
+    if off > tolerance and not {'thrust', 'force_z'} & set(flown.vehicle.axes):
+        hint = 'the vehicle has no vertical force: set z of --waypoint to that of the vehicle'
+    elif speed := _approach(flown.flight, waypoint, spins, tolerance):
         hint = f'it was still approaching, {speed}: try a longer --duration'
+        if not flown.parameters.get('controller.integral_gain'):
+            hint += ', or controller.integral_gain if an offset remains'
     elif flown.parameters['mode'] == 'realtime' and late and not flown.faults:
         why = f'load average {load:.1f} on {processors} processors'
         hint = f'the machine may be too slow for real time ({why}): try --mode lockstep'
@@ -136,7 +141,7 @@ def _approach(flight: Flight, waypoint: Waypoint, spins: bool, tolerance: float)
     time = float(flight.time[-1] - flight.time[late][0])
     # Sensors have noise.
     slack = 0.05 * (error[0] - error[-1])
-    if not time or slack <= 0.0 or np.any(np.diff(error) > slack):
+    if not time or slack <= 1e-6 * error[0] or np.any(np.diff(error) > slack):
         return ''
     return f'by {(error[0] - error[-1]) / time:.3g} {unit}/s'
 
