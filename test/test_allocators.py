@@ -147,6 +147,11 @@ def test_a_batch_is_its_wrenches_one_by_one(method, data):
             np.testing.assert_allclose(together, apart, rtol=1e-9, atol=rounding, err_msg=name)
 
 
+def test_a_batch_counts_its_answers():
+    batch = make_allocator('exact', HEXAROTOR).allocate_batch([[12.0, 0, 0, 0], [12.0, 9, 0, 0]])
+    assert str(batch) == '2 answers: 1 EXACT, 1 PRIORITIZED'
+
+
 @every_method
 def test_an_empty_batch_has_empty_fields(method):
     batch = make_allocator(method, HEXAROTOR).allocate_batch(np.empty((0, 4)))
@@ -214,9 +219,11 @@ def test_the_pseudo_inverse_worked_out_by_hand():
     a = make_allocator('pseudo_inverse', HEXAROTOR).allocate([12.0, 0.0, 0.0, 0.06])
     np.testing.assert_allclose(a.thrusts, [2.5, 1.5, 2.5, 1.5, 2.5, 1.5])
     assert a.status is Status.EXACT
+    assert str(a) == 'EXACT: thrust 12, roll 0, pitch 0, yaw 0.06'
     # Four times the yaw are 2 +- 2 N: rotors 2, 4, 6 would have to stand still, but give 0.04 N.
     a = make_allocator('pseudo_inverse', HEXAROTOR).allocate([12.0, 0.0, 0.0, 0.24])
     np.testing.assert_allclose(a.thrusts, [4.0, 0.04, 4.0, 0.04, 4.0, 0.04])
     np.testing.assert_allclose(a.residual, [-0.12, 0.0, 0.0, 0.0024], atol=1e-14)
     assert a.violation == pytest.approx(0.04)
+    assert str(a) == 'INEXACT: thrust 12.12 of 12, roll 0, pitch 0, yaw 0.2376 of 0.24'
     assert a.status is Status.INEXACT

@@ -70,6 +70,7 @@ def test_a_body_has_the_faces_of_its_hull():
     (['--at', 'thrust'], 'expected AXIS=NUMBER'),
     (['--at', 'roll=1'], '--at: roll is drawn'),
     (['--at', 'thrust=5', '--projection'], '--at: in a projection'),
+    (['--at', 'thrust=500'], '--at: nothing is attainable there for any roll and pitch'),
     (['--fail', '9'], 'no rotor 9: the vehicle has rotors 1 to 6'),
     (['--fail', '3=2'], 'expected a health in [0, 1]'),
     (['--vehicle', 'admire', '--fail', '1'], 'effectors of a problem have no health'),

@@ -256,6 +256,9 @@ def test_a_stand_without_a_row_at_rest_has_the_usual_pulse_of_rest(tmp_path):
     assert found.settings['thrust_curve']['pwm'] == [1000.0, 2000.0]
     assert found.settings['thrust_curve']['throttles'] == [0.2, 0.5, 0.75, 1.0]
     assert found.note == 'no row at rest: throttle 0 is assumed to be 1000 us'
+    with file.open('a') as more:
+        more.write('1100,1,900,-0.1\n')
+    assert fit(read_stand(file)).note == 'rows of negative thrust left out: 1'
 
 
 @pytest.mark.parametrize(('text', 'words'), [

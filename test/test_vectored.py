@@ -422,8 +422,8 @@ def test_a_wrong_period_is_named(period):
     ('azimuth_boat', [60.0, 18.0, 0.0], (100.0, 1e4), 'RATE_LIMITED', 'rotors 1, 2, 3, 4 at'),
     ('tricopter', [60.0, 0.0, 0.0, 0.0], (100.0, 1e4), 'RATE_LIMITED', 'at their rate'),
     # No rate limits these: they are out of reach.
-    ('hexarotor_tilting', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'the method'),
-    ('omnidirectional_gimbals', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'the method'),
+    ('hexarotor_tilting', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'thrusts and tilts'),
+    ('omnidirectional_gimbals', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'thrusts and tilts'),
 ])
 def test_what_a_rate_limits_is_named(name, u, rates, status, words):
     vehicle = Vehicle.load(name)

@@ -51,7 +51,7 @@ class Explanation(Limits):
         if self.airmode[axis]:
             parts.append(f'the limit on airmode ({"rise" if self.airmode[axis] > 0 else "fall"})')
         if isinstance(self.problem, TiltingVehicleProblem):
-            parts += self.problem.rate_limited
+            parts += self.problem.rate_limited or ['thrusts and tilts'] * (self.margin < 0.0)
         return ' and '.join(parts) or 'the method'
 
     def __str__(self) -> str:

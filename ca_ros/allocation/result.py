@@ -148,6 +148,15 @@ class Allocation(Answer):
         if _explain is not None:
             fields['_explain'] = _explain
 
+    def __str__(self) -> str:
+        """Return the status and the wrench by axis, with the demand where it differs."""
+        ends = np.round([self.wrench, self.demand], 9) + 0.0
+        parts = (
+            f'{axis} {value:.4g}' + (f' of {demand:.4g}' if value != demand else '')
+            for axis, value, demand in zip(self.problem.axes, *ends.tolist(), strict=True)
+        )
+        return f'{self.status.name}: {", ".join(parts)}'
+
     @cached_property
     def explanation(self) -> Explanation:
         """What was served of each axis, and what limits the rest; computed at the first access."""
@@ -176,3 +185,8 @@ class AllocationBatch(Answer):
     def __len__(self) -> int:
         """Return the number of wrenches."""
         return len(self.demand)
+
+    def __str__(self) -> str:
+        """Return how many answers there are, and of which status."""
+        counts = (f'{(self.status == each).sum()} {each.name}' for each in Status)
+        return f'{len(self)} answers: {", ".join(text for text in counts if text[0] != "0")}'

@@ -111,9 +111,9 @@ class AdmissibleSet:
         return Polytope(tuple(axes), ordered(points))
 
     def authority(self, u: ArrayLike) -> dict[str, tuple[float, float]]:
-        """Return the least and greatest value of each axis while the others stay at u [N, N m].
+        """Return the ends of each axis, by its name, while the others stay at u [N, N m].
 
-        They are NaN if the other axes cannot have their values.
+        The ends are NaN if the other axes cannot have their values.
 
         `u` (m,): a wrench, as of hover or a manoeuvre [N, N m].
         """

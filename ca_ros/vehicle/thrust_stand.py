@@ -174,8 +174,9 @@ def fit(
             least, note = REST, f'no row at rest: throttle 0 is assumed to be {REST:g} us'
         ends = least, full
         data['throttle'] = (data['pwm'] - least) / max(full - least, 1e-9)
-    if turning.sum() < FEWEST:
-        count = turning.sum()
+    if count := (data['thrust'] < 0.0).sum():
+        note = '; '.join(filter(None, [note, f'rows of negative thrust left out: {count}']))
+    if (count := turning.sum()) < FEWEST:
         raise ParameterError(f'{count} points with speed and thrust: expected {FEWEST} or more')
     order = np.argsort(data['speed'][turning], kind='stable')
     data = {name: values[turning][order] for name, values in data.items()}

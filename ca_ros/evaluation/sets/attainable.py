@@ -41,6 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         axes = options.axes or [axis for axis in ('roll', 'pitch') if axis in names] or names[:2]
         at = _at(problem, axes, options)
         figure, found = _plot(sets, axes, at, options.projection, options.figure_width)
+        if options.at and all(each.empty for each in found.values()):
+            raise ValueError(f'--at: nothing is attainable there for any {" and ".join(axes)}')
         options.out.parent.mkdir(parents=True, exist_ok=True)
         files = save(figure, options.out, options.figures)
     except (ValueError, OSError) as error:
