@@ -1,5 +1,9 @@
 """The allocation methods, one per file, with one interface."""
 
+import os
+import sys
+from importlib import import_module
+from inspect import signature
 from typing import Any
 
 from ca_ros.allocation.allocator import Allocator, Powerless
@@ -7,7 +11,6 @@ from ca_ros.allocation.betaflight_mixer import BetaflightMixer
 from ca_ros.allocation.conventional import Conventional
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
-from ca_ros.allocation.own_method import own_class
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
@@ -37,8 +40,9 @@ ALLOCATORS: dict[str, type[Allocator]] = {
 def method_class(method: str) -> type[Allocator]:
     """Return the class of a method: a name in `ALLOCATORS`, or ``module:Class`` for one's own.
 
-    Raises a ValueError if there is no such method, or the class is not a complete subclass of
-    `Allocator`.
+    The module is imported from Python's path or the working directory.  Raises a ValueError if
+    there is no such method, the import fails, or the class is not a complete subclass of
+    `Allocator` that can be made from a vehicle alone.
     """
     if method in ALLOCATORS:
         return ALLOCATORS[method]
@@ -47,7 +51,26 @@ def method_class(method: str) -> type[Allocator]:
             f'no allocation method {method!r}; there are {", ".join(ALLOCATORS)}, and '
             'module:Class for your own'
         )
-    return own_class(method)
+    module, _, name = method.partition(':')
+    if os.getcwd() not in sys.path:
+        # Python finds modules beside an installed script, but not in the working directory.
+        sys.path.append(os.getcwd())
+    try:
+        found = getattr(import_module(module), name)
+    except (Exception, SystemExit) as error:
+        # The module may raise anything while it is imported.
+        raise ValueError(f'{method}: {error or type(error).__name__}') from error
+    if not isinstance(found, type):
+        raise ValueError(f'{method}: not a class')
+    if not issubclass(found, Allocator):
+        raise ValueError(f'{method}: expected a subclass of ca_ros.Allocator')
+    if missing := ', '.join(sorted(found.__abstractmethods__)):
+        raise ValueError(f'{method}: the class does not define {missing}')
+    try:
+        signature(found).bind(None)
+    except TypeError as error:
+        raise ValueError(f'{method}: cannot be made from a vehicle: {error}') from None
+    return found
 
 
 def make_allocator(

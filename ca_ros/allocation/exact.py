@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -129,6 +130,8 @@ class Exact(Allocator):
         return self.allocate(u)
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
+        if not hasattr(self._engine, 'allocate_batch'):
+            return replace(super()._allocate_batch(demands), preference=self._preference)
         size = len(demands)
         demands = np.ascontiguousarray(demands)
         thrusts = np.empty((size, self._n))

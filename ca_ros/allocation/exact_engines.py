@@ -1,6 +1,6 @@
 """The two engines of the exact allocator: the kernel in C, and NumPy.
 
-Both have the methods `allocate` and `allocate_batch` of `ca_ros.kernel.Kernel`.
+Both have the methods `allocate` and `explain` of `ca_ros.kernel.Kernel`.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import explain
 from ca_ros.allocation.osqp_program import osqp_start
 from ca_ros.allocation.result import Status
-from ca_ros.arrays import Array, IntArray
+from ca_ros.arrays import Array
 from ca_ros.kernel import Kernel
 from ca_ros.problem.prioritization import Prioritization, sensed
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
@@ -129,14 +129,6 @@ class NumpyEngine:
             if not problem.is_exact(served.wrenches, thrusts):
                 status = Status.INEXACT
         return int(status), float(served.levels.min()), 0, 0
-
-    def allocate_batch(
-        self, wrenches: Array, thrusts: Array, status: IntArray, levels: Array, work: None
-    ) -> None:
-        """Write thrusts, status and levels for wrenches; see `Kernel.allocate_batch`."""
-        for i, u in enumerate(wrenches):
-            answer = self.allocate(u, thrusts[i])
-            status[i], levels[i] = (0, 1.0) if answer is None else answer[:2]
 
     def _least(self, solver: DualNewton, u: Array) -> Solution:
         start = None if self._osqp is None else self._osqp(u)

@@ -110,14 +110,11 @@ class TiltLimited:
         vehicle, tilts = self.vehicle, self._tilts
         rotors, servos = list[int](), list[int]()
         low, high = tilts.limits
-        places = zip(problem.windows, problem.sets.first, strict=True)
-        for i, ((each, rows), k) in enumerate(places):
+        ends = np.column_stack(problem.sets.length_limits).tolist()
+        places = zip(problem.windows, problem.sets.first, ends, strict=True)
+        for i, ((each, rows), k, (lower, upper)) in enumerate(places):
             vector = answer.thrusts[k : k + each.size]
             slack = AT_END * float(vehicle.thrust_max[i])
-            lower, upper = (
-                (each.lower, each.upper) if isinstance(each, Interval)
-                else (each.least, each.radius)
-            )
             above = upper < vehicle.thrust_max[i] - slack
             below = lower > vehicle.thrust_min[i] + slack
             length = float(np.linalg.norm(vector))

@@ -7,7 +7,7 @@ import numpy as np
 
 from ca_ros.allocation.exact_settings import ExactSettings, Serving
 from ca_ros.allocation.result import Status
-from ca_ros.arrays import Array, IntArray
+from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import KernelNewton, fields_of, sets_newton
 from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
@@ -77,14 +77,6 @@ class VectoredEngine:
         """Write the vectors for u; see `ca_ros.kernel.Kernel.allocate`."""
         thrusts[:], status, level = self._answer(self._problem.check(u))
         return None if status == Status.EXACT else (int(status), level, 0, 0)
-
-    def allocate_batch(
-        self, wrenches: Array, thrusts: Array, status: IntArray, levels: Array, work: None
-    ) -> None:
-        """Write vectors, status and levels for wrenches; see `Kernel.allocate_batch`."""
-        for i, u in enumerate(wrenches):
-            thrusts[i], found, levels[i] = self._answer(u)
-            status[i] = found
 
     def _answer(self, u: Array) -> tuple[Array, int, float]:
         """Return vectors, status and level for a wrench: ``ca_vectored_allocate`` in NumPy."""

@@ -28,8 +28,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from ca_ros.allocation import method_class
 from ca_ros.allocation.exact import processors
-from ca_ros.allocation.own_method import own_class
 from ca_ros.arguments import positive
 from ca_ros.errors import CaRosError
 from ca_ros.evaluation.result_files import versions
@@ -164,7 +164,7 @@ def code(*methods: str) -> dict[str, str]:
     found |= {name: installed[name] for name in ('numpy', 'scipy', 'osqp')}
     for method in methods:
         try:
-            module = sys.modules[own_class(method).__module__]
+            module = sys.modules[method_class(method).__module__]
         except ValueError as error:
             raise CaRosError(str(error)) from None
         found[method] = sha256(getsource(module).encode()).hexdigest()

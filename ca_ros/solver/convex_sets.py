@@ -59,25 +59,19 @@ class Sector:
             )
 
     @property
-    def corners(self) -> tuple[float, float, float, float]:
-        """Where the flank ends, (along, across) each: at the arc, and at the axis or `least`."""
-        end = min(self.half_angle, acos(self.least / self.radius)) if self.least else (
-            self.half_angle)
-        across = self.radius * sin(end)
-        inner = across if end < self.half_angle else self.least * tan(end)
-        return self.radius * cos(end), across, self.least, inner if self.least else 0.0
-
-    @property
     def fields(self) -> tuple[float, ...]:
         """The numbers of the set for `ConvexSets.fields`."""
         angle = min(self.half_angle, pi / 2)
         cosine = cos(angle) if angle < pi / 2 - 1e-12 else 0.0
         # The flank goes from `least` to the arc; it is empty if `least` cuts all of it off.
         begin = self.least / cosine if cosine else self.radius * (self.least > 0.0)
-        end_along, end_across, _, inner = self.corners
+        end, inner = self.half_angle, 0.0
+        if self.least:
+            end = min(end, acos(self.least / self.radius))
+            inner = self.radius * sin(end) if end < self.half_angle else self.least * tan(end)
         return (
             self.size, self.least, self.radius, float(self.half_angle == pi), cosine, sin(angle),
-            min(begin, self.radius), end_along, end_across, inner,
+            min(begin, self.radius), self.radius * cos(end), self.radius * sin(end), inner,
         )
 
 
