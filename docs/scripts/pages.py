@@ -1,13 +1,17 @@
 """The pages that scripts fill, and what the scripts share."""
 
 import re
+import warnings
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ca_ros.evaluation.cases import Case
+from ca_ros.evaluation.engine import compute
 from ca_ros.evaluation.tables import table
 from ca_ros.flight.closed_loop import fly
 from ca_ros.flight.record import Flight
@@ -70,6 +74,18 @@ def both_masses(
     yield f'`{name}`', case
     mass = float(case.vehicle.thrust_max.sum()) / case.vehicle.gravity / HEAVY
     yield f'`{name}`, heavy', Case.load(name, (*changes, f'vehicle.mass:={mass}'), methods)
+
+
+def spread(task: Callable[..., Any], cells: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return what a task of a script finds for each of the cells, its arguments, on all cores."""
+    everywhere = Namespace(workers=None, scheduler=None)
+    return compute(partial(_cell, task, cells), len(cells), everywhere, unit=' cells')
+
+
+def _cell(task: Callable[..., Any], cells: Sequence[Sequence[Any]], number: int) -> Any:
+    # The state of a tumbling vehicle overflows.
+    warnings.simplefilter('ignore', RuntimeWarning)
+    return task(*cells[number])
 
 
 def trajectory(*points: Sequence[float]) -> Trajectory:

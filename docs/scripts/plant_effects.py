@@ -1,14 +1,11 @@
-"""Fly with the effects of the plant; fill the tables of docs/plant_effects.md.
+"""Fly with the effects of the plant; fill the tables of docs/plant_effects.md."""
 
-Takes some minutes.
-"""
-
-import warnings
 from bisect import bisect_left
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
-from pages import distance, fill, flown, shipped, telling
+from pages import distance, fill, flown, shipped, spread, telling
 
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import table
@@ -46,8 +43,9 @@ def fly(vehicle: str, gain: float, effects: Mapping[str, object]) -> Flight | No
     return flown(case, GOAL, DURATION)
 
 
-def limit(vehicle: str, gain: float, name: str, others: Mapping[str, float]) -> int:
+def limit(vehicle: str, kind: str, gain: float) -> int:
     """Return the greatest lag or delay [ms] with which a vehicle holds the waypoint."""
+    name, others = LIMITS[kind]
 
     def fails(ms: int) -> bool:
         flight = fly(vehicle, gain, {**others, name: ms / 1000.0, 'sub_steps': 10})
@@ -58,33 +56,34 @@ def limit(vehicle: str, gain: float, name: str, others: Mapping[str, float]) -> 
 
 def limits_table() -> str:
     """Return the greatest lag and delays [ms] of each vehicle for each of the gains."""
+    vehicles = shipped(flying=True)
+    cells = [*product(vehicles, LIMITS, GAINS)]
+    found = dict(zip(cells, spread(limit, cells), strict=True))
     rows = [
         (f'`{vehicle}`', *(
-            ' / '.join(str(limit(vehicle, gain, *limited)) for gain in GAINS)
-            for limited in LIMITS.values()
-        )) for vehicle in shipped(flying=True)
+            ' / '.join(str(found[vehicle, kind, gain]) for gain in GAINS) for kind in LIMITS
+        )) for vehicle in vehicles
     ]
     titles = ('vehicle', *(f'{name} [ms]' for name in LIMITS))
     return telling('limits', titles, rows, lambda row: row[0] in SHOWN)
 
 
+def offsets(error: str, gain: float) -> str:
+    """Return the errors at the end of a flight with a constant error of the model."""
+    flight = fly('hexarotor', gain, ERRORS[error])
+    if flight is None:
+        return 'diverges'
+    turned = np.degrees(flight.heading_error(GOAL))
+    return f'{1e3 * flight.position_error(GOAL):.1f} mm, {turned:.1f}°'
+
+
 def offsets_table() -> str:
     """Return the errors at the end of flights with constant errors of the model."""
 
-    def cell(flight: Flight | None) -> str:
-        if flight is None:
-            return 'diverges'
-        turned = np.degrees(flight.heading_error(GOAL))
-        return f'{1e3 * flight.position_error(GOAL):.1f} mm, {turned:.1f}°'
-
-    rows = [
-        (name, *(cell(fly('hexarotor', gain, effects)) for gain in GAINS))
-        for name, effects in ERRORS.items()
-    ]
+    found = iter(spread(offsets, [*product(ERRORS, GAINS)]))
+    rows = [(name, *(next(found) for _ in GAINS)) for name in ERRORS]
     return table(('error', *(f'gain {gain:g}' for gain in GAINS)), rows)
 
 
 if __name__ == '__main__':
-    # The state of a tumbling vehicle overflows.
-    warnings.simplefilter('ignore', RuntimeWarning)
     fill('plant_effects.md', offsets=offsets_table(), limits=limits_table())
