@@ -179,14 +179,14 @@ def test_failures_and_announcements_have_their_times():
     sound = np.ones(3)
     assert failures.times() == [
         1_000_000_000, 1_050_000_000, 1_100_000_000, 1_150_000_000, 3_000_000_000, 3_100_000_000]
-    assert failures.physical(sound, 999_999_999).tolist() == [1.0, 1.0, 1.0]
-    assert failures.physical(sound, 1_000_000_000).tolist() == [1.0, 0.5, 1.0]
-    assert failures.believed(sound, 1_100_000_000).tolist() == [1.0, 0.5, 1.0]
-    assert failures.physical(sound, 1_100_000_000).tolist() == [1.0, 0.0, 1.0]
-    assert failures.believed(sound, 4_000_000_000).tolist() == [0.0, 0.0, 1.0]
+    assert failures.health(sound, 999_999_999).tolist() == [1.0, 1.0, 1.0]
+    assert failures.health(sound, 1_000_000_000).tolist() == [1.0, 0.5, 1.0]
+    assert failures.health(sound, 1_100_000_000, told=True).tolist() == [1.0, 0.5, 1.0]
+    assert failures.health(sound, 1_100_000_000).tolist() == [1.0, 0.0, 1.0]
+    assert failures.health(sound, 4_000_000_000, told=True).tolist() == [0.0, 0.0, 1.0]
     never = RotorFailures(failures.failures, None)
     assert never.times() == [1_000_000_000, 1_050_000_000, 3_000_000_000]
-    assert never.believed(sound, 4_000_000_000).tolist() == [1.0, 1.0, 1.0]
+    assert never.health(sound, 4_000_000_000, told=True).tolist() == [1.0, 1.0, 1.0]
 
 
 @pytest.mark.slow

@@ -87,8 +87,8 @@ def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Ser
 
 def _believed(flown: Flown, failures: RotorFailures, time: int) -> Array:
     """Return the health (n,) that the nodes know of at a time of flight [ns]."""
-    health = np.array(failures.believed(flown.vehicle.health, time))
-    actual = failures.physical(flown.vehicle.health, time)
+    health = failures.health(flown.vehicle.health, time, told=True)
+    actual = failures.health(flown.vehicle.health, time)
     for rotor, found in flown.detected.items():
         if round(found * 1e9) <= time:
             health[rotor - 1] = actual[rotor - 1] if actual[rotor - 1] < 1.0 else 0.0

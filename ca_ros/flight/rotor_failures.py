@@ -109,13 +109,16 @@ class RotorFailures:
         announced = [] if self.announce is None else [time + self.announce for time in failed]
         return {'failure': failed, 'announced': announced, 'detected': list(detected)}
 
-    def physical(self, health: Array, time: int) -> Array:
-        """Return the actual health (n,) at a time of flight [ns] from that at the start."""
-        return _after(health, self._past(time, 0.0))
+    def health(self, health: Array, time: int, told: bool = False) -> Array:
+        """Return the health (n,) at a time of flight [ns] from that at the start.
 
-    def believed(self, health: Array, time: int) -> Array:
-        """Return the announced health (n,) at a time of flight [ns] from that at the start."""
-        return _after(health, self._past(time, self.announce))
+        It is the actual one, or if `told` the announced one.
+        """
+        after = np.array(health, dtype=float)
+        for each in self._past(time, told):
+            if each.angle is None:
+                after[each.rotor - 1] = each.health
+        return after
 
     def values(
         self, health: Array, pairs: Numbers, time: int, told: bool
@@ -125,25 +128,17 @@ class RotorFailures:
         They come from those at the start, and are the actual ones, or if `told` the announced
         ones.
         """
-        past = self._past(time, self.announce if told else 0.0)
         stuck = [] if pairs in (0.0, [0.0]) else np.ravel(pairs).tolist()
-        for each in past:
+        for each in self._past(time, told):
             stuck += [] if each.angle is None else [float(each.rotor), each.angle]
-        return _after(health, past).tolist(), stuck or [0.0]
+        return self.health(health, time, told).tolist(), stuck or [0.0]
 
-    def _past(self, time: int, delay: float | None) -> list[RotorFailure]:
+    def _past(self, time: int, told: bool) -> list[RotorFailure]:
+        delay = self.announce if told else 0.0
         if delay is None:
             return []
         ordered = sorted(self.failures, key=lambda failure: failure.time)
         return [each for each in ordered if _ns(each.time + delay) <= time]
-
-
-def _after(health: Array, failures: list[RotorFailure]) -> Array:
-    after = np.array(health, dtype=float)
-    for each in failures:
-        if each.angle is None:
-            after[each.rotor - 1] = each.health
-    return after
 
 
 def _ns(seconds: float) -> int:

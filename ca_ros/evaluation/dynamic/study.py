@@ -175,7 +175,7 @@ def _write(
     """Write all files; return dynamic.md."""
     goal = options.goals.last
     out, failures = options.out, failures_of(options)
-    last = failures.physical(case.vehicle.health, round(options.duration * 1e9))
+    last = failures.health(case.vehicle.health, round(options.duration * 1e9))
     samples = {
         name: sample_errors(
             flight, case.controller(), options.goals.first, changes[name], case.body().vehicle
