@@ -111,7 +111,7 @@ setup(
     package_data={
         package: [
             'explorer.html', 'py.typed', 'evaluation/templates/*',
-            'firmware/templates/*', 'kernel/*.[ch]',
+            'firmware/templates/*', 'kernel/*.[ch]', 'process/discovery.xml',
         ],
     },
     ext_modules=kernels,

@@ -3,7 +3,6 @@
 import os
 import signal
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -11,8 +10,6 @@ import pytest
 os.environ |= {
     # Several processes share the processors.
     'OPENBLAS_NUM_THREADS': '1',
-    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
-    'FASTRTPS_DEFAULT_PROFILES_FILE': str(Path(__file__).with_name('discovery.xml')),
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'ROS_PYTHON_CHECK_FIELDS': '1',
     'CA_ROS_TEST_DEADLINE': '240',

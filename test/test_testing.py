@@ -73,7 +73,7 @@ def test_the_report_of_a_failed_test_has_the_output_of_its_processes(graph, tmp_
 
 def test_the_environment_is_that_of_the_graph_and_then_as_before(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '102')
-    monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS')
+    monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS', raising=False)
     with Graph(OTHER='1') as graph:
         assert os.environ['ROS_DOMAIN_ID'] == str(graph.domain) != '102'
         assert os.environ['FASTDDS_BUILTIN_TRANSPORTS'] == 'UDPv4'

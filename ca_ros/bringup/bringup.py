@@ -25,15 +25,14 @@ from ca_ros.errors import CaRosError, message
 from ca_ros.figures import save
 from ca_ros.nodes.executable import in_one_line
 from ca_ros.nodes.rclpy_internals import RCLError
-from ca_ros.process.processes import note_signals
+from ca_ros.process.processes import FAST_DDS, note_signals
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly; return 0 if the waypoint was reached."""
-    # Shared memory that a killed process leaves behind delays the next start by seconds.
-    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     # The matrices are too small for the threads of BLAS.
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    for name, value in {**FAST_DDS, 'OPENBLAS_NUM_THREADS': '1'}.items():
+        os.environ.setdefault(name, value)
     interrupts: list[int] = []
     new = None
     try:

@@ -11,11 +11,20 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, cast
 
 from ca_ros.nodes.console import ending_signals
 
 PR_SET_PDEATHSIG = 1  # from <sys/prctl.h>
+
+FAST_DDS = {
+    # Shared memory of killed processes would delay later starts by seconds.
+    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+    # Announcements every 0.2 s instead of 3 s: a start takes 3 s instead of 5 s.
+    'FASTRTPS_DEFAULT_PROFILES_FILE': str(Path(__file__).with_name('discovery.xml')),
+}
+"""The settings of Fast DDS, as environment variables, for processes that start together."""
 
 Process = subprocess.Popen[Any]
 

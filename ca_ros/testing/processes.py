@@ -18,7 +18,7 @@ from typing import Any, ClassVar, cast
 
 import psutil
 
-from ca_ros.process.processes import Deadline, Process, Processes
+from ca_ros.process.processes import FAST_DDS, Deadline, Process, Processes
 from ca_ros.testing.domain import claim
 
 DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))  # time limit of a wait [s]
@@ -31,8 +31,7 @@ STREAMS = 'stdout', 'stderr'
 CHECK = 'ROS_PYTHON_CHECK_FIELDS'
 
 SETTINGS = {
-    # Shared memory of killed processes would delay later starts by seconds.
-    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+    **FAST_DDS,
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     # Without this check an int in a field of type double is sent as a wrong number.
     CHECK: '1',
