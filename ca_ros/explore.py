@@ -2,8 +2,10 @@
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
+from ca_ros.problem.audit import audit
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.vehicle import Vehicle
@@ -23,8 +25,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write the page."""
+    """Write the page; repeat what the audit finds wrong with the vehicle."""
     Path(options.out).write_text(page(options.vehicle), encoding='utf-8')
+    if options.vehicle is not None:
+        report = audit(Vehicle.load(options.vehicle))
+        for line in [*report.warnings, *([] if report.sound else [f'audit: {report}'])]:
+            print(f'ca_ros explore: {line}', file=sys.stderr)
     print(f'Written: {options.out}. Open it in a browser; it needs no network.')
 
 

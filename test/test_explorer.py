@@ -1,6 +1,7 @@
 """The page of the explorer in a real browser: its numbers have the bits of Python."""
 
 import json
+import re
 import shutil
 import warnings
 
@@ -414,6 +415,13 @@ def test_the_command_writes_a_page_that_begins_with_the_vehicle(browser, tmp_pat
     page.goto(out.as_uri())
     page.wait_for_function('window.explorer?.times.length')
     assert page.locator('#vehicle option:checked').inner_text() == 'mine </script>'
+    assert 'Hover' not in page.locator('#words').inner_text()
+    assert capsys.readouterr().err == ''
+    file.write_text(re.sub('mass: .*', 'mass: 50.0', VEHICLES['y6']))
+    assert main(['explore', str(file), '--out', str(out)]) == 0
+    assert 'cannot hover: 50 kg' in capsys.readouterr().err
+    page.goto(out.as_uri())
+    page.get_by_text('Hover is not attainable (thrust)').wait_for()
     page.close()
     assert main(['explore', 'no such vehicle', '--out', str(out)]) == 1
     assert capsys.readouterr().err.count('\n') == 1

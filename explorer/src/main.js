@@ -71,7 +71,7 @@ function update() {
   const began = performance.now(),
     beside = state.beside ? kernel.allocate(vehicle, demand, state.beside) : null;
   const answer = kernel.allocate(vehicle, demand), served = answer.wrench, view = viewed();
-  const hover = health.some((h) => h < 1e-9) && kernel.allocate(vehicle, start);
+  const hover = kernel.allocate(vehicle, start);
   if (set.fault) answer.status = 'LOST';
   const moved = axes.some((axis, k) => !view.includes(k) && set.kept.includes(axis) &&
     Math.abs(demand[k] - served[k]) > 1e-9);

@@ -39,7 +39,9 @@ export function explain({vehicle, state, set}, answer, beside, hover) {
   }[answer.status] ?? [`Not attainable${answer.status === 'RATE_LIMITED' ? ' yet' : ''}: ${missing(answer)}.`,
     ...reasons(axes, answer)];
   if (set.lost.length) lines.push(`Lost: ${listed(set.lost)}. The rotors cannot control it independently.`);
-  if (lost.length) lines.push(`${capital(rotors(lost))} lost: ${hovers(vehicle, set, hover)}`);
+  const what = hovers(vehicle, set, hover);
+  if (lost.length) lines.push(`${capital(rotors(lost))} lost: ${what}`);
+  else if (hover.status !== 'EXACT') lines.push(`${capital(what)} Check mass and rotors.`);
   if (beside) lines.push(`${capital(METHODS[state.beside])}: ${missing(beside) || 'served in full'}.`);
   return lines;
 }
