@@ -79,6 +79,19 @@ def test_by_hand_and_in_words():
     assert str(why) == 'yaw 50 % served, limited by rotors 1, 3, 5 at their maximum'
 
 
+@pytest.mark.parametrize('engine', ['c', 'numpy'])
+def test_where_all_rotors_are_at_a_bound_none_is_left_out(engine, monkeypatch):
+    if engine == 'c':
+        need_kernel()
+    monkeypatch.setenv('CA_ROS_KERNEL', engine)
+    for name in ('quadrotor', 'hexarotor', 'x8'):
+        vehicle = Vehicle.load(name)
+        rotors = ', '.join(str(i + 1) for i in range(vehicle.n))
+        why = make_allocator('exact', vehicle).allocate([100.0, 0.0, 0.0, 0.0]).explanation
+        assert why.limits == {'thrust': f'rotors {rotors} at their maximum'}
+        np.testing.assert_allclose(why.gain[0], 1.0)
+
+
 def test_a_lost_rotor_is_not_one_at_its_minimum():
     vehicle = Vehicle.load('hexarotor').with_health([0.0, 1.0, 1.0, 0.5, 1.0, 1.0])
     exact = make_allocator('exact', VehicleProblem(vehicle))

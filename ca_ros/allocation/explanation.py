@@ -85,5 +85,12 @@ def explain(
         serve = default if isinstance(default, Prioritization) else None
     if serve is not None:
         prices = serve.prices(demand, None if within is problem else within)
+        for k in np.flatnonzero(served < 1.0):
+            way = np.sign((demand - problem.gamma @ thrusts)[k])
+            gains = way * problem.gamma[k]
+            room = gains @ (np.where(gains > 0.0, within.upper, within.lower) - thrusts)
+            if room <= SERVED * max(problem.extent[k], 1.0):
+                # The multipliers are not unique if too many rotors are at bounds.
+                prices[k] = way * (np.arange(prices.shape[1]) == k)
         found = limits_of(problem, within, served, prices)
     return Explanation(**vars(found), problem=problem, margin=margin)

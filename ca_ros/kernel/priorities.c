@@ -781,6 +781,17 @@ static void name_limits(const ca_problem *p, int k, const ca_real *prices, ca_ex
     }
 }
 
+/* By how much the bounds alone would let an axis go further in a direction. */
+static ca_real room(const ca_problem *p, int k, int way, const ca_real *thrusts)
+{
+    ca_real left = 0;
+    for (int i = 0; i < CA_ROTORS(p); i++) {
+        const ca_real gain = way * p->gamma[k][i];
+        left += gain * ((gain > 0 ? p->upper[i] : p->lower[i]) - thrusts[i]);
+    }
+    return left;
+}
+
 void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
                 ca_explanation *explanation)
 {
@@ -805,13 +816,18 @@ void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
     serve(p, goals, reference, 1, &s, axes);
     for (int k = 0; k < m; k++) {
         const ca_real way = u[k] - p->reference[k];
-        if (ca_abs(missed[k]) <= ca_max(DOUBT * s.doubt * p->extent[k], rounding))
+        const ca_real least = ca_max(DOUBT * s.doubt * p->extent[k], rounding);
+        if (ca_abs(missed[k]) <= least)
             continue;
         explanation->served[k] = 0;
         if (ca_abs(way) > 0)
             explanation->served[k] = ca_clip(1 - missed[k] / way, 0, 1);
         if (!(explanation->served[k] < 1))
             continue;
+        /* The multipliers are not unique if too many rotors are at bounds: prefer the axis alone. */
+        if (room(p, k, missed[k] > 0 ? 1 : -1, thrusts) <= least)
+            for (int j = 0; j <= CA_M; j++)
+                prices[k][j] = j == k ? (missed[k] > 0 ? 1 : -1) : 0;
         name_limits(p, k, prices[k], explanation);
         if (p->thrust >= 0 && ca_abs(prices[k][CA_M]) > ZERO)
             explanation->airmode[k] = prices[k][CA_M] * p->extent[k] / p->extent[p->thrust];
