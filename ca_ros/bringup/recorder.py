@@ -43,14 +43,14 @@ class Recorder(Node):
         self._links = links
         self._waypoint = self._offer_waypoint()
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
-        self._parameter_clients = {node: ParameterClient(self, node) for node in DECLARED}
+        self.parameter_clients = {node: ParameterClient(self, node) for node in DECLARED}
         # The names of a program's parameters come first: a request of others has no values.
         self._names: dict[str, list[str]] = {
             node: [*table(DECLARED[node])] for node in DECLARED if node not in foreign
         }
         self._calls: dict[str, Call[list[Any]]] = {
             node: client.get(self._names[node]) if node in self._names else client.names()
-            for node, client in self._parameter_clients.items()
+            for node, client in self.parameter_clients.items()
         }
         self._patience = Deadline(PARAMETERS_MAX)
         self.parameters: dict[str, dict[str, Any]] = {}
@@ -136,7 +136,7 @@ class Recorder(Node):
             self.parameters[node] = dict(zip(names, answer, strict=True))
         else:
             self._names[node] = [name for name in table(DECLARED[node]) if name in answer]
-            self._calls[node] = self._parameter_clients[node].get(self._names[node])
+            self._calls[node] = self.parameter_clients[node].get(self._names[node])
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors start."""

@@ -4,8 +4,6 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rcl_interfaces.srv import SetParameters
-
 from ca_ros.bringup.agreement import combined
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.commands import NODES
@@ -13,7 +11,6 @@ from ca_ros.errors import CaRosError
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
-from ca_ros.process.parameters import ParameterClient
 from ca_ros.process.processes import Deadline
 from ca_ros.settings import repeated
 from ca_ros.vehicle.vehicle import Vehicle
@@ -30,7 +27,7 @@ class Timeline:
     waits at each time (`simulator.hold_at`) until the nodes have answered, so all flights are the
     same.  In real time it does not wait.
 
-    The recorder sends the waypoints, and is the node of the clients; the parameters are by node
+    The recorder sends the waypoints and sets the parameters; the parameters are by node
     and name.  Raises a CaRosError if the vehicle does not have the rotors and servos that
     fail, or the simulator lacks a parameter.
     """
@@ -65,8 +62,6 @@ class Timeline:
             print(f'bringup: warning: {text}', file=sys.stderr)
         self._set_to = {name: self._values(name, -1) for name in self._health}
         self._ahead = round(common.get('simulator.time_step', 0.0) * 1e9) if self._lockstep else 0
-        services = [SetParameters] if self._times else []
-        self._clients = {name: ParameterClient(recorder, name, *services) for name in self._health}
 
     def update(self, elapsed: int | None, spin: Callable[[], None]) -> None:
         """Do what is due; raise a CaRosError if a node refuses, or does not answer.
@@ -106,7 +101,7 @@ class Timeline:
     def _set(
         self, name: str, parameter: str, value: float | list[float], spin: Callable[[], None]
     ) -> None:
-        call = self._clients[name].set({parameter: value})
+        call = self._recorder.parameter_clients[name].set({parameter: value})
         what = f'the {name} does not answer: {parameter} cannot be set'
         [result] = _wait(call.answer, what, spin)
         if not result.successful:

@@ -171,7 +171,9 @@ class Parameters:
         return self._wait(self._client.set_atomically(values))
 
     def _wait(self, call: Call[Answer]) -> Answer:
-        self._spin_until(lambda: call.answer() is not None, f'{call.service}: answered')
+        self._spin_until(
+            lambda: call.answer() is not None, f'{self._client.remote_node_name}: parameters'
+        )
         answer = call.answer()
         assert answer is not None
         return answer
