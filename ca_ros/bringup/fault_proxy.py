@@ -26,24 +26,6 @@ def remaps(node: str) -> list[str]:
     return [word for topic in topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
 
 
-_REMAPPED = '\n'.join(
-    f'  {node} --ros-args {" ".join(remaps(node))}'
-    for node in dict.fromkeys(node for topic in FAULTY for node in topic.subscribers)
-)
-
-GUIDE = f"""Remap the nodes that should read the faulty topics:
-
-{_REMAPPED}
-
-bringup does this for all nodes: bringup --faults 'drop:=0.1 delay:=0.02'. In flight, to cut all
-links, to cut only the first, and to restore them:
-
-  ros2 param set /fault_proxy drop 1.0
-  ros2 param set /fault_proxy drop '[1.0, 0.0, 0.0, 0.0]'
-  ros2 param set /fault_proxy drop 0.0
-"""
-
-
 class FaultProxyNode(ParameterNode):
     """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
 
@@ -165,7 +147,7 @@ def _parse(
         for name, field in table(declared).items()
     )
     parser = argparse.ArgumentParser(
-        prog=prog, description=description, epilog=f'parameters:\n{lines}\n\n{GUIDE}',
+        prog=prog, description=description, epilog=f'parameters:\n{lines}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     own, ros = split(argv)

@@ -44,14 +44,12 @@ class Recorder(Node):
         self._waypoint = self._offer_waypoint()
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
         self.parameter_clients = {node: ParameterClient(self, node) for node in DECLARED}
-        # The names of a program's parameters come first: a request of others has no values.
-        self._names: dict[str, list[str]] = {
-            node: [*table(DECLARED[node])] for node in DECLARED if node not in foreign
-        }
+        # The names come first: a request of a parameter that is not declared has no values.
         self._calls: dict[str, Call[list[Any]]] = {
-            node: client.get(self._names[node]) if node in self._names else client.names()
-            for node, client in self.parameter_clients.items()
+            node: client.names() for node, client in self.parameter_clients.items()
         }
+        self._names: dict[str, list[str]] = {}
+        self._foreign = foreign
         self._patience = Deadline(PARAMETERS_MAX)
         self.parameters: dict[str, dict[str, Any]] = {}
         """The parameters of each running node that has answered, by name."""
@@ -106,7 +104,7 @@ class Recorder(Node):
             self._ask(node)
         silent = [node for node in DECLARED if node not in self.parameters]
         absent = [
-            node for node in silent if node not in self._names and not self._calls[node].ready()
+            node for node in silent if node in self._foreign and not self._calls[node].ready()
         ]
         if lacking or {*absent} != {*silent}:
             self._patience = Deadline(PARAMETERS_MAX)
@@ -125,18 +123,16 @@ class Recorder(Node):
         if node in self.parameters or (answer := self._calls[node].answer()) is None:
             return
         if node in self._names:
-            names = self._names[node]
-            # A node that lacks one of the parameters answers with none.
-            if len(answer) != len(names):
-                path = self.resolve_topic_name(node)
-                raise CaRosError(
-                    f'{path} lacks parameters of the {node}: another node has its name; end it, '
-                    'or choose another --namespace'
-                )
-            self.parameters[node] = dict(zip(names, answer, strict=True))
-        else:
-            self._names[node] = [name for name in table(DECLARED[node]) if name in answer]
-            self._calls[node] = self.parameter_clients[node].get(self._names[node])
+            self.parameters[node] = dict(zip(self._names[node], answer, strict=True))
+            return
+        declared = table(DECLARED[node])
+        names = self._names[node] = [name for name in declared if name in answer]
+        if node not in self._foreign and len(names) < len(declared):
+            raise CaRosError(
+                f'{self.resolve_topic_name(node)} lacks parameters of the {node}: another node '
+                'has its name; end it, or choose another --namespace'
+            )
+        self._calls[node] = self.parameter_clients[node].get(names)
 
     def send(self, waypoint: Waypoint) -> None:
         """Send the waypoint; the flight begins when the rotors start."""
