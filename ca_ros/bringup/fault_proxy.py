@@ -146,8 +146,11 @@ def _parse(
         f'  {name:<12} {field.description}; {field.range()}'
         for name, field in table(declared).items()
     )
+    nodes = dict.fromkeys(node for topic in FAULTY for node in topic.subscribers)
+    words = '\n'.join(f'  {node} --ros-args {" ".join(remaps(node))}' for node in nodes)
+    epilog = f'parameters:\n{lines}\n\nnodes that should read the faulty topics:\n{words}'
     parser = argparse.ArgumentParser(
-        prog=prog, description=description, epilog=f'parameters:\n{lines}',
+        prog=prog, description=description, epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     own, ros = split(argv)
