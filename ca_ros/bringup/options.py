@@ -41,7 +41,7 @@ def parse(argv: Sequence[str]) -> Plan:
         parser.error('--fail: not with --respawn, which restarts the flight with sound rotors')
     if options.trajectory and options.respawn:
         parser.error('--trajectory: not with --respawn, which restarts the flight')
-    file = options.params_file or options.vehicle
+    file = options.vehicle
     if file is None and '--params-file' not in ros:
         file = DEFAULT_VEHICLE
     asked = options.namespace
@@ -92,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_mutually_exclusive_group().add_argument
     unless = f'(default: {DEFAULT_VEHICLE}, unless the ROS arguments have a --params-file)'
     add('--vehicle', help=f'a shipped vehicle or a parameter file {unless}')
-    add('--params-file', metavar='FILE', help='a parameter file')
+    add('--params-file', metavar='FILE', dest='vehicle', help='a parameter file')
     about = 'namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)'
     parser.add_argument('--namespace', help=about)
     return parser

@@ -20,7 +20,7 @@ class FaultProxy:
         values = {'topics': f'[{", ".join(self._topics)}]', **faults}
         words = [f'{name}:={value}' for name, value in values.items()]
         graph.start('fault_proxy', '--ros-args', *(w for word in words for w in ('-p', word)))
-        self._parameters = Parameters(graph.node, 'fault_proxy', graph.spin_until)
+        self._parameters = Parameters(graph, 'fault_proxy')
         self._parameters.get('seed')
 
     @property

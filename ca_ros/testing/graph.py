@@ -117,7 +117,7 @@ class Graph(GraphProcesses):
         """Wait until both ends of all topics have matched; return the parameters of a node."""
         # DDS announces the ends of a process in the order of their creation: a node that answers
         # the client of a service knows all ends that were created before the client.
-        parameters = Parameters(self.node, name, self.spin_until)
+        parameters = Parameters(self, name)
         for topic, matched in self._ends:
             self.spin_until(matched, f'{topic}: matched')
         parameters.get('use_sim_time')
@@ -153,10 +153,10 @@ def _short(messages: list[Any]) -> str:
 
 
 class Parameters:
-    """The parameters of the node `name`, for the node `client`; `Graph.connect` returns them."""
+    """The parameters of the node `name` of a graph; `Graph.connect` returns them."""
 
-    def __init__(self, client: Node, name: str, spin_until: Callable[..., None]) -> None:
-        self._spin_until, self._client = spin_until, ParameterClient(client, name)
+    def __init__(self, graph: Graph, name: str) -> None:
+        self._graph, self._client = graph, ParameterClient(graph.node, name)
 
     def get(self, *names: str) -> list[Any]:
         """Return the values of parameters."""
@@ -171,9 +171,8 @@ class Parameters:
         return self._wait(self._client.set_atomically(values))
 
     def _wait(self, call: Call[Answer]) -> Answer:
-        self._spin_until(
-            lambda: call.answer() is not None, f'{self._client.remote_node_name}: parameters'
-        )
+        what = f'{self._client.remote_node_name}: an answer about parameters'
+        self._graph.spin_until(lambda: call.answer() is not None, what)
         answer = call.answer()
         assert answer is not None
         return answer
