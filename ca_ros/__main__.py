@@ -11,7 +11,7 @@ from signal import SIG_DFL, SIGPIPE, signal
 
 from ca_ros import explore
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.commands import COMMANDS
+from ca_ros.commands import COMMANDS, warn_in_one_line
 from ca_ros.errors import message
 from ca_ros.evaluation import fit_thrust
 from ca_ros.evaluation.sets import audit_command
@@ -40,7 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         words = f'{about[0].upper()}{about[1:]}.'
         command.add_options(one := commands.add_parser(name, help=about, description=words))
         one.set_defaults(run=command.run)
+    parser.add_argument('--version', action='version', version=installed()[0])
     options = parser.parse_args(argv)
+    warn_in_one_line('ca_ros')
     try:
         if options.command is None:
             overview()
@@ -63,7 +65,7 @@ def overview() -> None:
         f'exact allocator: {kernel()}'
     )
     sections = {
-        'executables, each with --help': programs,
+        'executables, each with --help (the nodes and bringup need ROS 2 for it)': programs,
         'vehicles, for --vehicle and Vehicle.load': vehicles(),
         'problems, for --vehicle of static_study and attainable, and AllocationProblem.load': (
             problems()
@@ -107,7 +109,7 @@ def summary(module: str) -> str:
 
 def first_line(docstring: str | None) -> str:
     """Return the first line of a docstring."""
-    return (docstring or '').strip().partition('\n')[0]
+    return (docstring or '').strip().partition('\n')[0].replace(' [1]_', '')
 
 
 def vehicles() -> dict[str, str]:

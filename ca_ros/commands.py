@@ -4,7 +4,10 @@ A command reports a missing package in one line.  This module imports nothing bu
 library, because setup.py runs it.
 """
 
+from __future__ import annotations  # setup.py reads this module in any Python that pip runs
+
 import sys
+import warnings
 from importlib import import_module
 
 NODES = ('controller', 'allocator', 'simulator')
@@ -48,8 +51,14 @@ HINTS = {
 }
 
 
+def warn_in_one_line(command: str) -> None:
+    """Show warnings without their place in the code."""
+    warnings.formatwarning = lambda message, *_: f'{command}: {message}\n'  # type: ignore
+
+
 def run(command: str) -> int | None:
     """Run a command; return its exit code."""
+    warn_in_one_line(command)
     try:
         code: int | None = import_module(COMMANDS[command]).main()
     except ModuleNotFoundError as missing:

@@ -147,9 +147,11 @@ def test_a_batch_is_its_wrenches_one_by_one(method, data):
             np.testing.assert_allclose(together, apart, rtol=1e-9, atol=rounding, err_msg=name)
 
 
-def test_a_batch_counts_its_answers():
+def test_a_batch_counts_and_gives_its_answers():
     batch = make_allocator('exact', HEXAROTOR).allocate_batch([[12.0, 0, 0, 0], [12.0, 9, 0, 0]])
     assert str(batch) == '2 answers: 1 EXACT, 1 PRIORITIZED'
+    assert [f'{answer.status}' for answer in batch] == ['EXACT', 'PRIORITIZED']
+    np.testing.assert_array_equal(batch[1].thrusts, batch.thrusts[1])
 
 
 @every_method

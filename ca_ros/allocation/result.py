@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import Enum, IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,12 @@ class Status(IntEnum):
     """The wrench is not attainable; nothing is allocated: the thrusts are nearest to zero."""
     RATE_LIMITED = 6
     """PRIORITIZED or SCALED, within bounds of this answer: rates of the rotors limit it."""
+
+    def __str__(self) -> str:
+        """Return the name; an IntEnum would be its number in some versions of Python."""
+        return self.name
+
+    __format__ = Enum.__format__
 
 
 class Answer:
@@ -185,6 +191,12 @@ class AllocationBatch(Answer):
     def __len__(self) -> int:
         """Return the number of wrenches."""
         return len(self.demand)
+
+    def __getitem__(self, i: int) -> Allocation:
+        """Return the answer to wrench i."""
+        parts = self.demand[i], self.thrusts[i], Status(self.status[i])
+        shares = float(self.level[i]), float(self.violation[i])
+        return Allocation(self.problem, *parts, *shares, self.preference)
 
     def __str__(self) -> str:
         """Return how many answers there are, and of which status."""

@@ -236,4 +236,8 @@ class AdmissibleSet:
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Draw wrenches (size, m) [N, N m] uniformly by volume."""
+        if not isinstance(rng, np.random.Generator):
+            raise TypeError(f'rng: expected a numpy.random.Generator, got {rng!r}')
+        if size < 0:
+            raise ValueError(f'size: expected a number of wrenches, got {size}')
         return self.problem.attainable_set.sample(rng, size)

@@ -108,7 +108,9 @@ class Vehicle:
         """Read a vehicle from a parameter file.
 
         Only the vehicle's own parameters are checked; `ca_ros.nodes.settings.load` checks the
-        whole file.  Raises a ParameterError that names the file, the key and the fault.
+        whole file.  Settings of methods, such as ``allocation.exact.policy``, are for nodes,
+        studies and firmware: `make_allocator` takes them by keyword.  Raises a ParameterError that
+        names the file, the key and the fault.
 
         `vehicle` and `node`: see `ca_ros.vehicle.files.read`.
         """
