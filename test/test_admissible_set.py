@@ -171,3 +171,11 @@ def test_samples_are_uniform_by_volume(name):
     for about in (admissible.center, *thrusts @ control_allocation_matrix(vehicle).T):
         fraction = np.mean(admissible.contains(about + 2.0 * (samples - about)))
         assert abs(fraction - share) < 4.0 * np.sqrt(share * (1.0 - share) / size)
+
+
+def test_what_is_no_generator_or_number_of_samples_is_named():
+    admissible = AdmissibleSet(HEXAROTOR)
+    with pytest.raises(TypeError, match='rng: expected a numpy.random.Generator, got 0'):
+        admissible.sample(0, 3)
+    with pytest.raises(ValueError, match='size: expected a number of wrenches, got -1'):
+        admissible.sample(np.random.default_rng(), -1)
