@@ -4,6 +4,8 @@ import re
 
 project = 'ca_ros'
 author = copyright = 'ca_ros maintainers'
+# Where names of files differ in more than case.
+autosummary_filename_map = {'ca_ros.audit': 'ca_ros.audit_function'}
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'numpydoc']
 # One page a name of api.rst.
 templates_path = ['templates']

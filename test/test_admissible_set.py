@@ -175,7 +175,7 @@ def test_samples_are_uniform_by_volume(name):
 
 def test_what_is_no_generator_or_number_of_samples_is_named():
     admissible = AdmissibleSet(HEXAROTOR)
-    with pytest.raises(TypeError, match='rng: expected a numpy.random.Generator, got 0'):
+    with pytest.raises(TypeError, match=r'rng: expected a numpy\.random\.Generator, got 0'):
         admissible.sample(0, 3)
     with pytest.raises(ValueError, match='size: expected a number of wrenches, got -1'):
         admissible.sample(np.random.default_rng(), -1)

@@ -782,7 +782,7 @@ static void name_limits(const ca_problem *p, int k, const ca_real *prices, ca_ex
 }
 
 /* By how much the bounds alone would let an axis go further in a direction. */
-static ca_real room(const ca_problem *p, int k, int way, const ca_real *thrusts)
+static ca_real room(const ca_problem *p, int k, ca_real way, const ca_real *thrusts)
 {
     ca_real left = 0;
     for (int i = 0; i < CA_ROTORS(p); i++) {
@@ -825,9 +825,10 @@ void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
         if (!(explanation->served[k] < 1))
             continue;
         /* The multipliers are not unique if too many rotors are at bounds: prefer the axis alone. */
-        if (room(p, k, missed[k] > 0 ? 1 : -1, thrusts) <= least)
+        const ca_real sign = missed[k] > 0 ? 1 : -1;
+        if (room(p, k, sign, thrusts) <= least)
             for (int j = 0; j <= CA_M; j++)
-                prices[k][j] = j == k ? (missed[k] > 0 ? 1 : -1) : 0;
+                prices[k][j] = j == k ? sign : 0;
         name_limits(p, k, prices[k], explanation);
         if (p->thrust >= 0 && ca_abs(prices[k][CA_M]) > ZERO)
             explanation->airmode[k] = prices[k][CA_M] * p->extent[k] / p->extent[p->thrust];
