@@ -30,8 +30,8 @@ PAGE_TOOLS = ('npm', 'clang', 'wasm-ld')
 """What `make explorer` needs."""
 
 LEFT_BY_TOOLS = (
-    '.git', '.venv', '.hypothesis', '.*_cache', '__pycache__', '*.egg-info', 'build', 'dist',
-    'install', 'node_modules', 'log', 'out', '*.so')
+    '.git', '.venv', '.coverage*', '.hypothesis', '.*_cache', '__pycache__', '*.egg-info', 'build',
+    'dist', 'install', 'node_modules', 'log', 'out', '*.so')
 
 
 @pytest.fixture(scope='module')
