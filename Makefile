@@ -48,10 +48,13 @@ fault = $(or \
 # Tests of nodes wait for messages now and then: three for two processors.
 workers = $(shell expr 3 "*" $$(nproc) / 2)
 
+# The version with which `make compare` compares.
+BASE ?= HEAD~1
+
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600
 
-.PHONY: explorer help demo test test-all test-numpy soak benchmark readme docs venv clean
+.PHONY: explorer help demo test test-all test-numpy soak benchmark compare readme docs venv clean
 
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
@@ -59,6 +62,7 @@ help:
 	@echo 'make test-all   the same tests in their long forms, those that take long, and the coverage'
 	@echo 'make test-numpy tests of allocation without the kernel in C'
 	@echo 'make benchmark  time everything beside other solvers, for minutes; results in benchmarks'
+	@echo 'make compare BASE=COMMIT   times and answers of HEAD beside those of another commit'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
 	@echo 'make explorer   build the page of python -m ca_ros explore; needs npm, clang and lld'
@@ -92,6 +96,17 @@ test-numpy: .venv/.test
 
 benchmark: .venv/.benchmark
 	.venv/bin/python -m benchmarks --out benchmarks
+
+# In an environment without ROS, because asv passes its own environment on to those of the versions.
+asv := out/compare/asv/bin
+compare: $(asv)/asv
+	PYTHONPATH=benchmarks $(asv)/python -m release.compare $(BASE) HEAD; answers=$$?; \
+	$(asv)/asv machine --yes > out/compare/machine && \
+	$(asv)/asv continuous --interleave-rounds --factor 1.1 $(BASE) HEAD && exit $$answers
+
+$(asv)/asv:
+	$(PYTHON) -m venv out/compare/asv
+	$(asv)/python -m pip install -q --disable-pip-version-check asv==0.6.6 virtualenv numpy
 
 soak: .venv/.test
 	.venv/bin/python test/soak.py --seconds $(SOAK)

@@ -1,0 +1,1 @@
+"""A version of ca_ros beside another: speed, measured by asv, and answers."""
