@@ -18,7 +18,8 @@ from ca_ros.evaluation.sets import audit_command
 from ca_ros.kernel import NOT_BUILT, chosen, load
 from ca_ros.nodes.bridges import motors
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.vehicle import px4_parameters, urdf
+from ca_ros.px4 import parameters as px4_parameters
+from ca_ros.vehicle import urdf
 from ca_ros.vehicle.files import shipped_problems, shipped_tilting, shipped_vehicles
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -50,6 +50,13 @@ def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
     return read
 
 
+def add_rotor_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:
+    """Add the options for the numbers of rotors that a geometry does not have."""
+    parser.add_argument('--speed-min', type=finite, required=True, help='[rad/s]')
+    parser.add_argument('--speed-max', type=finite, required=True, help='[rad/s]')
+    parser.add_argument('--thrust-coefficient', type=finite, required=True, help=coefficient)
+
+
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     """Split a command line into its own arguments and those of ROS (--ros-args to the next --)."""
     own: list[str] = []

@@ -21,7 +21,7 @@ COMMANDS = {
     **{node: f'ca_ros.nodes.{node}' for node in NODES},
     **{
         bridge: f'ca_ros.nodes.bridges.{bridge}'
-        for bridge in ('actuators_bridge', 'gazebo_bridge', 'px4_bridge', 'ros2_control_bridge')
+        for bridge in ('actuators_bridge', 'gazebo_bridge', 'ros2_control_bridge')
     },
     'attainable': 'ca_ros.evaluation.sets.attainable',
     'bringup': 'ca_ros.bringup.bringup',
@@ -29,6 +29,7 @@ COMMANDS = {
     'fault_proxy': 'ca_ros.bringup.fault_proxy',
     'firmware': 'ca_ros.firmware.command',
     'monitor': 'ca_ros.nodes.monitor',
+    'px4_bridge': 'ca_ros.px4.px4_bridge',
     'static_study': 'ca_ros.evaluation.static.study',
     'viewer': 'ca_ros.nodes.viewer',
 }

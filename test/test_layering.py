@@ -36,7 +36,8 @@ ROS = ('rclpy', 'rcl_interfaces', 'std_msgs', 'geometry_msgs', 'diagnostic_msgs'
 EVERY_MODULE = """
 import ca_ros
 
-ROOMS = ('ca_ros.nodes.', 'ca_ros.process.', 'ca_ros.bringup.', 'ca_ros.testing')
+ROOMS = ('ca_ros.nodes.', 'ca_ros.process.', 'ca_ros.bringup.', 'ca_ros.testing',
+         'ca_ros.px4.px4_bridge')
 names = [module.name for module in walk_packages(ca_ros.__path__, 'ca_ros.')
          if not module.name.startswith(ROOMS)]
 for name in names:
@@ -200,7 +201,7 @@ def test_an_interrupt_while_the_package_is_imported_ends_a_command_without_a_tra
 # Rooms
 
 ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'firmware', 'nodes',
-         'process', 'bringup', 'evaluation', 'testing']
+         'px4', 'process', 'bringup', 'evaluation', 'testing']
 """From the first to the last on the way of a wrench: none imports a later one."""
 
 PACKAGE = Path(__file__).parent.parent / 'ca_ros'

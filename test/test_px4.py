@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import Exact, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.__main__ import main
-from ca_ros.nodes.bridges import px4
-from ca_ros.vehicle import px4_parameters as parameters
+from ca_ros.px4 import frames as px4
+from ca_ros.px4 import parameters
 from ca_ros.vehicle.files import read
 from strategies import FLEET
 

@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ca_ros.arguments import add_rotor_numbers
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.parameter_text import parameter_text
-from ca_ros.vehicle.px4_parameters import add_numbers
 
 
 class Model(NamedTuple):
@@ -142,7 +142,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rotors', nargs='+', required=True, metavar='LINK')
     words = ('cw', 'ccw')
     parser.add_argument('--spins', nargs='+', required=True, choices=words, help='from above')
-    add_numbers(parser, 'k_f [kg m]')
+    add_rotor_numbers(parser, 'k_f [kg m]')
     parser.add_argument('--torque-coefficient', type=float, required=True, help='[kg m^2]')
 
 

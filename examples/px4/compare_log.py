@@ -6,8 +6,8 @@ import numpy as np
 from pyulog import ULog
 
 from ca_ros import Vehicle, make_allocator
-from ca_ros.nodes.bridges import px4
-from ca_ros.vehicle.px4_parameters import from_px4
+from ca_ros.px4 import frames as px4
+from ca_ros.px4.parameters import from_px4
 
 log = ULog(sys.argv[1])
 given = {name: value for name, value in log.initial_parameters.items() if name[:3] == 'CA_'}

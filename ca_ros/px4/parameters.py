@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.arguments import finite
+from ca_ros.arguments import add_rotor_numbers, finite
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -247,7 +247,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     ways = parser.add_subparsers(dest='way', required=True)
     one = ways.add_parser('from-px4', help='print a parameter file of ca_ros')
     one.add_argument('file', type=Path, help='an airframe, or a file of QGroundControl (.params)')
-    add_numbers(one, 'k_f, of the strongest [kg m]')
+    add_rotor_numbers(one, 'k_f, of the strongest [kg m]')
     about = 'k_tau / k_f [m] (default: the magnitude of KM)'
     one.add_argument('--moment-constant', type=finite, help=about)
     one.add_argument('--mass', type=finite, required=True, help='[kg]')
@@ -258,13 +258,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     other.add_argument('--style', choices=STYLES, default='shell', help='(default: %(default)s)')
     about = "the rotor that each of PX4's motors is"
     other.add_argument('--order', default='', metavar='A,B,..', help=about)
-
-
-def add_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:
-    """Add the options for the numbers of rotors that a geometry does not have."""
-    parser.add_argument('--speed-min', type=finite, required=True, help='[rad/s]')
-    parser.add_argument('--speed-max', type=finite, required=True, help='[rad/s]')
-    parser.add_argument('--thrust-coefficient', type=finite, required=True, help=coefficient)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -14,11 +14,11 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray, Header
 
 from ca_ros.nodes import topics
-from ca_ros.nodes.bridges import px4
 from ca_ros.nodes.bridges.bridge import Bridge
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import speeds_stamp, stamp, state_messages, wrench_message
 from ca_ros.nodes.topics import COMMAND
+from ca_ros.px4 import frames
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -58,18 +58,18 @@ class Px4Bridge(Bridge):
     def adopt(self, built: Vehicle) -> None:
         """Use the vehicle; raise a `ParameterError` if PX4 cannot have its rotors."""
         super().adopt(built)
-        if built.n > px4.CONTROLS:
-            raise ParameterError(f'{built.n} rotors, but PX4 has {px4.CONTROLS} motors at most')
+        if built.n > frames.CONTROLS:
+            raise ParameterError(f'{built.n} rotors, but PX4 has {frames.CONTROLS} motors at most')
         if (built.speed_min < 0.0).any():
             raise ParameterError('rotors reverse (rotors.speed_min < 0), which is not supported')
-        self._units = px4.units(built)
+        self._units = frames.units(built)
 
     def _now(self) -> int:
         return self.get_clock().now().nanoseconds // 1000
 
     def _convert(self, speeds: Float64MultiArray) -> Any:
         options, time = self.settings.bridge, speeds_stamp(speeds)
-        found = px4.controls(
+        found = frames.controls(
             np.array(speeds.data), self.vehicle, self.order, options.px4_output,
             options.px4_thrust_factor,
         )
@@ -87,14 +87,14 @@ class Px4Bridge(Bridge):
     def _state(self, odometry: Any) -> Any:
         # The agent has added the difference of the clocks.
         time = stamp(odometry.timestamp_sample * 1000)
-        frames = self.settings.world_frame, self.settings.command_frame
-        return state_messages(*px4.state(odometry), time, *frames)
+        names = self.settings.world_frame, self.settings.command_frame
+        return state_messages(*frames.state(odometry), time, *names)
 
     def _wrench(self, torque: Any) -> Any:
         time = torque.timestamp_sample
-        if self._thrust is None or abs(self._thrust.timestamp_sample - time) > px4.APART:
-            raise ValueError(f'a torque without a thrust within {px4.APART / 1000:g} ms')
-        found = px4.wrench(self._thrust.xyz, torque.xyz, self._units)
+        if self._thrust is None or abs(self._thrust.timestamp_sample - time) > frames.APART:
+            raise ValueError(f'a torque without a thrust within {frames.APART / 1000:g} ms')
+        found = frames.wrench(self._thrust.xyz, torque.xyz, self._units)
         header = Header(stamp=stamp(time * 1000), frame_id=self.settings.command_frame)
         return wrench_message(found, header)
 
