@@ -4,12 +4,14 @@
 """
 
 import csv
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.release import compare
+import ca_ros
+from benchmarks.release import compare, speed
 from benchmarks.release.table import rows
 
 TABLE = Path(__file__).with_name('answers.csv')
@@ -40,3 +42,24 @@ def test_a_difference_of_one_bit_is_named(other, words):
 def test_a_text_that_differs_is_shown():
     found = compare.difference(np.array(['as it was', 'a']), np.array(['as it was', 'b']))
     assert found == '1 of 2, first a -> b'
+
+
+BENCHMARKS = [each for each in vars(speed).values() if isinstance(each, type) and any(
+    name.startswith('time_') for name in vars(each))]
+
+
+@pytest.mark.parametrize('kind', BENCHMARKS, ids=lambda kind: kind.__name__)
+def test_this_version_runs_each_benchmark_of_speed(kind, monkeypatch):
+    monkeypatch.setattr(speed, 'CALLS', 3)
+    params = getattr(kind, 'params', ())
+    for values in itertools.product(*params):
+        benchmark = kind()
+        benchmark.setup(*values)
+        for name in vars(kind):
+            if name.startswith('time_'):
+                getattr(benchmark, name)(*values)
+
+
+def test_what_a_version_lacks_is_left_out():
+    with pytest.raises(NotImplementedError), speed.optional():
+        ca_ros.no_such_name  # noqa: B018
