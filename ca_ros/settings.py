@@ -45,6 +45,9 @@ RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
     'allocation.exact.reversal': ('allocation.exact.thrust_deviation', {}),
     'problem.effectors': ('problem.effector_names', {}),
     'allocation.exact.slack': ('allocation.exact.residual_slack', {}),
+    'bridge.px4_input': ('px4.interface', {'state': 'offboard'}),
+    'bridge.px4_output': ('px4.output', {}),
+    'bridge.px4_thrust_factor': ('px4.thrust_factor', {}),
     **{
         name: (name, SWITCH) for name in (
             'allocation.betaflight_mixer.airmode', 'simulator.publish_clock',

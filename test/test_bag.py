@@ -17,7 +17,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 
 from ca_ros.bringup.bag import LOOP, RECORDED, Bag
-from ca_ros.nodes.topics import EFFECTORS, TILT_COMMAND, TILTS
+from ca_ros.nodes.topics import EFFECTORS, STATE_RESTART, TILT_COMMAND, TILTS
 from ca_ros.testing import Graph
 
 pytest.importorskip('rosbags', reason="needs the extra 'bag'")
@@ -30,8 +30,8 @@ SWITCHES = (
     'simulator.publish_clock', 'simulator.publish_odometry', 'publish_throttle', 'publish_pwm')
 """Parameters that switch optional topics on."""
 
-ELSEWHERE = EFFECTORS.name, TILT_COMMAND.name, TILTS.name
-"""Topics of problems without a vehicle and of rotors that tilt."""
+ELSEWHERE = EFFECTORS.name, TILT_COMMAND.name, TILTS.name, STATE_RESTART.name
+"""Topics of problems without a vehicle, of rotors that tilt, and of px4_bridge."""
 
 LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'
 DURATION = 1.5

@@ -16,9 +16,9 @@ from ca_ros.flight.settings import ControllerSettings
 from ca_ros.nodes.settings import (
     DECLARED,
     AllocatorSettings,
-    BridgeNodeSettings,
     FileSettings,
     MonitorSettings,
+    Px4NodeSettings,
     load,
     load_for,
 )
@@ -289,7 +289,7 @@ def test_a_name_that_looks_like_one_of_ours_is_not_passed_over(tmp_path, name):
 
 
 def test_a_file_may_have_what_the_nodes_declare():
-    kinds = (*DECLARED.values(), MonitorSettings, BridgeNodeSettings)
+    kinds = (*DECLARED.values(), MonitorSettings, Px4NodeSettings)
     assert set().union(*map(table, kinds)) == PARAMETERS.keys()
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -19,7 +20,6 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 from ca_ros import arguments, settings
 from ca_ros.nodes.console import ending_signals, never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
-from ca_ros.nodes.parameter_node import ParameterNode
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
 from ca_ros.nodes.settings import FileSettings, load_for
 from ca_ros.settings import ParameterError, Settings, table
@@ -125,13 +125,13 @@ def _parameter_files(ros: Sequence[str]) -> str:
 
 
 def run(
-    name: str, node_class: type[ParameterNode], description: str, parse: Parse = parse
+    name: str, node_class: Any, description: str, parse: Parse = parse
 ) -> int:
     """Run a node until SIGINT, SIGTERM or SIGHUP; return its exit code.
 
     The signals set a flag and do not shut the context down, so the node can send its last
     messages.  The name is that of executable and node, the description is for ``--help``.  `parse`
-    returns the arguments for ROS.
+    returns the arguments for ROS.  The class of the node has its settings in `declared`.
     """
     replace_closed()
     stop: list[int] = []

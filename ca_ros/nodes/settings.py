@@ -165,16 +165,24 @@ class BridgeSettings(Settings):
         'order', minimum=0.0)
     actuators: Literal['velocity', 'normalized'] = setting(
         'velocity', 'field of actuator_msgs/Actuators. velocity: rad/s; normalized: throttle')
-    px4_input: Literal['state', 'setpoints'] = setting(
-        'state',
-        'what comes from PX4. state: its odometry, for a controller of yours; setpoints: thrust '
-        'and torque of its rate loop, as command/wrench')
-    px4_output: Literal['thrust', 'throttle'] = setting(
+
+
+@dataclass(frozen=True, kw_only=True)
+class Px4Settings(Settings):
+    """What ca_ros is to PX4, and what PX4 gets."""
+
+    interface: Literal['mode', 'offboard', 'setpoints'] = setting(
+        'mode',
+        'what ca_ros is to PX4. mode: an external mode with a controller of yours; offboard: the '
+        'same in offboard mode; setpoints: the allocator of its own loops, in simulation')
+    simulation: bool = setting(
+        False, 'whether PX4 flies in simulation; interface: setpoints is for nothing else')
+    output: Literal['thrust', 'throttle'] = setting(
         'thrust',
         'what PX4 gets. thrust: the share of the greatest thrust, of which PX4 makes its output '
         'by THR_MDL_FAC; throttle: the control whose output is the throttle')
-    px4_thrust_factor: float = setting(
-        0.0, 'THR_MDL_FAC as it is set in PX4, for px4_output: throttle', minimum=0.0, maximum=1.0)
+    thrust_factor: float = setting(
+        0.0, 'THR_MDL_FAC as it is set in PX4, for output: throttle', minimum=0.0, maximum=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,6 +190,13 @@ class BridgeNodeSettings(WorldSettings, NodeSettings, VehicleSettings):
     """The settings of a bridge."""
 
     bridge: BridgeSettings = BridgeSettings()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Px4NodeSettings(BridgeNodeSettings):
+    """The settings of the bridge to PX4."""
+
+    px4: Px4Settings = Px4Settings()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +208,7 @@ class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
     simulator: SimulationSettings
     detector: DetectorSettings
     bridge: BridgeSettings = BridgeSettings()
+    px4: Px4Settings = Px4Settings()
 
 
 DECLARED: dict[str, type[NodeSettings]] = {

@@ -12,7 +12,7 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Float64MultiArray, Int8MultiArray
+from std_msgs.msg import Float64MultiArray, Header, Int8MultiArray
 
 try:
     from visualization_msgs.msg import MarkerArray
@@ -69,6 +69,9 @@ TILTS = Topic('tilt_angle', Float64MultiArray, 'simulator', stream=True, optiona
 POSE = Topic('local_position/pose', PoseStamped, 'simulator', ('controller',), stream=True)
 VELOCITY = Topic(
     'local_position/velocity_body', TwistStamped, 'simulator', ('controller',), stream=True
+)
+STATE_RESTART = Topic(
+    'local_position/restart', Header, 'px4_bridge', optional=True
 )
 ODOMETRY = Topic('local_position/odometry', Odometry, 'simulator', optional=True)
 CLOCK = Topic('/clock', Clock, 'simulator', optional=True)

@@ -15,7 +15,7 @@ the same motors.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,13 +56,24 @@ def attitude(q: Sequence[float]) -> Array:
     return np.sqrt(0.5) * np.array([x + y, x - y, w - z, w + z])
 
 
-def state(message: Any) -> tuple[Array, Array, Array, Array]:
+class State(NamedTuple):
+    """A state in our frames.
+
+    - `position` (3,): east-north-up [m]
+    - `attitude` (4,): quaternion x, y, z, w, body to world
+    - `velocity`, `angular_velocity` (3,): in the body frame, forward-left-up [m/s, rad/s]
+    """
+
+    position: Array
+    attitude: Array
+    velocity: Array
+    angular_velocity: Array
+
+
+def state(message: Any) -> State:
     """Return the state in a VehicleOdometry.
 
     Raises a ValueError if a value is unknown (NaN), or a frame is another one.
-
-    Returns `position` (3,): east-north-up [m]; `attitude` (4,): x, y, z, w; `velocity,
-    angular_velocity` (3,): in the body frame, forward-left-up [m/s, rad/s].
     """
     if message.pose_frame != NED:
         raise ValueError(f'pose_frame is {message.pose_frame}, expected {NED} (north-east-down)')
@@ -79,7 +90,9 @@ def state(message: Any) -> tuple[Array, Array, Array, Array]:
         velocity = rotation_matrix(rotation).T @ world(message.velocity)
     else:
         velocity = body(message.velocity)
-    return world(message.position), rotation, velocity, body(message.angular_velocity)
+    return State(
+        world(message.position), rotation, velocity, body(message.angular_velocity)
+    )
 
 
 def units(vehicle: Vehicle) -> Array:
@@ -111,6 +124,20 @@ def wrench(thrust: Sequence[float], torque: Sequence[float], unit: Array) -> Arr
     if not np.isfinite(given).all():
         raise ValueError(f'set-points {given}: expected finite numbers')
     return FLIP * unit * given
+
+
+def thrust(speeds: Array, vehicle: Vehicle) -> Array:
+    """Return VehicleThrustSetpoint.xyz (3,), float32: the force of the rotors, forward-right-down.
+
+    It is normalised by the sum of the greatest thrusts, so that of upright rotors is (0, 0, -1) at
+    most.
+
+    - `speeds` (n,): in the order of the vehicle's parameter file [rad/s]
+    - `vehicle`: with sound rotors
+    """
+    force = vehicle.thrusts(np.minimum(speeds, vehicle.speed_max)) @ vehicle.rotor_axes
+    full = vehicle.thrusts(vehicle.speed_max).sum()
+    return np.asarray(FLIP[:3] * force / full, dtype=np.float32)
 
 
 def controls(

@@ -1,103 +1,180 @@
-"""Rotor speeds to PX4 (ActuatorMotors), and its state or its set-points back.
+"""The node that speaks with PX4: it has the rules, and turns them into topics.
 
-Direct actuators bypass PX4's position, attitude and rate loops: nothing but your controller
-stabilises the vehicle.  With ``bridge.px4_input: setpoints`` the speeds answer PX4's own rate loop
-instead, and PX4 stabilises the vehicle.
+It is the only module that imports px4_msgs.
 """
 
+import re
+from collections.abc import Callable
 from functools import partial
-from math import inf
 from time import monotonic
 from typing import Any
 
 import numpy as np
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, Header
 
+from ca_ros.arrays import Array
 from ca_ros.nodes import topics
-from ca_ros.nodes.bridges.bridge import Bridge
+from ca_ros.nodes.bridges.motors import order_of
+from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, DiagnosticsPublisher
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import speeds_stamp, stamp, state_messages, wrench_message
-from ca_ros.nodes.topics import COMMAND
-from ca_ros.px4 import frames
-from ca_ros.settings import ParameterError
+from ca_ros.nodes.messages import answers_nothing, stamp, state_messages, wrench_message
+from ca_ros.nodes.parameter_node import descriptor
+from ca_ros.nodes.rclpy_internals import given_parameters
+from ca_ros.nodes.settings import FileSettings, Px4NodeSettings
+from ca_ros.nodes.stream import Streams
+from ca_ros.nodes.topics import offered
+from ca_ros.nodes.watchdog import TICK
+from ca_ros.px4.frames import State
+from ca_ros.px4.rules import Rules, topic
+from ca_ros.settings import check_given, flat, read, renamed, table
 from ca_ros.vehicle.vehicle import Vehicle
 
-FRESH, BEAT = 0.2, 0.1  # age of a command that keeps offboard mode alive, and how often [s]
+FROM_PX4 = QoSProfile(
+    depth=5, reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""QoS of PX4's publishers; as many messages as PX4 keeps of its replies and requests."""
+
+TO_PX4 = QoSProfile(depth=5)
+
+LEVELS = {'OK': OK, 'WARN': WARN, 'ERROR': ERROR, 'STALE': STALE}
 
 
-class Px4Bridge(Bridge):
-    """Publishes ActuatorMotors, and OffboardControlMode while commands arrive."""
+class Px4Bridge(Node):
+    """Passes between PX4 and ca_ros what `rules` let through; see `ca_ros.px4.rules.Host`.
 
-    def connect(self) -> None:
-        from px4_msgs.msg import (
-            ActuatorMotors,
-            OffboardControlMode,
-            VehicleOdometry,
-            VehicleThrustSetpoint,
-            VehicleTorqueSetpoint,
-        )
+    `parameter_overrides` and other arguments are those of `rclpy.node.Node`.  Raises a
+    ParameterError if a parameter, the vehicle or px4_msgs is wrong.
+    """
 
-        self._motors, self._mode, self._last = ActuatorMotors, OffboardControlMode, -inf
-        motors = self.create_publisher(ActuatorMotors, 'fmu/in/actuator_motors', COMMAND)
-        self.subscribe_stream(topics.SPEED_COMMAND, self.passes(self._convert, motors))
-        if self.settings.bridge.px4_input == 'state':
-            name = 'fmu/in/offboard_control_mode'
-            self._alive = self.create_publisher(OffboardControlMode, name, COMMAND)
-            self.create_timer(BEAT, self._beat, clock=self.steady)
-            out = self.publish_stream(topics.POSE), self.publish_stream(topics.VELOCITY)
-            passes = self.passes(self._state, *out)
-            self.listen(VehicleOdometry, 'fmu/out/vehicle_odometry', passes)
+    declared = Px4NodeSettings
+
+    def __init__(self, node_name: str = 'px4_bridge', **kwargs: Any) -> None:
+        # Here, so that the help of the command needs no px4_msgs.
+        from px4_msgs import msg
+
+        super().__init__(node_name, **kwargs)
+        self.settings = settings = self._read_parameters()
+        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+        order = order_of(settings.bridge.order, vehicle.n)
+        self.rules = Rules(msg, vehicle, settings.px4, order, self)
+        self.counts = self.rules.counts
+        self._streams = Streams(self, 'realtime', self.drop, self.counts)
+        # What PX4 sends comes first, so that a command meets the newest mode.
+        for name, kind in self.rules.heard.items():
+            receive = partial(self._take, name)
+            self.create_subscription(kind, topic('out', name, kind), receive, FROM_PX4)
+        self._to_px4 = {
+            name: self.create_publisher(kind, topic('in', name, kind), TO_PX4)
+            for name, kind in self.rules.sent.items()
+        }
+        if settings.px4.interface == 'setpoints':
+            self._wrench = self._publish(topics.WRENCH)
         else:
-            self._thrust: Any = None
-            # As in PX4, each torque is allocated, with the newest thrust.
-            name = 'fmu/out/vehicle_thrust_setpoint'
-            self.listen(VehicleThrustSetpoint, name, partial(setattr, self, '_thrust'))
-            passes = self.passes(self._wrench, self.publish_stream(topics.WRENCH))
-            self.listen(VehicleTorqueSetpoint, 'fmu/out/vehicle_torque_setpoint', passes)
+            self._restart = self._publish(topics.STATE_RESTART)
+            self._pose, self._velocity = map(self._publish, (topics.POSE, topics.VELOCITY))
+        self._streams.subscribe(topics.SPEED_COMMAND, self._command)
+        self._diagnostics = DiagnosticsPublisher(self, str(settings.vehicle.name))
+        self._published, self._due = ('', ''), 0.0
+        self.create_timer(TICK, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def adopt(self, built: Vehicle) -> None:
-        """Use the vehicle; raise a `ParameterError` if PX4 cannot have its rotors."""
-        super().adopt(built)
-        if built.n > frames.CONTROLS:
-            raise ParameterError(f'{built.n} rotors, but PX4 has {frames.CONTROLS} motors at most')
-        if (built.speed_min < 0.0).any():
-            raise ParameterError('rotors reverse (rotors.speed_min < 0), which is not supported')
-        self._units = frames.units(built)
+    def _read_parameters(self) -> Px4NodeSettings:
+        given = renamed({name: each.value for name, each in given_parameters(self).items()})
+        check_given(given, table(FileSettings))
+        settings = read(self.declared, given)
+        values = flat(settings)
+        for name, field in table(self.declared).items():
+            self.declare_parameter(name, values[name], descriptor(field), ignore_override=True)
+        return settings
 
-    def _now(self) -> int:
-        return self.get_clock().now().nanoseconds // 1000
+    def _publish(self, given: topics.Topic) -> Any:
+        return self.create_publisher(given.kind, given.name, offered('realtime'))
 
-    def _convert(self, speeds: Float64MultiArray) -> Any:
-        options, time = self.settings.bridge, speeds_stamp(speeds)
-        found = frames.controls(
-            np.array(speeds.data), self.vehicle, self.order, options.px4_output,
-            options.px4_thrust_factor,
-        )
-        if time is not None:
-            # Without one it is the timeout action, which must not hold off the fail-safe.
-            self._last = monotonic()
-        sample = (time or 0) // 1000
-        return self._motors(timestamp=self._now(), timestamp_sample=sample, control=found)
+    def destroy_node(self) -> None:
+        """Take leave of PX4, and destroy the node."""
+        try:
+            self.rules.close()
+        finally:
+            super().destroy_node()
 
-    def _beat(self) -> None:
-        # PX4 leaves offboard mode by its own fail-safe when this ceases.
-        if monotonic() - self._last <= FRESH:
-            self._alive.publish(self._mode(timestamp=self._now(), direct_actuator=True))
+    # The host of the rules
 
-    def _state(self, odometry: Any) -> Any:
-        # The agent has added the difference of the clocks.
-        time = stamp(odometry.timestamp_sample * 1000)
+    def send(self, name: str, message: Any) -> None:
+        self._to_px4[name].publish(message)
+
+    def pass_state(self, state: State, time: int) -> None:
         names = self.settings.world_frame, self.settings.command_frame
-        return state_messages(*frames.state(odometry), time, *names)
+        pose, velocity = state_messages(*state, stamp(time), *names)
+        self._pose.publish(pose)
+        self._velocity.publish(velocity)
 
-    def _wrench(self, torque: Any) -> Any:
-        time = torque.timestamp_sample
-        if self._thrust is None or abs(self._thrust.timestamp_sample - time) > frames.APART:
-            raise ValueError(f'a torque without a thrust within {frames.APART / 1000:g} ms')
-        found = frames.wrench(self._thrust.xyz, torque.xyz, self._units)
-        header = Header(stamp=stamp(time * 1000), frame_id=self.settings.command_frame)
-        return wrench_message(found, header)
+    def pass_restart(self, time: int) -> None:
+        self._restart.publish(Header(stamp=stamp(time), frame_id=self.settings.world_frame))
+
+    def pass_wrench(self, wrench: Array, time: int) -> None:
+        header = Header(stamp=stamp(time), frame_id=self.settings.command_frame)
+        self._wrench.publish(wrench_message(wrench, header))
+
+    def connected(self) -> bool:
+        [commands] = self._streams.subscriptions
+        return bool(self._pose.get_subscription_count() and commands.get_publisher_count())
+
+    def log(self, text: str) -> None:
+        self.get_logger().info(text)
+
+    # The topics
+
+    def _take(self, name: str, message: Any) -> None:
+        self._unless_dropped(partial(self.rules.receive, name), message)
+
+    def _command(self, message: Float64MultiArray) -> None:
+        answers = not answers_nothing(message)
+        speeds = np.array(message.data)
+        self._unless_dropped(partial(self.rules.command, speeds), answers)
+
+    def _unless_dropped(self, receive: Callable[[Any], None], message: Any) -> None:
+        self.counts['received'] += 1
+        try:
+            receive(message)
+        except ValueError as error:
+            self.drop('content', str(error))
+
+    def drop(self, reason: str, what: str) -> None:
+        """Count a message that is not passed on, and log why, at most once a second."""
+        self.counts[f'dropped: {reason}'] += 1
+        self.get_logger().warning(f'dropped: {what}', throttle_duration_sec=1.0)
+
+    def _tick(self) -> None:
+        self._streams.look()
+        self.rules.tick()
+        level, text = self.rules.state()
+        now = monotonic()
+        if (level, text) == self._published and now < self._due:
+            return
+        self._published, self._due = (level, text), now + 1.0
+        if others := self._other_versions():
+            level, text = 'ERROR', f'{text}; {others}'
+        self._diagnostics.publish(('px4', LEVELS[level], text, self.rules.values()))
+
+    def _other_versions(self) -> str:
+        """Return which topics PX4 has with other versions of their messages; '' if none."""
+        there = {name for name, _ in self.get_topic_names_and_types()}
+        found = []
+        for name, kind in self.rules.heard.items():
+            own = topic('out', name, kind)
+            plain = self.resolve_topic_name(f'fmu/out/{name}')
+            version = re.compile(rf'{re.escape(plain)}(_v\d+)?')
+            if not self.count_publishers(own):
+                others = there - {self.resolve_topic_name(own)}
+                found += [other for other in others if version.fullmatch(other)]
+        if not found:
+            return ''
+        return f'PX4 has {", ".join(sorted(found))}: px4_msgs is not of its branch'
 
 
-ABOUT = "Pass command/motor_speed on to PX4, and PX4's state or set-points back."
+ABOUT = "Fly PX4: as an external mode, in offboard mode, or as the allocator of PX4's own loops."
 main = partial(run, 'px4_bridge', Px4Bridge, ABOUT)

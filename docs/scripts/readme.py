@@ -10,9 +10,11 @@ import sys
 from pages import DOCS, filled
 
 from ca_ros import ALLOCATORS, settings
-from ca_ros.nodes.settings import DECLARED, BridgeNodeSettings, MonitorSettings
+from ca_ros.nodes.settings import DECLARED, BridgeNodeSettings, MonitorSettings, Px4NodeSettings
 
-TABLES = {**DECLARED, 'bridge': BridgeNodeSettings, 'monitor': MonitorSettings}
+TABLES = {
+    **DECLARED, 'bridge': BridgeNodeSettings, 'px4': Px4NodeSettings, 'monitor': MonitorSettings,
+}
 
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
 
