@@ -63,12 +63,8 @@ class Executor(executors.Executor):
     # The name that rclpy calls since Kilted.
     _spin_once_until_future_complete = spin_once_until_future_complete
 
-    def spin_once(self, timeout_sec: float | None = None, everything: bool = True) -> None:
-        """Wait at most the timeout [s] until something is ready, and serve all that is ready.
-
-        The callback of a service may call this, but not to serve `everything`: without it only
-        subscriptions and timers are served.
-        """
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait at most the timeout [s] until something is ready, and serve all that is ready."""
         if self._changed:
             self._gather()
         # rcl removes entities that are not ready from a wait set, so each turn fills it again.
@@ -79,7 +75,7 @@ class Executor(executors.Executor):
             wait_set.add_subscription(subscription.handle)
         for timer in self._timers:
             wait_set.add_timer(timer.handle)
-        services, clients, waitables = self._others if everything else ([], [], [])
+        services, clients, waitables = self._others
         for _, service in services:
             wait_set.add_service(service.handle)
         for client in clients:
@@ -87,7 +83,6 @@ class Executor(executors.Executor):
         for waitable in waitables:
             waitable.add_to_wait_set(wait_set)
         wait_set.wait(timeout_sec_to_nsec(timeout_sec))
-        # Read the whole wait set before the first callback, which may use it again.
         ready = wait_set.is_ready
         self._changed |= ready('guard_condition', 0)
         subscriptions = [s for i, s in enumerate(self._subscriptions) if ready('subscription', i)]

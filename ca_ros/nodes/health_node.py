@@ -126,7 +126,5 @@ class HealthNode(VehicleNode):
             self._rebuild()
 
     def _rebuild(self) -> None:
-        """Build for the health and the voltage in use; meanwhile the old build serves."""
-        lockstep, settings = self.mode == 'lockstep', self.settings
-        built = self.build(settings) if lockstep else self._build_beside(settings).result()
-        self._use(settings, built)
+        """Build for the health and the voltage in use, between two messages."""
+        self._use(self.settings, self.build(self.settings))

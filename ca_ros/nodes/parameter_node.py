@@ -1,8 +1,7 @@
 """A node whose parameters are settings; a change takes effect completely or not at all."""
 
-from concurrent.futures import Future, ThreadPoolExecutor
 from math import isfinite
-from traceback import format_exception
+from traceback import format_exc
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -17,7 +16,6 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.nodes.settings import with_own_methods
 from ca_ros.settings import (
@@ -110,8 +108,7 @@ class ParameterNode(Node, metaclass=_Starting):
 
         A change of settings that are declared without `rebuild` does not call `build`.  An
         exception, a ValueError if settings are wrong, refuses the change, and ends the node only
-        at its start.  In flight `build` runs in a thread of its own, while the node serves its
-        streams, so it must change nothing.
+        at its start.
         """
         raise NotImplementedError
 
@@ -140,14 +137,14 @@ class ParameterNode(Node, metaclass=_Starting):
         changed, built = [self._fields[name] for name in given], self._built
         # A rebuild takes longer than an allocation; a change that rclpy refuses needs none.
         if all(field.mutable for field in changed) and any(field.rebuild for field in changed):
-            building = self._build_beside(settings)
-            if fault := building.exception():
-                reason = str(fault)
-                if not isinstance(fault, ValueError):
-                    reason = f'{type(fault).__name__}: {fault}'
-                    self.get_logger().error(''.join(format_exception(fault)))
+            try:
+                built = self.build(settings)
+            except ValueError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            except Exception as error:
+                self.get_logger().error(format_exc())
+                reason = f'{type(error).__name__}: {error}'
                 return SetParametersResult(successful=False, reason=reason)
-            built = building.result()
         result = super().set_parameters_atomically(parameter_list)
         if result.successful and given:
             self._use(settings, built)
@@ -156,17 +153,3 @@ class ParameterNode(Node, metaclass=_Starting):
     def _use(self, settings: Any, built: Any) -> None:
         self.settings, self._built = settings, built
         self.adopt(built)
-
-    def _build_beside(self, settings: Any) -> Future[Any]:
-        """Return the end of `build`; until then the streams are served by what it replaces.
-
-        Executors of rclpy cannot serve them meanwhile.
-        """
-        executor = self.executor
-        with ThreadPoolExecutor(1) as pool:
-            building = pool.submit(self.build, settings)
-            if isinstance(executor, Executor):
-                building.add_done_callback(lambda _: executor.wake())
-                while not building.done():
-                    executor.spin_once(everything=False)
-        return building
