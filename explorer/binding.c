@@ -164,7 +164,7 @@ static void find_margin(const ca_real *u)
 {
     int nearest = 0;
     ca_real side = 1;
-    margin = CA_INFINITY;
+    margin = CA_UNBOUNDED;
     for (int f = 0; f < facets; f++) {
         ca_real height = 0;
         for (int k = 0; k < m; k++)

@@ -130,7 +130,7 @@ SHARED = {
         'LAG_RATIO': prioritization.LAG_RATIO},
     'exact.c': {'INDEPENDENT': SPANNING_MIN},
     'numbers.h': {'CA_TOLERANCE': EXACT_TOLERANCE, 'CA_ABSURD': ABSURD},
-    'problem.h': {'CA_N': ROTORS_MAX, 'CA_M': AXES_MAX}}
+    'configuration.h': {'CA_N': ROTORS_MAX, 'CA_M': AXES_MAX}}
 """The constants that both engines have, by the file of the kernel."""
 
 

@@ -31,10 +31,11 @@ TILTING_FILES = (
 )
 DETECTOR_FILES = ('detector.h', 'detector.c')
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
-HEADERS = ('errno', 'float', 'limits', 'math', 'stdio', 'stdlib', 'string', 'time')
+GENERATED = ('configuration.h', 'golden.h', 'vehicle.mk')
+HEADERS = ('errno', 'float', 'limits', 'math', 'stdint', 'stdio', 'stdlib', 'string', 'time')
 TAKEN = {
-    *('ca', 'golden', 'vehicle', *HEADERS),
-    *(Path(file).stem for file in (*KERNEL_FILES, *TILTING_FILES, *FIXED)),
+    *('ca', *HEADERS),
+    *(Path(file).stem for file in (*KERNEL_FILES, *TILTING_FILES, *FIXED, *GENERATED)),
 }
 """Names of other files and of C's headers."""
 
@@ -87,7 +88,8 @@ def write(
     core = 'Cortex-M4F' if single else 'Cortex-M7'
     kind = 'tilting' if tilting else 'vehicle'
     targets = {
-        f'{kind}.h': f'{name}.h', f'{kind}.c': f'{name}.c', 'golden.h': 'golden.h',
+        'configuration.h': 'configuration.h', f'{kind}.h': f'{name}.h',
+        f'{kind}.c': f'{name}.c', 'golden.h': 'golden.h',
         'vehicle.mk': 'vehicle.mk', f'{kind}.md': 'README.md',
     }
     _fill(

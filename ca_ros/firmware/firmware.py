@@ -27,6 +27,7 @@ DTYPES: dict[str, type[np.floating]] = {'single': np.float32, 'double': np.float
 Fields = Mapping[str, tuple[str, str, Any]]  # name to type, dimensions and numbers
 
 LIMIT = {'single': 1e12, 'double': ABSURD}  # CA_ABSURD of the kernel: an invalid wrench is larger
+UNBOUNDED = {'single': 1e36, 'double': 1e300}  # CA_UNBOUNDED, in place of infinity
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +89,17 @@ class Firmware:
         return self.problem.n
 
     @property
-    def definitions(self) -> str:
-        """The options of the compiler for all files."""
+    def definitions(self) -> dict[str, int]:
+        """The constants of ``configuration.h`` and their values."""
         # Priorities of vectors have problems of many sizes.
         fixed = self.columns == self.problem.n and all(
             fault.problem.axes == self.problem.axes for fault in self.faults)
-        sizes = f'-DCA_N={self.columns} -DCA_M={len(self.problem.axes)}'
-        return sizes + ' -DCA_FIXED' * fixed + ' -DCA_FLOAT' * self.single
+        given = {'CA_N': self.columns, 'CA_M': len(self.problem.axes)}
+        if fixed:
+            given['CA_FIXED'] = 1
+        if self.single:
+            given['CA_FLOAT'] = 1
+        return given
 
     @cached_property
     def constants(self) -> Sequence[Fields]:
@@ -158,7 +163,7 @@ class Firmware:
     def margin(self, fault: int, wrench: Array) -> float:
         """Return the margin of a wrench (m,) of the firmware's precision, to the last bit."""
         if not self.is_sound(fault, wrench):
-            return -np.inf
+            return float(self.dtype(-UNBOUNDED[self.precision]))
         return self.kernels[fault].margin(np.ascontiguousarray(wrench[self.rows[fault]]))
 
     def allocate(self, fault: int, wrench: Array) -> tuple[int, Array]:

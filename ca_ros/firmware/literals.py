@@ -23,10 +23,12 @@ def literal(value: Any, precision: str) -> str:
         return f'{{{", ".join(literal(each, precision) for each in value)}}}'
     if isinstance(value, Integral):
         return str(int(value))
+    # The macros of C are of single precision.
+    cast = '(double)' if precision == 'double' else ''
     if value != value:
-        return 'NAN'
+        return f'{cast}NAN'
     if abs(value) == float('inf'):
-        return 'INFINITY' if value > 0 else '-INFINITY'
+        return f'{"-" if value < 0 else ""}{cast}INFINITY'
     text = re.sub(r'\.?0*p', 'p', float(value).hex())
     return f'{text}f' if precision == 'single' else text
 
@@ -65,12 +67,15 @@ def _problem(firmware: Firmware, given: Fields) -> str:
 
 
 def fields(arrays: Mapping[str, np.ndarray], precision: str, depth: int = 1) -> str:
-    """Return the initialisers of the fields of a structure: numbers, arrays and matrices."""
+    """Return the initialisers of the fields of a structure: numbers, arrays and matrices.
+
+    They are in the order of the structure, without designators, which C++17 does not have.
+    """
     space, lines = ' ' * 4 * depth, []
     for name, array in arrays.items():
         if array.ndim < 2:
-            lines.append(indented(f'.{name} = {literal(array[()], precision)},', depth))
+            lines.append(indented(f'/* {name} */ {literal(array[()], precision)},', depth))
         else:
             table = rows(array, precision, depth + 1)
-            lines.append(f'{space}.{name} = {{\n{table}\n{space}}},')
+            lines.append(f'{space}/* {name} */ {{\n{table}\n{space}}},')
     return '\n'.join(lines)

@@ -147,7 +147,7 @@ static void expect_speeds(ca_detector *detector, int64_t time)
         detector->interval = interval;
         memmove(detector->least[1], detector->least[0], 2 * sizeof *detector->least);
         for (int i = 0; i < n; i++)
-            detector->least[0][i] = CA_INFINITY;
+            detector->least[0][i] = CA_UNBOUNDED;
     }
     for (int i = 0; i < n; i++)
         detector->least[0][i] = ca_min(detector->least[0][i], ca_abs(detector->speeds[i]));
@@ -187,7 +187,7 @@ static int update(ca_detector *detector, ca_real step, const ca_real *momentum,
     for (int k = 0; k < 6; k++) {
         lacked[k] = momentum[k] - detector->momentum[k] -
                     known * (detector->wrench[k] + detector->estimate[k]);
-        jumped |= !(ca_abs(lacked[k]) <= detector->model->jump[k]);
+        jumped |= !ca_is_finite(&lacked[k]) || ca_abs(lacked[k]) > detector->model->jump[k];
     }
     if (step > 0 && jumped)
         return 0;
@@ -664,10 +664,10 @@ void ca_detector_reset(ca_detector *detector)
         detector->certainty[i] = 0;
         detector->since[i] = 0;
         detector->evidence[i] = CA_NONE;
-        detector->measured[i] = CA_INFINITY;
+        detector->measured[i] = CA_UNBOUNDED;
         detector->slow[i] = 0;
         detector->sound[i] = 1;
-        detector->refined[i] = CA_INFINITY;
+        detector->refined[i] = CA_UNBOUNDED;
     }
     detector->suspect = -1;
     for (int t = 0; t < CA_WINDOWS; t++)
@@ -774,7 +774,7 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    ca_real rotation[3][3], turned[3][3], momentum[6], world[6];
+    ca_real rotation[3][3], turned[3][3] = {{0}}, momentum[6], world[6];
     ca_real thrusts[CA_N] = {0}, mean[6] = {0}, drag[6] = {0}, step = 0, gain = 0;
     int moving = 0, counts = 0;
     if (ignores(detector, time))

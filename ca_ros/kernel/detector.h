@@ -7,6 +7,10 @@
 
 #include "problem.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Greatest number of commands that wait for the end of the delay; of more, the oldest are dropped. */
 #ifndef CA_COMMANDS
 #define CA_COMMANDS 100
@@ -131,5 +135,9 @@ int CA_SYMBOL(ca_detector_measure)(ca_detector *detector, int64_t time, const ca
 int CA_SYMBOL(ca_detector_observe)(ca_detector *detector, int64_t time, const ca_real attitude[4],
                                    const ca_real motion[6]);
 #define ca_detector_observe CA_SYMBOL(ca_detector_observe)
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

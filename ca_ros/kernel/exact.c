@@ -3,13 +3,10 @@
 #include "numbers.h"
 #include "priorities.h"
 
+#include <string.h>
+
 /* Share of an axis that is independent of the other axes, below which the set has no volume. */
 #define INDEPENDENT CA_CHOOSE(1e-9, 1e-5)
-
-static int is_finite(ca_real x)
-{
-    return ca_abs(x) <= CA_ABSURD;
-}
 
 /* Orthonormal columns that span the rows of Gamma times the ranges of the thrusts, or over their
  * weights: Gamma^T = basis R by the Gram-Schmidt method, twice. Returns 0 if the rows are
@@ -34,7 +31,7 @@ static int span(ca_problem *p, int ranges)
                     column[i] -= share * p->basis[i][j];
             }
         const ca_real rest = ca_length(n, column);
-        if (!(rest > INDEPENDENT * whole))
+        if (!ca_is_finite(&rest) || !(rest > INDEPENDENT * whole))
             return 0;
         p->back[k][k] = rest;
         for (int i = 0; i < n; i++)
@@ -89,7 +86,7 @@ static inline void narrow_rotor(ca_problem *p, int i, ca_real low, ca_real high)
 int ca_set_bounds(ca_problem *p, const ca_real *lower, const ca_real *upper)
 {
     for (int i = 0; i < CA_ROTORS(p); i++)
-        if (!(lower[i] <= upper[i]))
+        if (!ca_is_finite(&lower[i]) || !ca_is_finite(&upper[i]) || lower[i] > upper[i])
             return CA_BAD_NUMBER;
     for (int i = 0; i < CA_ROTORS(p); i++)
         narrow_rotor(p, i, lower[i], upper[i]);
@@ -103,7 +100,7 @@ static int limit_airmode(ca_problem *p, const ca_options *options)
     int first = 0, limited = 0;
     p->thrust = -1;
     for (int i = 0; i < 4; i++)
-        *limits[i] = CA_INFINITY;
+        *limits[i] = CA_UNBOUNDED;
     if (!options->airmode_limited || options->thrust < 0)
         return 1;
     /* In the first group thrust does not give way to others. */
@@ -111,7 +108,7 @@ static int limit_airmode(ca_problem *p, const ca_options *options)
         first = first || (options->order[i] == options->thrust &&
                           options->group[i] == options->group[0]);
     for (int i = 0; i < 4; i++) {
-        if (!(options->airmode[i] >= 0))
+        if (!ca_is_finite(&options->airmode[i]) || options->airmode[i] < 0)
             return 0;
         if (options->airmode[i] < 1 && !first) {
             *limits[i] = 2 * options->airmode[i];
@@ -127,7 +124,7 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
                    const ca_real *upper, const ca_options *options)
 {
     ca_real most[CA_N] = {0};
-    *p = (ca_problem){0};
+    memset(p, 0, sizeof *p);
     if (n < 1 || n > CA_N || m < 1 || m > CA_M)
         return CA_BAD_SIZE;
     if (!order_is_sound(options, m))
@@ -139,14 +136,14 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
     p->policy = options->policy;
     p->slack = options->slack;
     p->greatest = 1;
-    if (!(p->slack >= 0 && p->slack <= 1) || !limit_airmode(p, options))
+    if (!ca_is_finite(&p->slack) || p->slack < 0 || p->slack > 1 || !limit_airmode(p, options))
         return CA_BAD_NUMBER;
     for (int i = 0; i < n; i++) {
-        if (!is_finite(lower[i]) || !is_finite(upper[i]) || lower[i] > upper[i])
+        if (!ca_is_finite(&lower[i]) || !ca_is_finite(&upper[i]) || lower[i] > upper[i])
             return CA_BAD_NUMBER;
         const ca_real weight = options->weighted ? options->weight[i] : 1;
         const ca_real preferred = options->weighted ? options->preferred[i] : 0;
-        if (!(weight > 0) || !is_finite(weight) || !is_finite(1 / weight) || !is_finite(preferred))
+        if (!ca_is_finite(&weight) || weight < 1 / CA_ABSURD || !ca_is_finite(&preferred))
             return CA_BAD_NUMBER;
         p->weighted = p->weighted || weight < 1 || weight > 1 || preferred < 0 || preferred > 0;
         p->weight[i] = weight;
@@ -156,7 +153,7 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
         p->impaired[i] = options->reports_health && options->impaired[i];
         bound(p, i, lower[i], upper[i]);
         const ca_real size = ca_max(ca_abs(p->deviation_lower[i]), ca_abs(p->deviation_upper[i]));
-        if (!is_finite(size))
+        if (!ca_is_finite(&size))
             return CA_BAD_NUMBER;
         p->middle[i] = (lower[i] + upper[i]) / 2;
         p->half_range[i] = (upper[i] - lower[i]) / 2;
@@ -168,13 +165,12 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
         p->group[k] = options->group[k];
         p->keep_sense[k] = options->keep_sense[k];
         p->reference[k] = options->reference[k];
-        if (!is_finite(p->reference[k]))
+        if (!ca_is_finite(&p->reference[k]))
             return CA_BAD_NUMBER;
         for (int i = 0; i < n; i++) {
             const ca_real entry = gamma[k * n + i];
-            if (!is_finite(entry))
-                return CA_BAD_NUMBER;
-            if (!is_finite(entry / p->weight[i]))
+            const ca_real weighed = entry / p->weight[i];
+            if (!ca_is_finite(&entry) || !ca_is_finite(&weighed))
                 return CA_BAD_NUMBER;
             p->gamma[k][i] = entry;
             p->offset[k] += entry * p->preferred[i];
@@ -197,7 +193,7 @@ int ca_set_up(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *
     const int fault = prepare(p, n, m, gamma, lower, upper, options);
     /* After an error the problem has no rotors and no axes. */
     if (fault)
-        *p = (ca_problem){0};
+        memset(p, 0, sizeof *p);
     return fault;
 }
 
@@ -279,7 +275,8 @@ static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     if (ca_attempt(p, &search, thrusts))
         return answer;
 
-    ca_served served = {0};
+    ca_served served;
+    memset(&served, 0, sizeof served);
     ca_prioritize(p, u, &served, &answer.pivots, &answer.steps);
     const int on_face = !served.almost_parallel && (served.unique || !served.reached);
     int found = 0;
@@ -316,13 +313,8 @@ static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 
 ca_answer ca_allocate(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 {
-    const int m = CA_AXES(p);
     ca_answer answer = {CA_INVALID, 0, 0, 0};
-    ca_real length = 0;
-    for (int k = 0; k < m && length <= CA_ABSURD; k++)
-        length = is_finite(u[k]) ? ca_max(length, ca_abs(u[k])) : CA_INFINITY;
-    length = length <= CA_ABSURD ? ca_length(m, u) : length;
-    if (length <= CA_ABSURD)
+    if (ca_is_wrench(CA_AXES(p), u))
         answer = solve(p, u, thrusts);
     if (answer.status == CA_INVALID || answer.status == CA_REJECTED)
         rest(p, thrusts);
@@ -350,11 +342,12 @@ static ca_real slowed(ca_real speed, ca_real time, ca_real up, ca_real down)
 }
 
 /* The least and greatest speeds that a rotor reaches. */
-static inline void reach(ca_real speed, ca_real time, ca_real up, ca_real down, ca_real speed_min,
+static inline void reach(const ca_real *from, ca_real time, ca_real up, ca_real down, ca_real speed_min,
                          ca_real speed_max, ca_real *least, ca_real *greatest)
 {
     const ca_real rise = up * time, drop = down * time;
-    if (!(speed >= speed_min && speed <= speed_max))
+    ca_real speed = ca_is_finite(from) ? *from : speed_min;
+    if (speed < speed_min || speed > speed_max)
         speed = ca_clip(speed, speed_min, speed_max);
     ca_real low = speed - drop, high = speed + rise;
     /* Few rotors turn backwards, or stop within the time. */
@@ -377,7 +370,7 @@ void ca_reach(int n, const ca_real *speeds, ca_real time, const ca_real *up, con
               ca_real *greatest)
 {
     for (int i = 0; i < n; i++)
-        reach(speeds[i], time, up[i], down[i], speed_min[i], speed_max[i], &least[i],
+        reach(&speeds[i], time, up[i], down[i], speed_min[i], speed_max[i], &least[i],
               &greatest[i]);
 }
 
@@ -389,7 +382,7 @@ void ca_narrow(ca_problem *p, const ca_real *speeds, ca_real time, const ca_real
     for (int i = 0; i < CA_ROTORS(p); i++) {
         const ca_real forwards = thrust_coefficient[i];
         ca_real low, high;
-        reach(speeds[i], time, up[i], down[i], speed_min[i], speed_max[i], &low, &high);
+        reach(&speeds[i], time, up[i], down[i], speed_min[i], speed_max[i], &low, &high);
         if (low >= 0)
             narrow_rotor(p, i, forwards * (low * low), forwards * (high * high));
         else
@@ -502,9 +495,9 @@ ca_real ca_margin(const ca_problem *p, const ca_real *u)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), size = m - 1;
     int choice[CA_M];
-    ca_real margin = CA_INFINITY;
+    ca_real margin = CA_UNBOUNDED;
     if (n < size)
-        return -CA_INFINITY;
+        return -CA_UNBOUNDED;
     for (int r = 0; r < size; r++)
         choice[r] = r;
     do {

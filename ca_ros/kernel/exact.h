@@ -15,6 +15,10 @@
 
 #include "problem.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define ca_set_up CA_SYMBOL(ca_set_up)
 #define ca_allocate CA_SYMBOL(ca_allocate)
 #define ca_set_bounds CA_SYMBOL(ca_set_bounds)
@@ -51,8 +55,8 @@ ca_answer ca_allocate(const ca_problem *problem, const ca_real *u, ca_real *thru
 
 /* Narrow the bounds of the thrusts [N] to the given ones for the calls after this one, without a new
  * set-up: to what the rotors reach from the last thrusts, see `ca_reach`. The bounds of the set-up
- * hold as well. Returns CA_BAD_NUMBER, and changes nothing, if a bound is not a number or a lower
- * one is above its upper one. */
+ * hold as well. Returns CA_BAD_NUMBER, and changes nothing, if a bound is not finite or a lower one is
+ * above its upper one. */
 int ca_set_bounds(ca_problem *problem, const ca_real *lower, const ca_real *upper);
 
 /* What limits a rotor, in `ca_explanation.limit`; negative at its lower bound. */
@@ -104,5 +108,9 @@ void ca_narrow(ca_problem *problem, const ca_real *speeds, ca_real time, const c
 /* Thrusts [N] of rotor speeds [rad/s]: the inverse of `ca_speeds`. */
 void ca_thrusts(int n, const ca_real *speeds, const ca_real *thrust_coefficient,
                 const ca_real *reverse_coefficient, ca_real *thrusts);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -650,7 +650,7 @@ static void iterate(newton *it)
     ca_real y[CA_M] = {0}, z[WIDE];
     int strays = 0, idle = 0;
 
-    it->residual = CA_INFINITY;
+    it->residual = CA_UNBOUNDED;
     ca_copy(m, search->y, y);
     multiply_basis(program, y, z);
     for (int number = 0; number < (it->early ? ATTEMPT : STEPS); number++) {
@@ -726,7 +726,7 @@ static void iterate(newton *it)
         for (int i = 0; i < count; i++)
             z[i] += advance * rates[i];
     }
-    if (it->early && !(it->residual < CA_INFINITY))
+    if (it->early && !(it->residual < CA_UNBOUNDED))
         ca_copy(m, y, search->y);
     else if (!it->early && !search->attainable && !search->unattainable)
         search->unattainable = is_beyond(problem, search, y);
@@ -768,7 +768,7 @@ static int settle(const bounded_program *program, const ca_real *u, ca_real tole
 {
     const ca_problem *problem = program->problem;
     const int n = CA_ROTORS(problem), m = CA_AXES(problem);
-    ca_real f[CA_N], least = CA_INFINITY;
+    ca_real f[CA_N], least = CA_UNBOUNDED;
     for (int in_axes = 0; in_axes < 2; in_axes++) {
         ca_copy(n, thrusts, f);
         for (int number = 0; number < CA_CHOOSE_INT(n, 3); number++) {
@@ -867,7 +867,7 @@ int ca_attempt(const ca_problem *problem, ca_search *search, ca_real *thrusts)
     const bounded_program program = program_of(problem);
     newton it = {&program, search, thrusts, 0, 1};
     iterate(&it);
-    if (!(it.residual < CA_INFINITY))
+    if (!(it.residual < CA_UNBOUNDED))
         return 0;
     relax(problem, search, thrusts);
     return 1;

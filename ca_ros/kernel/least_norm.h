@@ -4,6 +4,10 @@
 
 #include "problem.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define ca_leave CA_SYMBOL(ca_leave)
 #define ca_rounding CA_SYMBOL(ca_rounding)
 #define ca_within CA_SYMBOL(ca_within)
@@ -57,5 +61,9 @@ int ca_least_norm_on_face(const ca_problem *problem, const ca_face *face, ca_rea
 /* Remove the rounding error of u by the rotors between their bounds; the same result. */
 int ca_settle(const ca_problem *problem, const ca_real *u, ca_real tolerance, ca_real *thrusts,
               int *steps);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

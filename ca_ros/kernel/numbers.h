@@ -3,20 +3,23 @@
 #define CA_ROS_KERNEL_NUMBERS_H
 
 #include <math.h>
+#include <stdint.h>
+#include <string.h>
 
 #include "problem.h"
 
 #define CA_REAL(x) ((ca_real)(x))
-#define CA_INFINITY CA_REAL(INFINITY)
 
 #ifdef CA_FLOAT
 #define ca_abs fabsf
 #define ca_sqrt sqrtf
+#define CA_BITS uint32_t
 #define CA_CHOOSE(in_double, in_float) ((ca_real)(in_float))
 #define CA_CHOOSE_INT(in_double, in_float) (in_float)
 #else
 #define ca_abs fabs
 #define ca_sqrt sqrt
+#define CA_BITS uint64_t
 #define CA_CHOOSE(in_double, in_float) ((ca_real)(in_double))
 #define CA_CHOOSE_INT(in_double, in_float) (in_double)
 #endif
@@ -39,6 +42,22 @@
 #define CA_TOLERANCE CA_CHOOSE(1e-12, 1e-5)
 /* Greatest number of a wrench or a problem. Its square is finite. */
 #define CA_ABSURD CA_CHOOSE(1e100, 1e12)
+/* Stands for infinity, which -ffast-math excludes: greater than what all sums and quotients give. */
+#define CA_UNBOUNDED CA_CHOOSE(1e300, 1e36)
+
+/* Whether a number is finite, and at most CA_ABSURD in size. This compares bits, since compilers with
+ * -ffast-math may remove a comparison that only NaN or infinity fails. */
+static inline int ca_is_finite(const ca_real *x)
+{
+    const ca_real greatest = CA_ABSURD;
+    CA_BITS bits, limit;
+    memcpy(&bits, x, sizeof bits);
+    memcpy(&limit, &greatest, sizeof limit);
+    return (bits & ((CA_BITS)-1 >> 1)) <= limit;
+}
+
+/* a == b, without the warning of compilers: where this is asked, numbers were copied. */
+static inline int ca_equal(ca_real a, ca_real b) { return a <= b && a >= b; }
 
 static inline ca_real ca_min(ca_real a, ca_real b) { return a < b ? a : b; }
 static inline ca_real ca_max(ca_real a, ca_real b) { return a > b ? a : b; }
@@ -69,6 +88,15 @@ static inline ca_real ca_curve(int count, const ca_real (*segments)[4], ca_real 
     while (count > 0 && w < *segment)
         segment = segments[--count];
     return (segment[1] * w + segment[2]) * w + segment[3];
+}
+
+/* Whether a wrench is finite, and its length at most CA_ABSURD. */
+static inline int ca_is_wrench(int m, const ca_real *u)
+{
+    for (int k = 0; k < m; k++)
+        if (!ca_is_finite(&u[k]))
+            return 0;
+    return ca_length(m, u) <= CA_ABSURD;
 }
 
 static inline void ca_copy(int count, const ca_real *from, ca_real *to)

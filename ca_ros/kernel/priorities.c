@@ -9,6 +9,8 @@
 #include "priorities.h"
 #include "numbers.h"
 
+#include <string.h>
+
 /* Rate below which a variable does not depend on another; rates are of the order of 1. */
 #define ZERO CA_CHOOSE(1e-8, 1e-5)
 /* Rate below which it is a rounding error. */
@@ -100,7 +102,7 @@ static void exchange(simplex *s, int r, int k)
     for (int i = 0; i < s->rows; i++) {
         ca_real *other = s->rates[i];
         const ca_real factor = other[k];
-        if (i == r || factor == 0)
+        if (i == r || ca_equal(factor, 0))
             continue;
         other[k] = 0;
         for (int j = 0; j < columns; j++)
@@ -238,7 +240,7 @@ static void prove(simplex *s, int r, ca_real left)
         if (size > ZERO) {
             if (final && x < s->thrusts)
                 s->held[x] = 1;
-        } else if (rate != 0) {
+        } else if (size > 0) {
             s->doubt += size * ca_min(rate * left > 0 ? upper - value : value - lower, 2);
         }
     }
@@ -249,7 +251,7 @@ static void prove(simplex *s, int r, ca_real left)
 static int approach(simplex *s, int v, ca_real goal)
 {
     int blocked, place = s->place[v];
-    if (s->value[place] == goal)
+    if (ca_equal(s->value[place], goal))
         return 1;
     if (place >= ROWS + s->columns || (place >= ROWS && !(s->lower[place] < s->upper[place])))
         return 0;
@@ -298,7 +300,7 @@ static void hold(simplex *s, int v, ca_real goal)
     const int place = s->place[v];
     s->lower[place] = ca_min(s->value[place], goal);
     s->upper[place] = ca_max(s->value[place], goal);
-    if (place >= ROWS && place < ROWS + s->columns && s->value[place] == goal)
+    if (place >= ROWS && place < ROWS + s->columns && ca_equal(s->value[place], goal))
         drop(s, place - ROWS);
 }
 
@@ -335,7 +337,7 @@ static void release(simplex *s, int v)
 /* Add a variable, the distance that nonbasic variables move together along a line. */
 static int add_ray(simplex *s, int count, const int *variables, const ca_real *direction)
 {
-    const int k = add_column(s, 0, CA_INFINITY), ray = s->variable[ROWS + k];
+    const int k = add_column(s, 0, CA_UNBOUNDED), ray = s->variable[ROWS + k];
     s->axis[ray] = -1;
     for (int r = 0; r < s->rows; r++) {
         ca_real rate = 0;
@@ -375,7 +377,7 @@ static int add_lag(simplex *s, int count, const int *axes, const ca_real *goals,
             s->axis[s->count] = axes[i];
             /* The variable plus its share of the lag is at the goal or beyond, on either side. */
             put(s, row, s->count++, s->value[place] + weight * most,
-                side ? -CA_INFINITY : goals[i], side ? goals[i] : CA_INFINITY);
+                side ? -CA_UNBOUNDED : goals[i], side ? goals[i] : CA_UNBOUNDED);
         }
     }
     return lag;
@@ -420,8 +422,8 @@ static void begin_in_middle(const ca_problem *p, int moved, simplex *s)
     for (int k = 0; k < m; k++) {
         for (int i = 0; i < n; i++)
             s->rates[k][i] = p->gamma[k][i] * p->half_range[i] / p->extent[k];
-        put(s, k, n + k, moved ? ca_dot(n, s->rates[k], s->value + ROWS) : 0, -CA_INFINITY,
-            CA_INFINITY);
+        put(s, k, n + k, moved ? ca_dot(n, s->rates[k], s->value + ROWS) : 0, -CA_UNBOUNDED,
+            CA_UNBOUNDED);
     }
 }
 
@@ -549,14 +551,14 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         }
         share = push_along(s, length, size, direction);
     }
-    if (thrust >= 0 && ca_min(p->later_rise, p->later_fall) < CA_INFINITY) {
+    if (thrust >= 0 && ca_min(p->later_rise, p->later_fall) < CA_UNBOUNDED) {
         /* Thrust deviates for the others from its demand, or from what the first group needs. */
         s->pushed_count = 0;
         approach(s, n + thrust, demand);
         confine(s, n + thrust, demand - p->later_fall, demand + p->later_rise);
     } else if (thrust >= 0) {
-        s->lower[s->place[n + thrust]] = -CA_INFINITY;
-        s->upper[s->place[n + thrust]] = CA_INFINITY;
+        s->lower[s->place[n + thrust]] = -CA_UNBOUNDED;
+        s->upper[s->place[n + thrust]] = CA_UNBOUNDED;
     }
     for (int i = first; senses && i < m; i++) {
         const int axis = p->order[i], v = variables[i];
@@ -604,7 +606,7 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         axes[k] = value_of(s, n + k);
     for (int i = 0; first > 1 && i < first; i++) {
         const int axis = p->order[i];
-        axes[axis] = share == 1 ? goals[axis] : p->begin[i] + share * ways[i];
+        axes[axis] = share >= 1 ? goals[axis] : p->begin[i] + share * ways[i];
         if (left > 0)
             axes[axis] -= left * rest[i];
     }
@@ -647,7 +649,7 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
         begin_in_middle(p, 0, &s);
         for (int i = 0; i < first; i++) {
             p->begin[i] = part * reference[p->order[i]];
-            p->on_reference = p->on_reference && p->begin[i] == reference[p->order[i]];
+            p->on_reference = p->on_reference && ca_equal(p->begin[i], reference[p->order[i]]);
             approach(&s, n + p->order[i], p->begin[i]);
             release(&s, n + p->order[i]);
         }
@@ -664,7 +666,7 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
 static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p);
-    ca_real rates[CA_N], slope = 0, curvature = 0, low = -CA_INFINITY, high = CA_INFINITY;
+    ca_real rates[CA_N], slope = 0, curvature = 0, low = -CA_UNBOUNDED, high = CA_UNBOUNDED;
     int k = -1;
     for (int j = 0; j < s->columns; j++) {
         const int x = s->variable[ROWS + j];
@@ -751,7 +753,7 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
         served->reached = 0;
         if (i < first && first > 1 && p->on_reference && share >= 0)
             level = share;
-        else if (way != 0)
+        else if (ca_abs(way) > 0)
             level = ca_clip((served->face.wrench[axis] - p->reference[axis]) / way, 0, 1);
         served->level = ca_min(served->level, level);
     }
@@ -799,9 +801,9 @@ void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
     ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M], missed[CA_M];
     ca_real prices[CA_M][CA_M + 1] = {{0}};
     simplex s;
-    *explanation = (ca_explanation){0};
-    explanation->margin = -CA_INFINITY;
-    if (!(ca_length(m, u) <= CA_ABSURD))
+    memset(explanation, 0, sizeof *explanation);
+    explanation->margin = -CA_UNBOUNDED;
+    if (!ca_is_wrench(m, u))
         return;
     explanation->margin = ca_margin(p, u);
     ca_leave(p, u, thrusts, missed);

@@ -5,6 +5,10 @@
 #include "exact.h"
 #include "least_norm.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)
 #define ca_prioritize CA_SYMBOL(ca_prioritize)
 
@@ -22,5 +26,9 @@ typedef struct {
 void ca_priorities_set_up(ca_problem *problem, int on_reference);
 void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *served, int *pivots,
                    int *steps);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -2,21 +2,15 @@
 #ifndef CA_ROS_KERNEL_PROBLEM_H
 #define CA_ROS_KERNEL_PROBLEM_H
 
-/* Maximum numbers of rotors and axes. For a single vehicle, define them as its numbers; if all
- * problems have these numbers, define CA_FIXED too, or CA_FIXED_AXES if they have this number of
- * axes, which makes the code faster. */
-#ifndef CA_N
-#define CA_N 32
-#endif
-#ifndef CA_M
-#define CA_M 6
-#endif
+#include "configuration.h"
 
-/* The type of all numbers: define CA_FLOAT for single precision. */
+/* The type of all numbers. */
 #ifdef CA_FLOAT
 typedef float ca_real;
 #else
 typedef double ca_real;
+/* -fsingle-precision-constant would round all constants. */
+typedef char ca_constants_are_of_double_precision[sizeof 1.0 == sizeof(double) ? 1 : -1];
 #endif
 
 /* The names of the functions end in the numbers and the type, such as ca_allocate_6_4_float: files

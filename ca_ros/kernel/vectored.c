@@ -194,7 +194,7 @@ static void evaluate(const ca_vectored *p, const goal *g, iterate *at)
         }
     }
     at->size = ca_length(m, at->slope);
-    at->missed = CA_INFINITY;
+    at->missed = CA_UNBOUNDED;
     if (at->size > g->near + SHORT * ca_length(m, at->y))
         return;
     for (int k = 0; k < m; k++)
@@ -216,7 +216,7 @@ static int within(const ca_vectored *p, const iterate *at, ca_real tolerance, ca
     ca_real square = 0;
     if (at->missed <= share * tolerance)
         return 1;
-    if (!(at->missed < CA_INFINITY))
+    if (!(at->missed < CA_UNBOUNDED))
         return 0;
     for (int k = 0; k < AXES(p); k++) {
         ca_real sum = 0;
@@ -361,7 +361,7 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
 {
     const int m = AXES(p);
     iterate *best = &pair[0], *now = best, *spare = &pair[1];
-    ca_real last = CA_INFINITY;
+    ca_real last = CA_UNBOUNDED;
     evaluate(p, g, best);
     answer->attained = 1;
     for (int step = 0; step < STEPS; step++) {
@@ -463,7 +463,7 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
     const iterate *at = pair;
     goal g;
     answer->unattainable = answer->steps = answer->attained = 0;
-    answer->most = CA_INFINITY;
+    answer->most = CA_UNBOUNDED;
     for (int k = 0; k < m; k++)
         e[k] = ca_dot(m, p->coordinates[k], way);
     const ca_real size = ca_length(m, e);
@@ -478,7 +478,7 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
     }
     aim_at(p, begin, &g);
     g.e = e;
-    g.near = CA_INFINITY;
+    g.near = CA_UNBOUNDED;
     for (int trial = 0; trial < PULLS; trial++) {
         g.tolerance = CA_TOLERANCE * ca_max(p->greatest, pull / 1000);
         at = newton(p, &g, pair, answer);
@@ -552,7 +552,7 @@ void ca_vectored_allocate(const ca_vectored *p, const ca_real *u, ca_real *x,
 {
     const int m = AXES(p), n = COMPONENTS(p), policy = (int)p->policy;
     for (int k = 0; k < m; k++)
-        if (!(ca_abs(u[k]) <= CA_ABSURD)) {
+        if (!ca_is_finite(&u[k])) {
             ca_copy(n, p->resting, x);
             answer->status = CA_INVALID;
             answer->steps = answer->attained = answer->unattainable = 0;

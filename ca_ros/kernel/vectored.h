@@ -10,6 +10,10 @@
 
 #include "problem.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define ca_vectored_allocate CA_SYMBOL(ca_vectored_allocate)
 #define ca_vectored_solve CA_SYMBOL(ca_vectored_solve)
 #define ca_vectored_line CA_SYMBOL(ca_vectored_line)
@@ -98,5 +102,9 @@ void ca_vectored_command(const ca_vectored *problem, const ca_real *x, const ca_
                          const ca_real *longest, const int *servos, const ca_real *middle,
                          const ca_real *least, const ca_real *greatest, ca_real *lengths,
                          ca_real *angles);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

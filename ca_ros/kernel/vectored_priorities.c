@@ -7,6 +7,8 @@
 #include "vectored.h"
 #include "numbers.h"
 
+#include <string.h>
+
 /* Change of a linear function along a face that counts as none, as a share of its range. */
 #define LEVEL CA_CHOOSE(1e-8, 1e-4)
 /* Share of a row that others do not give, below which they give it. */
@@ -438,10 +440,10 @@ ca_real ca_vectored_prioritize(const ca_vectored *p, const ca_real *u, ca_real *
                                ca_vectored_answer *answer)
 {
     const int m = (int)p->axes, n = (int)p->components;
-    run r = {0};
-    run before;
+    run r, before;
     int order[CA_M], first = 0, on_reference = 1;
     ca_real begin[CA_M], way[CA_M], longest = 0, share = 1;
+    memset(&r, 0, sizeof r);
     ca_copy(n, p->middle, r.x);
     for (int i = 0, j = 0; i < (int)p->sets; j += (int)p->size[i], i++) {
         r.whole[i] = 1;

@@ -10,13 +10,12 @@
 #ifndef {{ NAME }}_DETECTOR_H
 #define {{ NAME }}_DETECTOR_H
 
+#include "detector.h"
 #include "{{ name }}.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#include "detector.h"
 
 extern const ca_detector_model {{ name }}_detector;
 

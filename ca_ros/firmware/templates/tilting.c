@@ -62,9 +62,9 @@ int {{ name }}_allocate(int fault, const ca_real wrench[{{ NAME }}_AXES],
     ca_vectored_answer answer;
     int sound = known;
     for (int k = 0; k < CA_M; k++)
-        sound = sound && ca_abs(wrench[k]) <= CA_ABSURD;
+        sound = sound && ca_is_finite(&wrench[k]);
     for (int k = 0; k < (int)problems[row].axes; k++)
-        u[k] = sound ? wrench[axes[row][k]] : CA_INFINITY;
+        u[k] = sound ? wrench[axes[row][k]] : CA_UNBOUNDED;
     ca_vectored_allocate(&problems[row], u, x, &answer);
     ca_vectored_command(&problems[row], x, thrust_min[row], thrust_max[row], servos[row],
         angle_middle[row], angle_min[row], angle_max[row], command, command + {{ NAME }}_ROTORS);

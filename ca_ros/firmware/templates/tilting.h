@@ -3,31 +3,11 @@
 #ifndef {{ NAME }}_ALLOCATION_H
 #define {{ NAME }}_ALLOCATION_H
 
-/* All files of the kernel have to be compiled with the same definitions, see vehicle.mk. */
-#ifndef CA_N
-#define CA_N {{ firmware.columns }}
-#endif
-#ifndef CA_M
-#define CA_M {{ axes | length }}
-#endif
-{% if firmware.single %}
-#ifndef CA_FLOAT
-#define CA_FLOAT
-#endif
-{% else %}
-#ifdef CA_FLOAT
-#error "this vehicle was exported in double precision"
-#endif
-{% endif %}
-#if CA_N != {{ firmware.columns }} || CA_M != {{ axes | length }}
-#error "compile all files with {{ firmware.definitions }}"
-#endif
+#include "vectored.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#include "vectored.h"
 
 #define {{ NAME }}_ROTORS {{ firmware.problem.vehicle.n }}
 #define {{ NAME }}_SERVOS {{ firmware.tilts.rotors | length }}

@@ -45,12 +45,12 @@ static const ca_real segments[{{ levels | length }}][4] = {
 {% endfor %}
 };
 
-static void curve_speeds(int n, const ca_real *thrusts, const ca_real *thrust_coefficient,
-    const ca_real *reverse_coefficient, const ca_real *low, const ca_real *high, ca_real *speeds)
+static void curve_speeds(int n, const ca_real *thrusts, const ca_real *scale,
+    const ca_real *reverse, const ca_real *low, const ca_real *high, ca_real *speeds)
 {
-    (void)reverse_coefficient; /* rotors with a curve do not reverse */
+    (void)reverse; /* rotors with a curve do not reverse */
     for (int i = 0; i < n; i++) {
-        const ca_real f = (thrusts[i] > 0 ? thrusts[i] : 0) / thrust_coefficient[i];
+        const ca_real f = (thrusts[i] > 0 ? thrusts[i] : 0) / scale[i];
         int k = {{ levels | length }} - 1;
         while (k > 0 && f < levels[k])
             k--;
@@ -70,7 +70,7 @@ static int command(int fault, const ca_real *wrench, ca_real *u)
     if (fault < 0 || fault >= {{ NAME }}_FAULTS)
         return 0;
     for (int k = 0; k < CA_M; k++)
-        if (!(ca_abs(wrench[k]) <= CA_ABSURD))
+        if (!ca_is_finite(&wrench[k]))
             return 0;
     for (int k = 0; k < problems[fault].m; k++)
         u[k] = wrench[axes[fault][k]];
@@ -103,16 +103,15 @@ static const ca_real deceleration_max[CA_N] = {{ firmware.rates[1] | literal }};
 
 /* `ca_narrow` for the thrust curve. */
 static void curve_narrow(ca_problem *problem, const ca_real *speeds, ca_real time,
-    const ca_real *up, const ca_real *down, const ca_real *thrust_coefficient,
-    const ca_real *reverse_coefficient, const ca_real *low, const ca_real *high, ca_real *least,
-    ca_real *greatest)
+    const ca_real *up, const ca_real *down, const ca_real *scale, const ca_real *reverse,
+    const ca_real *low, const ca_real *high, ca_real *least, ca_real *greatest)
 {
     const ca_real *last = segments[{{ levels | length }} - 1];
     ca_real lower[CA_N], upper[CA_N];
-    (void)reverse_coefficient;
+    (void)reverse;
     ca_reach(CA_N, speeds, time, up, down, low, high, least, greatest);
     for (int i = 0; i < CA_N; i++) {
-        const ca_real k = thrust_coefficient[i], from = least[i], to = greatest[i];
+        const ca_real k = scale[i], from = least[i], to = greatest[i];
         /* Most speeds are in the last segment. */
         const int within = from >= last[0];
         lower[i] = k * (within ? (last[1] * from + last[2]) * from + last[3]
@@ -137,7 +136,7 @@ int {{ name }}_allocate_within(int fault, const ca_real wrench[{{ NAME }}_AXES],
         moved = problems[row];
         copied = row;
     }
-    const ca_real elapsed = ca_clip(time, 0, {{ NAME }}_TIME_MAX);
+    const ca_real elapsed = ca_is_finite(&time) ? ca_clip(time, 0, {{ NAME }}_TIME_MAX) : 0;
     {{ 'ca_narrow' if square else 'curve_narrow' }}(&moved, speeds, elapsed, acceleration_max, deceleration_max,
         thrust_coefficient[row], reverse_coefficient[row], speed_min[row], speed_max[row], least,
         greatest);
@@ -157,7 +156,7 @@ int {{ name }}_allocate_within(int fault, const ca_real wrench[{{ NAME }}_AXES],
 ca_real {{ name }}_margin(int fault, const ca_real wrench[{{ NAME }}_AXES])
 {
     ca_real u[CA_M] = {0};
-    return command(fault, wrench, u) ? ca_margin(&problems[fault], u) : -CA_INFINITY;
+    return command(fault, wrench, u) ? ca_margin(&problems[fault], u) : -CA_UNBOUNDED;
 }
 {% if has_throttles %}
 {% set points, full = throttles.tables(firmware) %}

@@ -3,31 +3,11 @@
 #ifndef {{ NAME }}_ALLOCATION_H
 #define {{ NAME }}_ALLOCATION_H
 
-/* All files of the kernel have to be compiled with the same definitions, see vehicle.mk. */
-#ifndef CA_N
-#define CA_N {{ firmware.columns }}
-#endif
-#ifndef CA_M
-#define CA_M {{ axes | length }}
-#endif
-{% if firmware.single %}
-#ifndef CA_FLOAT
-#define CA_FLOAT
-#endif
-{% else %}
-#ifdef CA_FLOAT
-#error "this vehicle was exported in double precision"
-#endif
-{% endif %}
-#if CA_N != {{ firmware.columns }} || CA_M != {{ axes | length }}
-#error "compile all files with {{ firmware.definitions }}"
-#endif
+#include "exact.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#include "exact.h"
 
 #define {{ NAME }}_ROTORS {{ firmware.columns }}
 #define {{ NAME }}_AXES {{ axes | length }}
@@ -79,7 +59,7 @@ void {{ name }}_throttles(const ca_real speeds[{{ NAME }}_ROTORS], ca_real throt
 {% endif %}
 /* How far a wrench is from the limits of the rotors: the distance to the nearest facet of the set of
  * attainable wrenches, negative if the wrench is not attainable [N for a facet that limits the
- * thrust, N m for one that limits a torque]; -INFINITY if the wrench or the fault is invalid. It tests
+ * thrust, N m for one that limits a torque]; below -1e30 if the wrench or the fault is invalid. It tests
  * all choices of as many rotors as there are axes less one: use it for a low-rate warning, not in the
  * loop. It is as sound in interrupts as the function above. */
 ca_real {{ name }}_margin(int fault, const ca_real wrench[{{ NAME }}_AXES]);

@@ -1,6 +1,5 @@
 # The vehicle of this folder, for the Makefile.
 NAME := {{ name }}
-DEFINITIONS := {{ firmware.definitions }}
 KERNEL := {{ 'vectored vectored_priorities' if tilting else 'exact least_norm priorities' }}
 # Not empty if the detector of rotor failures is here, too.
 DETECTOR := {{ 'yes' if detector }}
