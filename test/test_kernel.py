@@ -1,6 +1,7 @@
 """The kernel in C against the NumPy implementation, and against hostile input."""
 
 import copy
+import dataclasses
 import pickle
 import sys
 import warnings
@@ -11,6 +12,7 @@ import pytest
 from ca_ros import AdmissibleSet, Status, make_allocator
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.result import Allocation
 from ca_ros.kernel import INVALID, load, warn_if_missing
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
@@ -116,7 +118,7 @@ def test_in_single_precision_wrenches_are_given_to_1e_5(name):
     for kind, demands in enumerate(around(problem, np.random.default_rng(11), 100)):
         for u in demands.astype(np.float32):
             thrusts = np.empty(problem.n, np.float32)
-            answer = kernel.allocate(u, thrusts)
+            answer = kernel.allocate(u, np.empty_like(u), thrusts)
             assert np.all(problem.lower.astype(np.float32) <= thrusts)
             assert np.all(thrusts <= problem.upper.astype(np.float32))
             missed = np.linalg.norm(u - problem.gamma @ thrusts)
@@ -168,17 +170,17 @@ def test_a_problem_that_is_none_is_refused(changes, message):
         load()(**data | changes)
 
 
-@pytest.mark.parametrize('array', [np.zeros(3), np.zeros((2, 2)), np.zeros(4, np.float32),
-                                   np.zeros((4, 2))[:, 0], np.empty(4, 'V0')])
+@pytest.mark.parametrize('array', [np.zeros(3), np.zeros((2, 2)), np.zeros(4, np.float16),
+                                   np.zeros(4, '>f8'), np.zeros(4, int), np.empty(4, 'V0')])
 def test_arrays_of_another_kind_are_refused(array):
     kernel = kernel_of(VehicleProblem(HEXAROTOR))
     with pytest.raises((TypeError, ValueError, BufferError)):
-        kernel.allocate(array, np.empty(6))
+        kernel.allocate(array, np.empty(4), np.empty(6))
 
 
 def test_a_kernel_without_a_problem_says_so():
     kernel = load().__new__(load())
-    for use in (lambda: kernel.allocate(np.empty(4), np.empty(6)),
+    for use in (lambda: kernel.allocate(np.empty(4), np.empty(4), np.empty(6)),
                 lambda: kernel.allocate_batch(*[np.empty(0)] * 4, None),
                 lambda: kernel.margin(np.empty(4))):
         with pytest.raises(ValueError, match='no problem'):
@@ -203,6 +205,77 @@ def test_copies_give_the_same_answers(twin):
         assert (one.status, one.level) == (other.status, other.level)
 
 
+FIELDS = [field.name for field in dataclasses.fields(Allocation)]
+
+
+def test_both_engines_make_equal_answers(pair):
+    upper = 0.8 * HEXAROTOR.thrust_max
+    seen = set()
+    for options in ({}, {'policy': 'reject'}, {'preferred': 1.0}):
+        for u in ([9.81, 0.1, 0.0, 0.0], [9.81, 3.0, 1.0, 0.2]):
+            for bounds in ((), (HEXAROTOR.thrust_min, upper)):
+                answers = [
+                    each.allocate_within(u, *bounds) if bounds else each.allocate(u)
+                    for each in pair(HEXAROTOR, **options)
+                ]
+                seen.add(answers[0].status)
+                for answer in answers:
+                    copied = pickle.loads(pickle.dumps(answer))
+                    given = {name: getattr(answer, name) for name in FIELDS}
+                    plain, replaced = Allocation(**given), dataclasses.replace(answer)
+                    assert repr(plain) == repr(replaced) == repr(answer)
+                    assert repr(dataclasses.replace(copied, **given)) == repr(answer)
+                    assert str(copied) == str(answer)
+                    for each in (plain, replaced, copied):
+                        assert vars(each).keys() == vars(answer).keys()
+                    assert dataclasses.replace(answer, level=0.25).level == 0.25
+                    with pytest.raises(dataclasses.FrozenInstanceError):
+                        answer.level = 0.0
+                one, other = answers
+                assert vars(one).keys() == vars(other).keys()
+                assert (one.status, one.violation) == (other.status, other.violation)
+                assert one.level == pytest.approx(other.level)
+                np.testing.assert_array_equal(one.demand, other.demand)
+                np.testing.assert_allclose(one.thrusts, other.thrusts, atol=1e-9)
+    assert seen == {
+        Status.EXACT, Status.PRIORITIZED, Status.REJECTED, Status.RATE_LIMITED}
+
+
+@pytest.mark.parametrize('convert', [
+    list, tuple, lambda u: np.array(u, np.float32), lambda u: np.array([u, u]).T[:, 0],
+    lambda u: np.array(u, '>f8'), lambda u: np.array(u).view(Subclass),
+    lambda u: [int(each) for each in u], lambda u: np.array(u, np.int16),
+])
+def test_other_kinds_of_numbers_are_converted_and_copied(pair, convert):
+    given = [10.0, 0.0, -1.0, 0.0]
+    for allocator in pair(HEXAROTOR):
+        u = convert(given)
+        for answer in (allocator.allocate(u), allocator.allocate_within(
+                u, HEXAROTOR.thrust_min, HEXAROTOR.thrust_max)):
+            expected = allocator.allocate(np.array(given))
+            np.testing.assert_array_equal(answer.thrusts, expected.thrusts)
+            assert type(answer.demand) is np.ndarray
+            assert answer.demand.tolist() == given
+            assert not np.shares_memory(answer.demand, np.asarray(u))
+
+
+class Subclass(np.ndarray):
+    """An array of another class."""
+
+
+@pytest.mark.parametrize('u', [
+    ['1', '2', '3', '4'], [True] * 4, np.ma.array(np.ones(4), mask=[1, 0, 0, 0]), None,
+    [1.0j] * 4, np.ones((1, 4)), np.ones(3), [[1.0]] * 4, np.array([None] * 4), [np.nan] * 4,
+    np.ones(4, bool), np.array([1e200, 0, 0, 0]), np.ones(4, 'm8[s]'),
+])
+def test_what_is_no_wrench_is_refused(pair, u):
+    for allocator in pair(HEXAROTOR):
+        for use in (allocator.allocate, lambda u, own=allocator: own.allocate_within(
+                u, HEXAROTOR.thrust_min, HEXAROTOR.thrust_max)):
+            with pytest.raises(ValueError, match=r'^wrench: '):
+                use(u)
+
+
 def test_a_wrong_choice_of_the_engine_is_named(monkeypatch):
     monkeypatch.setenv('CA_ROS_KERNEL', 'fortran')
     with pytest.raises(ValueError, match=r'CA_ROS_KERNEL.*fortran'):
@@ -219,7 +292,7 @@ def test_a_thrust_that_would_move_an_axis_at_its_goal_is_no_choice():
         kernel = load()(gamma, lower, upper, gamma @ (lower + upper) / 2, order, [0, 1], [0, 1], 1,
                         False, 1e-9)
         thrusts = np.empty(3)
-        assert kernel.allocate(gamma @ expected, thrusts) is None
+        assert kernel.allocate(gamma @ expected, np.empty(2), thrusts) is None
         np.testing.assert_allclose(thrusts, expected, rtol=0.0, atol=1e-12)
 
 

@@ -7,19 +7,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy import empty, ndarray
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import Explanation
-from ca_ros.allocation.result import Allocation, AllocationBatch, Status
+from ca_ros.allocation.result import Allocation, AllocationBatch, Status, attained
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen, warn_if_missing
 from ca_ros.problem.vectored import VectoredProblem
-
-EXACT = Status.EXACT
 
 STATUSES = {int(status): status for status in Status}  # ten times as fast as the enumeration
 THREAD_MIN = 8192  # wrenches of a batch for each thread, at least
@@ -68,7 +67,7 @@ class Exact(Allocator):
     def __init__(self, problem: Subject, settings: ExactSettings) -> None:
         super().__init__(problem)
         problem = self.problem
-        self._n = problem.n
+        self._m, self._n = problem.gamma.shape
         self._preference = settings.preference(problem)
         self._vectored = isinstance(problem, VectoredProblem)
         self._engine: Any
@@ -79,6 +78,7 @@ class Exact(Allocator):
             self._engine, self.engine = kernel_for(kernel, problem, settings), 'C'
         else:
             self._engine = NumpyEngine(problem, settings)
+        self._solve = self._engine.allocate
         if self.engine == 'NumPy' and settings.solver == 'newton':
             warn_if_missing()
 
@@ -88,33 +88,40 @@ class Exact(Allocator):
 
     def allocate(self, u: ArrayLike) -> Allocation:
         """Allocate one wrench; see `Allocator.allocate`."""
-        return self._answer(u)
+        demand, thrusts = empty(self._m), empty(self._n)
+        try:
+            answer = self._solve(u if type(u) is ndarray else floats(u), demand, thrusts)
+        except (TypeError, ValueError):
+            # The check converts other numbers, or names what is wrong.
+            answer = self._solve(self.problem.check(u), demand, thrusts)
+        if answer is None and self._preference is None:
+            return attained(self.problem, demand, thrusts)
+        return self._result(demand, thrusts, answer)
 
     def allocate_within(self, u: ArrayLike, lower: Array, upper: Array) -> Allocation:
         """Allocate one wrench within narrower bounds; see `Allocator.allocate_within`."""
-        return self._answer(u, lower, upper)
-
-    def _answer(self, u: ArrayLike, *bounds: Array) -> Allocation:
+        demand, thrusts = empty(self._m), empty(self._n)
         try:
-            demand = floats(u)
-            thrusts = np.empty(self._n)
-            answer = self._engine.allocate(demand, thrusts, *bounds)
+            wrench = u if type(u) is ndarray else floats(u)
+            answer = self._solve(wrench, demand, thrusts, lower, upper)
         except (TypeError, ValueError):
-            # The check names what is wrong.
-            self.problem.check(u)
-            raise
+            answer = self._solve(self.problem.check(u), demand, thrusts, lower, upper)
+        return self._result(demand, thrusts, answer, (lower, upper))
+
+    def _result(
+        self, demand: Array, thrusts: Array, answer: tuple[int, float] | None,
+        bounds: tuple[Array, Array] | None = None,
+    ) -> Allocation:
         if answer is None:
-            if self._preference is None and not bounds:
-                return Allocation(self.problem, demand, thrusts, EXACT)
-            status, level = EXACT, 1.0
+            number, level, explain = 0, 1.0, None
         else:
-            if answer[0] == INVALID:
-                self.problem.check(u)
-            status, level = STATUSES[answer[0]], answer[1]
+            number, level = answer
+            explain = None if self._vectored else self._explain
+            if number == INVALID:
+                self.problem.check(demand)
         return Allocation(
-            self.problem, demand, thrusts, status, level, 0.0, self._preference,
-            (bounds[0], bounds[1]) if bounds else None,
-            None if answer is None or self._vectored else self._explain,
+            self.problem, demand, thrusts, STATUSES[number], level, 0.0, self._preference, bounds,
+            explain,
         )
 
     def _explain(self, answer: Allocation) -> Explanation:

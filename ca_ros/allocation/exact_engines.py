@@ -91,11 +91,11 @@ class NumpyEngine:
         return found.margin
 
     def allocate(
-        self, u: Array, thrusts: Array, *bounds: Array
-    ) -> tuple[int, float, int, int] | None:
-        """Write the thrusts for u; see `Kernel.allocate`.  Steps are not counted."""
+        self, u: Array, demand: Array, thrusts: Array, *bounds: Array
+    ) -> tuple[int, float] | None:
+        """Copy u to `demand`, and write its thrusts; see `Kernel.allocate`."""
         within, problem, solver = self._within(*bounds), self._problem, self._solver
-        u = problem.check(u)
+        demand[:] = u = problem.check(u)
         if within is not None:
             problem = within
             solver = DualNewton(problem.gamma, problem.lower, problem.upper, *self._preference)
@@ -116,7 +116,7 @@ class NumpyEngine:
             return None
         if self._status == Status.REJECTED:
             thrusts[:] = problem.resting_thrusts
-            return self._status, 0.0, 0, 0
+            return int(self._status), 0.0
         solution = self._least(solver, served.wrenches)
         thrusts[:] = solution.thrusts
         status = self._status
@@ -128,7 +128,7 @@ class NumpyEngine:
             thrusts[:] = np.where(self._idle, solution.thrusts, served.thrusts)
             if not problem.is_exact(served.wrenches, thrusts):
                 status = Status.INEXACT
-        return int(status), float(served.levels.min()), 0, 0
+        return int(status), float(served.levels.min())
 
     def _least(self, solver: DualNewton, u: Array) -> Solution:
         start = None if self._osqp is None else self._osqp(u)

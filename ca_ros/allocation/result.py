@@ -39,6 +39,11 @@ class Status(IntEnum):
     __format__ = Enum.__format__
 
 
+EXACT = Status.EXACT  # a name of its own is found faster than a member
+
+new = object.__new__
+
+
 class Answer:
     """What `Allocation` and `AllocationBatch` have in common; see there."""
 
@@ -139,14 +144,16 @@ class Allocation(Answer):
         bounds: tuple[Array, Array] | None = None,
         _explain: Callable[[Allocation], Explanation] | None = None,
     ) -> None:
-        # The __init__ of a frozen dataclass takes three times as long.
+        # The __init__ of a frozen dataclass takes three times as long. Defaults are in the class.
         fields = self.__dict__
         fields['problem'] = problem
         fields['demand'] = demand
         fields['thrusts'] = thrusts
         fields['status'] = status
-        fields['level'] = level
-        fields['violation'] = violation
+        if level != 1.0:
+            fields['level'] = level
+        if violation != 0.0:
+            fields['violation'] = violation
         if preference is not None:
             fields['preference'] = preference
         if bounds is not None:
@@ -171,6 +178,17 @@ class Allocation(Answer):
         problem = self.problem
         within = problem if self.bounds is None else problem.bounded(*self.bounds)
         return explain(problem, within, self.demand, self.thrusts)
+
+
+def attained(problem: AllocationProblem, demand: Array, thrusts: Array) -> Allocation:
+    """Return ``Allocation(problem, demand, thrusts, Status.EXACT)``, in half of its time."""
+    answer = new(Allocation)
+    fields = answer.__dict__
+    fields['problem'] = problem
+    fields['demand'] = demand
+    fields['thrusts'] = thrusts
+    fields['status'] = EXACT
+    return answer
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,10 +73,11 @@ class VectoredEngine:
         fits = solver.prioritizes or status is not Status.PRIORITIZED
         return solver.with_fields(self.fields) if fits else None
 
-    def allocate(self, u: Array, thrusts: Array) -> tuple[int, float, int, int] | None:
-        """Write the vectors for u; see `ca_ros.kernel.Kernel.allocate`."""
-        thrusts[:], status, level = self._answer(self._problem.check(u))
-        return None if status == Status.EXACT else (int(status), level, 0, 0)
+    def allocate(self, u: Array, demand: Array, thrusts: Array) -> tuple[int, float] | None:
+        """Copy u to `demand`, and write its vectors; see `ca_ros.kernel.Kernel.allocate`."""
+        demand[:] = self._problem.check(u)
+        thrusts[:], status, level = self._answer(demand)
+        return None if status == Status.EXACT else (int(status), level)
 
     def _answer(self, u: Array) -> tuple[Array, int, float]:
         """Return vectors, status and level for a wrench: ``ca_vectored_allocate`` in NumPy."""

@@ -186,7 +186,7 @@ class Firmware:
         """Return the status, and speeds (n,) within bounds of them and of the thrusts."""
         thrusts = np.empty(self.problem.n, self.dtype)
         u = np.ascontiguousarray(wrench[self.rows[fault]])
-        answer = self.kernels[fault].allocate(u, thrusts, *bounds)
+        answer = self.kernels[fault].allocate(u, u.copy(), thrusts, *bounds)
         status = 0 if answer is None else answer[0]
         if status in (INVALID, Status.REJECTED):
             return status, self._rest(low, high)

@@ -84,7 +84,7 @@ class TiltingFirmware(Firmware):
         demand = np.full(len(self.rows[row]), np.nan, self.dtype)
         if self.is_sound(fault, wrench):
             demand = np.ascontiguousarray(wrench[self.rows[row]])
-        answer = kernel.allocate(demand, vectors)
+        answer = kernel.allocate(demand, demand.copy(), vectors)
         thrusts = np.empty(self.problem.vehicle.n, self.dtype)
         angles = np.empty(len(self.tilts.rotors), self.dtype)
         kernel.command(vectors, *self.servos[row], thrusts, angles)

@@ -44,12 +44,12 @@ class Kernel(Protocol):
     ) -> None: ...
 
     def allocate(
-        self, u: Array, thrusts: Array, *bounds: Array
-    ) -> tuple[int, float, int, int] | None:
-        """Write the thrusts (n,) for u (m,); `bounds` are narrower bounds of this call, (n,) each.
+        self, u: Array, demand: Array, thrusts: Array, *bounds: Array
+    ) -> tuple[int, float] | None:
+        """Copy u (m,) to `demand` (m,), and write its thrusts (n,).
 
-        The result: none for an exact answer; otherwise the status, the level, and how many steps
-        of Newton's method and pivots of the simplex method it took.
+        `bounds` are narrower bounds of this call, (n,) each.  The result: none for an exact
+        answer; otherwise the status and the level.
         """
 
     def allocate_batch(

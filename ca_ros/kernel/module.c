@@ -6,9 +6,11 @@
 
 #include "exact.h"
 
+/* `moved` is the problem within the bounds of the last call that gave any; each such call sets all
+ * of them anew, under the lock of the interpreter. */
 typedef struct {
     PyObject_HEAD
-    ca_problem problem;
+    ca_problem problem, moved;
 } kernel;
 
 /* Whether `__init__` has set up a problem; raises a ValueError if not. */
@@ -19,22 +21,15 @@ static int ready(const kernel *self)
     return self->problem.n > 0;
 }
 
-static PyObject *answer_of(const ca_answer *answer)
-{
-    return Py_BuildValue("(idii)", answer->status, (double)answer->level, answer->steps,
-                         answer->pivots);
-}
-
-/* Copy the problem with the bounds lower and upper. */
-static int narrow(const kernel *self, PyObject *const *arguments, ca_problem *moved)
+/* Set the bounds lower and upper of `moved`. */
+static int narrow(kernel *self, PyObject *const *arguments)
 {
     const char formats[2] = {FORMAT, FORMAT};
     const Py_ssize_t widths[2] = {self->problem.n, self->problem.n};
     Py_buffer bounds[2];
     if (!get_all(arguments, 2, bounds, formats, widths, NULL, 2))
         return 0;
-    *moved = self->problem;
-    const int fault = ca_set_bounds(moved, bounds[0].buf, bounds[1].buf);
+    const int fault = ca_set_bounds(&self->moved, bounds[0].buf, bounds[1].buf);
     release(2, bounds);
     if (fault)
         PyErr_SetString(PyExc_ValueError,
@@ -43,32 +38,33 @@ static int narrow(const kernel *self, PyObject *const *arguments, ca_problem *mo
 }
 
 PyDoc_STRVAR(allocate_doc,
-             "allocate(u, thrusts, lower=None, upper=None)\n--\n\n"
-             "Write the thrusts for u, within narrower bounds if they are given; return None if it "
-             "is exact, else (status, level, steps, pivots).");
+             "allocate(u, demand, thrusts, lower=None, upper=None)\n--\n\n"
+             "Copy u to demand, and write its thrusts, within narrower bounds if they are given; "
+             "return None if they are exact, else (status, level).");
 
 static PyObject *allocate(kernel *self, PyObject *const *arguments, Py_ssize_t count)
 {
-    Py_buffer views[2];
-    ca_problem moved;
     if (!ready(self))
         return NULL;
-    if (count != 2 && count != 4) {
-        PyErr_SetString(PyExc_TypeError, "expected u and thrusts, and perhaps lower and upper");
+    if (count != 3 && count != 5) {
+        PyErr_SetString(PyExc_TypeError,
+                        "expected u, demand and thrusts, and perhaps lower and upper");
         return NULL;
     }
-    if (count == 4 && !narrow(self, arguments + 2, &moved))
+    if (count == 5 && !narrow(self, arguments + 3))
         return NULL;
+    Py_buffer views[2];
     const char formats[2] = {FORMAT, FORMAT};
     const Py_ssize_t widths[2] = {self->problem.m, self->problem.n};
-    if (!get_all(arguments, 2, views, formats, widths, NULL, 1))
+    ca_answer answer = {CA_EXACT, 1, 0, 0};
+    if (!get_all(arguments + 1, 2, views, formats, widths, NULL, 0))
         return NULL;
-    const ca_answer answer =
-        ca_allocate(count == 4 ? &moved : &self->problem, views[0].buf, views[1].buf);
+    const int copied = copy_from(arguments[0], self->problem.m, views[0].buf);
+    if (copied)
+        answer = ca_allocate(count == 5 ? &self->moved : &self->problem, views[0].buf,
+                             views[1].buf);
     release(2, views);
-    if (answer.status == CA_EXACT)
-        Py_RETURN_NONE;
-    return answer_of(&answer);
+    return copied ? answer_of(answer.status, answer.level) : NULL;
 }
 
 PyDoc_STRVAR(explain_doc,
@@ -81,7 +77,6 @@ static PyObject *explain(kernel *self, PyObject *const *arguments, Py_ssize_t co
     const char formats[6] = {FORMAT, FORMAT, FORMAT, FORMAT, FORMAT, 'i'};
     const Py_ssize_t widths[6] = {m, n, m, (Py_ssize_t)m * n, m, n};
     Py_buffer views[6];
-    ca_problem moved;
     ca_explanation found;
     if (!ready(self))
         return NULL;
@@ -90,11 +85,11 @@ static PyObject *explain(kernel *self, PyObject *const *arguments, Py_ssize_t co
                                          "and perhaps lower and upper");
         return NULL;
     }
-    if (count == 8 && !narrow(self, arguments + 6, &moved))
+    if (count == 8 && !narrow(self, arguments + 6))
         return NULL;
     if (!get_all(arguments, 6, views, formats, widths, NULL, 2))
         return NULL;
-    ca_explain(count == 8 ? &moved : &self->problem, views[0].buf, views[1].buf, &found);
+    ca_explain(count == 8 ? &self->moved : &self->problem, views[0].buf, views[1].buf, &found);
     for (int k = 0; k < m; k++) {
         ((ca_real *)views[2].buf)[k] = found.served[k];
         ((ca_real *)views[4].buf)[k] = found.airmode[k];
@@ -284,6 +279,7 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
                 options.reference[k] = ((const ca_real *)views[3].buf)[k];
             fault = ca_set_up(&self->problem, (int)n, (int)m, views[0].buf, views[1].buf,
                               views[2].buf, &options);
+            self->moved = self->problem;
         }
         release(taken, views);
     }

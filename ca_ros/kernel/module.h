@@ -4,6 +4,7 @@
 
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
+#include <string.h>
 
 #include "problem.h"
 
@@ -64,16 +65,34 @@ static inline void release(int count, Py_buffer *views)
         PyBuffer_Release(&views[--count]);
 }
 
-/* Copy doubles from an array to numbers of the library's type. */
-static inline int copy_from(PyObject *array, int count, ca_real *numbers)
+/* What `allocate` returns: None for an exact answer, else (status, level). */
+static inline PyObject *answer_of(int status, ca_real level)
+{
+    if (status == 0)
+        Py_RETURN_NONE;
+    PyObject *parts[2] = {PyLong_FromLong(status), PyFloat_FromDouble((double)level)};
+    PyObject *answer = parts[0] && parts[1] ? PyTuple_Pack(2, parts[0], parts[1]) : NULL;
+    Py_XDECREF(parts[0]);
+    Py_XDECREF(parts[1]);
+    return answer;
+}
+
+/* Copy numbers of either precision, adjacent or not, to numbers of the library's type. */
+static inline int copy_from(PyObject *array, Py_ssize_t count, ca_real *numbers)
 {
     Py_buffer view;
-    if (!get(array, &view, 'd', count, NULL, 0))
+    if (PyObject_GetBuffer(array, &view, PyBUF_STRIDES | PyBUF_FORMAT) < 0)
         return 0;
-    for (int i = 0; i < count; i++)
-        numbers[i] = (ca_real)((const double *)view.buf)[i];
+    const int whole = strcmp(view.format, "d") == 0;
+    const int fits = view.ndim == 1 && view.shape[0] == count &&
+                     (whole || strcmp(view.format, "f") == 0);
+    const char *from = view.buf;
+    for (Py_ssize_t i = 0; fits && i < count; i++, from += view.strides[0])
+        numbers[i] = whole ? (ca_real)*(const double *)from : (ca_real)*(const float *)from;
     PyBuffer_Release(&view);
-    return 1;
+    if (!fits)
+        PyErr_Format(PyExc_TypeError, "expected an array of %zd floating-point numbers", count);
+    return fits;
 }
 
 /* Return a new module with one type and the greatest numbers of rotors and axes, or NULL. */

@@ -73,16 +73,16 @@ static PyObject *allocate(object *self, PyObject *const *arguments, Py_ssize_t c
     const char formats[2] = {FORMAT, FORMAT};
     const Py_ssize_t widths[2] = {axes(self), components(self)};
     Py_buffer views[2];
-    ca_vectored_answer answer;
-    if (!ready(self, count, 2))
+    ca_vectored_answer answer = {0};
+    if (!ready(self, count, 3))
         return NULL;
-    if (!get_all(arguments, 2, views, formats, widths, NULL, 1))
+    if (!get_all(arguments + 1, 2, views, formats, widths, NULL, 0))
         return NULL;
-    ca_vectored_allocate(&self->problem, views[0].buf, views[1].buf, &answer);
+    const int copied = copy_from(arguments[0], axes(self), views[0].buf);
+    if (copied)
+        ca_vectored_allocate(&self->problem, views[0].buf, views[1].buf, &answer);
     release(2, views);
-    if (answer.status == CA_EXACT)
-        Py_RETURN_NONE;
-    return Py_BuildValue("(idii)", answer.status, (double)answer.level, answer.steps, 0);
+    return copied ? answer_of(answer.status, answer.level) : NULL;
 }
 
 static PyObject *line(object *self, PyObject *const *arguments, Py_ssize_t count)
