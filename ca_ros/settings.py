@@ -77,6 +77,7 @@ class Field:
       `positive`
     - `choices`: the allowed words, if they are not in the type
     - `sizes`: how many numbers there may be
+    - `removed`: by a word or a size that was allowed once, what to do instead
     - `own_class`: whether ``module:Class`` is allowed beside the choices
     - `mutable`: whether it can be set on a running node
     - `rebuild`: whether a node then builds its allocator, controller or plant again
@@ -91,6 +92,7 @@ class Field:
     positive: bool = False
     choices: Sequence[str] = ()
     sizes: Sequence[int] = ()
+    removed: Mapping[Any, str] = dataclasses.field(default_factory=dict)
     own_class: bool = False
     mutable: bool = False
     rebuild: bool = True
@@ -335,11 +337,13 @@ def check(name: str, value: Any, field: Field) -> Any:
             'numbers only if all have a decimal point or none has: write [0.0, 0.5, 1.0]'
         )
     size = len(value) if is_array else 1
+    if instead := field.removed.get(value if isinstance(value, str) else size):
+        raise ParameterError(f'{name}: {instead}')
     if field.sizes and size not in field.sizes:
         expected = ' or '.join(map(str, field.sizes))
         raise ParameterError(f'{name}: expected {expected} numbers, got {size}')
     if is_array:
-        entry = dataclasses.replace(field, sizes=())
+        entry = dataclasses.replace(field, sizes=(), removed={})
         return [check(f'{name}[{i}]', each, entry) for i, each in enumerate(value)]
     found = _typed(value, field)
     if found is None:

@@ -15,7 +15,8 @@ def settings():
             'words': str in field.kinds, 'whole': int in field.kinds, 'array': field.array,
             'minimum': SMALLEST if field.positive else max(field.minimum, -LARGEST),
             'maximum': min(field.maximum, LARGEST), 'choices': list(field.choices),
-            'sizes': list(field.sizes) or None, 'range': field.range(),
+            'sizes': list(field.sizes) or None, 'removed': dict(field.removed),
+            'range': field.range(),
             'default': None if field.default is REQUIRED else field.default,
             'description': field.description,
         }

@@ -181,8 +181,8 @@ def test_it_gives_way_by_the_reversal_of_the_user():
     # Thrust, which is nearer to its demand if yaw may be reversed, pays otherwise.
     assert demand[YAW] > 0.1
     assert served['allow'][YAW] < -0.05
-    assert served['avoid'][YAW] > -1e-12
-    assert demand[THRUST] < served['allow'][THRUST] < served['avoid'][THRUST] - 1.0
+    assert served['prevent'][YAW] > -1e-12
+    assert demand[THRUST] < served['allow'][THRUST] < served['prevent'][THRUST] - 1.0
     with pytest.raises(ValueError, match='thrust_deviation'):
         PrioritiesSettings(thrust_deviation='never')
 

@@ -109,7 +109,7 @@ def test_a_limit_on_airmode_is_named():
     why = make_allocator('exact', HEXAROTOR, airmode_limit=0.1).allocate(
         [0.1, 1.5, 0.0, 0.0]).explanation
     assert why.airmode[1] > 0.0
-    assert 'the limit on airmode (rise)' in why.limits['roll']
+    assert 'the limit on airmode' in why.limits['roll']
 
 
 @pytest.mark.parametrize('method', ['pseudo_inverse', 'direct', 'sequential_desaturation'])

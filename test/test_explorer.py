@@ -101,7 +101,7 @@ def test_the_page_is_one_file_without_network(page):
 
 @pytest.mark.parametrize(('name', 'settings'), [
     ('hexarotor', {}),
-    ('x8', {'thrust_deviation': 'avoid'}),
+    ('x8', {'thrust_deviation': 'allow'}),
     ('hexarotor_tilted', {'policy': 'scale'}),
     ('hexarotor', {'policy': 'reject'}),
     ('y6', {'airmode_limit': 0.1}),
@@ -116,7 +116,7 @@ def test_thousand_allocations_have_the_bits_of_python(page, name, settings):
     if 'order' in settings:
         words['order'] = settings['order']
     if limit := settings.get('airmode_limit'):
-        words['airmode'] = [limit, limit, 1, 1]
+        words['airmode'] = [limit, limit]
     answers = page.evaluate(ALLOCATE, [VEHICLES[name], None, words, wrenches.tolist(), 'exact'])
     expected = exact.allocate_batch(wrenches)
     assert np.array_equal([a['thrusts'] for a in answers], expected.thrusts)
@@ -132,7 +132,7 @@ def test_what_limits_an_answer_is_what_python_says(page):
     exact = Exact(Vehicle.load('hexarotor'), airmode_limit=0.05)
     wrenches = demands(exact.problem, 60)
     answers = page.evaluate(ALLOCATE, [
-        VEHICLES['hexarotor'], None, {'airmode': [0.05, 0.05, 1, 1]}, wrenches.tolist(), 'exact'])
+        VEHICLES['hexarotor'], None, {'airmode': [0.05, 0.05]}, wrenches.tolist(), 'exact'])
     limited = 0
     for u, got in zip(wrenches, answers, strict=True):
         found = exact.allocate(u).explanation
@@ -241,7 +241,9 @@ OTHERS = [
     ('rotors.thrust_curve.speeds', [50.0, 100.0]),
     ('allocation.exact.order', ['roll', 'pitch', 'thrust']), ('allocation.exact.order', ['foo']),
     ('allocation.exact.order', ['roll pitch', 'thrust', 'yaw', 'roll']),
-    ('allocation.exact.airmode_limit', [0.1, 0.5]), ('allocation.exact.weights', [1.0] * 5),
+    ('allocation.exact.airmode_limit', [0.1, 0.5]),
+    ('allocation.exact.airmode_limit', [0.5, 0.1, 0.2, 0.0]),
+    ('allocation.exact.thrust_deviation', 'avoid'), ('allocation.exact.weights', [1.0] * 5),
     ('allocation.exact.weights', [1.0] * 5 + [1e5]), ('allocation.exact.preferred', 1e6),
     ('allocation.exact.reversal', 'maybe'), ('allocation.exact.slack', 1.0),
 ]

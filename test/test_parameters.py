@@ -335,6 +335,10 @@ def test_what_is_read_is_flat_again_and_frozen():
     ({'simulator.initial_attitude': [0.0] * 4}, 'simulator.initial_attitude: .*quaternion'),
     ({'simulator.seed': 0.5}, 'simulator.seed: must be a whole number, at least 0, got 0.5'),
     ({'simulator.publish_clock': 'yes'}, "simulator.publish_clock: must be true or false, got 'y"),
+    ({'allocation.exact.thrust_deviation': 'avoid'},
+     "allocation.exact.thrust_deviation: 'avoid' is no more: use 'prevent', .* or 'allow', .*"),
+    ({'allocation.exact.airmode_limit': [0.5, 0.1, 0.2, 0.0]},
+     'allocation.exact.airmode_limit: the limits on a fall .*: give the first two numbers'),
     ({'simulator.publish_clock': 1.0}, 'simulator.publish_clock: must be true or false, got 1.0'),
 ])
 def test_a_limit_between_settings_and_a_type_are_named(given, words):
@@ -350,7 +354,7 @@ def test_settings_have_the_types_of_their_declaration():
 
 
 OLD = {
-    'allocation.exact.reversal': 'avoid', 'allocation.exact.slack': 1e-6,
+    'allocation.exact.reversal': 'allow', 'allocation.exact.slack': 1e-6,
     'simulator.publish_clock': 'enabled', 'allocation.betaflight_mixer.airmode': 'disabled'}
 
 
@@ -361,7 +365,7 @@ def test_old_names_are_read_with_one_warning(tmp_path):
     with pytest.warns(FutureWarning, match='old settings: .* is now ') as warned:
         settings = load(path)
     assert len(warned) == 1
-    assert settings.allocation.exact.thrust_deviation == 'avoid'
+    assert settings.allocation.exact.thrust_deviation == 'allow'
     assert settings.allocation.exact.residual_slack == 1e-6
     assert settings.simulator.publish_clock is True
     assert settings.allocation.of('betaflight_mixer').airmode is False

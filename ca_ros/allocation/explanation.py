@@ -49,7 +49,7 @@ class Explanation(Limits):
             for how, names in groups.items()
         ]
         if self.airmode[axis]:
-            parts.append(f'the limit on airmode ({"rise" if self.airmode[axis] > 0 else "fall"})')
+            parts.append('the limit on airmode')
         if isinstance(self.problem, TiltingVehicleProblem):
             parts += self.problem.rate_limited or ['thrusts and tilts'] * (self.margin < 0.0)
         return ' and '.join(parts) or 'the method'

@@ -39,7 +39,7 @@ class Kernel(Protocol):
         self, gamma: Array, lower: Array, upper: Array, reference: Array, order: Sequence[int],
         group: Sequence[int], keep_sense: Sequence[int], policy: int, on_reference: bool,
         slack: float, weight: Array | None = None, preferred: Array | None = None,
-        thrust: int = -1, airmode: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        thrust: int = -1, airmode: Sequence[float] = (1.0, 1.0),
         impaired: Sequence[int] | None = None,
     ) -> None: ...
 

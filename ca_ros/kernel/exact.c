@@ -96,10 +96,10 @@ int ca_set_bounds(ca_problem *p, const ca_real *lower, const ca_real *upper)
 /* Set the limits on airmode, scaled: the range of an axis is 2. Returns 0 if one is wrong. */
 static int limit_airmode(ca_problem *p, const ca_options *options)
 {
-    ca_real *const limits[4] = {&p->rise, &p->later_rise, &p->fall, &p->later_fall};
+    ca_real *const limits[2] = {&p->rise, &p->later_rise};
     int first = 0, limited = 0;
     p->thrust = -1;
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 2; i++)
         *limits[i] = CA_UNBOUNDED;
     if (!options->airmode_limited || options->thrust < 0)
         return 1;
@@ -107,7 +107,7 @@ static int limit_airmode(ca_problem *p, const ca_options *options)
     for (int i = 0; i < p->m; i++)
         first = first || (options->order[i] == options->thrust &&
                           options->group[i] == options->group[0]);
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < 2; i++) {
         if (!ca_is_finite(&options->airmode[i]) || options->airmode[i] < 0)
             return 0;
         if (options->airmode[i] < 1 && !first) {
@@ -117,7 +117,7 @@ static int limit_airmode(ca_problem *p, const ca_options *options)
     }
     if (limited)
         p->thrust = options->thrust;
-    return options->thrust < p->m && p->later_rise <= p->rise && p->later_fall <= p->fall;
+    return options->thrust < p->m && p->later_rise <= p->rise;
 }
 
 static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_real *lower,

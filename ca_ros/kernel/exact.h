@@ -73,8 +73,7 @@ typedef struct {
     ca_real served[CA_M];     /* share of its demand that each axis gets, from the reference */
     ca_real gain[CA_M][CA_N]; /* multipliers: by how much an axis would come nearer to its demand per
                                  N by which the bound of a rotor moved out; 0: no limit to the axis */
-    ca_real airmode[CA_M];    /* the same per N of the limit on airmode; positive if thrust may not
-                                 rise any more, negative if it may not fall */
+    ca_real airmode[CA_M];    /* the same per N of the limit on airmode; 0: no limit to the axis */
     int limit[CA_N];          /* enum ca_limit of each rotor */
 } ca_explanation;
 

@@ -228,7 +228,7 @@ static const char *const FAULTS[] = {
 /* Kernel(gamma, lower, upper, reference, order, group, keep_sense, policy, on_reference, slack,
  *        weight=None, preferred=None, thrust=-1, airmode=None, impaired=None)
  *
- * `airmode` has four numbers. */
+ * `airmode` has two numbers. */
 static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
 {
     static char *names[] = {"gamma", "lower", "upper", "reference", "order", "group",
@@ -237,7 +237,7 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
     PyObject *inputs[6] = {NULL}, *order, *group, *senses, *impaired = NULL;
     Py_buffer views[6];
     ca_options options;
-    double slack, airmode[4] = {1, 1, 1, 1};
+    double slack, airmode[2] = {1, 1};
     int taken = 0, fault = CA_BAD_SIZE;
     options.thrust = -1;
     if (self->problem.n) {
@@ -245,14 +245,14 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
         PyErr_SetString(PyExc_ValueError, "this Kernel has a problem: make another Kernel");
         return -1;
     }
-    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd|OOi(dddd)O", names,
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd|OOi(dd)O", names,
                                      &inputs[0], &inputs[1], &inputs[2], &inputs[3], &order,
                                      &group, &senses, &options.policy, &options.on_reference,
                                      &slack, &inputs[4], &inputs[5], &options.thrust, &airmode[0],
-                                     &airmode[1], &airmode[2], &airmode[3], &impaired))
+                                     &airmode[1], &impaired))
         return -1;
     options.airmode_limited = 1;
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 2; i++)
         options.airmode[i] = (ca_real)airmode[i];
     options.reports_health = impaired && impaired != Py_None;
     const Py_ssize_t m = PySequence_Length(order);

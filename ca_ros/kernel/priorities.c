@@ -523,7 +523,7 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
     for (int i = 0; moved && first > 1 && i < first; i++)
         release(s, variables[i]);
     if (thrust >= 0) {
-        confine(s, n + thrust, demand - p->fall, demand + p->rise);
+        confine(s, n + thrust, -CA_UNBOUNDED, demand + p->rise);
         s->confined = thrust;
     }
     s->pushed = p->order;
@@ -551,11 +551,11 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         }
         share = push_along(s, length, size, direction);
     }
-    if (thrust >= 0 && ca_min(p->later_rise, p->later_fall) < CA_UNBOUNDED) {
-        /* Thrust deviates for the others from its demand, or from what the first group needs. */
+    if (thrust >= 0 && p->later_rise < CA_UNBOUNDED) {
+        /* Thrust rises for the others above its demand, or above what the first group needs. */
         s->pushed_count = 0;
         approach(s, n + thrust, demand);
-        confine(s, n + thrust, demand - p->later_fall, demand + p->later_rise);
+        confine(s, n + thrust, -CA_UNBOUNDED, demand + p->later_rise);
     } else if (thrust >= 0) {
         s->lower[s->place[n + thrust]] = -CA_UNBOUNDED;
         s->upper[s->place[n + thrust]] = CA_UNBOUNDED;

@@ -49,10 +49,9 @@ typedef struct {
     ca_real preferred[CA_N]; /* preferred thrusts [N] */
     int airmode_limited;     /* nonzero if the next two are given; zero for no limits */
     int thrust;              /* the axis thrust, or -1 */
-    ca_real airmode[4];      /* how far thrust may rise above its demand for the first group, and for
-                                the others, and how far it may fall below it for the first, and for
-                                the others, as shares of its range; 1 is no limit. For the
-                                others it is at most as far */
+    ca_real airmode[2];      /* how far thrust may rise above its demand for the first group, and for
+                                the others, as shares of its range; 1 is no limit. For the others
+                                it is at most as far */
     int reports_health;      /* nonzero if the next is given */
     int impaired[CA_N];      /* nonzero if the health of a rotor lowers its upper bound */
 } ca_options;
@@ -91,10 +90,8 @@ typedef struct {
     X(int, group, [CA_M]) \
     X(int, keep_sense, [CA_M]) \
     X(int, thrust, )                        /* the axis with a limit on airmode, or -1 */ \
-    X(ca_real, rise, )                      /* the limits for the first group, scaled */ \
+    X(ca_real, rise, )                      /* the limit for the first group, scaled */ \
     X(ca_real, later_rise, )                /* and for the others */ \
-    X(ca_real, fall, ) \
-    X(ca_real, later_fall, ) \
     X(ca_real, reference, [CA_M]) \
     X(ca_real, begin, [CA_M])               /* where the line of the first group begins, scaled */ \
     X(int, on_reference, )                  /* whether it begins at the reference */ \

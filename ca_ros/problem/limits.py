@@ -21,8 +21,7 @@ class Limits:
     - `gain` (m, n): multipliers: by how much an axis would come nearer to its demand per unit by
       which the bound of an effector moved out; zero if the effector does not limit the axis, even
       at a bound
-    - `airmode` (m,): the same per N of the limit on airmode; positive if thrust may not rise any
-      more, negative if it may not fall
+    - `airmode` (m,): the same per N of the limit on airmode; zero if it does not limit the axis
     - `limit` (n,): `BY_BOUND`, `BY_RATE` or `BY_HEALTH`, negative at the lower bound; 0 for no
       limit
     """

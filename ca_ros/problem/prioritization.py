@@ -23,9 +23,9 @@ ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 
 DEFAULT_ORDER = tuple(' '.join(group) for group in ORDER)  # the same in words
 
-THRUST_DEVIATIONS = ('prevent', 'avoid', 'allow')
+THRUST_DEVIATIONS = ('prevent', 'allow')
 THRUST_DEVIATION = 'prevent'  # the default
-AIRMODE = (1.0, 1.0, 1.0, 1.0)  # without limits on airmode: thrust may deviate by its whole range
+AIRMODE = (1.0, 1.0)  # without limits on airmode: thrust may rise by its whole range
 REST = 1e-9  # distance from the reference, as a share of an axis's range, that counts as none
 LAG = 1e-3  # least weight of an axis in its group, as a share of its range
 LAG_RATIO = 1e-6  # least weight of an axis in its group, relative to the greatest
@@ -40,16 +40,20 @@ class PrioritiesSettings(Settings):
     order: Annotated[Sequence[Sequence[str]], str] = setting(
         DEFAULT_ORDER, 'priorities of prioritize: groups of axes, the most important first',
         mutable=True)
-    thrust_deviation: Literal['prevent', 'avoid', 'allow'] = setting(
+    thrust_deviation: Literal['prevent', 'allow'] = setting(
         THRUST_DEVIATION,
-        'how far thrust may deviate from its demand so that no axis after the first group is '
-        'reversed. prevent: as far as necessary; avoid: no further than hover; allow: not at all',
+        'whether thrust may deviate from its demand so that no axis after the first group is '
+        'reversed. prevent: as far as necessary; allow: not at all',
+        removed={'avoid': "'avoid' is no more: use 'prevent', which keeps the sense of yaw, or "
+                          "'allow', which keeps thrust near its demand"},
         mutable=True)
     airmode_limit: Numbers = setting(
         1.0,
-        'how far thrust may rise above its demand for roll and pitch, and for yaw, then how far '
-        'it may fall below it, as shares of its range: one number for both rises, two for the '
-        'rises, or four. 0: no airmode; 1: no limit', minimum=0.0, maximum=1.0, sizes=[1, 2, 4],
+        'how far thrust may rise above its demand for roll and pitch, and for yaw, as shares of '
+        'its range: one number for both, or two. 0: no airmode; 1: no limit', minimum=0.0,
+        maximum=1.0, sizes=[1, 2],
+        removed={4: 'the limits on a fall of thrust are no more: give the first two numbers, and '
+                    'for no fall at all thrust_deviation: allow'},
         mutable=True)
 
     def __post_init__(self) -> None:
@@ -123,29 +127,28 @@ def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     return groups_of((*ORDER, others) if others else ORDER, axes)
 
 
-def airmode_limits(given: Numbers) -> tuple[float, float, float, float]:
-    """Return the limits of `airmode_limit`: two rises for the first group and others, two falls.
+def airmode_limits(given: Numbers) -> tuple[float, float]:
+    """Return the limits of `airmode_limit`, for the first group and for the others.
 
-    Raises a ParameterError if thrust may deviate further for the others than for the first group.
+    Raises a ParameterError if there are more than two, or thrust may rise further for the others.
     """
     numbers = [float(number) for number in np.ravel(given)]
-    rises = numbers[:2] if len(numbers) > 1 else 2 * numbers
-    falls = numbers[2:] or [1.0, 1.0]
-    if rises[1] > rises[0] or falls[1] > falls[0]:
+    if len(numbers) not in (1, 2) or numbers[-1] > numbers[0]:
         raise ParameterError(
-            f'airmode_limit: expected limits for yaw up to those for roll and pitch, got {numbers}'
+            'airmode_limit: expected one limit, or that of roll and pitch and one up to it for '
+            f'yaw, got {numbers}'
         )
-    return rises[0], rises[1], falls[0], falls[1]
+    return numbers[0], numbers[-1]
 
 
 def sensed(groups: Sequence[Sequence[str]], thrust_deviation: str) -> list[str]:
     """Return the axes whose sense has priority over the amounts of less important axes.
 
-    `groups`: the axes of each group.  `thrust_deviation` ('prevent', 'avoid' or 'allow').
+    `groups`: the axes of each group.  `thrust_deviation` ('prevent' or 'allow').
     """
-    later = [axis for group in groups[1:] for axis in group]
-    kept = {'prevent': [axis for axis in later if axis != 'thrust'], 'avoid': later, 'allow': []}
-    return kept[thrust_deviation]
+    if thrust_deviation == 'allow':
+        return []
+    return [axis for group in groups[1:] for axis in group if axis != 'thrust']
 
 
 class Prioritization:
@@ -169,15 +172,15 @@ class Prioritization:
 
     - `groups`: rows of Gamma, the most important group first
     - `reference` (m,): by default that of the problem: hover for a vehicle [N, N m]
-    - `thrust_deviation` ('prevent', 'avoid' or 'allow'): the axes of step 2.  'prevent': all but
-      thrust, so that thrust deviates from its demand as far as the others need.  'avoid': thrust
-      too, so that it deviates no further than to its reference.  'allow': none
+    - `thrust_deviation` ('prevent' or 'allow'): the axes of step 2.  'prevent': all but thrust, so
+      that thrust deviates from its demand as far as the others need.  'allow': none
     - `begin` (m,): attainable wrench where the line of step 1 begins.  By default it is the
       reference, moved towards the middle of the set if that is outside the set or near its
       boundary
-    - `airmode_limit`: see `airmode_limits`.  In step 1, thrust stays within the first limits of
-      its demand, or of what the first group needs where its line begins.  In steps 2 and 3 it
-      stays within the others of its demand, or of what the first group needs now
+    - `airmode_limit`: see `airmode_limits`.  In step 1, thrust rises no further than the first
+      limit above its demand, or above what the first group needs where its line begins.  In steps
+      2 and 3 it rises no further than the other above its demand, or above what the first group
+      needs now
     """
 
     def __init__(
@@ -264,8 +267,8 @@ class Prioritization:
 
         Row k belongs to axis k if it cannot reach its demand, and is zero otherwise.  Its first m
         entries are the normal of a plane that all attainable wrenches with the more important axes
-        are behind; the last is positive if thrust would have to rise beyond its limit, and
-        negative if it would have to fall.  All are in units of the ranges.
+        are behind; the last is positive if thrust would have to rise beyond its limit.  All are in
+        units of the ranges.
         """
         return self._serve(self._problem.scaled(u).tolist(), self._box(within)).prices
 
@@ -294,10 +297,10 @@ class Prioritization:
             for v in first:
                 simplex.release(v)
         if self._airmode is not None:
-            rise, later_rise, fall, later_fall = self._airmode
+            rise, later_rise = self._airmode
             run.thrust = self._thrust
             v, demand = offset + self._thrust, min(max(goals[self._thrust], -1.0), 1.0)
-            simplex.confine(v, demand - fall, demand + rise)
+            simplex.confine(v, -inf, demand + rise)
         if len(first) == 1:
             run.push(first[0], goals[self._first[0]], self._first)
         else:
@@ -315,10 +318,10 @@ class Prioritization:
             share = simplex.value[length] / size
             run.share = share if left == 0.0 else -1.0
         if self._airmode is not None:
-            if min(later_rise, later_fall) < inf:
-                # Thrust deviates for the others from its demand, or from what the first need.
+            if later_rise < inf:
+                # Thrust rises for the others above its demand, or above what the first need.
                 simplex.approach(v, demand)
-                simplex.confine(v, demand - later_fall, demand + later_rise)
+                simplex.confine(v, -inf, demand + later_rise)
             else:
                 simplex.lower[v], simplex.upper[v] = -inf, inf
         for row in self._senses:

@@ -37,7 +37,7 @@ export async function loadKernel() {
     rowOf = axes.map((axis) => kept.indexOf(axis));
     const groups = (policy === 'prioritize' ? order : [kept.join(' ')])
       .map((group) => group.split(' ').filter((axis) => kept.includes(axis))).filter((group) => group.length);
-    const keeps = (axis) => deviation === 'avoid' || (deviation === 'prevent' && axis !== 'thrust');
+    const keeps = (axis) => deviation === 'prevent' && axis !== 'thrust';
     const half = (lower, upper) => (row) => dot(row, upper.map((most, i) => (most + lower[i]) / 2));
     const center = gamma.map(half(now.lower, now.upper));
     const extent = gamma.map((row) => half(now.lower.map((f) => -f), now.upper)(row.map(Math.abs)) || 1);

@@ -6,8 +6,7 @@ import {digits, kind, METHODS, short, UNITS} from './words.js';
 
 export const REACH = 1.6; // of the demand, in halves of the ranges of the attainable set
 const POLICIES = {prioritize: 'serve axes by priority', scale: 'scale the demand', reject: 'reject it'};
-const DEVIATIONS = {prevent: 'change thrust as far as needed', avoid: 'change thrust no further than hover',
-  allow: 'let axes reverse'};
+const DEVIATIONS = {prevent: 'change thrust as far as needed', allow: 'let axes reverse'};
 const ORDERS = ['roll pitch,thrust,yaw', 'thrust,roll pitch,yaw', 'roll pitch yaw,thrust', 'thrust,roll pitch yaw',
   'roll pitch thrust yaw'];
 
@@ -76,7 +75,7 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
         </div>
         <div class="limits">
           airmode limit ${slider('airmode limit', [0, 1, 0.01], state.airmode[0],
-            (value) => act.change({airmode: [value, value, ...state.airmode.slice(2)]}))}
+            (value) => act.change({airmode: [value, value]}))}
           <output>${state.airmode[0] < 1 ? `${Math.round(100 * state.airmode[0])} % of its range` : 'no limit'}</output>
           time since hover ${slider('time since hover', [0, 0.3, 0.005], state.elapsed, change('elapsed'))}
           <output>${state.elapsed ? `${Math.round(1e3 * state.elapsed)} ms` : 'any'}</output>

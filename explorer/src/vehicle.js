@@ -42,12 +42,11 @@ function direction(first, i, n) {
   return [[c, s], [-s, c], [-c, -s], [s, -c]][(((before + whole + more) % 4) + 4) % 4];
 }
 
-/** Return two rises and two falls, as ca_ros.problem.prioritization.airmode_limits. */
+/** Return two limits, as ca_ros.problem.prioritization.airmode_limits. */
 function airmodeLimits(name, given) {
-  const [first, second = first, fall = 1, later = 1] = [given].flat();
-  expect(second <= first && later <= fall, name,
-    `limits for yaw up to those for roll and pitch, got ${[given]}`);
-  return [first, second, fall, later];
+  const [first, second = first] = [given].flat();
+  expect(second <= first, name, `a limit for yaw up to that for roll and pitch, got ${[given]}`);
+  return [first, second];
 }
 
 /** Return the groups of an order, words of axes, without the axes that are not commanded. */

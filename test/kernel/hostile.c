@@ -89,10 +89,8 @@ static void sound(input *x)
     }
     x->options.airmode_limited = below(2);
     x->options.thrust = below(x->m + 1) - 1;
-    for (int i = 0; i < 4; i += 2) {
-        x->options.airmode[i] = below(3) ? uniform() : (ca_real)below(2);
-        x->options.airmode[i + 1] = x->options.airmode[i] * (below(2) ? uniform() : 1);
-    }
+    x->options.airmode[0] = below(3) ? uniform() : (ca_real)below(2);
+    x->options.airmode[1] = x->options.airmode[0] * (below(2) ? uniform() : 1);
 }
 
 /* Narrow the bounds, often to one value. */
@@ -129,7 +127,7 @@ static void distort(input *x)
         x->options.slack = hostile();
     x->options.on_reference = below(2);
     if (!below(8))
-        x->options.airmode[below(4)] = hostile();
+        x->options.airmode[below(2)] = hostile();
 }
 
 /* Make one thing wrong; return the fault that must be found. */
