@@ -42,7 +42,7 @@ FIELD(ca_real, thrusts, [CA_N]) FIELD(ca_real, speeds, [CA_N]) FIELD(int, satura
 FIELD(ca_real, margin, ) FIELD(int, limit, [CA_N]) /* rotors at the nearest facet */
 static ca_explanation why;
 PART(int, cause, why.limit) PART(ca_real, served, why.served)
-PART(ca_real, gain, why.gain) PART(ca_real, airmode_gain, why.airmode)
+PART(int, blocks, why.blocks) PART(int, airmode_blocks, why.airmode_blocks)
 
 static ca_problem problem, current, once; /* `current` without lost rotors, `once` with them */
 PART(ca_real, middle, current.center)

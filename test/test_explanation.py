@@ -1,12 +1,14 @@
-"""Why: the shares served and the rotors that limit them, from multipliers."""
+"""Why: the shares served and the bounds that limit them, against linear programs solved again."""
 
 import numpy as np
 import pytest
 
-from ca_ros import AdmissibleSet, Status, Vehicle, make_allocator
-from ca_ros.problem.limits import BY_BOUND, BY_HEALTH
+from ca_ros import SlewLimited, Status, Vehicle, make_allocator
+from ca_ros.problem.limits import ALONE, BY_BOUND, BY_HEALTH, TOGETHER
+from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR, SOME, length, need_kernel, unaudited
+from test_prioritize import LOST, ORDERS, Judge, groups_of
 
 LIMITS = [1.0, 0.0, [0.3, 0.1]]
 
@@ -27,36 +29,165 @@ def test_both_engines_name_the_same(name, monkeypatch):
             ours, theirs = (allocator.allocate(u).explanation for allocator in made)
             np.testing.assert_allclose(ours.served, theirs.served, atol=1e-8)
             assert ours.margin == pytest.approx(theirs.margin, abs=1e-9)
-            # Where rotors are alike, other multipliers prove the same.
-            if name == 'asymmetric':
-                np.testing.assert_array_equal(ours.limit, theirs.limit)
-                np.testing.assert_allclose(ours.gain, theirs.gain, atol=1e-7)
-                np.testing.assert_allclose(ours.airmode, theirs.airmode, atol=1e-7)
+            np.testing.assert_array_equal(ours.limit, theirs.limit)
+            np.testing.assert_array_equal(ours.blocks, theirs.blocks)
+            np.testing.assert_array_equal(ours.airmode_blocks, theirs.airmode_blocks)
+            for gain in ('gain', 'joint_gain', 'airmode'):
+                np.testing.assert_allclose(getattr(ours, gain), getattr(theirs, gain), atol=1e-4)
+            assert str(ours) == str(theirs)
 
 
-@pytest.mark.parametrize('name', ['hexarotor', 'asymmetric'])
-def test_a_multiplier_is_what_the_last_axis_gains_if_a_bound_moves(name):
-    problem = VehicleProblem(FLEET[name])
-    exact, rng, checked = unaudited('exact', FLEET[name]), np.random.default_rng(1), 0
-    yaw = problem.axes.index('yaw')
-    for u in problem.center + rng.uniform(-1.2, 1.2, (30, 4)) * problem.extent:
-        u[yaw] = 3.0 * problem.extent[yaw] * np.sign(u[yaw] or 1.0)
-        answer = exact.allocate(u)
-        why = answer.explanation
-        if np.any(why.served[:yaw] < 1.0):
-            continue
-        for i in np.flatnonzero(why.gain[yaw])[:2]:
-            upper, lower, step = problem.upper.copy(), problem.lower.copy(), 1e-6
-            if why.limit[i] > 0:
-                upper[i] += step
+class Again(Judge):
+    """The linear programs with other bounds, and all that follows from the bounds as it was."""
+
+    def __init__(self, vehicle, first, lower, upper, narrowed):
+        super().__init__(vehicle)
+        self.begin = super().line(first, self.hover)[0] if len(first) > 1 else None
+        self.low, self.high, self.narrowed = lower, upper, narrowed
+
+    def rest(self, first, u):
+        start = self.gamma[first] @ (self.low + self.high) / 2.0
+        return start if self.narrowed else self.begin
+
+    def line(self, first, u):
+        begin, way = self.begin, u[first] - self.begin
+        if self.narrowed:
+            # As near to the line as possible first.
+            start = self.rest(first, u)
+            back = begin - start
+            begin = start + min(1.0, self.along(first, start, back, way)) * back
+        return begin, way
+
+
+class Case:
+    """A vehicle with priorities, whose answers the linear programs explain as well."""
+
+    def __init__(self, vehicle, order='default', airmode=1.0, rates=None, deviation='prevent'):
+        self.vehicle, self.deviation = vehicle, deviation
+        lateral = [[axis for axis in vehicle.axes if axis.startswith('force')]]
+        named = ORDERS[order] + lateral * bool(lateral[0])
+        self.groups = groups_of(vehicle, named)
+        self.exact = unaudited('exact', vehicle, order=named, airmode_limit=airmode,
+                               thrust_deviation=deviation)
+        self.problem, self.airmode = self.exact.problem, airmode_limits(airmode)
+        self.slow = None if rates is None else SlewLimited(self.exact, rates)
+        judge = Judge(vehicle)
+        rest = judge.serve(judge.hover, self.groups, 'allow')
+        self.lost = np.flatnonzero(rest[:, 1] - judge.hover > LOST * judge.half)
+
+    def answers(self, rng, size):
+        """Yield answers to random demands, many of them at hover but for some axes."""
+        problem, speeds = self.problem, np.array(self.vehicle.speed_limits)
+        for _ in range(size):
+            u = problem.center + rng.uniform(-1.5, 1.5, len(problem.axes)) * problem.extent
+            u = np.where(rng.random(len(u)) < 0.3, problem.reference, u)
+            if self.slow is None:
+                yield self.exact.allocate(u)
             else:
-                lower[i] -= step
-            moved = problem.bounded(lower, upper)
-            served = AdmissibleSet(moved).prioritize(u)
-            gained = (served - answer.wrench)[yaw] * np.sign(u[yaw])
-            assert gained == pytest.approx(why.gain[yaw, i] * step, rel=1e-3, abs=1e-13)
+                yield self.slow.allocate(u, rng.uniform(*speeds), rng.uniform(0.005, 0.05))
+
+    def missed(self, answer, moves=(), distance=0.0):
+        """Return the errors (m,) if the demand is served again with some bounds moved out."""
+        lower, upper = map(np.array, answer.bounds or (self.problem.lower, self.problem.upper))
+        airmode = np.array(self.airmode)
+        for rotor, side in moves:
+            if side > 0:
+                upper[rotor] += distance
+            elif side < 0:
+                lower[rotor] -= distance
+            else:
+                extent = self.problem.extent[self.problem.axes.index('thrust')]
+                airmode[:2] += (airmode[:2] < 1.0) * distance / (2.0 * extent)
+        judge = Again(self.vehicle, self.groups[0], lower, upper, answer.bounds is not None)
+        judge.serve(answer.demand, self.groups, self.deviation, self.lost, airmode)
+        return np.abs(answer.demand - judge.gamma @ judge.thrusts)
+
+    def reach(self, answer, moves):
+        """Return the distance within which a gain holds [N]."""
+        lower, upper = answer.bounds or (self.problem.lower, self.problem.upper)
+        half, longest = self.problem.half_range, self.problem.half_range.max()
+        reaches = [
+            self.problem.extent[self.problem.axes.index('thrust')] if side == 0
+            else max((upper - lower)[i] / 2.0, 1e-3 * half[i]) if half[i] > 0.0 else longest
+            for i, side in moves]
+        return 1e-3 * min(reaches)
+
+
+def check_statements(case, answer):
+    """Check all that an explanation says by linear programs; return how much that is."""
+    why, problem, checked = answer.explanation, case.problem, 0
+    np.testing.assert_array_equal(
+        why.served < 1.0, np.abs(answer.residual) > 1e-9 * problem.extent)
+    if np.all(why.served == 1.0):
+        return 0
+    base, longest = case.missed(answer), problem.half_range.max()
+    np.testing.assert_allclose(base, np.abs(answer.residual), atol=1e-5 * problem.extent.max())
+
+    def gains(moves):
+        distance = case.reach(answer, moves)
+        return (base - case.missed(answer, moves, distance)) / distance
+
+    sides = np.sign(why.limit)
+    for k in np.flatnonzero(why.served < 1.0):
+        # Gains below this may be rounding of the linear programs.
+        least = 2e-3 * problem.extent[k] / longest
+        blocking = [(i, sides[i]) for i in np.flatnonzero(why.blocks[k])]
+        together = (why.blocks[k] == TOGETHER).any() or why.airmode_blocks[k] == TOGETHER
+        named = [*blocking, *[(0, 0)] * bool(why.airmode_blocks[k])]
+        stated = {**{(i, side): why.gain[k, i] for i, side in blocking}, (0, 0): why.airmode[k]}
+        assert not together or not any(stated[each] for each in named)
+        if not named:
+            everything = [(i, side) for i in range(problem.n) for side in (-1, 1)]
+            assert why.limits[problem.axes[k]] == 'the axes before it'
+            assert gains(everything)[k] < least
             checked += 1
-    assert checked > 5
+        for each in named:
+            gain = gains([each])[k]
+            if together:
+                assert gain < least, (k, each)
+            else:
+                assert gain > 0.0, (k, each)
+                if stated[each]:
+                    assert gain == pytest.approx(stated[each], rel=1e-2, abs=least), (k, each)
+            checked += 1
+        if together:
+            assert len(named) > 1
+            gain = gains(named)[k]
+            assert gain > 0.0
+            if why.joint_gain[k]:
+                assert gain == pytest.approx(why.joint_gain[k], rel=1e-2, abs=least)
+            checked += 1
+    return checked
+
+
+LOST_ROTOR = {name: Vehicle.with_health(FLEET[name], health) for name, health in (
+    ('hexarotor', [0.0, 1.0, 1.0, 0.5, 1.0, 1.0]), ('octorotor', [1.0] * 7 + [0.0]))}
+CASES = {
+    'quadrotor': lambda: Case(FLEET['quadrotor']),
+    'hexarotor': lambda: Case(HEXAROTOR),
+    'x8': lambda: Case(FLEET['x8']),
+    'asymmetric': lambda: Case(FLEET['asymmetric'], deviation='allow'),
+    'tilted_hexarotor': lambda: Case(FLEET['tilted_hexarotor']),
+    'hexarotor, one lost': lambda: Case(LOST_ROTOR['hexarotor']),
+    'octorotor, one lost, thrust first': lambda: Case(LOST_ROTOR['octorotor'], 'thrust first'),
+    'hexarotor, airmode': lambda: Case(HEXAROTOR, airmode=0.1),
+    'asymmetric, airmode': lambda: Case(FLEET['asymmetric'], airmode=[0.5, 0.1]),
+    'hexarotor_ppnnpn, rates': lambda: Case(FLEET['hexarotor_ppnnpn'], rates=2000.0),
+    'quadrotor, rates': lambda: Case(FLEET['quadrotor'], 'one by one', rates=3000.0),
+    'x8, rates and airmode': lambda: Case(FLEET['x8'], airmode=0.2, rates=2000.0),
+}
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_what_is_said_is_so_when_the_demand_is_served_again(name):
+    case, rng, checked = CASES[name](), np.random.default_rng(1), 0
+    for answer in case.answers(rng, 100000):
+        try:
+            checked += check_statements(case, answer)
+        except AssertionError as error:
+            raise AssertionError(f'{answer.demand.tolist()}, {answer.bounds}: {error}') from error
+        if checked >= length(25, 5000):
+            break
 
 
 def test_a_rotor_at_a_bound_that_limits_nothing_is_not_named():
@@ -88,8 +219,10 @@ def test_where_all_rotors_are_at_a_bound_none_is_left_out(engine, monkeypatch):
         vehicle = Vehicle.load(name)
         rotors = ', '.join(str(i + 1) for i in range(vehicle.n))
         why = make_allocator('exact', vehicle).allocate([100.0, 0.0, 0.0, 0.0]).explanation
-        assert why.limits == {'thrust': f'rotors {rotors} at their maximum'}
-        np.testing.assert_allclose(why.gain[0], 1.0)
+        assert why.limits == {'thrust': f'rotors {rotors} at their maximum, together'}
+        np.testing.assert_array_equal(why.blocks[0], TOGETHER)
+        np.testing.assert_array_equal(why.gain[0], 0.0)
+        assert why.joint_gain[0] == pytest.approx(vehicle.n)
 
 
 def test_a_lost_rotor_is_not_one_at_its_minimum():
@@ -109,7 +242,8 @@ def test_a_limit_on_airmode_is_named():
     why = make_allocator('exact', HEXAROTOR, airmode_limit=0.1).allocate(
         [0.1, 1.5, 0.0, 0.0]).explanation
     assert why.airmode[1] > 0.0
-    assert 'the limit on airmode' in why.limits['roll']
+    assert why.limits['roll'].endswith(' and the limit on airmode')
+    assert why.airmode_blocks[1] == ALONE
 
 
 @pytest.mark.parametrize('method', ['pseudo_inverse', 'direct', 'sequential_desaturation'])

@@ -59,6 +59,7 @@ class Judge:
         self.low, self.high = vehicle.thrust_min, vehicle.thrust_max
         self.hover = np.array([vehicle.weight * (axis == 'thrust') for axis in vehicle.axes])
         self.half = np.abs(self.gamma * (self.high - self.low)).sum(axis=1) / 2.0
+        self.middle = (self.low + self.high) / 2.0
         self.limits = np.full((len(self.gamma), 2), [-np.inf, np.inf])
 
     def approach(self, rows, low, high, weights):
@@ -75,6 +76,7 @@ class Judge:
             bounds=np.column_stack([np.append(self.low, 0.0), np.append(self.high, np.inf)]),
             method='highs-ds', options={'primal_feasibility_tolerance': ROUNDING})
         assert answer.status == 0, answer.message
+        self.thrusts = answer.x[:-1]
         # The next program has to contain this answer.
         found, rounding = self.gamma @ answer.x[:-1], ROUNDING * self.half
         self.limits = np.column_stack([
@@ -85,22 +87,26 @@ class Judge:
             np.maximum(self.limits[rows, 0], low - reach),
             np.minimum(self.limits[rows, 1], high + reach)])
 
-    def along(self, rows, start, way):
-        """Return the greatest t <= 2 for which some rows can be ``start + t way``."""
-        cost = np.append(np.zeros(len(self.low)), -1.0)
+    def along(self, rows, start, way, free=None):
+        """Return the greatest t <= 2 for which some rows can be ``start + t way + s free``.
+
+        s may be anything from 0 to 1; without `free` it is 0.
+        """
+        free = np.zeros(len(rows)) if free is None else free
+        cost = np.append(np.zeros(len(self.low)), [-1.0, 0.0])
         # The limits were found with rows within `SLACK` of where they begin.
         rounding = (SLACK + ROUNDING) * self.half[rows]
         ends = self.limits + ROUNDING * self.half[:, None] * [-1.0, 1.0]
         ends[rows] = [-np.inf, np.inf]
-        line = np.column_stack([self.gamma[rows], -way])
-        rest = np.column_stack([self.gamma, np.zeros(len(self.gamma))])
+        line = np.column_stack([self.gamma[rows], -way, -free])
+        rest = np.column_stack([self.gamma, np.zeros((len(self.gamma), 2))])
         sides = np.concatenate([rounding + start, rounding - start, ends[:, 1], -ends[:, 0]])
         scale = np.concatenate([self.half[rows], self.half[rows], self.half, self.half])
         kept = np.isfinite(sides)
         answer = linprog(
             cost, A_ub=(np.vstack([line, -line, rest, -rest]) / scale[:, None])[kept],
-            b_ub=(sides / scale)[kept],
-            bounds=np.column_stack([np.append(self.low, 0.0), np.append(self.high, 2.0)]),
+            b_ub=(sides / scale)[kept], bounds=np.column_stack([
+                np.append(self.low, [0.0, 0.0]), np.append(self.high, [2.0, 1.0])]),
             method='highs-ds', options={'primal_feasibility_tolerance': ROUNDING}).x
         return answer[len(self.low)]
 
@@ -133,6 +139,10 @@ class Judge:
         self.limits = before
         return begin, u[first] - begin
 
+    def rest(self, first, u):
+        """Return where the first group is while a limit on airmode begins to hold."""
+        return self.line(first, u)[0]
+
     def serve(self, u, groups, reversal, lost=(), airmode=(1.0, 1.0)):
         """Return the limits (m, 2) of what is served, without a sense of the lost rows.
 
@@ -143,13 +153,12 @@ class Judge:
         rises = np.array(airmode)
         rises = np.where(rises < 1.0, 2.0 * self.half[thrust] * rises, np.inf)
         limited = min(airmode) < 1.0 and thrust not in first
-        center = self.gamma[thrust] @ (self.low + self.high) / 2.0
+        center = self.gamma[thrust] @ self.middle
         demand = center + np.clip(u[thrust] - center, -self.half[thrust], self.half[thrust])
         if limited:
             if len(first) > 1:
-                begin, _ = self.line(first, u)
-                rounding = SLACK * self.half[first]
-                self.limits[first] = np.column_stack([begin - rounding, begin + rounding])
+                rest, rounding = self.rest(first, u), SLACK * self.half[first]
+                self.limits[first] = np.column_stack([rest - rounding, rest + rounding])
             self.confine(-np.inf, demand + rises[0])
             self.limits[first] = [-np.inf, np.inf]
         if len(first) == 1:

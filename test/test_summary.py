@@ -135,8 +135,8 @@ def test_what_was_cut_and_why_is_said():
     flown = replace(SHORT, flight=flight, parameters=slow, vehicle=vehicle)
     cuts = served(flown, goal, RotorFailures()).cuts
     text, _ = summarize(flown, goal.first, RotorFailures(), cuts)
-    why = r'to 0 %, limited by rotors 1, 2, 4, 5 at their rate\n'
-    assert re.search(rf'\n  cut           roll for 0\.17 s, at 0\.\d\d s {why}', text), text
+    why = r'to 0 %, limited by rotors 1, 2, 3, 4, 5 at their rate\n'
+    assert re.search(rf'\n  cut           roll for 0\.22 s, at 0\.\d\d s {why}', text), text
 
 
 def test_timeouts_are_counted_and_hint_at_a_slow_machine():

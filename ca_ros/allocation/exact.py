@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
 from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.explanation import Explanation
+from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status, attained
 from ca_ros.allocation.vectored_engine import VectoredEngine
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen, warn_if_missing
+from ca_ros.problem.limits import Limits
 from ca_ros.problem.vectored import VectoredProblem
 
 STATUSES = {int(status): status for status in Status}  # ten times as fast as the enumeration
@@ -126,12 +127,14 @@ class Exact(Allocator):
 
     def _explain(self, answer: Allocation) -> Explanation:
         m, n = self.problem.gamma.shape
-        served, gain, airmode = np.empty(m), np.empty(m * n), np.empty(m)
-        limit = np.empty(n, dtype=np.int32)
+        numbers, names = np.empty(m * (3 + n)), np.empty((m + 1) * (1 + n), dtype=np.int32)
         margin = self._engine.explain(
-            answer.demand, answer.thrusts, served, gain, airmode, limit, *(answer.bounds or ())
+            answer.demand, answer.thrusts, numbers, names, *(answer.bounds or ())
         )
-        return Explanation(served, gain.reshape(m, n), airmode, limit, self.problem, margin)
+        found = Limits.of(numbers.reshape(m, -1), names.reshape(m + 1, -1))
+        other = BY_POLICY if answer.status is Status.REJECTED else BY_ORDER
+        return explained(
+            self.problem, answer.demand, answer.thrusts, found, margin, [other] * m)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.explanation import explain
+from ca_ros.allocation.explanation import SERVED, limits_of, margin_of
 from ca_ros.allocation.osqp_program import osqp_start
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import Kernel
+from ca_ros.problem.limits import Limits, shares
 from ca_ros.problem.prioritization import Prioritization, sensed
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
 from ca_ros.problem.vectored import VectoredProblem
@@ -80,15 +81,21 @@ class NumpyEngine:
         return None if same else self._problem.bounded(lower, upper)
 
     def explain(
-        self, u: Array, thrusts: Array, served: Array, gain: Array, airmode: Array,
-        limit: NDArray[np.int32], *bounds: Array,
+        self, u: Array, thrusts: Array, numbers: Array, names: NDArray[np.int32], *bounds: Array
     ) -> float:
         """Write why thrusts are the answer to u; see `Kernel.explain`."""
-        within = self._within(*bounds) or self._problem
-        found = explain(self._problem, within, u, thrusts, self._serve)
-        served[:], gain[:] = found.served, found.gain.ravel()
-        airmode[:], limit[:] = found.airmode, found.limit
-        return found.margin
+        problem, within = self._problem, self._within(*bounds) or self._problem
+        served = shares(problem, u, problem.gamma @ thrusts, SERVED)
+        if lengths(u - problem.gamma @ thrusts) <= self._slack * max(1.0, float(lengths(u))):
+            served = np.ones_like(served)
+        found = Limits.none(served, problem.n)
+        if self._status != Status.REJECTED and (served < 1.0).any():
+            found, _ = limits_of(self._serve, within, u, served)
+        numbers.reshape(len(u), -1)[:] = np.column_stack(
+            [found.served, found.joint_gain, found.airmode, found.gain])
+        names.reshape(len(u) + 1, -1)[:] = np.vstack([
+            np.column_stack([found.airmode_blocks, found.blocks]), np.append([0], found.limit)])
+        return margin_of(within, u)
 
     def allocate(
         self, u: Array, demand: Array, thrusts: Array, *bounds: Array

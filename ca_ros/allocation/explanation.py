@@ -1,29 +1,50 @@
 """Why an answer is what it is: what was served of each axis, and what limits the rest."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.limits import BY_HEALTH, BY_RATE, Limits, limits_of, shares
+from ca_ros.problem.limits import (
+    BY_HEALTH,
+    BY_RATE,
+    TOGETHER,
+    Bound,
+    Limits,
+    bounds_of,
+    find_limits,
+    shares,
+)
 from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 
-SERVED = 1e-9  # residual, as a share of the range of an axis, that counts as none
+SERVED = 1e-9  # residual, as a share of half of the range of an axis, that counts as none
+BY_ORDER = 'the axes before it'
+"""What limits an axis that no bound limits: more important axes take what bounds would give."""
+BY_METHOD = 'the method'
+"""What limits an axis that the priorities would serve in full."""
+BY_POLICY = "the policy 'reject'"
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation(Limits):
-    """Why thrusts produce another wrench than the demand: its `Limits`, and the margin.
+    """Why thrusts produce another wrench than the demand: its `Limits`, and more.
 
-    `margin`: signed distance of the demand to the boundary of the attainable set of this answer,
-    positive inside [N, N m].
+    - `problem`, `demand` (m,) [N, N m]
+    - `margin`: signed distance of the demand to the boundary of the attainable set of this
+      answer, positive inside [N, N m]; minus infinity if the set has no volume
+    - `missed` (m,): demand minus wrench where `served` is below 1, else zero [N, N m]
+    - `others` (m,): what limits each axis if no bound does
     """
 
     problem: AllocationProblem
+    demand: Array
     margin: float
+    missed: Array
+    others: Sequence[str]
 
     @property
     def limits(self) -> dict[str, str]:
@@ -36,7 +57,7 @@ class Explanation(Limits):
     def _words(self, axis: int) -> str:
         kind = self.problem.effector_kind.removesuffix('s')
         groups: dict[str, list[str]] = {}
-        for i in np.flatnonzero(self.gain[axis]):
+        for i in np.flatnonzero(self.blocks[axis]):
             limit = int(self.limit[i])
             end = 'maximum' if limit > 0 else 'minimum'
             how = {BY_RATE: 'at its rate', BY_HEALTH: 'by its health'}.get(abs(limit))
@@ -48,49 +69,94 @@ class Explanation(Limits):
             + (how if len(names) == 1 else how.replace('its', 'their').replace(' is ', ' are '))
             for how, names in groups.items()
         ]
-        if self.airmode[axis]:
+        if self.airmode_blocks[axis]:
             parts.append('the limit on airmode')
         if isinstance(self.problem, TiltingVehicleProblem):
             parts += self.problem.rate_limited or ['thrusts and tilts'] * (self.margin < 0.0)
-        return ' and '.join(parts) or 'the method'
+        words = ' and '.join(parts) or self.others[axis]
+        together = (self.blocks[axis] == TOGETHER).any()
+        return f'{words}, together' if together else words
 
     def __str__(self) -> str:
-        """Return a sentence an axis that is not served in full."""
+        """Return a sentence for each axis that is not served in full.
+
+        An axis between the reference and its demand is served by a share; of others the error is
+        said.
+        """
         if not (limits := self.limits):
             return f'all axes are served; margin {self.margin:.3g}'
-        shares = dict(zip(self.problem.axes, self.served, strict=True))
         return '; '.join(
-            f'{axis} {100.0 * shares[axis]:.0f} % served, limited by {words}'
+            f'{axis} {self._share(self.problem.axes.index(axis))}, limited by {words}'
             for axis, words in limits.items()
         )
+
+    def _share(self, axis: int) -> str:
+        missed, way = float(self.missed[axis]), (self.demand - self.problem.reference)[axis]
+        if missed * way > 0.0 and abs(missed) <= (1.0 + SERVED) * abs(way):
+            return f'{100.0 * self.served[axis]:.0f} % served'
+        return f'{abs(missed):.3g} {"above" if missed < 0.0 else "below"} its demand'
 
 
 def explain(
     problem: AllocationProblem, within: AllocationProblem, demand: Array, thrusts: Array,
-    serve: Prioritization | None = None,
+    exact: bool = False,
 ) -> Explanation:
-    """Return why thrusts are the answer of a method.
+    """Return why thrusts are the answer of a method without priorities.
 
-    `within`: the problem with the bounds of this answer.  `serve`: the priorities that limit the
-    answer; by default the default ones, which say what keeps the demand from being served.
+    What limits an axis is what limits it by the default priorities.
+
+    `within`: the problem with the bounds of this answer.  `exact`: whether the demand is served.
     """
     served = shares(problem, demand, problem.gamma @ thrusts, SERVED)
-    m, n = problem.gamma.shape
-    found = Limits(served, np.zeros((m, n)), np.zeros(m), np.zeros(n, dtype=np.int32))
-    margin = float(within.attainable_set.margin(demand)) if within.has_volume else -np.inf
+    found = Limits.none(np.ones_like(served) if exact else served, problem.n)
+    margin, others = margin_of(within, demand), [BY_METHOD] * len(served)
     if not problem.has_volume:
         margin = float('nan')
-    elif serve is None and margin < 0.0 and (served < 1.0).any():
-        default = AdmissibleSet(problem).check_order(None)
-        serve = default if isinstance(default, Prioritization) else None
-    if serve is not None:
-        prices = serve.prices(demand, None if within is problem else within)
-        for k in np.flatnonzero(served < 1.0):
-            way = np.sign((demand - problem.gamma @ thrusts)[k])
-            gains = way * problem.gamma[k]
-            room = gains @ (np.where(gains > 0.0, within.upper, within.lower) - thrusts)
-            if room <= SERVED * max(problem.extent[k], 1.0):
-                # The multipliers are not unique if too many rotors are at bounds.
-                prices[k] = way * (np.arange(prices.shape[1]) == k)
-        found = limits_of(problem, within, served, prices)
-    return Explanation(**vars(found), problem=problem, margin=margin)
+    elif margin < 0.0 and (found.served < 1.0).any():
+        serve = AdmissibleSet(problem).check_order(None)
+        if isinstance(serve, Prioritization):
+            found, misses = limits_of(serve, within, demand, served)
+            others = [BY_ORDER if each else BY_METHOD for each in misses]
+    return explained(problem, demand, thrusts, found, margin, others)
+
+
+def explained(
+    problem: AllocationProblem, demand: Array, thrusts: Array, found: Limits, margin: float,
+    others: Sequence[str],
+) -> Explanation:
+    """Return the explanation of thrusts from its parts."""
+    missed = np.where(found.served < 1.0, demand - problem.gamma @ thrusts, 0.0)
+    return Explanation(
+        **vars(found), problem=problem, demand=demand, margin=margin, missed=missed, others=others)
+
+
+def margin_of(within: AllocationProblem, demand: Array) -> float:
+    """Return the margin of a demand within the bounds of an answer."""
+    return float(within.attainable_set.margin(demand)) if within.has_volume else -np.inf
+
+
+def limits_of(
+    serve: Prioritization, within: AllocationProblem, demand: Array, served: Array
+) -> tuple[Limits, BoolArray]:
+    """Return what limits the axes, and which (m,) the priorities do not serve in full.
+
+    `served` (m,): the shares that an answer serves.
+    """
+    problem = serve.problem
+    wrench, thrusts = serve.moved(demand, within, *np.zeros((2, problem.n)))
+    misses = (served < 1.0) & (shares(problem, demand, wrench, SERVED) < 1.0)
+    bounds = bounds_of(problem, within, thrusts)
+    if serve.limits_airmode:
+        bounds.append(Bound(-1, 0, float(problem.extent[problem.axes.index('thrust')])))
+
+    def again(chosen: Sequence[Bound], distance: float) -> Array:
+        # Down, up, and beyond the limit on airmode.
+        ways = np.zeros((3, problem.n))
+        for bound in chosen:
+            ways[{-1: 0, 1: 1, 0: 2}[bound.side], bound.effector] = distance
+        return serve.moved(demand, within, ways[0], ways[1], float(ways[2].max()))[0]
+
+    unit = float(problem.half_range.max())
+    found = find_limits(
+        demand, served, misses, problem.extent, unit, bounds, problem.n, again)
+    return found, misses

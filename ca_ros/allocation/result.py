@@ -177,7 +177,8 @@ class Allocation(Answer):
             return self._explain(self)
         problem = self.problem
         within = problem if self.bounds is None else problem.bounded(*self.bounds)
-        return explain(problem, within, self.demand, self.thrusts)
+        exact = self.status is Status.EXACT
+        return explain(problem, within, self.demand, self.thrusts, exact)
 
 
 def attained(problem: AllocationProblem, demand: Array, thrusts: Array) -> Allocation:

@@ -62,12 +62,12 @@ class Kernel(Protocol):
         """
 
     def explain(
-        self, u: Array, thrusts: Array, served: Array, gain: Array, airmode: Array,
-        limit: NDArray[np.int32], *bounds: Array,
+        self, u: Array, thrusts: Array, numbers: Array, names: NDArray[np.int32], *bounds: Array
     ) -> float:
         """Write why thrusts (n,) are the answer to u (m,); return the margin of u.
 
-        See `ca_ros.problem.limits.Limits`; `gain` (m n,) is flat.
+        `numbers` and `names` are flat; `ca_ros.problem.limits.Limits.of` takes them in their
+        shapes, (m, 3 + n) and (m + 1, 1 + n).
         """
 
     def margin(self, u: Array) -> float:

@@ -400,6 +400,12 @@ void ca_thrusts(int n, const ca_real *speeds, const ca_real *thrust_coefficient,
         thrusts[i] = thrust(speeds[i], thrust_coefficient[i], reverse_coefficient[i]);
 }
 
+/* Half of the range of a thrust within the bounds of `ca_set_bounds`. */
+static ca_real half_range(const ca_problem *p, int i)
+{
+    return (p->upper[i] - p->lower[i]) / 2;
+}
+
 /* A unit vector normal to m - 1 columns of Gamma, by elimination with full pivoting. Returns 0 if
  * the columns are dependent. */
 static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
@@ -410,8 +416,9 @@ static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
     for (int k = 0; k < m; k++)
         axis[k] = k;
     for (int r = 0; r < m - 1; r++) {
+        const ca_real half = half_range(p, choice[r]);
         for (int k = 0; k < m; k++)
-            rows[r][k] = p->gamma[k][choice[r]] * p->half_range[choice[r]] / p->extent[k];
+            rows[r][k] = p->gamma[k][choice[r]] * half / p->extent[k];
         const ca_real length = ca_length(m, rows[r]);
         if (!(length > 0))
             return 0;
@@ -472,7 +479,7 @@ static ca_real half_width(const ca_problem *p, const ca_real *normal)
         ca_real side = 0;
         for (int k = 0; k < CA_AXES(p); k++)
             side += normal[k] * p->gamma[k][i];
-        width += ca_abs(side) * p->half_range[i];
+        width += ca_abs(side) * half_range(p, i);
     }
     return width;
 }
@@ -494,19 +501,30 @@ static int next_choice(int n, int size, int *choice)
 ca_real ca_margin(const ca_problem *p, const ca_real *u)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), size = m - 1;
-    int choice[CA_M];
-    ca_real margin = CA_UNBOUNDED;
+    int choice[CA_M], normals = 0;
+    ca_real margin = CA_UNBOUNDED, center[CA_M] = {0}, extent[CA_M] = {0};
     if (n < size)
         return -CA_UNBOUNDED;
+    for (int k = 0; k < m; k++)
+        for (int i = 0; i < n; i++) {
+            center[k] += p->gamma[k][i] * ((p->lower[i] + p->upper[i]) / 2);
+            extent[k] += ca_abs(p->gamma[k][i]) * half_range(p, i);
+        }
     for (int r = 0; r < size; r++)
         choice[r] = r;
     do {
-        ca_real normal[CA_M], height = 0;
-        if (normal_of(p, choice, normal)) {
-            for (int k = 0; k < m; k++)
-                height += normal[k] * (u[k] - p->center[k]);
-            margin = ca_min(margin, half_width(p, normal) - ca_abs(height));
+        ca_real normal[CA_M], height = 0, whole = 0;
+        if (!normal_of(p, choice, normal))
+            continue;
+        for (int k = 0; k < m; k++) {
+            height += normal[k] * (u[k] - center[k]);
+            whole += ca_abs(normal[k]) * extent[k];
         }
+        const ca_real width = half_width(p, normal);
+        if (!(width > INDEPENDENT * whole))
+            return -CA_UNBOUNDED;
+        margin = ca_min(margin, width - ca_abs(height));
+        normals++;
     } while (next_choice(n, size, choice));
-    return margin;
+    return normals ? margin : -CA_UNBOUNDED;
 }

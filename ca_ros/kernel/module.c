@@ -5,6 +5,7 @@
 #include "module.h"
 
 #include "exact.h"
+#include "numbers.h"
 
 /* `moved` is the problem within the bounds of the last call that gave any; each such call sets all
  * of them anew, under the lock of the interpreter. */
@@ -68,38 +69,49 @@ static PyObject *allocate(kernel *self, PyObject *const *arguments, Py_ssize_t c
 }
 
 PyDoc_STRVAR(explain_doc,
-             "explain(u, thrusts, served, gain, airmode, limit, lower=None, upper=None)\n--\n\n"
-             "Write why thrusts are the answer to u (ca_explanation); return the margin.");
+             "explain(u, thrusts, numbers, names, lower=None, upper=None)\n--\n\n"
+             "Write why thrusts are the answer to u: into numbers (m, 3 + n) what was served, the "
+             "joint gain, the gain of the limit on airmode and those of the rotors, into names "
+             "(m + 1, 1 + n) the blocks, those of the limit on airmode first, and last the limits. "
+             "Both are flat. Return the margin.");
 
 static PyObject *explain(kernel *self, PyObject *const *arguments, Py_ssize_t count)
 {
     const int n = self->problem.n, m = self->problem.m;
-    const char formats[6] = {FORMAT, FORMAT, FORMAT, FORMAT, FORMAT, 'i'};
-    const Py_ssize_t widths[6] = {m, n, m, (Py_ssize_t)m * n, m, n};
-    Py_buffer views[6];
+    const char formats[4] = {FORMAT, FORMAT, FORMAT, 'i'};
+    const Py_ssize_t widths[4] = {m, n, (Py_ssize_t)m * (3 + n), (Py_ssize_t)(m + 1) * (1 + n)};
+    Py_buffer views[4];
     ca_explanation found;
     if (!ready(self))
         return NULL;
-    if (count != 6 && count != 8) {
-        PyErr_SetString(PyExc_TypeError, "expected u, thrusts, served, gain, airmode and limit, "
-                                         "and perhaps lower and upper");
+    if (count != 4 && count != 6) {
+        PyErr_SetString(PyExc_TypeError,
+                        "expected u, thrusts, numbers and names, and perhaps lower and upper");
         return NULL;
     }
-    if (count == 8 && !narrow(self, arguments + 6))
+    if (count == 6 && !narrow(self, arguments + 4))
         return NULL;
-    if (!get_all(arguments, 6, views, formats, widths, NULL, 2))
+    if (!get_all(arguments, 4, views, formats, widths, NULL, 2))
         return NULL;
-    ca_explain(count == 8 ? &self->moved : &self->problem, views[0].buf, views[1].buf, &found);
+    ca_explain(count == 6 ? &self->moved : &self->problem, views[0].buf, views[1].buf, &found);
+    ca_real *numbers = views[2].buf;
+    int *names = views[3].buf;
     for (int k = 0; k < m; k++) {
-        ((ca_real *)views[2].buf)[k] = found.served[k];
-        ((ca_real *)views[4].buf)[k] = found.airmode[k];
-        for (int i = 0; i < n; i++)
-            ((ca_real *)views[3].buf)[k * n + i] = found.gain[k][i];
+        *numbers++ = found.served[k];
+        *numbers++ = found.joint_gain[k];
+        *numbers++ = found.airmode[k];
+        *names++ = found.airmode_blocks[k];
+        for (int i = 0; i < n; i++) {
+            *numbers++ = found.gain[k][i];
+            *names++ = found.blocks[k][i];
+        }
     }
+    *names++ = 0;
     for (int i = 0; i < n; i++)
-        ((int *)views[5].buf)[i] = found.limit[i];
-    release(6, views);
-    return PyFloat_FromDouble((double)found.margin);
+        *names++ = found.limit[i];
+    release(4, views);
+    /* The kernel has no infinities. */
+    return PyFloat_FromDouble(found.margin > -CA_UNBOUNDED ? (double)found.margin : -Py_HUGE_VAL);
 }
 
 PyDoc_STRVAR(allocate_batch_doc,

@@ -56,15 +56,8 @@ typedef struct {
     int held[CA_N];
     ca_real least_rate;
     int thrusts;
-    /* The axes that are pushed; none if they may still move away. */
-    const int *pushed;
-    int pushed_count;
-    /* For an explanation: the multipliers of the axes that prove how far each axis can go, and last of
-     * the limit on airmode. All columns are kept then. `confined` is the axis of thrust while this
-     * limit holds, or -1. */
-    ca_real (*prices)[CA_M + 1];
-    int axes, confined;
-    int axis[VARIABLES];
+    /* Whether a variable that is pushed may not move away later. */
+    int final;
 } simplex;
 
 static ca_real value_of(const simplex *s, int v)
@@ -115,8 +108,6 @@ static void exchange(simplex *s, int r, int k)
 /* Stop to keep the rates of nonbasic variable k, which cannot move any more. */
 static void drop(simplex *s, int k)
 {
-    if (s->prices)
-        return;
     const int last = --s->columns;
     if (k == last)
         return;
@@ -198,47 +189,18 @@ static int can_move(const simplex *s, int place, int up)
     return up ? s->value[place] < s->upper[place] : s->value[place] > s->lower[place];
 }
 
-/* The axis of a variable, or -1. */
-static int axis_of(const simplex *s, int v)
-{
-    const int k = v - s->thrusts;
-    return k < s->axes ? k : s->axis[v];
-}
-
-/* Note the multipliers of the axes that prove how far the pushed ones can go. */
-static void note_prices(simplex *s, int r, ca_real left)
-{
-    ca_real prices[CA_M + 1] = {0};
-    const int own = axis_of(s, s->variable[r]);
-    for (int j = 0; j < s->columns; j++) {
-        const int axis = axis_of(s, s->variable[ROWS + j]);
-        if (axis >= 0)
-            prices[axis] -= s->rates[r][j];
-    }
-    if (own >= 0)
-        prices[own] += 1;
-    if (s->confined >= 0)
-        prices[CA_M] = -prices[s->confined];
-    for (int i = 0; i < s->pushed_count; i++)
-        for (int k = 0; k <= CA_M; k++)
-            s->prices[s->pushed[i]][k] = left > 0 ? prices[k] : -prices[k];
-}
-
 /* The variable of row r cannot move any further: note what proves it. */
 static void prove(simplex *s, int r, ca_real left)
 {
-    if (s->prices)
-        note_prices(s, r, left);
-    const int final = s->pushed_count > 0;
     for (int j = 0; j < s->columns; j++) {
         const ca_real rate = s->rates[r][j], size = ca_abs(rate);
         const int x = s->variable[ROWS + j];
         const ca_real value = s->value[ROWS + j], lower = s->lower[ROWS + j],
                       upper = s->upper[ROWS + j];
-        if (final && size > NOISE && x < s->thrusts && lower < upper)
+        if (s->final && size > NOISE && x < s->thrusts && lower < upper)
             s->least_rate = ca_min(s->least_rate, size);
         if (size > ZERO) {
-            if (final && x < s->thrusts)
+            if (s->final && x < s->thrusts)
                 s->held[x] = 1;
         } else if (size > 0) {
             s->doubt += size * ca_min(rate * left > 0 ? upper - value : value - lower, 2);
@@ -338,7 +300,6 @@ static void release(simplex *s, int v)
 static int add_ray(simplex *s, int count, const int *variables, const ca_real *direction)
 {
     const int k = add_column(s, 0, CA_UNBOUNDED), ray = s->variable[ROWS + k];
-    s->axis[ray] = -1;
     for (int r = 0; r < s->rows; r++) {
         ca_real rate = 0;
         for (int i = 0; i < count; i++)
@@ -363,7 +324,6 @@ static int add_lag(simplex *s, int count, const int *axes, const ca_real *goals,
     for (int i = 0; i < count; i++)
         most = ca_max(most, ca_abs(goals[i] - value_of(s, s->thrusts + axes[i])) / weights[i]);
     const int column = add_column(s, most, most), lag = s->variable[ROWS + column];
-    s->axis[lag] = -1;
     for (int r = 0; r < s->rows; r++)
         s->rates[r][column] = 0;
     for (int i = 0; i < count; i++) {
@@ -374,7 +334,6 @@ static int add_lag(simplex *s, int count, const int *axes, const ca_real *goals,
             for (int k = 0; k < column; k++)
                 s->rates[row][k] = place < ROWS ? s->rates[place][k] : (ca_real)(place == ROWS + k);
             s->rates[row][column] = weight;
-            s->axis[s->count] = axes[i];
             /* The variable plus its share of the lag is at the goal or beyond, on either side. */
             put(s, row, s->count++, s->value[place] + weight * most,
                 side ? -CA_UNBOUNDED : goals[i], side ? goals[i] : CA_UNBOUNDED);
@@ -386,13 +345,12 @@ static int add_lag(simplex *s, int count, const int *axes, const ca_real *goals,
 static void clear(const ca_problem *p, simplex *s)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
-    s->rows = s->axes = m;
+    s->rows = m;
     s->columns = s->all_columns = s->thrusts = n;
     s->count = n + m;
     s->pivots = 0;
     s->least_rate = 1;
-    s->confined = -1;
-    s->pushed_count = 0;
+    s->final = 0;
     for (int i = 0; i < n; i++)
         s->held[i] = 0;
 }
@@ -483,12 +441,9 @@ static void confine(simplex *s, int v, ca_real low, ca_real high)
 }
 
 /* Move some axes along a line; returns the share of it that is possible, 1 without a line. */
-static ca_real push_along(simplex *s, int ray, ca_real size, const ca_real *direction)
+static ca_real push_along(simplex *s, int ray, ca_real size)
 {
     push(s, ray, size);
-    for (int i = 0; s->prices && i < s->pushed_count; i++)
-        for (int k = 0; k <= CA_M; k++)
-            s->prices[s->pushed[i]][k] *= ca_abs(direction[i]);
     return ca_clip(value_of(s, ray) / size, 0, 1);
 }
 
@@ -510,24 +465,24 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
                      int senses, simplex *s, ca_real *axes)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
-    const int thrust = senses ? p->thrust : -1, moved = is_narrowed(p);
+    const int thrust = senses ? p->thrust : -1, moved = is_narrowed(p) && !p->widened;
     const ca_real demand = thrust < 0 ? 0 : ca_clip(goals[thrust], -1, 1);
     int variables[CA_M] = {0};
     ca_real ways[CA_M] = {0}, rest[CA_M] = {0}, share = 1, left = 0;
-    if (moved)
+    if (moved || p->widened)
         begin_in_middle(p, 1, s);
     else
         begin(p, s);
     for (int i = 0; i < m; i++)
         variables[i] = n + p->order[i];
-    for (int i = 0; moved && first > 1 && i < first; i++)
+    for (int i = 0; (moved || p->widened) && first > 1 && i < first; i++) {
+        if (p->widened)
+            approach(s, variables[i], p->begin[i]);
         release(s, variables[i]);
-    if (thrust >= 0) {
-        confine(s, n + thrust, -CA_UNBOUNDED, demand + p->rise);
-        s->confined = thrust;
     }
-    s->pushed = p->order;
-    s->pushed_count = first;
+    if (thrust >= 0)
+        confine(s, n + thrust, -CA_UNBOUNDED, demand + p->rise);
+    s->final = 1;
     if (first == 1) {
         push(s, variables[0], goals[p->order[0]]);
     } else {
@@ -547,25 +502,24 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         if (moved) {
             /* The bounds may keep the first group away from the line: go there first. */
             s->upper[s->place[length]] = size;
-            left = 1 - push_along(s, homeward, distance, back);
+            left = 1 - push_along(s, homeward, distance);
         }
-        share = push_along(s, length, size, direction);
+        share = push_along(s, length, size);
     }
     if (thrust >= 0 && p->later_rise < CA_UNBOUNDED) {
         /* Thrust rises for the others above its demand, or above what the first group needs. */
-        s->pushed_count = 0;
+        s->final = 0;
         approach(s, n + thrust, demand);
         confine(s, n + thrust, -CA_UNBOUNDED, demand + p->later_rise);
     } else if (thrust >= 0) {
         s->lower[s->place[n + thrust]] = -CA_UNBOUNDED;
         s->upper[s->place[n + thrust]] = CA_UNBOUNDED;
     }
+    s->final = 1;
     for (int i = first; senses && i < m; i++) {
         const int axis = p->order[i], v = variables[i];
         if (!p->keep_sense[axis])
             continue;
-        s->pushed = p->order + i;
-        s->pushed_count = 1;
         const ca_real value = value_of(s, v), low = ca_min(goals[axis], reference[axis]),
                       high = ca_max(goals[axis], reference[axis]),
                       nearest = ca_clip(value, low, high);
@@ -579,8 +533,6 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
     }
     for (int i = first; i < m;) {
         const int count = group_size(p, i);
-        s->pushed = p->order + i;
-        s->pushed_count = count;
         if (count > 1) {
             ca_real ends[CA_M], weights[CA_M], longest = LAG;
             for (int k = 0; k < count; k++) {
@@ -593,11 +545,8 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
                 weights[k] = ca_max(ca_max(weights[k], LAG) / longest, LAG_RATIO);
             push(s, add_lag(s, count, p->order + i, ends, weights), 0);
         }
-        s->pushed_count = 1;
         for (int k = 0; k < count; k++) {
             const int axis = p->order[i + k];
-            s->pushed = p->order + i + k;
-            s->confined = axis == thrust ? -1 : s->confined;
             push(s, variables[i + k], goals[axis]);
         }
         i += count;
@@ -625,7 +574,6 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
     simplex s;
     ca_real reference[CA_M] = {0}, axes[CA_M];
 
-    s.prices = 0;
     p->on_reference = 0;
     scale(p, p->reference, reference);
     begin_in_middle(p, 0, &s);
@@ -717,7 +665,6 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
 
     scale(p, u, goals);
     scale(p, p->reference, reference);
-    s.prices = 0;
     const ca_real share = serve(p, goals, reference, 1, &s, axes);
     *pivots += s.pivots;
     for (int i = 0; i < n; i++)
@@ -756,83 +703,5 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
         else if (ca_abs(way) > 0)
             level = ca_clip((served->face.wrench[axis] - p->reference[axis]) / way, 0, 1);
         served->level = ca_min(served->level, level);
-    }
-}
-
-/* The rotors and the limit on airmode that keep axis k from its demand, from the multipliers of the
- * proof, with axes scaled. */
-static void name_limits(const ca_problem *p, int k, const ca_real *prices, ca_explanation *e)
-{
-    ca_real longest = 0;
-    for (int i = 0; i < CA_ROTORS(p); i++)
-        longest = ca_max(longest, p->half_range[i]);
-    for (int i = 0; i < CA_ROTORS(p); i++) {
-        const ca_real range = p->half_range[i];
-        ca_real gain = 0;
-        for (int j = 0; j < CA_AXES(p); j++)
-            gain += prices[j] / p->extent[j] * p->gamma[j][i];
-        if (!(ca_abs(gain) * (range > 0 ? range : longest) > ZERO) || (gain < 0 && !(range > 0)))
-            continue;
-        e->gain[k][i] = ca_abs(gain) * p->extent[k];
-        if (gain < 0)
-            e->limit[i] = p->lower[i] > p->least[i] ? -CA_BY_RATE : -CA_BY_BOUND;
-        else if (p->upper[i] < p->most[i])
-            e->limit[i] = CA_BY_RATE;
-        else
-            e->limit[i] = p->impaired[i] || !(range > 0) ? CA_BY_HEALTH : CA_BY_BOUND;
-    }
-}
-
-/* By how much the bounds alone would let an axis go further in a direction. */
-static ca_real room(const ca_problem *p, int k, ca_real way, const ca_real *thrusts)
-{
-    ca_real left = 0;
-    for (int i = 0; i < CA_ROTORS(p); i++) {
-        const ca_real gain = way * p->gamma[k][i];
-        left += gain * ((gain > 0 ? p->upper[i] : p->lower[i]) - thrusts[i]);
-    }
-    return left;
-}
-
-void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
-                ca_explanation *explanation)
-{
-    const int m = CA_AXES(p);
-    ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M], missed[CA_M];
-    ca_real prices[CA_M][CA_M + 1] = {{0}};
-    simplex s;
-    memset(explanation, 0, sizeof *explanation);
-    explanation->margin = -CA_UNBOUNDED;
-    if (!ca_is_wrench(m, u))
-        return;
-    explanation->margin = ca_margin(p, u);
-    ca_leave(p, u, thrusts, missed);
-    const ca_real size = ca_max(1, ca_length(m, u)), rounding = ca_rounding(p, thrusts);
-    for (int k = 0; k < m; k++)
-        explanation->served[k] = 1;
-    if (ca_within(p, ca_length(m, missed), ca_max(CA_TOLERANCE, p->slack) * size, 1, thrusts))
-        return;
-    scale(p, u, goals);
-    scale(p, p->reference, reference);
-    s.prices = prices;
-    serve(p, goals, reference, 1, &s, axes);
-    for (int k = 0; k < m; k++) {
-        const ca_real way = u[k] - p->reference[k];
-        const ca_real least = ca_max(DOUBT * s.doubt * p->extent[k], rounding);
-        if (ca_abs(missed[k]) <= least)
-            continue;
-        explanation->served[k] = 0;
-        if (ca_abs(way) > 0)
-            explanation->served[k] = ca_clip(1 - missed[k] / way, 0, 1);
-        if (!(explanation->served[k] < 1))
-            continue;
-        /* The multipliers are not unique if too many rotors are at bounds: prefer the axis alone. */
-        const ca_real sign = missed[k] > 0 ? 1 : -1;
-        if (room(p, k, sign, thrusts) <= least)
-            for (int j = 0; j <= CA_M; j++)
-                prices[k][j] = j == k ? sign : 0;
-        name_limits(p, k, prices[k], explanation);
-        if (p->thrust >= 0 && ca_abs(prices[k][CA_M]) > ZERO)
-            explanation->airmode[k] = prices[k][CA_M] * p->extent[k] / p->extent[p->thrust];
     }
 }

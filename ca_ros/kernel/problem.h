@@ -67,6 +67,8 @@ typedef struct {
     X(ca_real, upper, [CA_N]) \
     X(ca_real, least, [CA_N])               /* the bounds at the set-up */ \
     X(ca_real, most, [CA_N]) \
+    X(int, widened, )                       /* whether bounds are wider than at the set-up, which \
+                                               `ca_explain` alone makes */ \
     X(int, impaired, [CA_N])                /* whether the health of a rotor lowers `most` */ \
     X(int, weighted, )                      /* whether a weight is not 1 or a preference not 0 */ \
     X(ca_real, weight, [CA_N]) \

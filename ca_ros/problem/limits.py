@@ -1,66 +1,183 @@
-"""Why an axis gets less than its demand: the rotors and limits that the multipliers name."""
+"""What keeps axes from their demands: the bounds without which they would come nearer."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.solver.simplex import ZERO
 
 BY_BOUND, BY_RATE, BY_HEALTH = 1, 2, 3  # what limits an effector: enum ca_limit of the kernel
+ALONE, TOGETHER = 1, 2  # how a bound limits an axis: enum ca_block of the kernel
+
+NEAR, FAR = 1e-5, 1e-3  # how far bounds move out, as shares of their reach
+REACH_MIN = 1e-3  # least reach of an effector, as a share of half of its range
+GAIN_MIN = 1e-4  # least gain that counts, in units of the ranges
+SAME = 2e-3  # greatest relative difference of gains that are the same
+AT_BOUND = 1e-9  # distance from a bound that counts as none, as a share of half of the range
 
 
 @dataclass(frozen=True, eq=False)
 class Limits:
     """What limits the axes, as in `ca_explanation` of the kernel.
 
-    - `served` (m,): share of its demand that each axis gets, counted from the reference
-      (hover): 1 is all
-    - `gain` (m, n): multipliers: by how much an axis would come nearer to its demand per unit by
-      which the bound of an effector moved out; zero if the effector does not limit the axis, even
-      at a bound
-    - `airmode` (m,): the same per N of the limit on airmode; zero if it does not limit the axis
+    A gain is by how much an axis comes nearer to its demand per unit by which a bound moves out,
+    if the demand is served again; 0 if it depends on how far the bound moves.
+
+    - `served` (m,): share of the way from the reference (hover) to its demand that each axis gets:
+      1 less the size of its error over that of the way, at least 0.  So it is 1 only at the
+      demand, 0 for an axis that misses a demand at the reference, and an axis beyond its demand is
+      as far from it as one that stays behind
+    - `blocks` (m, n): `ALONE` if the axis comes nearer to its demand when the bound of an effector
+      alone moves out, `TOGETHER` if only all bounds with this entry together bring it nearer, and
+      0 for no limit, even at a bound
+    - `gain` (m, n): gains of the effectors that limit alone [N, N m per N]
+    - `joint_gain` (m,): gain of the bounds that limit only together, if all move by the same
+    - `airmode_blocks` (m,): as `blocks`, of the limit on airmode
+    - `airmode` (m,): its gain, if it limits alone
     - `limit` (n,): `BY_BOUND`, `BY_RATE` or `BY_HEALTH`, negative at the lower bound; 0 for no
       limit
     """
 
     served: Array
+    blocks: NDArray[np.int32]
     gain: Array
+    joint_gain: Array
+    airmode_blocks: NDArray[np.int32]
     airmode: Array
     limit: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, numbers: Array, names: NDArray[np.int32]) -> Limits:
+        """Return what `Kernel.explain` wrote: numbers (m, 3 + n) and names (m + 1, 1 + n)."""
+        served, joint, airmode = numbers[:, :3].T
+        blocks, own, limit = names[:-1, 1:], names[:-1, 0], names[-1, 1:]
+        return cls(served, blocks, numbers[:, 3:], joint, own, airmode, limit)
+
+    @classmethod
+    def none(cls, served: Array, n: int) -> Limits:
+        """Return shares (m,) of which n effectors limit none."""
+        m = len(served)
+        numbers, names = np.zeros((m, 3 + n)), np.zeros((m + 1, 1 + n), np.int32)
+        numbers[:, 0] = served
+        return cls.of(numbers, names)
 
 
 def shares(problem: AllocationProblem, u: Array, wrench: Array, rounding: float) -> Array:
     """Return the shares (m,) of a demand u that a wrench serves, up to rounding."""
-    missed, way = u - wrench, u - problem.reference
-    share = np.clip(1.0 - np.divide(missed, way, out=np.ones_like(way), where=way != 0.0), 0, 1)
-    return np.where(np.abs(missed) <= rounding * np.maximum(problem.extent, 1.0), 1.0, share)
+    missed, way = np.abs(u - wrench), np.abs(u - problem.reference)
+    share = 1.0 - np.divide(missed, way, out=np.ones_like(way), where=missed < way)
+    return np.where(missed <= rounding * problem.extent, 1.0, share)
 
 
-def limits_of(
-    problem: AllocationProblem, within: AllocationProblem, served: Array, prices: Array
-) -> Limits:
-    """Return what limits the axes that are not served in full.
+class Bound(NamedTuple):
+    """A bound that may limit an answer.
 
-    `within` is the problem with the bounds of this answer; `served` (m,) are the shares, and
-    `prices` (m, m + 1) those of `Prioritization.prices`.
+    - `effector`: its number; -1 for the limit on airmode
+    - `side`: 1 for an upper bound, -1 for a lower one, 0 for the limit on airmode
+    - `reach`: what it moves by is a small share of this
+    - `limit`: as in `Limits`
     """
-    ranged = problem.half_range > 0.0
-    ranges = np.where(ranged, problem.half_range, problem.half_range.max())
-    prices = np.where(served[:, None] < 1.0, prices, 0.0)
-    slopes = prices[:, :-1] / problem.extent @ problem.gamma
-    slopes[(np.abs(slopes) * ranges <= ZERO) | ((slopes < 0.0) & ~ranged)] = 0.0
-    limit: NDArray[np.int32] = np.zeros(problem.n, dtype=np.int32)
-    above = np.where(problem.impaired.astype(bool) | ~ranged, BY_HEALTH, BY_BOUND)
-    above = np.where(within.upper < problem.upper, BY_RATE, above)
-    below = np.where(within.lower > problem.lower, -BY_RATE, -BY_BOUND)
-    for row in slopes:
-        limit = np.where(row > 0.0, above, np.where(row < 0.0, below, limit)).astype(np.int32)
-    airmode = np.zeros(len(served))
-    if 'thrust' in problem.axes:
-        range_ = problem.extent[problem.axes.index('thrust')]
-        firm = np.where(np.abs(prices[:, -1]) > ZERO, prices[:, -1], 0.0)
-        airmode = firm * problem.extent / range_
-    return Limits(served, np.abs(slopes) * problem.extent[:, None], airmode, limit)
+
+    effector: int
+    side: int
+    reach: float
+    limit: int = 0
+
+
+def find_limits(
+    u: Array, served: Array, misses: BoolArray, extent: Array, unit: float,
+    bounds: Sequence[Bound], n: int, serve: Callable[[Sequence[Bound], float], Array],
+) -> Limits:
+    """Return what limits the axes of a demand u (m,) that miss it, for n effectors.
+
+    Bounds are moved out and the demand is served again.  Multipliers would take one solution
+    alone, but they are not unique where more effectors are at their bounds than decide, and do
+    not say that a more important axis takes what a bound gives.  ``explanation.c`` does the same.
+
+    - `served`, `misses`, `extent` (m,): the shares, which axes miss their demand, and half of the
+      ranges of the axes
+    - `unit`: half of the greatest range of an effector
+    - `serve`: returns the wrench (m,) with some bounds moved out by a distance
+    """
+    found = Limits.none(served, n)
+    missed = np.abs(u - serve([], 0.0))
+
+    def gains(chosen: Sequence[Bound], share: float) -> Array:
+        distance = share * min(bound.reach for bound in chosen)
+        return np.asarray((missed - np.abs(u - serve(chosen, distance))) / distance)
+
+    def counts(gain: Array) -> BoolArray:
+        return np.asarray(gain * unit > GAIN_MIN * extent)
+
+    near = np.array([gains([bound], NEAR) for bound in bounds])
+    far = np.array([gains([bound], FAR) for bound in bounds])
+    for k in np.flatnonzero(misses).tolist() if bounds else []:
+        alone = [counts(near[b])[k] and counts(far[b])[k] for b in range(len(bounds))]
+        for b in np.flatnonzero(alone).tolist():
+            gain, effector = _stated(near[b, k], far[b, k]), bounds[b].effector
+            _name(found, k, bounds[b], ALONE)
+            if effector < 0:
+                found.airmode[k] = gain
+            else:
+                found.gain[k, effector] = gain
+        if any(alone):
+            continue
+        # What takes from the axis is not to move with the others.
+        chosen = [bound for b, bound in enumerate(bounds) if not counts(-near[b])[k]]
+        together = gains(chosen, NEAR) if chosen else np.zeros(len(u))
+        if not counts(together)[k]:
+            continue
+        for bound in list(chosen):
+            rest = [each for each in chosen if each != bound]
+            without = gains(rest, NEAR) if rest else np.zeros(len(u))
+            if without[k] >= (1.0 - SAME) * together[k]:
+                chosen, together = rest, without
+        beyond = gains(chosen, FAR)
+        if counts(beyond)[k]:
+            found.joint_gain[k] = _stated(together[k], beyond[k])
+            for bound in chosen:
+                _name(found, k, bound, TOGETHER)
+    return found
+
+
+def _stated(near: float, far: float) -> float:
+    """Return the gain that is stated: none if it depends on the distance."""
+    return near if abs(near - far) <= SAME * near else 0.0
+
+
+def _name(found: Limits, axis: int, bound: Bound, how: int) -> None:
+    if bound.effector < 0:
+        found.airmode_blocks[axis] = how
+    else:
+        found.blocks[axis, bound.effector] = how
+        found.limit[bound.effector] = bound.limit
+
+
+def bounds_of(
+    problem: AllocationProblem, within: AllocationProblem, thrusts: Array
+) -> list[Bound]:
+    """Return the bounds of a problem that thrusts (n,) are at.
+
+    `within`: the problem with the bounds of this answer.
+    """
+    half, longest = problem.half_range, float(problem.half_range.max())
+    found = list[Bound]()
+    for i, f in enumerate(thrusts.tolist()):
+        ranged = bool(half[i] > 0.0)
+        rounding = AT_BOUND * (float(half[i]) if ranged else longest)
+        low, high = float(within.lower[i]), float(within.upper[i])
+        reach = max((high - low) / 2.0, REACH_MIN * float(half[i])) if ranged else longest
+        if f >= high - rounding:
+            by_health = bool(problem.impaired[i]) or not ranged
+            limit = BY_HEALTH if by_health else BY_BOUND
+            found.append(Bound(i, 1, reach, BY_RATE if high < problem.upper[i] else limit))
+        # An effector that is lost cannot give less.
+        if f <= low + rounding and ranged:
+            found.append(Bound(i, -1, reach, -BY_RATE if low > problem.lower[i] else -BY_BOUND))
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from typing import Annotated, Literal, NamedTuple
 
@@ -188,7 +189,7 @@ class Prioritization:
         reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
         begin: Array | None = None, airmode_limit: Sequence[float] = AIRMODE,
     ) -> None:
-        self._problem = problem
+        self.problem = problem
         self._first, *self._later = (list(group) for group in groups)
         self._wrench = problem.reference if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
@@ -214,7 +215,7 @@ class Prioritization:
 
     def _inside(self) -> list[float]:
         """Return where the line of the first group begins, inside its attainable part."""
-        line, way = self._problem.simplex.copy(), [self._reference[row] for row in self._first]
+        line, way = self.problem.simplex.copy(), [self._reference[row] for row in self._first]
         for row in self._first:
             line.release(self._offset + row)
         size = max(map(abs, way)) or 1.0
@@ -230,14 +231,18 @@ class Prioritization:
         `within` is the same problem with narrower bounds, which then hold.  If they keep the first
         group away from its line, it gets as near to the line as possible, and then goes along it.
         """
-        scaled, n, box = self._problem.scaled(u), self._offset, self._box(within)
-        problem = self._problem if within is None else within
+        scaled, n = self.problem.scaled(u), self._offset
+        problem = self.problem if within is None else within
         demands = u.reshape(-1, u.shape[-1])
-        runs = [self._serve(goals, box) for goals in scaled.reshape(demands.shape).tolist()]
+        runs = [
+            self._serve(
+                goals, None if within is None else self._between(within.lower, within.upper))
+            for goals in scaled.reshape(demands.shape).tolist()
+        ]
         ends = [run.simplex for run in runs]
         reaches = np.array([end.value[: n + demands.shape[1]] for end in ends])
         reaches = reaches.reshape(len(demands), n + demands.shape[1])
-        static = self._problem
+        static = self.problem
         thrusts = problem.clip(static.middle + static.half_range * reaches[:, :n])
         served = thrusts @ problem.gamma.T
         # Pivots of almost symmetric vehicles are small and cost digits.
@@ -262,62 +267,90 @@ class Prioritization:
         held = held.reshape(thrusts.shape)
         return Served(served.reshape(u.shape), levels.reshape(u.shape), reached, thrusts, held)
 
-    def prices(self, u: Array, within: AllocationProblem | None = None) -> Array:
-        """Return the multipliers (m, m + 1) that prove how far each axis can go for u (m,).
+    def moved(
+        self, u: Array, within: AllocationProblem, lowered: Array, raised: Array, rise: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return the wrench (m,) that is served for u with bounds moved out, and thrusts (n,).
 
-        Row k belongs to axis k if it cannot reach its demand, and is zero otherwise.  Its first m
-        entries are the normal of a plane that all attainable wrenches with the more important axes
-        are behind; the last is positive if thrust would have to rise beyond its limit.  All are in
-        units of the ranges.
+        Nothing else moves: the line of step 1, the weights in a group and the range of thrust are
+        the same.
+
+        - `within`: the problem with the bounds that are moved
+        - `lowered`, `raised` (n,): by how much the bounds are moved [N]
+        - `rise`: by how much the limits on airmode are moved [N]
         """
-        return self._serve(self._problem.scaled(u).tolist(), self._box(within)).prices
+        problem, n, limits = self.problem, self._offset, self._airmode
+        if limits is not None:
+            limits = [limit + rise / problem.extent[self._thrust] for limit in limits]
+        simplex = self._between(within.lower - lowered, within.upper + raised)
+        narrowed = (within.lower > problem.lower) | (within.upper < problem.upper)
+        run = self._serve(problem.scaled(u).tolist(), simplex, limits, not narrowed.any())
+        value = np.array(run.simplex.value[: n + len(u)])
+        thrusts = problem.middle + self._units * value[:n]
+        return problem.center + problem.extent * value[n:], thrusts
 
-    def _box(self, within: AllocationProblem | None) -> tuple[list[float], list[float]] | None:
-        """Return the bounds of another problem in the units of the simplex."""
-        if within is None:
-            return None
-        problem = self._problem
-        ranged = problem.half_range > 0.0
-        half_range = np.where(ranged, problem.half_range, 1.0)
-        low, high = (
-            np.where(ranged, (bound - problem.middle) / half_range, end).tolist()
-            for bound, end in ((within.lower, -1.0), (within.upper, 1.0))
-        )
-        return low, high
+    @property
+    def limits_airmode(self) -> bool:
+        """Whether there is a limit on how far thrust rises."""
+        return self._airmode is not None and self._airmode[1] < inf
+
+    @cached_property
+    def _units(self) -> Array:
+        """The units of the thrusts (n,) in `_between` [N]; lost ones may move there, too."""
+        half = self.problem.half_range
+        return np.where(half > 0.0, half, half.max())
+
+    @cached_property
+    def _wide(self) -> Simplex:
+        problem = self.problem
+        return Simplex(problem.gamma * self._units / problem.extent[:, None])
+
+    def _between(self, lower: Array, upper: Array) -> Simplex:
+        """Return the simplex method within other bounds."""
+        middle = self.problem.middle
+        ends = ((end - middle) / self._units for end in (lower, upper))
+        return self._wide.between(*(end.tolist() for end in ends))
 
     def _serve(
-        self, goals: list[float], box: tuple[list[float], list[float]] | None = None
+        self, goals: list[float], within: Simplex | None = None,
+        limits: list[float] | None = None, wider: bool = False,
     ) -> _Run:
-        """Serve a demand (m,) in the units of the simplex, with narrower bounds of the thrusts."""
+        """Serve a demand (m,) in the units of the simplex, perhaps with other bounds of thrusts.
+
+        `limits`: those on airmode, if they are others.  `wider`: whether all bounds are at least
+        as wide as those of the problem.
+        """
         offset = self._offset
-        simplex = self._start.copy() if box is None else self._problem.simplex.between(*box)
-        run = _Run(simplex, offset, len(goals))
+        simplex = self._start.copy() if within is None else within
+        run, narrowed = _Run(simplex), within is not None and not wider
         first = [offset + row for row in self._first]
-        if box is not None and len(first) > 1:
+        if wider and len(first) > 1:
+            simplex.hold(first, self._begin)
+        elif narrowed and len(first) > 1:
             for v in first:
                 simplex.release(v)
-        if self._airmode is not None:
-            rise, later_rise = self._airmode
-            run.thrust = self._thrust
+        limits = self._airmode if limits is None else limits
+        if limits is not None:
+            rise, later_rise = limits
             v, demand = offset + self._thrust, min(max(goals[self._thrust], -1.0), 1.0)
             simplex.confine(v, -inf, demand + rise)
         if len(first) == 1:
-            run.push(first[0], goals[self._first[0]], self._first)
+            run.push(first[0], goals[self._first[0]])
         else:
             ways = [goals[row] - at for row, at in zip(self._first, self._begin, strict=True)]
             backs = [at - simplex.value[v] for v, at in zip(first, self._begin, strict=True)]
-            back, distance = run.ray(first, backs) if box is not None else (-1, 0.0)
+            back, distance = run.ray(first, backs) if narrowed else (-1, 0.0)
             length, size = run.ray(first, ways)
             left = 0.0
-            if box is not None:
+            if narrowed:
                 # The bounds may keep the first group away from the line: go there first.
                 simplex.upper[length] = size
-                run.push(back, distance, self._first, backs)
+                run.push(back, distance)
                 left = 1.0 - min(max(simplex.value[back] / distance, 0.0), 1.0)
-            run.push(length, size, self._first, ways)
+            run.push(length, size)
             share = simplex.value[length] / size
             run.share = share if left == 0.0 else -1.0
-        if self._airmode is not None:
+        if limits is not None:
             if later_rise < inf:
                 # Thrust rises for the others above its demand, or above what the first need.
                 simplex.approach(v, demand)
@@ -328,7 +361,7 @@ class Prioritization:
             v, value = offset + row, simplex.value[offset + row]
             low, high = sorted((goals[row], self._reference[row]))
             ends = simplex.lower[v], simplex.upper[v]
-            if low <= value <= high or run.push(v, low if value < low else high, [row]):
+            if low <= value <= high or run.push(v, low if value < low else high):
                 simplex.lower[v], simplex.upper[v] = max(low, ends[0]), min(high, ends[1])
         for group in self._later:
             if len(group) > 1:
@@ -338,11 +371,9 @@ class Prioritization:
                     [offset + row for row in group], [goals[row] for row in group],
                     [max(max(each, LAG) / longest, LAG_RATIO) for each in distances],
                 )
-                run.axis.update({lag + 1 + i: row for i, row in enumerate(np.repeat(group, 2))})
-                run.push(lag, 0.0, group)
+                run.push(lag, 0.0)
             for row in group:
-                run.thrust = -1 if row == run.thrust else run.thrust
-                run.push(offset + row, goals[row], [row])
+                run.push(offset + row, goals[row])
         if len(first) > 1:
             for i, (row, at) in enumerate(zip(self._first, self._begin, strict=True)):
                 on_line = goals[row] if share == 1.0 else at + share * ways[i]
@@ -351,39 +382,21 @@ class Prioritization:
 
 
 class _Run:
-    """A demand that is being served: the simplex, and the multipliers of what could not be.
+    """A demand that is being served: the simplex, and the variables that limit an axis.
 
-    `share` is the share of its line that the first group went, -1 away from it; `thrust` is the
-    axis of thrust while the limit on airmode holds, or -1; `axis` has the axes of variables, and
-    `held` the variables that limit an axis.
+    `share` is the share of its line that the first group went, -1 away from it.
     """
 
-    def __init__(self, simplex: Simplex, offset: int, m: int) -> None:
-        self.simplex, self.share, self.thrust = simplex, 1.0, -1
-        self.axis = {offset + k: k for k in range(m)}
-        self.prices, self.held = np.zeros((m, m + 1)), set[int]()
+    def __init__(self, simplex: Simplex) -> None:
+        self.simplex, self.share, self.held = simplex, 1.0, set[int]()
 
     def ray(self, rows: Sequence[int], ways: Sequence[float]) -> tuple[int, float]:
         """Return a new ray along a way, and how far the way goes on it."""
         size = max(map(abs, ways)) or 1.0
         return self.simplex.add_ray(rows, [way / size for way in ways]), size
 
-    def push(
-        self, v: int, goal: float, rows: Sequence[int], ways: Sequence[float] | None = None
-    ) -> bool:
-        """Push a variable, and note what proves that these axes cannot go further."""
+    def push(self, v: int, goal: float) -> bool:
+        """Push a variable, and note what limits it."""
         reached = self.simplex.push(v, goal)
-        if proof := self.simplex.proof:
-            prices = np.zeros(self.prices.shape[1])
-            self.held |= {x for x, rate in proof.items() if abs(rate) > ZERO}
-            for x, rate in proof.items():
-                if x in self.axis:
-                    prices[self.axis[x]] -= rate
-            if self.thrust >= 0:
-                prices[-1] = -prices[self.thrust]
-            if v in self.axis:
-                prices[self.axis[v]] += 1.0 if goal > self.simplex.value[v] else -1.0
-            size = max(map(abs, ways)) or 1.0 if ways else 1.0
-            for i, row in enumerate(rows):
-                self.prices[row] = prices * (abs(ways[i]) / size if ways else 1.0)
+        self.held |= {x for x, rate in self.simplex.proof.items() if abs(rate) > ZERO}
         return reached

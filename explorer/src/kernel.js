@@ -67,8 +67,9 @@ export async function loadKernel() {
       status: STATUS[c.status[0]], level: c.level[0], margin: c.margin[0], thrusts, speeds: get('speeds', n),
       wrench: gamma.map((row) => dot(row, thrusts)), saturation: get('saturation', n), limit: get('limit', n),
       served: rowOf.map((row) => c.served[row]), cause: get('cause', n),
-      airmodeBlocks: rowOf.map((row) => Math.abs(c.airmode_gain[row]) > 0),
-      blocked: rowOf.map((row) => count(n, (i) => c.gain[row * ROTORS + i] > 0)),
+      // 1: alone, 2: only together
+      airmodeBlocks: rowOf.map((row) => c.airmode_blocks[row]),
+      blocks: rowOf.map((row) => count(n, (i) => c.blocks[row * ROTORS + i])),
     };
   }
   return {prepare, allocate};

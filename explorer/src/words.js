@@ -6,6 +6,7 @@ export const METHODS = {'': 'no other method', pseudo_inverse: 'clipped pseudo-i
 const BOUNDS = [['at maximum', 1], ['at minimum', -1]];
 const CAUSES = [...BOUNDS, ['speeding up', 2], ['slowing down', -2], ['lost or weak', 3],
   ['lost or weak', -3]];
+const TOGETHER = 2; // how rotors limit an axis that only all of them together would bring nearer
 const NEAR = 1e-6; // shortfall that counts as none, as a share of half of the axis's range
 
 export const digits = (x) => String(Math.abs(x) < 1e-9 ? 0 : Number(x.toPrecision(3)));
@@ -47,12 +48,13 @@ export function explain({vehicle, state, set}, answer, beside, hover) {
 }
 
 /** Say which rotors, or the limit on airmode, keep an axis from its demand. */
-function reasons(axes, {blocked, cause, airmodeBlocks, served}) {
+function reasons(axes, {blocks, cause, airmodeBlocks, served}) {
   const limited = {};
   axes.forEach((axis, k) => {
-    const what = [...which(blocked[k].map((blocks, i) => blocks && cause[i]), CAUSES),
-      ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])].join(', ');
-    if (served[k] < 1 && what) (limited[what] ??= []).push(axis);
+    const what = [...which(blocks[k].map((how, i) => how && cause[i]), CAUSES),
+      ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])].join(', ') || 'the axes before it';
+    const how = blocks[k].includes(TOGETHER) ? ', together' : '';
+    if (served[k] < 1) (limited[what + how] ??= []).push(axis);
   });
   return Object.entries(limited).map(([what, some]) => `What limits ${listed(some)}: ${what}.`);
 }
