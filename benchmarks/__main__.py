@@ -72,7 +72,7 @@ def run(options: argparse.Namespace, sizes: Sizes) -> tuple[pd.DataFrame, pd.Dat
     rival = 'daqp_reused' if 'daqp_reused' in calls else None
     in_c, absent_in_c, compiler = compiled(case.problem)
     if in_c:
-        rows.append(parts.time_calls(case.problem, in_c, sets, *shared, 'C'))
+        rows.append(parts.time_calls(case.problem, in_c, parts.by_side(sets), *shared, 'C'))
     if paper := of_the_paper(case.parameters):
         rows += [parts.time_rotors(rival, *shared), parts.time_setups(*shared)]
     rows.append(parts.time_batches(case, rival, calls.get(rival or ''), *shared))

@@ -49,44 +49,85 @@ typedef struct {
     double solve_time, setup_time;
 } daqp_result;
 
-enum { DAQP_OPTIMAL = 1, DAQP_EQUALITY = 5, DAQP_UPDATE_BOUNDS = 8 };
+enum { DAQP_EQUALITY = 5, DAQP_UPDATE_BOUNDS = 8, DAQP_UPDATE_SENSE = 16 };
 
 static int (*daqp_update)(int, void *, daqp_problem *);
 static void (*daqp_solve)(daqp_result *, void *);
-static double daqp_workspace[1024], daqp_hessian[CA_N * CA_N], daqp_cost[CA_N];
-static double daqp_lower[CA_N + CA_M], daqp_upper[CA_N + CA_M], daqp_multipliers[CA_N + CA_M];
-static int daqp_sense[CA_N + CA_M];
-static daqp_problem daqp_data = {CA_N, CA_N + CA_M, CA_N, daqp_hessian, daqp_cost,
-                                 &matrix[0][0], daqp_upper, daqp_lower, daqp_sense, NULL, 0, 0};
+
+/* A program of DAQP: the bounds, then Gamma f = u, whose rows may be in another order. */
+typedef struct {
+    double workspace[1024], hessian[CA_N * CA_N], cost[CA_N], rows[CA_M * CA_N];
+    double lower[CA_N + CA_M], upper[CA_N + CA_M], multipliers[CA_N + CA_M];
+    int sense[CA_N + CA_M], breaks[CA_M + 1], order[CA_M], update;
+    daqp_problem data;
+} daqp_program;
+
+static daqp_program least_norm, hierarchy;
+
+static void set_wrench(daqp_program *p, const double *u)
+{
+    for (int k = 0; k < CA_M; k++)
+        p->lower[CA_N + k] = p->upper[CA_N + k] = u[p->order[k]];
+}
+
+static int begin_program(daqp_program *p, int (*begin)(daqp_problem *, void *, double *),
+                         const double *u)
+{
+    double time;
+    for (int i = 0; i < CA_N; i++)
+        p->hessian[i * CA_N + i] = 1.0;
+    for (int k = 0; k < CA_M; k++)
+        memcpy(p->rows + k * CA_N, matrix[p->order[k]], sizeof matrix[0]);
+    memcpy(p->lower, lower, sizeof lower);
+    memcpy(p->upper, upper, sizeof upper);
+    set_wrench(p, u);
+    p->data = (daqp_problem){CA_N, CA_N + CA_M, CA_N, p->hessian, p->cost, p->rows, p->upper,
+                             p->lower, p->sense, p->data.levels ? p->breaks : NULL,
+                             p->data.levels, 0};
+    return begin(&p->data, p->workspace, &time);
+}
 
 /* Set DAQP up with the addresses of its functions, at a wrench; returns a number above 0. */
 int set_up_daqp(int (*begin)(daqp_problem *, void *, double *),
                 int (*update)(int, void *, daqp_problem *), void (*solve)(daqp_result *, void *),
                 const double *u)
 {
-    double time;
+    static const ca_options options = OPTIONS;
     daqp_update = update;
     daqp_solve = solve;
-    for (int i = 0; i < CA_N; i++)
-        daqp_hessian[i * CA_N + i] = 1.0;
-    memcpy(daqp_lower, lower, sizeof lower);
-    memcpy(daqp_upper, upper, sizeof upper);
+    least_norm.update = DAQP_UPDATE_BOUNDS;
+    /* The levels change the active set: it begins anew. */
+    hierarchy.update = DAQP_UPDATE_BOUNDS + DAQP_UPDATE_SENSE;
     for (int k = 0; k < CA_M; k++) {
-        daqp_lower[CA_N + k] = daqp_upper[CA_N + k] = u[k];
-        daqp_sense[CA_N + k] = DAQP_EQUALITY;
+        least_norm.order[k] = k;
+        least_norm.sense[CA_N + k] = DAQP_EQUALITY;
+        hierarchy.order[k] = options.order[k];
+        hierarchy.breaks[options.group[k] + 1] = CA_N + k + 1;
     }
-    return begin(&daqp_data, daqp_workspace, &time);
+    hierarchy.breaks[0] = CA_N;
+    hierarchy.data.levels = options.group[CA_M - 1] + 2;
+    const int begun = begin_program(&least_norm, begin, u);
+    return begun > 0 ? begin_program(&hierarchy, begin, u) : begun;
+}
+
+static int solve_program(daqp_program *p, const double *u, double *thrusts)
+{
+    daqp_result result = {.x = thrusts, .multipliers = p->multipliers};
+    set_wrench(p, u);
+    if (daqp_update(p->update, p->workspace, &p->data) < 0)
+        return 0;
+    daqp_solve(&result, p->workspace);
+    return result.flag > 0;
 }
 
 int daqp_reused(const double *u, double *thrusts)
 {
-    daqp_result result = {.x = thrusts, .multipliers = daqp_multipliers};
-    for (int k = 0; k < CA_M; k++)
-        daqp_lower[CA_N + k] = daqp_upper[CA_N + k] = u[k];
-    if (daqp_update(DAQP_UPDATE_BOUNDS, daqp_workspace, &daqp_data) < 0)
-        return 0;
-    daqp_solve(&result, daqp_workspace);
-    return result.flag == DAQP_OPTIMAL;
+    return solve_program(&least_norm, u, thrusts);
+}
+
+int daqp_hierarchical(const double *u, double *thrusts)
+{
+    return solve_program(&hierarchy, u, thrusts);
 }
 
 static int64_t now(void)

@@ -28,7 +28,7 @@ COMPILERS = ('cc', 'gcc', 'clang')
 OPTIONS = ['-std=c99', '-O3', '-ffp-contract=off', '-fPIC', '-shared', '-Wl,-Bsymbolic']
 """Those of setup.py; with -Bsymbolic the code calls its own OSQP, not the Python package's."""
 
-NAMES = ('clipped_pinv', 'exact', 'daqp_reused', 'osqp')  # functions of `contenders.c`
+NAMES = 'clipped_pinv', 'exact', 'daqp_reused', 'daqp_hierarchical', 'osqp'  # in `contenders.c`
 DAQP = '0.11.0'  # the version of DAQP whose structures `contenders.c` knows
 
 
@@ -90,7 +90,7 @@ def compiled(problem: AllocationProblem) -> tuple[dict[str, Compiled], dict[str,
     try:
         _set_up_daqp(library, problem)
     except (Missing, ImportError) as error:
-        absent['daqp_reused'] = str(error)
+        absent |= dict.fromkeys(('daqp_reused', 'daqp_hierarchical'), str(error))
     calls = {name: Compiled(library, name, problem.n) for name in NAMES if name not in absent}
     times, _ = Compiled(library, 'nothing', problem.n).one_by_one([problem.center] * 1000)
     return calls, absent, f'{about}; {np.median(times):g} ns for reading the clock'

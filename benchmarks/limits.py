@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from benchmarks.contenders import BASELINE, POLICIES
-from benchmarks.parts import SETS
+from benchmarks.parts import SETS, SIDES
 from benchmarks.sizes import Sizes
 from benchmarks.timing import Key, ratio
 from ca_ros.evaluation.tables import number, table
@@ -34,11 +34,12 @@ def _limits(
     """Yield what is limited, the limit, and the values of some cases."""
 
     def over(
-        other: str, *kinds: str, name: str = 'exact', part: str = 'calls', n: int = 6
+        other: str, *kinds: str, name: str = 'exact', part: str = 'calls', n: int = 6,
+        column: str = 'time',
     ) -> dict[str, float | None]:
         """Return the time of a contender over that of another one, by kind of wrenches."""
         return {
-            kind: ratio(rows, Key(part, kind, name, n), Key(part, kind, other, n))
+            kind: ratio(rows, Key(part, kind, name, n), Key(part, kind, other, n), column)
             for kind in kinds
         }
 
@@ -59,6 +60,13 @@ def _limits(
         for n in sizes.rotors
     }
     yield '`exact` over reused DAQP, all numbers of rotors', 0.5, growth
+    for percentile, column in (('median', 'p50'), ('99.9th percentile', 'p999')):
+        what = f'{percentile} of `exact` in C over that of'
+        for rival, words, limit, kinds in (
+            ('daqp_reused', 'reused DAQP', 1.0, SIDES[:2]),
+            ('daqp_hierarchical', 'hierarchical DAQP', 1.0 / 3.0, SIDES[2:]),
+        ):
+            yield f'{what} {words}', limit, over(rival, *kinds, part='C', column=column)
     many, few = (Key('rotors', 'flight', 'exact', n) for n in (32, 6))
     yield '32 rotors over 6, `exact` on a flight', 4.0, {'': ratio(rows, many, few)}
     loop, largest = Key('batches', 'one by one', 'daqp_reused', 6), max(sizes.batches)

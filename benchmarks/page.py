@@ -28,6 +28,7 @@ def page(rows: pd.DataFrame, results: pd.DataFrame, sizes: Sizes, about: Mapping
     chapters['Times per call'] = _calls(parts['calls'], 'us', 1e6)
     if 'C' in parts:
         chapters['In C'] = _calls(parts['C'], 'ns', 1e9)
+        chapters['In C: median / 99.9th percentile'] = _singles(parts['C'])
     sets = ''.join(f'- *{name}*: {words}\n' for name, words in SETS.items())
     words = 'In brackets: relative to the clipped pseudo-inverse. ✗: wrong answers, by more'
     missed = f'than {WRONG:g} in wrench, bounds or least norm.'
@@ -65,6 +66,16 @@ def _calls(results: pd.DataFrame, unit: str, scale: float) -> str:
     cells['wrong'] = wrong.groupby('contender').agg('; '.join)
     lines = [[f'`{name}`', *row] for name, *row in cells.fillna('').itertuples()]
     return table(('contender', *cells), lines)
+
+
+def _singles(results: pd.DataFrame) -> str:
+    """Return the table of the percentiles of single calls by kind of wrenches."""
+
+    def cell(own: Any) -> str:
+        return f'{number(1e9 * own.p50)} / {number(1e9 * own.p999)}'
+
+    cells = _wide(results, ['contender'], 'wrenches', cell).add_suffix(' [ns]')
+    return table(('', *cells), [[f'`{name}`', *row] for name, *row in cells.itertuples()])
 
 
 def _wide(

@@ -37,6 +37,10 @@ SETS = {
 }
 
 
+SIDES = 'inside', 'on', 'outside'
+"""The thirds of the wrenches near the boundary."""
+
+
 def drawn(
     parameters: Mapping[str, Any], problem: AllocationProblem, sizes: Sizes, seed: int
 ) -> dict[str, Array]:
@@ -50,6 +54,12 @@ def drawn(
         gains = read(ControllerSettings, parameters, 'controller.')
         found['flight'] = flown(problem.vehicle, gains, sizes.flight)
     return found
+
+
+def by_side(sets: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the sets, with the wrenches near the boundary by the side on which they are."""
+    found = {kind: wrenches for kind, wrenches in sets.items() if kind != 'boundary'}
+    return found | {side: sets['boundary'][i :: len(SIDES)] for i, side in enumerate(SIDES)}
 
 
 def time_calls(

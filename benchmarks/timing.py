@@ -175,9 +175,9 @@ def summarize(rows: pd.DataFrame, baseline: str) -> pd.DataFrame:
     return found.assign(faults=[faults(worst) for worst in found.to_dict('records')])
 
 
-def ratio(rows: pd.DataFrame, one: Key, other: Key) -> float | None:
+def ratio(rows: pd.DataFrame, one: Key, other: Key, column: str = 'time') -> float | None:
     """Return the median ratio of times within a repetition; None if one was not measured."""
-    times = rows.pivot_table('time', 'repetition', list(Key._fields))
+    times = rows.pivot_table(column, 'repetition', list(Key._fields))
     if one not in times or other not in times:
         return None
     return float((times[one] / times[other]).median())

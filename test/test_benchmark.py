@@ -87,6 +87,10 @@ def test_contenders_in_c_give_the_exact_answer():
     _, ours = calls['exact'].one_by_one(list(wrenches))
     wanted = make_allocator('exact', HEXAROTOR).allocate_batch(wrenches).thrusts
     np.testing.assert_allclose(ours, wanted, atol=1e-11)
+    if 'daqp_hierarchical' in calls:
+        _, served = calls['daqp_hierarchical'].one_by_one(list(wrenches))
+        call = CONTENDERS['daqp_hierarchical'].call(admissible.problem)
+        np.testing.assert_allclose(served, [call(u) for u in wrenches], atol=1e-6)
     _, clipped = calls[BASELINE].one_by_one(list(wrenches))
     wanted = make_allocator('pseudo_inverse', HEXAROTOR).allocate_batch(wrenches).thrusts
     np.testing.assert_allclose(clipped, wanted, atol=1e-14)

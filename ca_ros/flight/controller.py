@@ -9,7 +9,7 @@ import numpy as np
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
-from ca_ros.flight.momentum_observer import MomentumObserver
+from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
 from ca_ros.flight.rigid_body import cross, difference, heading, inertia_of, rotation_matrix
 from ca_ros.flight.settings import SIDEWAYS, ControllerSettings, ControlSettings, triple
 from ca_ros.flight.waypoint import Waypoint
@@ -48,6 +48,8 @@ class Controller:
     `vehicle`: with the announced health of the rotors.  `priorities`: see
     `AdmissibleSet.prioritize`.
 
+    After states have ceased for two seconds, the estimate starts again from zero.
+
     `unallocated` (m,): the last demand minus the wrench that was served of it [N, N m]; zero if it
     was attainable.  `disturbances`: the state of the integral action; None without one.
     """
@@ -73,8 +75,10 @@ class Controller:
         self._position_stiffness, self._position_damping = map(triple, gains)
         gains = settings.attitude_stiffness, settings.attitude_damping
         self._attitude_stiffness, self._attitude_damping = map(triple, gains)
-        gain = settings.integral_gain
-        self.disturbances = MomentumObserver(vehicle, gain) if gain > 0.0 else None
+        self.disturbances = self._new_disturbances() if settings.integral_gain > 0.0 else None
+
+    def _new_disturbances(self) -> MomentumObserver:
+        return MomentumObserver(self.vehicle, self.settings.integral_gain)
 
     @classmethod
     def from_settings(cls, vehicle: Vehicle, settings: ControlSettings) -> Controller:
@@ -87,6 +91,11 @@ class Controller:
         except ParameterError as error:
             place = 'allocation.exact.' if str(error).startswith('order:') else ''
             raise ParameterError(f'{place}{error}') from None
+
+    def restart(self) -> None:
+        """Take the next state as one that does not continue those before."""
+        if self.disturbances is not None:
+            self.disturbances.interrupt()
 
     def wrench(
         self, position: Array, attitude: Array, velocity: Array, angular_velocity: Array,
@@ -106,7 +115,13 @@ class Controller:
             with np.errstate(over='ignore', invalid='ignore'):
                 rotation = rotation_matrix(attitude)
                 motion = np.concatenate([rotation @ velocity, angular_velocity])
+                before = self.disturbances.time
                 self.disturbances.observe(time, motion)
+                after = self.disturbances.time
+                if before is not None and after is not None and after - before >= RESTART:
+                    # Others may have flown the vehicle, or carried it.
+                    self.disturbances = self._new_disturbances()
+                    self.disturbances.observe(time, motion)
         demand = self.demand(*state, waypoint)
         served = np.zeros(len(demand))
         if self._exact is not None:

@@ -108,6 +108,7 @@ class MomentumObserver:
         self.jump_max: list[float] = (JUMP_MAX * inertias).tolist()
         self.time: int | None = None
         self._doubtful: int | None = None
+        self._interrupted = False
         self._momentum = self._wrench = np.zeros(6)
         self.ground, self._flown = Standing(vehicle), 0.0
         self.step, self.lacked = 0.0, np.zeros(6)
@@ -133,7 +134,9 @@ class MomentumObserver:
         self.step = 0.0
         momentum = self._masses.dot(motion)
         step = 0 if self.time is None else time - self.time
-        if self.time is not None and not 0 < step < RESTART:
+        if self._interrupted and step > 0:
+            self._interrupted = False
+        elif self.time is not None and not 0 < step < RESTART:
             confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
             if abs(step) < RESTART or not confirmed:
                 self._doubtful = time if abs(step) >= RESTART else self._doubtful
@@ -159,6 +162,10 @@ class MomentumObserver:
             self._flown += step * (self.ground.still == 0.0)
             if self._flown > KEEP:
                 self._before, self._latest, self._flown = self._latest, self.estimate, 0.0
+
+    def interrupt(self) -> None:
+        """Take the next state as one that does not continue those before; the estimate stays."""
+        self._interrupted = True
 
     def expect(self, wrench: Array, angular_velocity: Array) -> None:
         """Set what the rotors do from this state on.
