@@ -13,7 +13,7 @@ from ca_ros import explore
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS, warn_in_one_line
 from ca_ros.errors import message
-from ca_ros.evaluation import fit_thrust
+from ca_ros.evaluation import fit_thrust, identify
 from ca_ros.evaluation.sets import audit_command
 from ca_ros.kernel import NOT_BUILT, chosen, load
 from ca_ros.nodes.bridges import motors
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
     )
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', dest='command')
-    for command in (audit_command, explore, fit_thrust, motors, px4_parameters, urdf):
+    for command in (audit_command, explore, fit_thrust, identify, motors, px4_parameters, urdf):
         name, about = command.COMMAND
         words = f'{about[0].upper()}{about[1:]}.'
         command.add_options(one := commands.add_parser(name, help=about, description=words))

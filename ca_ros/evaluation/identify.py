@@ -1,0 +1,67 @@
+"""``python -m ca_ros identify``: lag, delay and inertia of a vehicle from recorded flights."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.files import find
+from ca_ros.vehicle.formats.edited_yaml import with_values
+from ca_ros.vehicle.formats.recording import read_recording
+from ca_ros.vehicle.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from ca_ros.vehicle.identification import Identification
+
+COMMAND = 'identify', 'identify lag, delay, inertia and thrust of a vehicle from flights'
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add = parser.add_argument
+    add('flights', nargs='+', type=Path, metavar='FLIGHT',
+        help='CSV, npz or ULog; with several, R^2 is that of each flight by the others')
+    add('vehicle', help='a shipped vehicle or a parameter file, with mass, arms and a first guess '
+        'of the inertia')
+    add('--throttle', choices=['linear', 'quadratic', 'curve'], help='commands are throttles from '
+        '0 to 1; the thrust is linear in them, or quadratic, or as in rotors.thrust_curve')
+    add('--frame', choices=['flu', 'frd'], default='flu', help='of gyro and accelerometer: '
+        'forward-left-up or forward-right-down')
+    add('--measured', action='store_true', help='use speed_measured_* instead of command_*')
+    add('--out', type=Path, metavar='YAML', help='write a copy of the file with what is sure')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Identify, print and write."""
+    # SciPy's signal processing takes a second to import.
+    from ca_ros.vehicle.identification import identify, speeds_of
+
+    vehicle = Vehicle.load(options.vehicle)
+    flights = [read_recording(file, vehicle.n, options.frame) for file in options.flights]
+    if not options.measured:
+        flights = [speeds_of(vehicle, flight, options.throttle) for flight in flights]
+    found = identify(vehicle, flights, options.measured)
+    print('\n'.join(report(found)))
+    if options.out is not None:
+        file = find(options.vehicle)
+        text = file.read_text(encoding='utf-8')
+        try:
+            options.out.write_text(with_values(text, found.parameters), encoding='utf-8')
+        except ParameterError as error:
+            raise ParameterError(f'{file}: {error}') from None
+        print(f'written: {options.out}')
+
+
+def report(found: Identification) -> list[str]:
+    """Return the estimates, one a line, and the parameters that are sure."""
+    lines = ['value [95 % interval]; R^2 on flights or blocks that were not used for the fit']
+    rows = {'lag': found.lag, 'delay': found.delay, 'lag and delay': found.total}
+    for name, each in found.effectiveness.items():
+        rows[f'{name}, acceleration over that of the file'] = each
+    rows['inertia of a rotor over that of the vehicle about z'] = found.kick
+    lines += [f'{name}: {each}; R^2 {each.r2:.2f}' for name, each in rows.items()]
+    lines.append(f'white noise of the gyro: {found.noise:.3g} rad/s')
+    lines.append('sure, as parameters:')
+    return [*lines, *(f'    {name}: {value}' for name, value in found.parameters.items())]

@@ -1,0 +1,1 @@
+"""Files of other programs, read for a vehicle or written from one."""

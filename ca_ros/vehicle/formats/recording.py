@@ -1,0 +1,208 @@
+"""A recorded flight as a file: commands, gyro, accelerometer and what else there is."""
+
+import csv
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.errors import message
+from ca_ros.settings import ParameterError
+
+STREAMS = {
+    'command': r'command_(\d+)', 'gyro': r'gyro_([xyz])', 'acc': r'acc_([xyz])',
+    'attitude': r'q([xyzw])', 'velocity': r'v([xyz])', 'speed': r'speed_measured_(\d+)',
+}
+"""The streams of a recording, and the names of their columns."""
+
+SIZES = {'gyro': 3, 'acc': 3, 'attitude': 4, 'velocity': 3}
+"""Columns of the streams whose number does not depend on the vehicle."""
+
+FRD = np.array([1.0, -1.0, -1.0])  # signs of front-right-down in front-left-up
+
+SUFFIXES = '.csv', '.npz', '.ulg'
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recorded flight, each stream with its own times.
+
+    - `times`: times (K,) of each stream [s], increasing
+    - `values`: the stream (K, c) by name: ``command`` and ``speed`` (measured) of n rotors, in
+      rad/s, or as throttles from 0 to 1; ``gyro`` [rad/s], ``acc`` (specific force, [m/s^2]) and
+      ``velocity`` [m/s] in the body frame, forward-left-up; ``attitude`` as quaternions x, y, z,
+      w, body to world
+    - `name`: of the file
+    """
+
+    times: dict[str, Array] = field(default_factory=dict)
+    values: dict[str, Array] = field(default_factory=dict)
+    name: str = ''
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The first and the last time that command and gyro share [s]."""
+        both = [self.times[name] for name in ('command', 'gyro')]
+        return max(each[0] for each in both), min(each[-1] for each in both)
+
+    def with_stream(self, name: str, values: Array) -> 'Recording':
+        """Return the recording with other values of a stream."""
+        return replace(self, values={**self.values, name: values})
+
+
+def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recording:
+    """Read a recorded flight of a vehicle.
+
+    Parameters
+    ----------
+    file : str or Path
+        A CSV file with a row of titles: ``t`` [s], ``command_1`` to ``command_n``, ``gyro_x`` to
+        ``gyro_z``, and optionally ``acc_x`` ..., ``qx`` ... ``qw``, ``vx`` ...,
+        ``speed_measured_1`` ...; other columns are ignored, and a stream has a value only in rows
+        where all its cells are filled.  The ``flight.csv`` of bringup is read, too.  Or an npz
+        file with the same names, or with arrays (K, c) by the names of the streams, each with an
+        array ``t_NAME`` if its times are not ``t``.  Or a log of PX4 (.ulg), if pyulog is
+        installed.
+    rotors : int
+        Number of rotors of the vehicle.
+    frame : {'flu', 'frd'}
+        Frame of gyro, acc, velocity and attitude: forward-left-up, or forward-right-down (attitude
+        to north-east-down).
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read, command or gyro is missing, a stream has a wrong number of
+        columns, or times do not increase.
+    """
+    path = Path(file)
+    if path.suffix not in SUFFIXES:
+        raise ParameterError(f'{path}: expected a flight in a file {", ".join(SUFFIXES)}')
+    try:
+        read = {'.csv': _from_csv, '.npz': _from_npz, '.ulg': _from_ulog}[path.suffix]
+        columns = read(path)
+    except (OSError, UnicodeDecodeError, csv.Error, ValueError, KeyError) as error:
+        raise ParameterError(message(error, path)) from None
+    try:
+        recording = _streams(columns, rotors)
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+    if frame == 'frd' or path.suffix == '.ulg':
+        signs = {'gyro': FRD, 'acc': FRD, 'velocity': FRD, 'attitude': np.array([1, -1, -1, 1])}
+        for name in signs.keys() & recording.values.keys():
+            recording = recording.with_stream(name, recording.values[name] * signs[name])
+    return replace(recording, name=path.name)
+
+
+def _from_csv(path: Path) -> dict[str, Array]:
+    """Return the columns of a CSV file that a recording has; empty cells are NaN."""
+    with path.open(newline='', encoding='utf-8-sig') as stream:
+        rows = csv.reader(stream)
+        titles = [title.strip() for title in next(rows, [])]
+        if 'command_1' not in titles:
+            titles = [re.sub('^speed_', 'command_', title) for title in titles]
+        if 'gyro_x' not in titles:
+            titles = [re.sub('^w(?=[xyz]$)', 'gyro_', title) for title in titles]
+        wanted = [i for i, title in enumerate(titles) if title == 't' or _stream_of(title)]
+        table = []
+        for row in rows:
+            try:
+                table.append([float(row[i]) if row[i].strip() else np.nan for i in wanted])
+            except (ValueError, IndexError):
+                raise ParameterError(
+                    f'line {rows.line_num}: expected a number in each of {len(titles)} columns'
+                ) from None
+    numbers = np.array(table).reshape(-1, len(wanted))
+    return {titles[i]: column for i, column in zip(wanted, numbers.T, strict=True)}
+
+
+def _from_npz(path: Path) -> dict[str, Array]:
+    """Return the arrays of an npz file as columns; the times of a stream are ``t_NAME``."""
+    columns: dict[str, Array] = {}
+    with np.load(path, allow_pickle=False) as arrays:
+        for name in arrays.files:
+            array = np.asarray(arrays[name], float)
+            if name in STREAMS and array.ndim == 2:
+                ends = {'gyro': 'xyz', 'acc': 'xyz', 'velocity': 'xyz', 'attitude': 'xyzw'}
+                begin = {'attitude': 'q', 'velocity': 'v', 'speed': 'speed_measured_'}
+                for i, column in enumerate(array.T):
+                    end = ends[name][i] if name in ends and i < len(ends[name]) else str(i + 1)
+                    columns[f'{begin.get(name, name + "_")}{end}'] = column
+            elif array.ndim == 1:
+                columns[name] = array
+    return columns
+
+
+def _from_ulog(path: Path) -> dict[str, Array]:
+    """Return the streams of a log of PX4 as columns, forward-right-down."""
+    try:
+        from pyulog import ULog
+    except ImportError:
+        raise ParameterError('a log of PX4 needs pyulog: pip install pyulog') from None
+    columns: dict[str, Array] = {}
+    topics = {each.name: each.data for each in ULog(str(path)).data_list if each.multi_id == 0}
+    wanted = {
+        'command': ('actuator_motors', [f'control[{i}]' for i in range(12)]),
+        'gyro': ('vehicle_angular_velocity', [f'xyz[{i}]' for i in range(3)]),
+        'acc': ('vehicle_acceleration', [f'xyz[{i}]' for i in range(3)]),
+        'attitude': ('vehicle_attitude', [f'q[{i}]' for i in (1, 2, 3, 0)]),
+    }
+    ends = {'gyro': 'xyz', 'acc': 'xyz', 'attitude': 'xyzw'}
+    for name, (topic, fields) in wanted.items():
+        if topic in topics:
+            columns[f't_{name}'] = topics[topic]['timestamp'] / 1e6
+            for i, each in enumerate(fields):
+                column = np.asarray(topics[topic][each], float)
+                end = ends[name][i] if name in ends else str(i + 1)
+                # The motors that an airframe does not have are not a number.
+                if name != 'command' or np.isfinite(column).any():
+                    columns[f'{"q" if name == "attitude" else name + "_"}{end}'] = column
+    return columns
+
+
+def _stream_of(title: str) -> str | None:
+    """Return the stream that a column belongs to."""
+    found = (name for name, pattern in STREAMS.items() if re.fullmatch(pattern, title))
+    return next(found, None)
+
+
+def _streams(columns: Mapping[str, Array], rotors: int) -> Recording:
+    """Return the streams of columns, each without the rows in which it has no value."""
+    recording = Recording()
+    for name, pattern in STREAMS.items():
+        size = SIZES.get(name, rotors)
+        ends = [str(i + 1) for i in range(size)] if name not in SIZES else list('xyzw'[:size])
+        begin = re.sub(r'\(.*', '', pattern)
+        titles = [f'{begin}{end}' for end in ends]
+        given = [title for title in columns if re.fullmatch(pattern, title)]
+        if not given:
+            continue
+        if sorted(given) != sorted(titles):
+            raise ParameterError(
+                f'columns {", ".join(sorted(given))}: expected {", ".join(titles)}'
+            )
+        times = columns.get(f't_{name}', columns.get('t'))
+        if times is None:
+            raise ParameterError(f't: missing; expected the times of {name} [s]')
+        table = np.column_stack([columns[title] for title in titles])
+        if len(times) != len(table):
+            raise ParameterError(f'{name}: {len(table)} rows, but {len(times)} times')
+        filled = np.isfinite(table).all(axis=1) & np.isfinite(times)
+        times, table = times[filled], table[filled]
+        if len(times) < 2 or not np.all(np.diff(times) > 0.0):
+            raise ParameterError(f't: expected times of {name} that increase [s]')
+        recording.times[name], recording.values[name] = times, table
+    missing = {'command', 'gyro'} - recording.values.keys()
+    if missing:
+        raise ParameterError(
+            f'{", ".join(sorted(missing))}: missing; expected columns t, command_1 to '
+            f'command_{rotors}, gyro_x, gyro_y, gyro_z'
+        )
+    return recording
