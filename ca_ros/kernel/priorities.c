@@ -610,12 +610,13 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
 }
 
 /* A thrust that is neither held nor basic can be chosen. If there is one such thrust, choose it so
- * that the thrusts have the least norm. Returns the number of such thrusts, 2 for more. */
+ * that the thrusts have the least norm. Returns the number of such thrusts; 2 also for more, or if
+ * their number is not clear. */
 static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p);
     ca_real rates[CA_N], slope = 0, curvature = 0, low = -CA_UNBOUNDED, high = CA_UNBOUNDED;
-    int k = -1;
+    int k = -1, clear = 1;
     for (int j = 0; j < s->columns; j++) {
         const int x = s->variable[ROWS + j];
         if (x >= n || s->held[x] || !(p->lower[x] < p->upper[x]))
@@ -634,10 +635,15 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
         const int v = s->variable[r];
         if (v < n)
             rates[v] = p->half_range[v] * s->rates[r][k];
-        else if (ca_abs(s->rates[r][k]) > NOISE)
+        else if (ca_abs(s->rates[r][k]) > PARALLEL)
             /* The thrust would move an axis that has reached its goal. */
             return 0;
+        else
+            clear = clear && ca_abs(s->rates[r][k]) <= NOISE;
     }
+    /* Small pivots magnify rounding errors: whether this one would move an axis is not clear. */
+    if (!clear)
+        return 2;
     for (int i = 0; i < n; i++) {
         const ca_real square = p->weight[i] * p->weight[i];
         slope += square * rates[i] * (thrusts[i] - p->preferred[i]);

@@ -1,0 +1,88 @@
+"""What is served of unattainable wrenches: least norm, and single against double precision.
+
+Vehicles, orders and wrenches are drawn anew for each seed.
+"""
+
+import numpy as np
+import pytest
+
+from ca_ros import Status, Vehicle, make_allocator
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.settings import AXES
+from strategies import build, length, need_kernel, random_vehicle, ring, tilted_axes
+
+need_kernel()
+
+ORDERS = [['roll pitch', 'thrust', 'yaw'], ['thrust', 'roll pitch', 'yaw'],
+          ['roll', 'pitch', 'thrust', 'yaw'], ['thrust', 'roll pitch yaw'],
+          ['roll pitch', 'thrust yaw'], ['yaw', 'roll pitch', 'thrust']]
+LATERAL = ['force_x force_y']
+
+
+def drawn_problem(rng):
+    """Draw the problem of a vehicle, mostly a symmetric one, with up to two rotors lost."""
+    n, kind = int(rng.choice([4, 6, 6, 8, 10])), rng.choice(['ring', 'coaxial', 'tilted', 'any'])
+    radius, spins = rng.uniform(0.1, 0.8), 'PN' * (n // 2)
+    rotors = {'speed_min': rng.choice([0.0, 40.0, 150.0]), 'speed_max': rng.uniform(300.0, 900.0),
+              'torque_coefficient': rng.uniform(2e-7, 2e-6)}
+    if kind == 'any':
+        vehicle = random_vehicle(rng, n)
+    elif kind == 'coaxial' and n > 4:
+        half = ring(n // 2, radius)
+        vehicle = build(np.vstack([half, half]), spins[: n // 2] + spins[1 : n // 2 + 1], **rotors)
+    elif kind == 'tilted' and n > 4:
+        axes = np.ravel(tilted_axes(n, np.radians(rng.uniform(5.0, 40.0)))).tolist()
+        vehicle = build(ring(n, radius), spins, {'allocation.axes': list(AXES)}, axes=axes,
+                        **rotors)
+    else:
+        turned = rng.choice([0.0, np.pi / n])
+        vehicle = build(ring(n, radius, turned), rng.permutation(list(spins)), **rotors)
+    health = np.ones(n)
+    health[rng.choice(n, rng.integers(0, 3 if n > 4 else 1), replace=False)] = 0.0
+    return audit(vehicle.with_health(health)).independent
+
+
+def drawn_options(rng, problem):
+    """Draw an order and whether thrust may deviate."""
+    order = [*ORDERS[rng.integers(len(ORDERS))], *LATERAL]
+    groups = [' '.join(axis for axis in group.split() if axis in problem.axes) for group in order]
+    return {'order': [group for group in groups if group],
+            'thrust_deviation': rng.choice(['prevent', 'allow', 'allow'])}
+
+
+def drawn_wrenches(rng, problem, size):
+    """Draw wrenches around the set, half of them on a grid, where answers are degenerate."""
+    ways = rng.uniform(-1.6, 1.6, (size, len(problem.axes)))
+    ways[::2] = np.round(4.0 * ways[::2]) / 4.0 * rng.choice([0.0, 1.0], ways[::2].shape)
+    return problem.reference + problem.extent * ways
+
+
+@pytest.mark.parametrize('seed', range(length(24, 200, 2000)))
+def test_the_thrusts_for_what_is_served_have_the_least_norm(seed):
+    rng = np.random.default_rng(seed)
+    problem = drawn_problem(rng)
+    exact = make_allocator('exact', problem, residual_slack=0.0, **drawn_options(rng, problem))
+    assert exact.engine == 'C'
+    answers = exact.allocate_batch(drawn_wrenches(rng, problem, length(2000, 5000)))
+    served = answers.status == Status.PRIORITIZED
+    wrenches, thrusts = answers.wrench[served], answers.thrusts[served]
+    greatest = max(1.0, problem.upper.max())
+    # The least norm is a continuous function of the wrench, and a little nearer to the middle of
+    # the set another method finds it.
+    near = exact.allocate_batch(wrenches + 1e-9 * (problem.center - wrenches))
+    assert np.all(near.status == Status.EXACT)
+    longer = np.linalg.norm(thrusts, axis=1) - np.linalg.norm(near.thrusts, axis=1)
+    assert np.all(longer <= 1e-4 * greatest)
+    for wrench, given in zip(wrenches[:40], thrusts[:40], strict=True):
+        found = problem.least_norm.solve(wrench, float(problem.tolerance(wrench)))
+        if found.attained:
+            assert np.linalg.norm(given) <= np.linalg.norm(found.thrusts) + 1e-9 * greatest
+
+
+def test_mirrored_wrenches_get_mirrored_thrusts():
+    exact = make_allocator('exact', Vehicle.load('hexarotor'), thrust_deviation='allow',
+                           order=['thrust', 'roll pitch yaw'])
+    for pitch in -6.729947059841593 - np.linspace(0.0, 1e-3, 11):
+        thrusts = exact.allocate([9.81, 0.0, pitch, 0.0]).thrusts
+        np.testing.assert_allclose(thrusts, thrusts[[0, 5, 4, 3, 2, 1]], atol=1e-12)
+        np.testing.assert_allclose(thrusts[[1, 2]], [2.434, 0.451], atol=1e-3)
