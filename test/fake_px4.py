@@ -178,6 +178,7 @@ class FakePx4:
     - `nav_state`, `intention`: the mode, and what the pilot selected
     - `motors` (n,): controls that the motors have
     - `log`: what happened, as pairs of time and text
+    - `resets`, `jump`: how often the estimator was reset, and the velocity that it adds [m/s]
     - `outside`: how many motor commands came while PX4 had the motors
     """
 
@@ -193,7 +194,8 @@ class FakePx4:
         self.nav_state = self.intention = HOLD
         self.modes = {}
         self.motors, self.thrust = np.full(vehicle.n, np.nan), 0.0
-        self.log, self.outside, self.resets = [], 0, 0
+        self.log, self.outside = [], 0
+        self.resets, self.jump = 0, np.zeros(3)
         self.received = Counter()
         self._offboard = -np.inf
         self._request, self._asked = 0, -np.inf
@@ -417,5 +419,5 @@ class FakePx4:
         return VehicleOdometry(
             timestamp=now, timestamp_sample=now, pose_frame=1, velocity_frame=1,
             position=np.float32(WORLD.T @ state[POSITION]), q=np.float32([w, x, y, z]),
-            velocity=np.float32(WORLD.T @ state[VELOCITY]),
+            velocity=np.float32(WORLD.T @ state[VELOCITY] + self.jump),
             angular_velocity=np.float32(BODY @ state[10:13]), reset_counter=self.resets)

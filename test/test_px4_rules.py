@@ -10,6 +10,7 @@ import pytest
 from ca_ros import Exact, ParameterError, Vehicle
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.flight.kernel_detector import make_detector
 from ca_ros.flight.plant import body_of
 from ca_ros.flight.settings import ControllerSettings, PlantSettings
 from ca_ros.flight.waypoint import Waypoint
@@ -60,6 +61,8 @@ class Loop:
     def pass_restart(self, time):
         self.restarts.append(self.px4.time)
         self.controller.restart()
+        if self.detector:
+            self.detector.interrupt()
 
     def pass_state(self, state, time):
         self.states += 1
@@ -355,6 +358,20 @@ def test_a_changed_reset_counter_is_a_restart(loop):
     loop.run(1.0)
     assert len(loop.restarts) == before + 1
     assert loop.rules.values()['restarts'] == before + 1
+
+
+@pytest.mark.parametrize('make', [FailureDetector, make_detector])
+def test_a_reset_of_the_estimator_is_no_disturbance_and_no_failure(make):
+    loop = Loop(integral=1.0)
+    loop.detector = make(HEXAROTOR)
+    loop.take_off()
+    before = loop.controller.disturbances.estimate[2]
+    # Half a metre per second in ten milliseconds: as if the thrust had fallen by fifty newton.
+    loop.px4.resets, loop.px4.jump = 1, np.array([0.0, 0.0, 0.5])
+    loop.run(0.02)
+    assert abs(loop.controller.disturbances.estimate[2] - before) < 0.05
+    loop.run(1.0)
+    assert loop.detector.health.all()
 
 
 @pytest.mark.parametrize('announced', [True, False])

@@ -100,6 +100,14 @@ class FailureDetector:
         self._usual.reset()
         self._begin()
 
+    def interrupt(self) -> None:
+        """Take the next state as one that does not continue those before; what was found holds.
+
+        The motion between the two explains nothing, such as where an estimator was reset, or
+        where others have flown the vehicle.
+        """
+        self._observer.interrupt()
+
     def model(self) -> dict[str, Array]:
         """Return the numbers of ca_detector_model (ca_ros/kernel/detector.h) by name."""
         vehicle, settings, find = self.vehicle, self.settings, self._find

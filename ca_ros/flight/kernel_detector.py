@@ -32,6 +32,7 @@ class KernelDetector:
         self.measure = self._kernel.measure
         self.observe = self._kernel.observe
         self.reset = self._kernel.reset
+        self.interrupt = self._kernel.interrupt
 
     def announce(self, health: Array) -> None:
         """Take the announced health (n,); what was found before holds."""

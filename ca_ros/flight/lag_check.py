@@ -80,6 +80,10 @@ class LagCheck:
         if not self._measured:
             self._add(error - self._slow)
 
+    def interrupt(self) -> None:
+        """Take the next state as one that does not continue those before."""
+        self._time = None
+
     def measure(self, speeds: Array, health: Array) -> None:
         """Take measured rotor speeds (n,) [rad/s] at the time of the last state."""
         if not self._measured:

@@ -134,9 +134,8 @@ class MomentumObserver:
         self.step = 0.0
         momentum = self._masses.dot(motion)
         step = 0 if self.time is None else time - self.time
-        if self._interrupted and step > 0:
-            self._interrupted = False
-        elif self.time is not None and not 0 < step < RESTART:
+        continues = not (self._interrupted and step > 0)
+        if continues and self.time is not None and not 0 < step < RESTART:
             confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
             if abs(step) < RESTART or not confirmed:
                 self._doubtful = time if abs(step) >= RESTART else self._doubtful
@@ -144,9 +143,10 @@ class MomentumObserver:
             if step < 0:
                 self.ground, self._flown = Standing(self._vehicle), 0.0
                 self.estimate = self._before = self._latest = np.zeros(6)
-        else:
+        elif continues:
             self._update(step / 1e9, momentum, motion)
         self.time, self._doubtful, self._momentum = time, None, momentum
+        self._interrupted = False
 
     def _update(self, step: float, momentum: Array, motion: Array) -> None:
         stood = self.standing

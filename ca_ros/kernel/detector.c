@@ -226,6 +226,8 @@ static int ignores(ca_detector *detector, int64_t time)
 {
     if (!detector->timed || (time > detector->time && time - detector->time < RESTART))
         return 0;
+    if (detector->interrupted && time > detector->time)
+        return 0;
     const int far = distance(time, detector->time) >= RESTART;
     const int confirmed = detector->doubted && distance(time, detector->doubtful) < RESTART;
     if (far && !confirmed) {
@@ -677,6 +679,11 @@ void ca_detector_reset(ca_detector *detector)
     begin(detector);
 }
 
+void ca_detector_interrupt(ca_detector *detector)
+{
+    detector->interrupted = 1;
+}
+
 void ca_detector_start(ca_detector *detector, const ca_detector_model *model)
 {
     memset(detector, 0, sizeof *detector);
@@ -811,11 +818,12 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
             /* What holds a vehicle that does not move may be the ground, which is not learnt. */
             gain = moving ? learning_gain(detector) : 0;
         }
-        counts = update(detector, step, momentum, world, gain);
+        if (!detector->interrupted || !detector->timed)
+            counts = update(detector, step, momentum, world, gain);
     }
     detector->time = time;
     detector->timed = 1;
-    detector->doubted = 0;
+    detector->doubted = detector->interrupted = 0;
     ca_copy(6, momentum, detector->momentum);
     memcpy(detector->rotation, rotation, sizeof rotation);
     ca_copy(6, motion, detector->motion);

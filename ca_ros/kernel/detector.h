@@ -90,7 +90,7 @@ typedef struct {
     int64_t interval;
     int slow[CA_N];
     /* momentum observer */
-    int timed, doubted;
+    int timed, doubted, interrupted;
     int64_t time, doubtful;
     ca_real momentum[6], wrench[6], estimate[6], before[6], latest[6];
     ca_real kept, still, mean_motion[6], lacked[6];
@@ -113,6 +113,10 @@ void CA_SYMBOL(ca_detector_start)(ca_detector *detector, const ca_detector_model
 /* Forget all failures, and what was learnt of the noise. */
 void CA_SYMBOL(ca_detector_reset)(ca_detector *detector);
 #define ca_detector_reset CA_SYMBOL(ca_detector_reset)
+
+/* Take the next state as one that does not continue those before; what was found holds. */
+void CA_SYMBOL(ca_detector_interrupt)(ca_detector *detector);
+#define ca_detector_interrupt CA_SYMBOL(ca_detector_interrupt)
 
 /* Take the announced health; what was found before holds. */
 void CA_SYMBOL(ca_detector_announce)(ca_detector *detector, const ca_real *health);

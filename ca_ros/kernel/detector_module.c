@@ -90,6 +90,13 @@ static PyObject *reset(object *self, PyObject *unused)
     Py_RETURN_NONE;
 }
 
+static PyObject *interrupt(object *self, PyObject *unused)
+{
+    (void)unused;
+    ca_detector_interrupt(&self->detector);
+    Py_RETURN_NONE;
+}
+
 static PyObject *health(object *self, PyObject *array)
 {
     return copy_to(self, self->detector.health, array);
@@ -148,6 +155,7 @@ static PyMethodDef methods[] = {
            "changed"),
     METHOD(announce, METH_O, "announce(health)"),
     METHOD(reset, METH_NOARGS, "reset()"),
+    METHOD(interrupt, METH_NOARGS, "interrupt(): the next state does not continue those before"),
     METHOD(health, METH_O, "health(array): write the health of the rotors"),
     METHOD(certainty, METH_O, "certainty(array): write the certainty of each failure"),
     METHOD(status, METH_NOARGS, "status(): return the suspect or -1, and whether it stands"),

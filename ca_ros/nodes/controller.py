@@ -61,6 +61,8 @@ class ControllerNode(HealthNode):
         self._unallocated = self.publish_stream(topics.UNALLOCATED)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
         self._listen_to_waypoints(COMMAND, matched=self._ask_for_waypoint)
+        restart = topics.STATE_RESTART
+        self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
         self.subscribe_stream(topics.POSE, self._receive_pose)
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
 
@@ -135,6 +137,10 @@ class ControllerNode(HealthNode):
         waypoint = Waypoint(position, attitude)
         self._waypoint, self._nearest = waypoint, inf
         self._waypoint_text = f'waypoint {position} m, heading {waypoint.heading:.4f} rad'
+
+    def _receive_restart(self, _: Header) -> None:
+        self.counts['restarts'] += 1
+        self.controller.restart()
 
     def _stamps(self) -> list[int]:
         """Return the stamps of the last pose and velocity, as far as there are any [ns]."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
 from ca_ros.flight.kernel_detector import Detector, make_detector
@@ -14,12 +14,15 @@ from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.settings import MonitorSettings
-from ca_ros.nodes.topics import STANDING, offered
+from ca_ros.nodes.topics import COMMAND, STANDING, offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
 
 FOUND = 'failure found of rotor '
 """Name of the values of the diagnostics that say when a failure was found."""
+
+SETTLING = 300_000_000
+"""Time after a restart of the states until the motors are sure to follow the commands [ns]."""
 
 
 class MonitorNode(VehicleNode):
@@ -41,6 +44,7 @@ class MonitorNode(VehicleNode):
         self._velocity: TwistStamped | None = None
         self._observed: int | None = None
         self._commanded: int | None = None
+        self._settled = 0
         self._logged_health: list[float] = []
 
     def connect(self) -> None:
@@ -50,6 +54,9 @@ class MonitorNode(VehicleNode):
         quality.durability = STANDING.durability
         self._health = self.create_publisher(topic.kind, topic.name, quality)
         self.subscribe_commands(self._receive_command, self.detector.vehicle.tilts)
+        # Subscriptions are served in this order, so a restart comes before its state.
+        restart = topics.STATE_RESTART
+        self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
         self.subscribe_stream(topics.POSE, self._receive_pose)
         self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
         if self.mode == 'realtime':
@@ -137,6 +144,10 @@ class MonitorNode(VehicleNode):
             if not self.detector.standing:
                 self._lag_check.measure(speeds, self.detector.health)
 
+    def _receive_restart(self, message: Header) -> None:
+        self.counts['restarts'] += 1
+        self._settled = messages.nanoseconds(message.stamp) + SETTLING
+
     def _receive_pose(self, message: PoseStamped) -> None:
         self._pose = message
         self._observe()
@@ -167,6 +178,9 @@ class MonitorNode(VehicleNode):
             return
         self._watchdog.feed()
         self._observed = time
+        if time < self._settled:
+            self.detector.interrupt()
+            self._lag_check.interrupt()
         changed = self.detector.observe(time, attitude, *motion)
         if not self.detector.standing:
             self._lag_check.observe(time, motion[1], self.detector.health)

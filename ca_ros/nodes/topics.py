@@ -71,7 +71,7 @@ VELOCITY = Topic(
     'local_position/velocity_body', TwistStamped, 'simulator', ('controller',), stream=True
 )
 STATE_RESTART = Topic(
-    'local_position/restart', Header, 'px4_bridge', optional=True
+    'local_position/restart', Header, 'px4_bridge', ('controller', 'monitor'), optional=True
 )
 ODOMETRY = Topic('local_position/odometry', Odometry, 'simulator', optional=True)
 CLOCK = Topic('/clock', Clock, 'simulator', optional=True)
