@@ -395,6 +395,8 @@ def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:
 
 def check_ratio(name: str, weights: ArrayLike) -> None:
     """Raise a `ParameterError` if a weight is more than `WEIGHTS_MAX` times another one."""
+    if isinstance(weights, float):
+        return
     least, greatest = float(np.min(weights)), float(np.max(weights))
     if greatest > WEIGHTS_MAX * least:
         raise ParameterError(

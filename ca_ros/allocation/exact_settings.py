@@ -74,6 +74,8 @@ class ExactSettings(PrioritiesSettings):
         Raises a ParameterError if there is not one number for each effector, or a preferred thrust
         is too great.
         """
+        if self.weights == 1.0 and self.preferred == 0.0:
+            return None
         weights = problem.spread('weights', self.weights)
         preferred = problem.spread('preferred', self.preferred, along=True)
         limit = PREFERRED_MAX * max(1.0, *np.abs([problem.lower, problem.upper]).ravel())

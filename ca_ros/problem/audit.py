@@ -219,7 +219,10 @@ def audit(vehicle: Vehicle) -> Audit:
     then until hover is inside their admissible set.  Thrust is never given up.  The health of the
     rotors counts.
     """
-    full = VehicleProblem(vehicle_of(problem_of(vehicle)))
+    # Of a problem its vehicle: what follows may change the vehicle of the part that is made.
+    full = VehicleProblem(
+        vehicle if isinstance(vehicle, Vehicle) else vehicle_of(problem_of(vehicle))
+    )
     independent = controllability.independent_part(full)
     hovering = controllability.hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:

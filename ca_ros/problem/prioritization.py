@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import inf
 from typing import Annotated, Literal, NamedTuple
 
@@ -68,7 +68,7 @@ class PrioritiesSettings(Settings):
         a ParameterError if an axis is missing, repeated or unknown, or a group is empty.
         """
         if self.order == DEFAULT_ORDER:
-            return default_order(axes)
+            return default_order(tuple(axes))
         try:
             return groups_of(self.order, axes)
         except ValueError as error:
@@ -119,7 +119,8 @@ def groups_of(order: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[tupl
     return tuple(group for group in kept if group)
 
 
-def default_order(axes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+@cache
+def default_order(axes: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of `ORDER`; axes that a vehicle cannot have are one more group, the last.
 
     `axes`: the axes that are commanded.
@@ -133,6 +134,8 @@ def airmode_limits(given: Numbers) -> tuple[float, float]:
 
     Raises a ParameterError if there are more than two, or thrust may rise further for the others.
     """
+    if isinstance(given, float):
+        return given, given
     numbers = [float(number) for number in np.ravel(given)]
     if len(numbers) not in (1, 2) or numbers[-1] > numbers[0]:
         raise ParameterError(

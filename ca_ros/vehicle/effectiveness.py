@@ -23,15 +23,14 @@ def rotor_wrenches(vehicle: Vehicle, angles: Array | None = None) -> Array:
     directions = vehicle.rotor_axes
     if vehicle.tilts is not None and angles is not None:
         directions = vehicle.tilts.directions(angles)
-    return thrust_wrenches(vehicle, range(vehicle.n), directions)
+    return thrust_wrenches(vehicle, slice(None), directions)
 
 
-def thrust_wrenches(vehicle: Vehicle, rotors: Sequence[int], directions: Array) -> Array:
+def thrust_wrenches(vehicle: Vehicle, rotors: Sequence[int] | slice, directions: Array) -> Array:
     """Return as `rotor_wrenches` (6, k) for thrusts of rotors (k,) with directions (k, 3)."""
     k = vehicle.torque_coefficient / vehicle.thrust_coefficient
-    places = list(rotors)
-    (x, y, z), (a, b, c) = vehicle.arms[places].T, directions.T
-    torques = (vehicle.spins * k)[places, None] * directions
+    (x, y, z), (a, b, c) = vehicle.arms[rotors].T, directions.T
+    torques = (vehicle.spins * k)[rotors, None] * directions
     # np.cross takes longer than all of the rest.
     for i, moment in enumerate((y * c - z * b, z * a - x * c, x * b - y * a)):
         torques[:, i] += moment
