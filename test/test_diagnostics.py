@@ -252,6 +252,22 @@ def test_levels_latencies_and_losses_of_the_allocator_are_said(graph):
     timer.cancel()
 
 
+def test_the_first_commands_wait_for_no_import(graph):
+    """Importing a module takes a tenth of a second, in which a vehicle has no commands."""
+    with pytest.MonkeyPatch.context() as changes:
+        changes.setenv('PYTHONPROFILEIMPORTTIME', '1')
+        node = Node(graph, 'allocator', start=separate)
+    node.wait(STALE, 'no command yet')
+    _, begun = graph.output(node.process)
+    timer = fly(node, BEYOND)
+    node.wait(WARN, 'PRIORITIZED', lambda values: counts(values)['served'] >= 10)
+    timer.cancel()
+    _, ended = graph.output(node.process)
+    imported = [line for line in ended[len(begun):].splitlines() if 'import time' in line]
+    assert 'import time' in begun
+    assert not imported
+
+
 def test_commands_that_a_newer_one_replaced_are_counted(graph):
     node = Node(graph, 'allocator', start=separate)
     sent = 0
