@@ -27,6 +27,7 @@ cluster = ['distributed>=2024.1']
 exact = ('exact', 'least_norm', 'priorities', 'explanation', 'module')
 # The detector of rotor failures, and the allocator of rotors that tilt.
 detector = ('detector', 'detector_module')
+commands_max = [('CA_COMMANDS', '1000')]  # as in ca_ros/flight/commanded_rotors.py
 vectored = ('vectored', 'vectored_priorities', 'vectored_module')
 kernels = [
     Extension(
@@ -44,8 +45,8 @@ kernels = [
         # Loops of constant length are faster: vehicles with upright rotors have four axes.
         ('double_4', exact, [('CA_M', '4'), ('CA_FIXED_AXES', None)]),
         ('single', exact, [('CA_FLOAT', None)]),
-        ('detector', detector, []),
-        ('detector_single', detector, [('CA_FLOAT', None)]),
+        ('detector', detector, commands_max),
+        ('detector_single', detector, [('CA_FLOAT', None), *commands_max]),
         ('vectored', vectored, []),
         ('vectored_single', vectored, [('CA_FLOAT', None)]),
     )

@@ -265,6 +265,173 @@ def test_what_arrives_late_is_no_failure_and_a_stop_is_one(late, shift):
     np.testing.assert_array_equal(detector.health, without(6, rotor_4=0.0))
 
 
+@pytest.mark.parametrize('age', [0.05, 0.1, 0.159, 0.161, 0.5, 10.0])
+def test_old_measurements_convict_nobody(age):
+    # All rotors change their speeds all the time; the measurements are right, but old.
+    each = both_engines(HEXAROTOR, SETTINGS)
+    commands = 220.0 + 150.0 * np.sin(np.arange(2000)[:, None] / [7, 9, 11, 13, 17, 23])
+    speeds, turning = np.zeros(6), []
+    for i in range(2000):
+        turning.append(speeds)
+        speeds = lagged(SETTINGS.motor_time_constant, speeds, commands[max(i - 1, 0)], 0.01)
+    late = round(age / 0.01)
+    for i in range(2000):
+        for detector in each:
+            detector.observe(i * 10_000_000, LEVEL, np.zeros(3), np.zeros(3))
+            detector.command(i * 10_000_000, commands[i])
+            if i > late:
+                time = round((0.01 * i - age) * 1e9)
+                assert not detector.measure(time, turning[i - late]), i
+    if age < 0.16:
+        # They count: a rotor that stopped is found.
+        times = [round((20.0 - age) * 1e9) + i for i in range(3)]
+        stopped = turning[-1 - late] * [1, 1, 0, 1, 1, 1]
+        for detector in each:
+            assert [detector.measure(time, stopped) for time in times] == [False, False, True]
+
+
+# Wrong numbers
+
+REFUSED = np.nan, np.inf, -np.inf, 1.1e100, -1e300
+WILD = (0.0, 5e-324, 1e-9, -1.0, 1e3, -1e5, 1e5, 1e9, -1e9, 1.1e9, 1e99, -1e100)
+TIMES = (
+    0, 1, -1, 10_000_000, -50_000_000, 400_000_000, 1_999_999_999, -2_000_000_000, 10**10, 10**18,
+    2**62 - 1, -(2**62), 2**63 - 1, 2**63, 10**30)
+
+
+def both_engines(vehicle, settings):
+    """Return detectors in NumPy and, where it is built, in C."""
+    found = [FailureDetector(vehicle, settings)]
+    if module := extension('detector'):
+        model = packed(found[0], module.FIELDS)
+        found.append(KernelDetector(module, model, vehicle, settings))
+    return found
+
+
+def rows_of(flight):
+    """Return stamps, and after each attitude, velocity, angular velocity and speeds."""
+    parts = flight.attitude, flight.velocity, flight.angular_velocity, flight.speeds
+    return [(round(1e9 * t), *row) for t, *row in zip(flight.time, *parts, strict=True)]
+
+
+def drawn(rng, time, state, speeds, values):
+    """Return the name of a method and arguments of which some are drawn from values."""
+    name, share = rng.choice(['command', 'measure', 'observe']), rng.choice([0.1, 1.0])
+    numbers = np.concatenate(state if name == 'observe' else [speeds])
+    hit = rng.random(numbers.shape) < share
+    numbers = np.where(hit, rng.choice(values, numbers.shape), numbers)
+    parts = np.split(numbers, [4, 7]) if name == 'observe' else [numbers]
+    return name, time, *parts
+
+
+def answers(detectors, name, *arguments):
+    """Return the one answer of all detectors, or the text of their one error."""
+    found = []
+    for detector in detectors:
+        try:
+            found.append(getattr(detector, name)(*arguments))
+        except ValueError as error:
+            found.append(str(error))
+    assert all(each == found[0] for each in found), (name, arguments, found)
+    return found[0]
+
+
+def assert_equal(detectors):
+    first, *others = detectors
+    for other in others:
+        for name in ('health', 'certainty'):
+            np.testing.assert_allclose(
+                getattr(other, name), getattr(first, name), atol=1e-9, err_msg=name)
+        for name in ('since', 'evidence', 'suspect', 'standing'):
+            assert getattr(other, name) == getattr(first, name), name
+
+
+@pytest.fixture(scope='module')
+def long_flight():
+    """Return a case, and a flight in which rotor 2 fails after 9 s."""
+    case = Case.load('octorotor', REALISTIC)
+    return case, rows_of(flown(case, {9.0: without(8, rotor_2=0.0)}, 9.3)[0])
+
+
+@pytest.mark.parametrize('seed', length(range(4), range(100)))
+@pytest.mark.filterwarnings('error')
+def test_after_wrong_numbers_a_loss_is_found(long_flight, seed):
+    case, rows = long_flight
+    rng, both = np.random.default_rng(seed), both_engines(case.vehicle, case.flown.detector)
+    start = int(rng.choice([0, 1_700_000_000_000_000_000]))
+    for i, (time, *state, speeds) in enumerate(rows):
+        answers(both, 'observe', start + time, *state)
+        answers(both, 'command', start + time, speeds)
+        if i == 60:
+            for detector in both:
+                detector.reset()
+        for _ in range(rng.integers(1, 6) if i < 60 else 0):
+            wrong = start + time + int(rng.choice(np.array(TIMES, object)))
+            answers(both, *drawn(rng, wrong, state, speeds, [*REFUSED, *WILD]))
+            answers(both, *drawn(rng, wrong, state, speeds, WILD))
+            answers(both, *drawn(rng, start + time, state, speeds, WILD[:5]))
+        assert_equal(both)
+    assert 9.0 < (both[0].since[1] - start) / 1e9 < 9.2
+
+
+@pytest.mark.parametrize('engine', [0, 1], ids=['numpy', 'c'])
+def test_a_refused_number_enters_nothing(long_flight, engine):
+    case, rows = long_flight
+    rng = np.random.default_rng(engine)
+    plain, asked = pair = [
+        detector for _ in range(2)
+        for detector in both_engines(case.vehicle, case.flown.detector)[engine : engine + 1]
+    ] or pytest.skip('needs ca_ros.kernel._detector')
+    for time, *state, speeds in rows[600:]:
+        for detector in pair:
+            detector.observe(time, *state)
+            detector.command(time, speeds)
+            detector.measure(time, np.where(np.arange(8) == 4, 0.0, speeds))
+        name = rng.choice(['command', 'measure', 'observe'])
+        parts = [part.copy() for part in (state if name == 'observe' else [speeds])]
+        part = parts[rng.integers(len(parts))]
+        part[rng.integers(len(part))] = rng.choice(REFUSED)
+        with pytest.raises(ValueError, match='expected'):
+            getattr(asked, name)(time, *parts)
+        with pytest.raises(ValueError, match='a number of nanoseconds below'):
+            asked.command(int(rng.choice(np.array([2**62, -(2**62), 10**30], object))), speeds)
+        with pytest.raises(ValueError, match='a quaternion that is not zero'):
+            asked.observe(time, np.zeros(4), *state[1:])
+        with pytest.raises(ValueError, match='health'):
+            asked.announce(np.full(8, rng.choice(REFUSED)))
+        assert_equal(pair)
+        np.testing.assert_array_equal(plain.certainty, asked.certainty)
+    assert plain.since.count(None) < 8
+
+
+def test_motors_turn_no_faster_than_their_bounds(long_flight):
+    # A command beyond the bounds is the bound, to the last bit.
+    case, rows = long_flight
+    high, low = case.vehicle.speed_max, np.zeros(8)
+    for pair in zip(*(both_engines(case.vehicle, case.flown.detector) for _ in range(2)),
+                    strict=True):
+        for i, (time, *state, speeds) in enumerate(rows[600:]):
+            within = np.where(np.arange(8) == i % 8, high if i % 3 else low, speeds)
+            beyond = np.where(np.arange(8) == i % 8, 1e5 if i % 3 else -1e99, speeds)
+            for detector, command in zip(pair, (within, beyond), strict=True):
+                detector.observe(time, *state)
+                detector.command(time, command)
+            np.testing.assert_array_equal(*(detector.certainty for detector in pair))
+            np.testing.assert_array_equal(*(detector.health for detector in pair))
+
+
+def test_commands_of_the_future_keep_none_of_the_present_out(long_flight):
+    case, rows = long_flight
+    plain, flooded = (both_engines(case.vehicle, case.flown.detector) for _ in range(2))
+    for i, (time, *state, speeds) in enumerate(rows[600:]):
+        answers(plain + flooded, 'observe', time, *state)
+        for later in range(1200 if i == 50 else 0):
+            answers(flooded, 'command', time + 2_000_000_000 + later * 10_000_000, 0.5 * speeds)
+        answers(plain + flooded, 'command', time, speeds)
+        assert_equal(plain + flooded)
+    assert plain[0].since[1] is not None
+
+
 # The lag of the motors
 
 CURVES = {

@@ -98,7 +98,7 @@ def observed(gain, steps, step_ns, disturbance=(0.5, 0.0, 0.0), observer=None, s
     observer = observer or MomentumObserver(HEXAROTOR, gain)
     velocity = VELOCITY.copy()
     # It stands until it has moved for a while.
-    observer.observe(start - 1_000_000_000, moving(velocity))
+    observer.observe(start - 400_000_000, moving(velocity))
     for i in range(steps + 1):
         observer.observe(start + i * step_ns, moving(velocity))
         observer.expect(HOVER, np.zeros(3))
@@ -115,7 +115,7 @@ def test_the_estimate_approaches_the_disturbance_exponentially():
 def test_a_torque_is_estimated_in_the_body_frame():
     # J domega/dt = d - omega x J omega, from the rates of a rigid body that spins.
     observer, omega = MomentumObserver(HEXAROTOR, 1.0), OMEGA.copy()
-    observer.observe(-1_000_000_000, moving(np.ones(3), omega))
+    observer.observe(-400_000_000, moving(np.ones(3), omega))
     torque, inertia = np.array([0.01, -0.02, 0.005]), HEXAROTOR.inertia
     for i in range(1000):
         observer.observe(i * 10_000_000, moving(np.zeros(3), omega))

@@ -1,5 +1,7 @@
 """The monitor over DDS, and the nodes that heed it."""
 
+from itertools import cycle
+
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -78,27 +80,10 @@ class Allocator:
 def test_a_reset_gives_back_what_was_found_but_not_what_is_announced(graph):
     monitor = graph.start('monitor', '--vehicle', 'hexarotor')
     parameters = graph.connect('monitor')
-    reports = graph.listen(Float64MultiArray, 'rotor_health', STANDING)
-    pose = graph.publisher(PoseStamped, 'local_position/pose')
-    velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
-    command = graph.publisher(Float64MultiArray, 'command/motor_speed')
-    measured = graph.publisher(Float64MultiArray, 'motor_speed/measured')
-    sent = 0
-
-    def flies(condition):
-        def met():
-            nonlocal sent
-            sent += 1
-            time = sent * 10_000_000
-            header = Header(stamp=stamp(time))
-            pose.publish(PoseStamped(header=header))
-            velocity.publish(TwistStamped(header=header))
-            command.publish(speeds_message(np.full(6, 250.0), time))
-            measured.publish(speeds_message(250.0 * np.array([1, 0, 1, 1, 1, 1]), time))
-            return bool(reports) and condition(list(reports[-1].data))
-        return met
-
-    graph.spin_until(flies(lambda health: health == [1, 0, 1, 1, 1, 1]), 'rotor 2 is lost')
+    vehicle = Vehicle(graph)
+    stopped, reports = [1, 0, 1, 1, 1, 1], vehicle.reports
+    graph.spin_until(
+        lambda: vehicle.fly(stopped, lambda health: health == stopped), 'rotor 2 is lost')
     parameters.set({'rotors.health': [1.0, 1.0, 1.0, 1.0, 0.5, 1.0]})
     graph.spin_until(lambda: list(reports[-1].data) == [1, 0, 1, 1, 0.5, 1], 'both are known')
     client = graph.node.create_client(Trigger, 'monitor/reset')
@@ -107,6 +92,77 @@ def test_a_reset_gives_back_what_was_found_but_not_what_is_announced(graph):
     graph.spin_until(answer.done, 'reset')
     assert answer.result().success
     graph.spin_until(lambda: list(reports[-1].data) == [1, 1, 1, 1, 0.5, 1], 'as announced')
+    assert monitor.poll() is None
+
+
+class Vehicle:
+    """What a monitor hears of a vehicle in hover."""
+
+    def __init__(self, graph):
+        self.graph, self.sent = graph, 0
+        self.reports = graph.listen(Float64MultiArray, 'rotor_health', STANDING)
+        self.pose = graph.publisher(PoseStamped, 'local_position/pose')
+        self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
+        self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
+        self.measured = graph.publisher(Float64MultiArray, 'motor_speed/measured')
+
+    @property
+    def time(self):
+        return self.sent * 10_000_000
+
+    def state(self, velocity=0.0, **attitude):
+        header = Header(stamp=stamp(self.time))
+        pose, twist = PoseStamped(header=header), TwistStamped(header=header)
+        for name, number in attitude.items():
+            setattr(pose.pose.orientation, name, number)
+        twist.twist.linear.x = velocity
+        self.pose.publish(pose)
+        self.velocity.publish(twist)
+
+    def fly(self, turning, condition):
+        """Return whether a condition holds of the health, after a further step."""
+        self.sent += 1
+        self.state(w=1.0)
+        self.command.publish(speeds_message(np.full(6, 250.0), self.time))
+        self.measured.publish(speeds_message(250.0 * np.array(turning), self.time))
+        return bool(self.reports) and condition(list(self.reports[-1].data))
+
+
+def test_no_message_ends_or_blinds_the_monitor(graph):
+    monitor = graph.start('monitor', '--vehicle', 'hexarotor')
+    graph.connect('monitor')
+    vehicle, diagnostics = Vehicle(graph), Diagnostics(graph)
+    graph.spin_until(lambda: vehicle.fly(np.ones(6), lambda health: vehicle.sent > 20), 'flies')
+    speeds, reasons = np.full(6, 250.0), ['length', 'numbers', 'sign', 'bounds', 'speeds', 'state']
+    numbers = 1e5, 1e100, -1e300, np.nan, np.inf, -50.0
+    labels = 2**63, 2**64 - 1, 10**18, 2**31 * 10**9 - 1
+    wrong = cycle([
+        *(speeds_message(np.array([number, *speeds[1:]]), 0) for number in numbers),
+        *(speeds_message(speeds, label) for label in labels), Float64MultiArray(data=[1.0, 2.0]),
+    ])
+    states = cycle([(np.nan, 1.0), (1e300, 1.0), (-np.inf, 1.0), (0.0, 0.0), (0.0, 1e-320)])
+
+    def all_wrong(*status):
+        for topic in (vehicle.command, vehicle.measured):
+            topic.publish(next(wrong))
+        velocity, w = next(states)
+        vehicle.sent += 1
+        vehicle.state(velocity, w=w)
+        return all(f'dropped: {reason}' in status[2] for reason in reasons)
+
+    diagnostics.wait('monitor', all_wrong, 'all that is wrong is counted')
+    stopped = np.array([1, 0, 1, 1, 1, 1])
+
+    def old(*status):
+        vehicle.fly(np.ones(6), bool)
+        late = vehicle.time - 200_000_000
+        vehicle.measured.publish(speeds_message(250.0 * stopped, late))
+        return 'dropped: age' in status[2]
+
+    diagnostics.wait('monitor', old, 'old speeds are counted')
+    assert list(vehicle.reports[-1].data) == [1.0] * 6
+    graph.spin_until(
+        lambda: vehicle.fly(stopped, lambda health: health == stopped.tolist()), 'a loss is found')
     assert monitor.poll() is None
 
 

@@ -6,6 +6,7 @@ from ca_ros.arrays import Array
 from ca_ros.flight.motor_lag import Servos, lagged
 from ca_ros.flight.rigid_body import difference
 from ca_ros.flight.settings import DetectorSettings
+from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -21,6 +22,7 @@ class CommandedRotors:
     - `vehicle`: may be replaced by one with servos that stick
     - `speeds` (n,): [rad/s]; zero before the first command
     - `wrenches` (6, n): force and torque per thrust of each rotor, in the last interval
+    - `bounds`: of the commands
     - `planar` (s,): the rotors with a single servo
     - `columns`: n + 2 s
     """
@@ -33,6 +35,7 @@ class CommandedRotors:
         self._lag = s.motor_time_constant if lags is None else lags
         self._servos = Servos(s.servo_time_constant, s.servo_rate, vehicle)
         self._delay = round(s.delay * 1e9)
+        self.bounds = CommandBounds(vehicle)
         self._waiting: list[tuple[int, Array, Array]] = []
         self.speeds, self._angles = self._command = self._servos.resting
         self.wrenches = rotor_wrenches(vehicle, self._angles)
@@ -44,12 +47,15 @@ class CommandedRotors:
             self._planes = np.concatenate(planes, axis=1)
 
     def command(self, time: int, command: Array) -> None:
-        """Take a command that was sent at a time [ns]: speeds (n,) and then angles (k,)."""
+        """Take a command that was sent at a time [ns]: speeds (n,) and then angles (k,).
+
+        It is within the bounds: see `CommandBounds.followed`.
+        """
         n = self.vehicle.n
+        del self._waiting[: 1 - COMMANDS_MAX]
         self._waiting.append((time + self._delay, command[:n], command[n:]))
         if len(self._waiting) > 1 and self._waiting[-2][0] > self._waiting[-1][0]:
             self._waiting.sort(key=lambda waiting: waiting[0])
-        del self._waiting[:-COMMANDS_MAX]
 
     def thrusts(self, start: int, end: int) -> Array:
         """Return the mean thrusts (n,) between two times [ns], as of sound rotors [N]."""

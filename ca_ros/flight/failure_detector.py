@@ -1,20 +1,21 @@
 """Rotor failures that nobody announces, detected from the motion of a vehicle."""
 
-from math import cos, sin
-from operator import gt
+from math import cos, hypot, sin
+from operator import gt, index
 
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_test import FailureTest, Finding
-from ca_ros.flight.momentum_observer import RESTART, MomentumObserver
-from ca_ros.flight.rigid_body import inertia_of, rotation_matrix
+from ca_ros.flight.momentum_observer import GAP, RESTART, MomentumObserver
+from ca_ros.flight.rigid_body import STATE_MAX, inertia_of, rotation_matrix
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.slow_rotors import SlowRotors
 from ca_ros.flight.usual_motion import UsualMotion
 from ca_ros.flight.windows import BLOCK, WINDOWS, Windows
 from ca_ros.problem.audit import audit
+from ca_ros.vehicle.validation import ABSURD
 from ca_ros.vehicle.vehicle import Vehicle
 
 CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count as failed
@@ -29,7 +30,18 @@ commands so low that its health cannot be estimated further."""
 SUSPICION, PATIENCE = 12.0, 1.0
 """Score from which the noise is not learnt, and for how long at most [s]."""
 
+TIME_MAX = 2**62
+"""Times are less [ns], before and after zero, so that their differences have 64 bits."""
+
 ALL, ONE, NOBODY = np.ones(6), np.eye(6), np.zeros(())
+
+
+def moment_of(time: int) -> int:
+    """Return a time [ns]; raise a ValueError if it is out of bounds."""
+    moment = index(time)
+    if not -TIME_MAX < moment < TIME_MAX:
+        raise ValueError(f'time {time}: expected a number of nanoseconds below 2**62')
+    return moment
 
 
 class FailureDetector:
@@ -41,6 +53,9 @@ class FailureDetector:
     should have given; rotors that three tests in a row name have failed.
 
     While nothing is suspected, the mean disturbance, the drag and the noise are learnt.
+
+    `command`, `measure`, `observe` and `announce` raise a ValueError if a number is not finite or
+    out of bounds; it has then entered nothing.
 
     Where the speeds of the rotors are measured, `SlowRotors` finds those that do not follow their
     commands.
@@ -56,7 +71,7 @@ class FailureDetector:
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
         s = self.settings = settings or DetectorSettings()
         self.vehicle = vehicle
-        self._slow = SlowRotors(vehicle.n, s.least_loss)
+        self._slow = SlowRotors(vehicle.n, s)
         self._rotors = CommandedRotors(vehicle, s)
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
         tests = 3600.0 / BLOCK * len(WINDOWS)
@@ -116,6 +131,7 @@ class FailureDetector:
             'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
             'inertia': inertia_of(vehicle), 'wrenches': self._rotors.wrenches,
             'segments': len(curve.rows), 'curve': curve.rows,
+            'least': self._rotors.bounds.least, 'greatest': self._rotors.bounds.greatest,
             'thrust': sound.thrust_per_squared_speed / curve.coefficient,
             'reverse_thrust': sound.reverse_thrust_per_squared_speed * curve.square,
             'health': vehicle.health,
@@ -131,7 +147,7 @@ class FailureDetector:
     def announce(self, health: Array) -> None:
         """Take the announced health (n,); what was found before holds."""
         self.vehicle = self.vehicle.with_health(health)
-        self._delivered = np.minimum(self._delivered, health)
+        self._delivered = np.minimum(self._delivered, self.vehicle.health)
 
     def _begin(self) -> None:
         """Begin a flight: the windows reach back to now."""
@@ -142,13 +158,27 @@ class FailureDetector:
         self._count, self._windows = 0, Windows(self._rotors.columns)
 
     def command(self, time: int, command: Array) -> None:
-        """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad]."""
-        self._rotors.command(time, command)
-        self._slow.command(time, command[: self.vehicle.n])
+        """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad].
+
+        Beyond the bounds of the vehicle, motors and servos are at these.  A command that is newer
+        than the last state by seconds is ignored.
+        """
+        time, followed = moment_of(time), self._rotors.bounds.followed(command)
+        last = self._observer.time
+        if last is not None and time - last >= RESTART:
+            return
+        self._rotors.command(time, followed)
+        self._slow.command(time, followed[: self.vehicle.n])
 
     def measure(self, time: int, speeds: Array) -> bool:
-        """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed."""
-        found = self._slow.measure(time, speeds, self._found == 0.0)
+        """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed.
+
+        Those that are older than the last command by more than `oldest_measurement` are ignored.
+        """
+        time, measured = moment_of(time), np.asarray(speeds, float)
+        if measured.shape != self._found.shape or not (abs(measured) <= ABSURD).all():
+            raise ValueError(f'speeds {speeds}: expected {len(self._found)} numbers up to 1e100')
+        found = self._slow.measure(time, measured, self._found == 0.0)
         failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
         if failed or found is None:
             # When they failed is not known: the motion before shows nothing more.
@@ -164,15 +194,23 @@ class FailureDetector:
         """Take a state; return whether the health has changed.
 
         - `time`: [ns]
-        - `attitude` (4,): quaternion x, y, z, w, body to world
-        - `velocity` and `angular_velocity` (3,): in the body frame [m/s, rad/s]
+        - `attitude` (4,): quaternion x, y, z, w, body to world; its length counts for nothing, but
+          is at least 1e-9
+        - `velocity` and `angular_velocity` (3,): in the body frame, up to 1e9 [m/s, rad/s]
         """
+        time, attitude = moment_of(time), np.asarray(attitude, float)
+        motion = np.concatenate([velocity, angular_velocity])
+        sound = abs(np.concatenate([attitude, motion])) <= STATE_MAX
+        if sound.shape != (10,) or not sound.all() or hypot(*attitude.tolist()) < 1.0 / STATE_MAX:
+            raise ValueError(
+                f'attitude {attitude}, velocities {velocity} and {angular_velocity}: expected a '
+                'quaternion that is not zero, and numbers up to 1e9'
+            )
         turn = ONE.copy()
         turn[:3, :3] = rotation_matrix(attitude)
-        motion = np.concatenate([velocity, angular_velocity])
         observer, usual = self._observer, self._usual
         last = observer.time
-        if last is not None and 0 < time - last < RESTART:
+        if last is not None and 0 < time - last < GAP:
             given = self._rotors.given(last, time)
             own = given[:, : self.vehicle.n]
             self._slow.expect(time, self._rotors.speeds)

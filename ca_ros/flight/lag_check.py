@@ -4,6 +4,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.commanded_rotors import CommandedRotors
+from ca_ros.flight.momentum_observer import RESTART
 from ca_ros.flight.rigid_body import cross, inertia_of
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.vehicle.vehicle import Vehicle
@@ -11,6 +12,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 LAGS: Array = np.linspace(0.005, 0.16, 32)  # candidates [s]
 SLOW = 0.5  # time over which errors of the prediction are learnt as disturbances [s]
 MEMORY = 3000.0  # number of samples over which old ones are forgotten
+ERROR_MAX = 10.0  # greatest error of an angular velocity that a lag explains [rad/s]
 CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
 SHARE, LEAST, MOST = 0.5, 0.018, 0.04
 """A set lag is warned of if it is off by more than this share of it, but at least and at most
@@ -36,7 +38,6 @@ class LagCheck:
         self._predicted = self._slow = np.zeros((len(LAGS), 3))
         self._squares, self._count = np.zeros((len(LAGS), 3)), 0.0
         self._measured = False
-        self.command = self._rotors.command
 
     @property
     def total(self) -> float | None:
@@ -64,6 +65,11 @@ class LagCheck:
         costs: Array = 0.5 * self._count * np.log(self._squares + 1e-9).sum(axis=1)
         return costs
 
+    def command(self, time: int, command: Array) -> None:
+        """Take a command with its stamp [ns], as `FailureDetector.command` does."""
+        if self._time is None or time - self._time < RESTART:
+            self._rotors.command(time, self._rotors.bounds.followed(command))
+
     def observe(self, time: int, angular_velocity: Array, health: Array) -> None:
         """Take the angular velocity (3,) [rad/s] at a time [ns], and the health (n,)."""
         last, self._time = self._time, time
@@ -77,8 +83,9 @@ class LagCheck:
         self._predicted = self._predicted + step * np.linalg.solve(self._inertia, torques.T).T
         error = angular_velocity - self._predicted
         self._slow = self._slow + step / SLOW * (error - self._slow)
-        if not self._measured:
-            self._add(error - self._slow)
+        error = error - self._slow
+        if not self._measured and (abs(error) <= ERROR_MAX).all():
+            self._add(error)
 
     def interrupt(self) -> None:
         """Take the next state as one that does not continue those before."""

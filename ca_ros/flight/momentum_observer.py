@@ -64,7 +64,11 @@ JUMP_MAX = np.repeat([1.0, 10.0], 3)
 estimate uses: greater ones, as of a corrupted state, leave it as it is."""
 
 RESTART = 2_000_000_000
-"""Step between the stamps of two states that is not a matter of reordering [ns]."""
+"""Step back of the stamps of two states that is not a matter of reordering [ns]."""
+
+GAP = 500_000_000
+"""Step forward after which the next state is to confirm it [ns]: one state with a wrong stamp
+must not make those that follow too old."""
 
 KEEP = 1.0
 """A vehicle that stands gets back its estimate of this time [s], or twice this, before it came to
@@ -125,7 +129,7 @@ class MomentumObserver:
 
         A time for the second time, or a little earlier than the last one, changes nothing.  After
         a step back of seconds, which the next state confirms, the estimate starts again from
-        zero; after a step forward it continues.
+        zero; after such a step forward, of half a second or more, it continues.
 
         - `time`: [ns]
         - `motion` (6,): velocity in the world frame before angular velocity in the body frame
@@ -135,10 +139,11 @@ class MomentumObserver:
         momentum = self._masses.dot(motion)
         step = 0 if self.time is None else time - self.time
         continues = not (self._interrupted and step > 0)
-        if continues and self.time is not None and not 0 < step < RESTART:
+        if continues and self.time is not None and not 0 < step < GAP:
+            far = not -RESTART < step < GAP
             confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
-            if abs(step) < RESTART or not confirmed:
-                self._doubtful = time if abs(step) >= RESTART else self._doubtful
+            if not (far and confirmed):
+                self._doubtful = time if far else self._doubtful
                 return
             if step < 0:
                 self.ground, self._flown = Standing(self._vehicle), 0.0

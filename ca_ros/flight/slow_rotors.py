@@ -3,6 +3,7 @@
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.flight.settings import DetectorSettings
 
 CONFIRMATIONS = 3
 """Measurements in a row in which a rotor is too slow before it has failed."""
@@ -10,11 +11,16 @@ CONFIRMATIONS = 3
 STALE = 60_000_000
 """Time after a command in which the next one comes [ns]; motors without commands may idle."""
 
-LATE = 50_000_000
-"""Interval whose speeds are kept, and those of the two before it [ns]."""
+LATE = 100_000_000
+"""Lateness of a message on a busy machine [ns]."""
 
 MOST = 2  # rotors that fail at once
 KEPT = 100  # speeds of an interval that are kept
+
+
+def oldest_measurement(settings: DetectorSettings) -> int:
+    """Return how much older than the last command measured speeds may be [ns]."""
+    return LATE + round(1e9 * (settings.motor_time_constant + settings.delay))
 
 
 class SlowRotors:
@@ -22,14 +28,16 @@ class SlowRotors:
 
     A busy machine may bring commands to the motors, or any message to this detector, a tenth of a
     second late.  So a rotor is compared with the least of its commands, and of the speeds that
-    they should have given by the stamps of the states, in the last 0.1 to 0.15 s.  After a gap
-    between commands it is compared with nothing for as long, as some may have been lost.
+    they should have given by the stamps of the states, in as long before as measured speeds may
+    be old (`oldest_measurement`), or half as long again.  After a gap between commands it is
+    compared with nothing for as long, as some may have been lost.  Older speeds are ignored.
 
-    `n`: number of rotors.  `least_loss`: see `DetectorSettings`.
+    `n`: number of rotors.
     """
 
-    def __init__(self, n: int, least_loss: float) -> None:
-        self._share, self._n = (1.0 - least_loss) ** 0.5, n
+    def __init__(self, n: int, settings: DetectorSettings) -> None:
+        self._share, self._n = (1.0 - settings.least_loss) ** 0.5, n
+        self._oldest = oldest_measurement(settings)
         self._commanded: int | None = None
         self._interval = 0
         self._forget()
@@ -52,8 +60,9 @@ class SlowRotors:
 
     def expect(self, time: int, speeds: Array) -> None:
         """Take the speeds (n,) [rad/s] that the commands should have given at a time [ns]."""
-        if time // LATE != self._interval:
-            self._interval = time // LATE
+        # Speeds are kept of the present interval, and of the two before it.
+        if (interval := time // (self._oldest // 2)) != self._interval:
+            self._interval = interval
             self._expected = [[], *self._expected[:2]]
         self._keep(speeds)
 
@@ -72,6 +81,8 @@ class SlowRotors:
         - `speeds` (n,): measured [rad/s]
         - `sound` (n,): which rotors are not known to have failed
         """
+        if self._commanded is not None and self._commanded - time > self._oldest:
+            return []
         last = [each for interval in self._expected for each in interval]
         expected, measured = np.abs(last).min(axis=0), np.abs(speeds)
         fresh = self._commanded is not None and time - self._commanded < STALE

@@ -18,13 +18,15 @@
 #define EXPLAINED CA_REAL(0.7)
 #define NEAR CA_REAL(4.0)
 #define RESTART INT64_C(2000000000)
+#define GAP INT64_C(500000000)
 #define MOST 2
 #define STALE INT64_C(60000000)
-#define LATE INT64_C(50000000)
+#define LATE INT64_C(100000000)
 #define KEEP CA_REAL(1.0)
 #define MOTION CA_REAL(0.05)
 #define AVERAGING CA_REAL(0.2)
 #define REST CA_REAL(0.5)
+#define STATE_MAX CA_REAL(1e9)
 
 static const ca_real WINDOWS[CA_WINDOWS] = {
     CA_REAL(0.04), CA_REAL(0.06), CA_REAL(0.08), CA_REAL(0.12),
@@ -59,6 +61,20 @@ static ca_real seconds(int64_t nanoseconds)
     return (ca_real)nanoseconds / CA_REAL(1e9);
 }
 
+static int is_time(int64_t time)
+{
+    return -CA_TIME_MAX < time && time < CA_TIME_MAX;
+}
+
+/* Whether all numbers are finite and within bounds. */
+static int within(int count, const ca_real *numbers, ca_real lower, ca_real upper)
+{
+    int sound = 1;
+    for (int i = 0; i < count; i++)
+        sound &= ca_is_finite(&numbers[i]) && numbers[i] >= lower && numbers[i] <= upper;
+    return sound;
+}
+
 static void rotate(const ca_real rotation[3][3], const ca_real *vector, ca_real *rotated)
 {
     for (int k = 0; k < 3; k++)
@@ -74,17 +90,25 @@ static void rotate_back(const ca_real rotation[3][3], ca_real *vector)
 
 /* Commanded rotors. */
 
-void ca_detector_command(ca_detector *detector, int64_t time, const ca_real *speeds)
+int ca_detector_command(ca_detector *detector, int64_t time, const ca_real *speeds)
 {
-    const int n = ROTORS(detector->model);
-    const int64_t due = time + (int64_t)(detector->model->delay * CA_REAL(1e9) + CA_REAL(0.5));
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
     int at = detector->waiting;
+    if (!is_time(time) || !within(n, speeds, -CA_ABSURD, CA_ABSURD))
+        return -1;
+    if (detector->timed && time - detector->time >= RESTART)
+        return 0;
+    const int64_t due = time + (int64_t)(model->delay * CA_REAL(1e9) + CA_REAL(0.5));
+    ca_real followed[CA_N];
+    for (int i = 0; i < n; i++)
+        followed[i] = ca_clip(speeds[i], model->least[i], model->greatest[i]);
     if (!detector->has_command || time - detector->commanded >= STALE)
         memset(detector->least, 0, sizeof detector->least);
     detector->commanded = time;
     detector->has_command = 1;
     for (int i = 0; i < n; i++)
-        detector->least[0][i] = ca_min(detector->least[0][i], ca_abs(speeds[i]));
+        detector->least[0][i] = ca_min(detector->least[0][i], ca_abs(followed[i]));
     if (at == CA_COMMANDS) {
         at--;
         memmove(detector->due, detector->due + 1, (size_t)at * sizeof *detector->due);
@@ -97,7 +121,8 @@ void ca_detector_command(ca_detector *detector, int64_t time, const ca_real *spe
         ca_copy(n, detector->commands[at - 1], detector->commands[at]);
     }
     detector->due[at] = due;
-    ca_copy(n, speeds, detector->commands[at]);
+    ca_copy(n, followed, detector->commands[at]);
+    return 0;
 }
 
 /* Set the mean thrusts between two times, as of sound rotors. */
@@ -138,11 +163,19 @@ static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca
 
 /* Measured speeds. */
 
+/* How much older than the last command measured speeds may be. */
+static int64_t oldest_measurement(const ca_detector *detector)
+{
+    const ca_real lag = detector->model->time_constant + detector->model->delay;
+    return LATE + (int64_t)(CA_REAL(1e9) * lag + CA_REAL(0.5));
+}
+
 /* Keep the least of the speeds that the commands should have given until a time. */
 static void expect_speeds(ca_detector *detector, int64_t time)
 {
     const int n = ROTORS(detector->model);
-    const int64_t interval = time / LATE - (time % LATE < 0);
+    const int64_t length = oldest_measurement(detector) / 2;
+    const int64_t interval = time / length - (time % length < 0);
     if (interval != detector->interval) {
         detector->interval = interval;
         memmove(detector->least[1], detector->least[0], 2 * sizeof *detector->least);
@@ -224,11 +257,11 @@ static void start_observer(ca_detector *detector)
 /* Whether a state of this time is ignored; it may be the first of a new flight. */
 static int ignores(ca_detector *detector, int64_t time)
 {
-    if (!detector->timed || (time > detector->time && time - detector->time < RESTART))
+    if (!detector->timed || (time > detector->time && time - detector->time < GAP))
         return 0;
     if (detector->interrupted && time > detector->time)
         return 0;
-    const int far = distance(time, detector->time) >= RESTART;
+    const int far = time - detector->time >= GAP || detector->time - time >= RESTART;
     const int confirmed = detector->doubted && distance(time, detector->doubtful) < RESTART;
     if (far && !confirmed) {
         detector->doubtful = time;
@@ -693,12 +726,15 @@ void ca_detector_start(ca_detector *detector, const ca_detector_model *model)
     ca_detector_reset(detector);
 }
 
-void ca_detector_announce(ca_detector *detector, const ca_real *health)
+int ca_detector_announce(ca_detector *detector, const ca_real *health)
 {
+    if (!within(ROTORS(detector->model), health, 0, 1))
+        return -1;
     for (int i = 0; i < ROTORS(detector->model); i++) {
         detector->announced[i] = health[i];
         detector->health[i] = ca_min(detector->health[i], health[i]);
     }
+    return 0;
 }
 
 static ca_real least_speed(const ca_detector *detector, int rotor)
@@ -714,6 +750,10 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
     /* Motors without commands idle. */
     const int fresh = detector->has_command && time - detector->commanded < STALE;
     int changed = 0, slows = 0;
+    if (!is_time(time) || !within(ROTORS(model), speeds, -CA_ABSURD, CA_ABSURD))
+        return -1;
+    if (detector->has_command && detector->commanded - time > oldest_measurement(detector))
+        return 0;
     for (int i = 0; i < ROTORS(model); i++) {
         const ca_real measured = ca_abs(speeds[i]);
         const ca_real expected = least_speed(detector, i);
@@ -784,6 +824,10 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     ca_real rotation[3][3], turned[3][3] = {{0}}, momentum[6], world[6];
     ca_real thrusts[CA_N] = {0}, mean[6] = {0}, drag[6] = {0}, step = 0, gain = 0;
     int moving = 0, counts = 0;
+    const ca_real length = ca_length(4, attitude);
+    if (!(is_time(time) && within(4, attitude, -STATE_MAX, STATE_MAX) &&
+          within(6, motion, -STATE_MAX, STATE_MAX) && length >= 1 / STATE_MAX))
+        return -1;
     if (ignores(detector, time))
         return 0;
     rotation_of(attitude, rotation);
@@ -792,7 +836,7 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     for (int k = 0; k < 3; k++)
         momentum[k] = model->mass * world[k];
     rotate(model->inertia, motion + 3, momentum + 3);
-    if (detector->timed && (time < detector->time || time - detector->time >= RESTART)) {
+    if (detector->timed && (time < detector->time || time - detector->time >= GAP)) {
         if (time < detector->time) {
             start_observer(detector);
             detector->waiting = 0;

@@ -21,6 +21,8 @@ extern "C" {
 #define CA_SEGMENTS 64
 #endif
 
+#define CA_TIME_MAX (INT64_C(1) << 62) /* times are less, before and after zero [ns] */
+
 #define CA_BLOCKS 34 /* blocks of time that are kept */
 #define CA_WINDOWS 7 /* windows of time that are tested */
 
@@ -34,6 +36,8 @@ extern "C" {
     X(wrenches, [6][CA_N])     /* force and torque per thrust of each rotor */ \
     X(segments, )              /* number of segments of the thrust curve */ \
     X(curve, [CA_SEGMENTS][4]) /* start w [rad/s], a, b, c of each: thrust a w^2 + b w + c [N] */ \
+    X(least, [CA_N])           /* speed of each motor [rad/s] */ \
+    X(greatest, [CA_N])        /* the same */ \
     X(thrust, [CA_N])          /* of each sound rotor over that of the curve */ \
     X(reverse_thrust, [CA_N])  /* of one that turns backwards over its squared speed [kg m] */ \
     X(health, [CA_N])          /* what is announced of each rotor */ \
@@ -118,23 +122,28 @@ void CA_SYMBOL(ca_detector_reset)(ca_detector *detector);
 void CA_SYMBOL(ca_detector_interrupt)(ca_detector *detector);
 #define ca_detector_interrupt CA_SYMBOL(ca_detector_interrupt)
 
-/* Take the announced health; what was found before holds. */
-void CA_SYMBOL(ca_detector_announce)(ca_detector *detector, const ca_real *health);
+/* The following functions return -1, and have changed nothing, if a number is not finite or out of
+ * bounds. */
+
+/* Take the announced health, from 0 to 1; what was found before holds. Return 0. */
+int CA_SYMBOL(ca_detector_announce)(ca_detector *detector, const ca_real *health);
 #define ca_detector_announce CA_SYMBOL(ca_detector_announce)
 
-/* Take commanded rotor speeds [rad/s] with their stamp [ns]. */
-void CA_SYMBOL(ca_detector_command)(ca_detector *detector, int64_t time, const ca_real *speeds);
+/* Take commanded rotor speeds [rad/s] with their stamp [ns]. Motors are at their bounds for speeds
+ * beyond these. A command that is newer than the last state by two seconds is ignored. Return 0. */
+int CA_SYMBOL(ca_detector_command)(ca_detector *detector, int64_t time, const ca_real *speeds);
 #define ca_detector_command CA_SYMBOL(ca_detector_command)
 
-/* Take measured rotor speeds [rad/s]; return whether the health has changed. */
+/* Take measured rotor speeds [rad/s]; return whether the health has changed. Those that are older
+ * than the last command by more than 0.1 s with lag and delay are ignored. */
 int CA_SYMBOL(ca_detector_measure)(ca_detector *detector, int64_t time, const ca_real *speeds);
 #define ca_detector_measure CA_SYMBOL(ca_detector_measure)
 
-/* Take a state; return whether the health has changed. All numbers must be finite.
+/* Take a state; return whether the health has changed.
  *
  * time      [ns]
- * attitude  quaternion x, y, z, w, body to world (z up), not zero
- * motion    velocity before angular velocity in the body frame [m/s, rad/s]
+ * attitude  quaternion x, y, z, w, body to world (z up), of a length of at least 1e-9
+ * motion    velocity before angular velocity in the body frame, up to 1e9 [m/s, rad/s]
  */
 int CA_SYMBOL(ca_detector_observe)(ca_detector *detector, int64_t time, const ca_real attitude[4],
                                    const ca_real motion[6]);

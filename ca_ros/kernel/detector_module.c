@@ -34,9 +34,15 @@ static int take(const object *self, PyObject *const *arguments, Py_ssize_t count
         PyErr_SetString(PyExc_TypeError, "expected a detector with a model, a time and arrays");
         return 0;
     }
-    *time = PyLong_AsLongLong(arguments[0]);
+    int overflow;
+    *time = PyLong_AsLongLongAndOverflow(arguments[0], &overflow);
     if (PyErr_Occurred())
         return 0;
+    if (overflow || *time <= -CA_TIME_MAX || *time >= CA_TIME_MAX) {
+        PyErr_Format(PyExc_ValueError, "time %S: expected a number of nanoseconds below 2**62",
+                     arguments[0]);
+        return 0;
+    }
     for (int k = 0; k < arrays; numbers += sizes[k], k++)
         if (!copy_from(arguments[k + 1], sizes[k], numbers))
             return 0;
@@ -50,7 +56,9 @@ static PyObject *command(object *self, PyObject *const *arguments, Py_ssize_t co
     int64_t time;
     if (!take(self, arguments, count, sizes, 1, &time, speeds))
         return NULL;
-    ca_detector_command(&self->detector, time, speeds);
+    if (ca_detector_command(&self->detector, time, speeds) < 0)
+        return PyErr_Format(PyExc_ValueError, "command %S: expected %d numbers up to 1e100",
+                            arguments[1], rotors(self));
     Py_RETURN_NONE;
 }
 
@@ -61,7 +69,11 @@ static PyObject *measure(object *self, PyObject *const *arguments, Py_ssize_t co
     int64_t time;
     if (!take(self, arguments, count, sizes, 1, &time, speeds))
         return NULL;
-    return PyBool_FromLong(ca_detector_measure(&self->detector, time, speeds));
+    const int changed = ca_detector_measure(&self->detector, time, speeds);
+    if (changed < 0)
+        return PyErr_Format(PyExc_ValueError, "speeds %S: expected %d numbers up to 1e100",
+                            arguments[1], rotors(self));
+    return PyBool_FromLong(changed);
 }
 
 static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t count)
@@ -71,7 +83,13 @@ static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t co
     int64_t time;
     if (!take(self, arguments, count, sizes, 3, &time, state))
         return NULL;
-    return PyBool_FromLong(ca_detector_observe(&self->detector, time, state, state + 4));
+    const int changed = ca_detector_observe(&self->detector, time, state, state + 4);
+    if (changed < 0)
+        return PyErr_Format(PyExc_ValueError,
+                            "attitude %S, velocities %S and %S: expected a quaternion that is not "
+                            "zero, and numbers up to 1e9",
+                            arguments[1], arguments[2], arguments[3]);
+    return PyBool_FromLong(changed);
 }
 
 static PyObject *announce(object *self, PyObject *array)
@@ -79,7 +97,9 @@ static PyObject *announce(object *self, PyObject *array)
     ca_real health[CA_N];
     if (!copy_from(array, rotors(self), health))
         return NULL;
-    ca_detector_announce(&self->detector, health);
+    if (ca_detector_announce(&self->detector, health) < 0)
+        return PyErr_Format(PyExc_ValueError, "health %S: expected %d numbers in [0, 1]", array,
+                            rotors(self));
     Py_RETURN_NONE;
 }
 

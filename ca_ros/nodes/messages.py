@@ -17,6 +17,7 @@ TILT_ANGLE = 'tilt angle [rad]'  # label of the angles of servos
 NO_STAMP = 'no stamp'  # label of rotor speeds that answer no command
 
 DIGITS = re.compile('[0-9]{1,19}')
+TIME_MAX = 2**31 * 1_000_000_000  # the end of the stamps of ROS [ns]
 
 HEADER, NUMBERS = Struct('<iII'), Struct('<6d')  # stamp, length of the frame; six numbers
 
@@ -74,11 +75,14 @@ def fill_speeds(message: Float64MultiArray, speeds: Array, time: int | None) -> 
 
 
 def speeds_stamp(message: Float64MultiArray) -> int | None:
-    """Return the time stamp [ns] of a `speeds_message`; None if it has none."""
+    """Return the time stamp [ns] of a `speeds_message`; None if it has none.
+
+    A number that no stamp of a header can have is none.
+    """
     for dimension in message.layout.dim:
         word, _, number = dimension.label.partition(' ')
-        if word == 'stamp' and DIGITS.fullmatch(number):
-            return int(number)
+        if word == 'stamp' and DIGITS.fullmatch(number) and (time := int(number)) < TIME_MAX:
+            return time
     return None
 
 

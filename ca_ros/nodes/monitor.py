@@ -10,6 +10,8 @@ from std_srvs.srv import Trigger
 
 from ca_ros.flight.kernel_detector import Detector, make_detector
 from ca_ros.flight.lag_check import LagCheck
+from ca_ros.flight.momentum_observer import RESTART
+from ca_ros.flight.slow_rotors import oldest_measurement
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
 from ca_ros.nodes.executable import run
@@ -17,6 +19,7 @@ from ca_ros.nodes.settings import MonitorSettings
 from ca_ros.nodes.topics import COMMAND, STANDING, offered
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.problem.audit import Audit
+from ca_ros.vehicle.command_bounds import CommandBounds
 
 FOUND = 'failure found of rotor '
 """Name of the values of the diagnostics that say when a failure was found."""
@@ -74,6 +77,7 @@ class MonitorNode(VehicleNode):
         report, detector = built
         if self.audit is None:
             self.detector = detector
+            self._bounds = CommandBounds(report.vehicle)
             self._lag_check = LagCheck(report.vehicle, self.settings.detector)
         else:
             self.detector.announce(report.full.vehicle.health)
@@ -118,13 +122,10 @@ class MonitorNode(VehicleNode):
     def _receive_command(self, message: Float64MultiArray, *angles: Float64MultiArray) -> None:
         self.counts['received'] += 1
         parts = [message.data, *(each.data for each in angles)]
-        time = messages.speeds_stamp(message)
-        command, expected = np.concatenate(parts), self.detector.vehicle.idle_command
-        n = self.detector.vehicle.n
-        if len(parts[0]) != n or command.shape != expected.shape or not np.isfinite(command).all():
-            what = f'{n} rotor speeds and {len(expected) - n} tilt angles'
-            self.drop('numbers', f'command {command}: expected {what}')
+        if fault := self._bounds.fault(*parts):
+            self.drop(*fault)
             return
+        command, time = np.concatenate(parts), messages.speeds_stamp(message)
         time = self._observed if time is None else time
         # In lockstep a second answer to a repeated state would be a second command.
         if time is None or (self.mode == 'lockstep' and time == self._commanded):
@@ -136,17 +137,26 @@ class MonitorNode(VehicleNode):
 
     def _receive_speeds(self, message: Float64MultiArray) -> None:
         speeds, time = np.array(message.data), messages.speeds_stamp(message)
-        if speeds.shape != self.detector.health.shape or not np.isfinite(speeds).all():
-            self.drop('speeds', f'measured rotor speeds {speeds}: expected one for each rotor')
+        if fault := self._bounds.fault_of_measured(speeds):
+            self.drop('speeds', fault)
         elif time is not None:
+            age = 0 if self._commanded is None else self._commanded - time
+            if age > oldest_measurement(self.detector.settings):
+                what = f'{age / 1e9:.3f} s older than the last command'
+                self.drop('age', f'measured rotor speeds that are {what}')
+                return
             if self.detector.measure(time, speeds):
                 self._publish(time)
             if not self.detector.standing:
                 self._lag_check.measure(speeds, self.detector.health)
 
     def _receive_restart(self, message: Header) -> None:
+        time = messages.nanoseconds(message.stamp)
+        if self._observed is not None and abs(time - self._observed) > RESTART:
+            self.drop('restart', f'a restart {(time - self._observed) / 1e9:g} s after the state')
+            return
         self.counts['restarts'] += 1
-        self._settled = messages.nanoseconds(message.stamp) + SETTLING
+        self._settled = time + SETTLING
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self._pose = message
@@ -173,15 +183,16 @@ class MonitorNode(VehicleNode):
             self.counts['restarts'] += 1
         _, attitude = messages.pose_arrays(pose)
         motion = messages.twist_arrays(velocity)
-        if not np.isfinite(np.concatenate([attitude, *motion])).all() or not attitude.any():
-            self.drop('state', 'a state that is not finite')
-            return
-        self._watchdog.feed()
-        self._observed = time
         if time < self._settled:
             self.detector.interrupt()
             self._lag_check.interrupt()
-        changed = self.detector.observe(time, attitude, *motion)
+        try:
+            changed = self.detector.observe(time, attitude, *motion)
+        except ValueError as error:
+            self.drop('state', f'state: {error}')
+            return
+        self._watchdog.feed()
+        self._observed = time
         if not self.detector.standing:
             self._lag_check.observe(time, motion[1], self.detector.health)
         if changed or lockstep:

@@ -20,6 +20,7 @@ from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.topics import LOCKSTEP_DEPTH
 from ca_ros.nodes.vehicle_node import VehicleNode
 from ca_ros.nodes.watchdog import Watchdog, fallback
+from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.vehicle import Vehicle
 
 STATE_REPEAT = 0.2  # time after which the node publishes an unanswered state again in lockstep [s]
@@ -79,19 +80,8 @@ class SimulatorNode(VehicleNode):
     def adopt(self, built: Plant) -> None:
         """Use this plant; in flight only its body, from the next step on."""
         self.plant = getattr(self, 'plant', built)
-        self.plant.body, vehicle = built.body, built.body.vehicle
-        # Other programs may exceed the bound by a rounding error.
-        self._greatest = vehicle.speed_max * (1.0 + 1e-9)
-        # Rotors may stop, whatever their least speed.
-        self._least = np.minimum(vehicle.speed_min, 0.0) * (1.0 + 1e-9)
-        self._what, self._expected = 'rotor speeds', f'{vehicle.n}'
-        if vehicle.tilts is not None:
-            # A servo that sticks may be commanded.
-            low, high = vehicle.tilts.sound.limits
-            self._what = 'rotor speeds and tilt angles'
-            self._least = np.concatenate([self._least, low - 1e-9])
-            self._greatest = np.concatenate([self._greatest, high + 1e-9])
-            self._expected += f' and {len(low)}'
+        self.plant.body = built.body
+        self._bounds = CommandBounds(built.body.vehicle)
         self._hold_ns = round(self.settings.simulator.hold_at * 1e9)
         if self._held:
             self._publish()
@@ -106,18 +96,12 @@ class SimulatorNode(VehicleNode):
 
     def _receive(self, command: Float64MultiArray, *angles: Float64MultiArray) -> None:
         self.counts['received'] += 1
-        parts, what = [command.data, *(each.data for each in angles)], self._what
+        parts = [command.data, *(each.data for each in angles)]
+        if fault := self._bounds.fault(*parts):
+            self.drop(*fault)
+            return
         numbers = np.concatenate(parts)
-        if len(parts[0]) != self._n or numbers.shape != self._least.shape:
-            given = ' and '.join(str(len(part)) for part in parts)
-            self.drop('length', f'{given} {what}: expected {self._expected}')
-        elif not np.isfinite(numbers).all():
-            self.drop('numbers', f'{what} {numbers}: expected finite numbers')
-        elif not (numbers >= self._least).all():
-            self.drop('sign', f'{what} {numbers}: expected at least {self._least} rad/s')
-        elif not (numbers <= self._greatest).all():
-            self.drop('bounds', f'{what} {numbers}: expected up to {self._greatest} rad/s')
-        elif self.mode == 'realtime':
+        if self.mode == 'realtime':
             if self._resting:
                 if messages.answers_nothing(command):
                     self.drop('rest', 'a timeout action before the first command')

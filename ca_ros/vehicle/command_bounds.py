@@ -1,0 +1,74 @@
+"""The bounds of what is commanded of the motors and the servos of a vehicle."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.vehicle.validation import ABSURD
+from ca_ros.vehicle.vehicle import Vehicle
+
+ROUNDING = 1e-9
+"""Other programs may exceed a bound by a rounding error: relative, of angles in rad."""
+
+
+class CommandBounds:
+    """Checks commands of a vehicle: rotor speeds (n,) and then servo angles (k,) [rad/s, rad].
+
+    Rotors may stop, whatever their least speed.  A servo that sticks may be commanded.  The
+    speeds are those with a full battery.
+
+    - `least` and `greatest` (n,): speeds of the motors [rad/s]
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        least, greatest = vehicle.rated_speeds
+        self._n, self._tilts = vehicle.n, vehicle.tilts and vehicle.tilts.sound
+        self.least, self.greatest = np.minimum(least, 0.0), greatest
+        low, high = self.least * (1.0 + ROUNDING), self.greatest * (1.0 + ROUNDING)
+        self._what, self._expected = 'rotor speeds', f'{self._n}'
+        if self._tilts is not None:
+            lower, upper = self._tilts.limits
+            low = np.concatenate([low, lower - ROUNDING])
+            high = np.concatenate([high, upper + ROUNDING])
+            self._what = 'rotor speeds and tilt angles'
+            self._expected += f' and {len(lower)}'
+        self._low, self._high = low, high
+
+    def fault(self, *parts: Sequence[float]) -> tuple[str, str] | None:
+        """Return why speeds, and angles, are no command: a key and a text; None if they are."""
+        numbers, what = np.concatenate(parts), self._what
+        if len(parts[0]) != self._n or numbers.shape != self._low.shape:
+            given = ' and '.join(str(len(part)) for part in parts)
+            return 'length', f'{given} {what}: expected {self._expected}'
+        # False for what is not a number, too.
+        if ((self._low <= numbers) & (numbers <= self._high)).all():
+            return None
+        if not np.isfinite(numbers).all():
+            return 'numbers', f'{what} {numbers}: expected finite numbers'
+        if not (numbers >= self._low).all():
+            return 'sign', f'{what} {numbers}: expected at least {self._low} rad/s'
+        return 'bounds', f'{what} {numbers}: expected up to {self._high} rad/s'
+
+    def fault_of_measured(self, speeds: Array) -> str | None:
+        """Return why numbers are no measured speeds of the motors; None if they are.
+
+        Measurements exceed what is commanded by some noise, but not twice; some have no sign.
+        """
+        most = 2.0 * np.maximum(-self.least, self.greatest)
+        if speeds.shape == most.shape and (abs(speeds) <= most).all():
+            return None
+        return f'measured rotor speeds {speeds}: expected {self._n} of up to {most} rad/s'
+
+    def followed(self, command: Array) -> Array:
+        """Return what motors and servos follow of a command (n + k,): the nearest within bounds.
+
+        Raises a ValueError if it has another shape, or a number is not finite or above 1e100.
+        """
+        numbers = np.asarray(command, dtype=float)
+        if numbers.shape != self._low.shape or not (abs(numbers) <= ABSURD).all():
+            raise ValueError(f'command {command}: expected {len(self._low)} numbers up to 1e100')
+        speeds = np.minimum(np.maximum(numbers[: self._n], self.least), self.greatest)
+        if self._tilts is None:
+            return speeds
+        return np.concatenate([speeds, self._tilts.within(numbers[self._n :])])
