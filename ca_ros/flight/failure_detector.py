@@ -200,8 +200,9 @@ class FailureDetector:
         """
         time, attitude = moment_of(time), np.asarray(attitude, float)
         motion = np.concatenate([velocity, angular_velocity])
-        sound = abs(np.concatenate([attitude, motion])) <= STATE_MAX
-        if sound.shape != (10,) or not sound.all() or hypot(*attitude.tolist()) < 1.0 / STATE_MAX:
+        numbers = attitude.tolist(), motion.tolist()
+        sound = (len(attitude), len(motion)) == (4, 6) and hypot(*numbers[0]) >= 1.0 / STATE_MAX
+        if not (sound and all(abs(x) <= STATE_MAX for part in numbers for x in part)):
             raise ValueError(
                 f'attitude {attitude}, velocities {velocity} and {angular_velocity}: expected a '
                 'quaternion that is not zero, and numbers up to 1e9'

@@ -25,15 +25,19 @@ class CommandBounds:
         least, greatest = vehicle.rated_speeds
         self._n, self._tilts = vehicle.n, vehicle.tilts and vehicle.tilts.sound
         self.least, self.greatest = np.minimum(least, 0.0), greatest
-        low, high = self.least * (1.0 + ROUNDING), self.greatest * (1.0 + ROUNDING)
+        lower, upper = self.least, self.greatest
+        low, high = lower * (1.0 + ROUNDING), upper * (1.0 + ROUNDING)
         self._what, self._expected = 'rotor speeds', f'{self._n}'
         if self._tilts is not None:
-            lower, upper = self._tilts.limits
-            low = np.concatenate([low, lower - ROUNDING])
-            high = np.concatenate([high, upper + ROUNDING])
+            least, greatest = self._tilts.limits
+            lower, upper = np.concatenate([lower, least]), np.concatenate([upper, greatest])
+            low = np.concatenate([low, least - ROUNDING])
+            high = np.concatenate([high, greatest + ROUNDING])
             self._what = 'rotor speeds and tilt angles'
-            self._expected += f' and {len(lower)}'
+            self._expected += f' and {len(least)}'
         self._low, self._high = low, high
+        # Lists are compared faster than short arrays.
+        self._lower, self._upper = lower.tolist(), upper.tolist()
 
     def fault(self, *parts: Sequence[float]) -> tuple[str, str] | None:
         """Return why speeds, and angles, are no command: a key and a text; None if they are."""
@@ -66,6 +70,10 @@ class CommandBounds:
         Raises a ValueError if it has another shape, or a number is not finite or above 1e100.
         """
         numbers = np.asarray(command, dtype=float)
+        if numbers.shape == self._low.shape:
+            bounds = zip(self._lower, numbers.tolist(), self._upper, strict=True)
+            if all(low <= x <= high for low, x, high in bounds):
+                return numbers
         if numbers.shape != self._low.shape or not (abs(numbers) <= ABSURD).all():
             raise ValueError(f'command {command}: expected {len(self._low)} numbers up to 1e100')
         speeds = np.minimum(np.maximum(numbers[: self._n], self.least), self.greatest)
