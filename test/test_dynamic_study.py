@@ -15,7 +15,7 @@ from ca_ros.evaluation.cases import PAPER, Case
 from ca_ros.evaluation.dynamic import study as dynamic_study
 from ca_ros.evaluation.dynamic.manoeuvres import median_of, share_of
 from ca_ros.evaluation.dynamic.metrics import Flights, metrics, sample_errors
-from ca_ros.evaluation.dynamic.paper_checks import observe
+from ca_ros.evaluation.dynamic.paper_checks import findings, observe
 from ca_ros.evaluation.dynamic.plots import coinciding_groups
 from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros
 from ca_ros.evaluation.dynamic.study import main
@@ -301,8 +301,33 @@ def test_failures_are_flown_by_all_methods_and_drawn(failing):
         assert 1.0 < found['worst_force_residual'] < 10.0
     text = (failing / 'dynamic.md').read_text()
     assert '`--fail 1@4.0=0.0 --fail 2@4.5=0.9 --announce 0.1`. Lost axes at the end: yaw.' in text
-    assert 'given up' in text
+    for name, found in written['methods'].items():
+        # Yaw is given up, and the vehicle spins: no heading has an error.
+        rate = found['heading_rate']
+        assert abs(rate) > 0.5
+        assert [found[metric]['yaw'] for metric in
+                ('steady_state_error', 'settling_time', 'overshoot')] == [None] * 3
+        assert f'given up, turns at {rate:.2f} rad/s' in text
+        line = f'With `{name}` the flight ends '
+        [said] = [each for each in written['findings'] if each.startswith(line)]
+        assert said.endswith(f', the heading is given up, the vehicle turns at {rate:.2f} rad/s.')
+    assert 'mean of goal minus value' in text
     assert (failing / 'failure.png').stat().st_size > 50_000
+
+
+def test_a_heading_that_turns_has_no_error_even_if_it_is_not_known_to_be_lost():
+    flight = flight_of(np.ones(31), np.full((31, 6), 250.0))
+    # 8.4 rad/s: the mean of the wrapped errors of the last second would be small.
+    half = 8.4 * flight.time / 2.0
+    turns = np.column_stack([np.zeros((31, 2)), np.sin(half), np.cos(half)])
+    goal = Waypoint.of(0.0, 0.0, 1.0, 0.0)
+    spinning = replace(flight, attitude=turns)
+    samples = sample_errors(spinning, Case.load('hexarotor').controller(), goal)
+    found = metrics(spinning, samples, goal)
+    assert found['heading_rate'] == pytest.approx(8.4)
+    assert found['steady_state_error']['yaw'] is None
+    assert list(findings({'exact': spinning}, goal)) == [
+        'With `exact` the flight ends 0 m from the waypoint, the vehicle turns at 8.40 rad/s.']
 
 
 def test_the_margin_is_that_of_the_rotors_as_they_are():

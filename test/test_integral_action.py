@@ -5,11 +5,14 @@ from math import exp
 import numpy as np
 import pytest
 
+from ca_ros import audit
+from ca_ros.__main__ import main
 from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.momentum_observer import MomentumObserver
 from ca_ros.flight.rigid_body import velocity_in_body
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.vehicle.files import config_directory
 from strategies import HEXAROTOR, length
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)
@@ -39,6 +42,32 @@ def test_constant_errors_vanish(error):
     without = flown(case(0.0, *changes), duration=8.0)
     assert without.position_error(WAYPOINT) == pytest.approx(offset, rel=0.03)
     assert flown(case(1.0, *changes), duration=14.0).position_error(WAYPOINT) < 0.001
+
+
+@pytest.mark.slow
+def test_the_audit_says_how_far_a_side_force_keeps_the_vehicle_from_its_waypoint(tmp_path, capsys):
+    # Rotors 1 and 2 lean forward by 12 degrees.
+    axes = np.tile([0.0, 0.0, 1.0], (6, 1))
+    axes[:2] = np.sin(np.radians(12.0)), 0.0, np.cos(np.radians(12.0))
+    tilted = f'rotors.axes:={axes.ravel().tolist()}'
+    force = audit(case(0.0, tilted).vehicle).side_force
+    assert force[0] > 0.6
+    assert force[1] == 0.0
+    left = WAYPOINT.position - flown(case(0.0, tilted)).position[-1]
+    assert np.hypot(*left[:2]) == pytest.approx(force[0] / 1.5, rel=0.01)
+    assert flown(case(1.0, tilted)).position_error(WAYPOINT) < 0.001
+    text = (config_directory() / 'hexarotor.yaml').read_text()
+    file = tmp_path / 'tilted.yaml'
+    for gain, follows in (
+        ('', 'without controller.integral_gain the vehicle hovers up to 0.43 m beside'),
+        ('\n      integral_gain: 0.5', 'controller.integral_gain 0.5 1/s compensates it'),
+    ):
+        words = text.replace('      positions:', f'      axes: {axes.ravel().tolist()}\n'
+                             '      positions:').replace('controller:', f'controller:{gain}')
+        file.write_text(words)
+        assert main(['audit', str(file)]) == 0
+        line = f'hover leaves a side force of {force[0]:.3g} N (x {force[0]:+.3g}, y +0): '
+        assert line + follows in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from ca_ros import Exact, ParameterError, Vehicle
 from ca_ros.__main__ import main
+from ca_ros.evaluation.fit_thrust import summary
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.nodes.settings import load
 from ca_ros.vehicle.files import read
@@ -236,6 +237,21 @@ def test_the_file_of_the_fit_is_the_curve(stand, options, tmp_path, capsys):
         assert_allclose(some.thrusts([w] * 6), (2e-5 * w + 1e-3) * w + 0.05, rtol=1e-5)
         # What the stand measured, at the voltage that it measured.
         assert_allclose(some.at_voltage(16.5 - x).throttles([w] * 6), x, rtol=1e-5)
+
+
+def test_a_throttle_is_read_as_a_percentage_too_and_the_slowest_row_is_said(tmp_path):
+    file = tmp_path / 'stand.csv'
+    for title, form in (('throttle', '{}%'), ('throttle [%]', '{}'), ('throttle [%]', '{} %')):
+        rows = ('40', '200,1'), ('60', '260,1.7'), ('80', '320,2.6'), ('100', '400,4')
+        lines = (f'{form.format(throttle)},{rest}' for throttle, rest in rows)
+        file.write_text('\n'.join([f'{title},speed [rad/s],thrust [N]', *lines]))
+        each = fit(read_stand(file))
+        assert_allclose(each.throttles, [0.4, 0.6, 0.8, 1.0])
+        line = 'speed_min    200 rad/s, the slowest row (throttle 0.4): lower it if'
+        assert any(said.startswith(line) for said in summary(each))
+    file.write_text('throttle,speed [rad/s],thrust [N]\n0.4,200,40%\n')
+    with pytest.raises(ParameterError, match=r"line 2, .*: expected a number, got '40%'"):
+        read_stand(file)
 
 
 def test_a_stand_without_speeds_gives_nominal_ones(tmp_path):

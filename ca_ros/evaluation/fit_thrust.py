@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def summary(found: StandFit) -> list[str]:
-    """Return the errors of k_f w^2, of the curve, and of THR_MDL_FAC, one a line."""
+    """Return the errors of k_f w^2, of the curve, and of THR_MDL_FAC, and what was assumed."""
     top = found.thrusts.max()
 
     def line(name: str, rms: float, worst: float) -> str:
@@ -53,6 +53,9 @@ def summary(found: StandFit) -> list[str]:
     if found.throttles is not None:
         worst = found.expo_error(found.expo)
         lines.append(f'THR_MDL_FAC  {found.expo:.2f}: error {worst:.3g} N ({worst / top:.1%})')
+    at = '' if found.throttles is None else f' (throttle {found.throttles[0]:.3g})'
+    lines.append(f'speed_min    {found.speeds[0]:.4g} rad/s, the slowest row{at}: lower it if the '
+                 'motor idles more slowly')
     return [*lines, found.note] if found.note else lines
 
 

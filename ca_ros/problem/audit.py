@@ -102,6 +102,16 @@ class Audit:
         return controllability.spin_torque(self.full, self.controllable)
 
     @cached_property
+    def side_force(self) -> Array:
+        """The force (2,) along x and y of the body that remains in hover, and pushes it [N].
+
+        Zero if the force is controlled, or hover or its thrust is not.
+        """
+        if not self.keeps_hovering or 'thrust' not in self.controllable.axes:
+            return np.zeros(2)
+        return controllability.side_force(self.controllable)
+
+    @cached_property
     def authority(self) -> dict[str, tuple[float, float]]:
         """For each axis of `controllable`, its range with the other axes at hover [N, N m].
 
@@ -124,6 +134,9 @@ class Audit:
         parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
         if self.spin_torque:
             parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
+        if self.side_force.any():
+            size = float(np.linalg.norm(self.side_force))
+            parts.append(f'hover leaves a side force of {size:.2g} N: it drifts')
         if self.keeps_hovering:
             if self.controllable.facet_choices <= STATED_CHOICES_MAX:
                 parts.append(f'hover margin {self.controllable_hover_margin:.3g} [N, N m]')

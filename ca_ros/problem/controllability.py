@@ -9,7 +9,8 @@ from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_priorities import prioritization_of
-from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
+from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
 
 EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')  # what is given up, in this order
@@ -19,6 +20,8 @@ INDEPENDENCE_MIN = 0.05
 
 At 0.05 a command along the axis takes twenty times the thrusts that it would take alone.
 """
+
+SIDE_FORCE_MIN = 1e-6  # least force that counts, as a share of the weight
 
 DEPENDENT = 1e-6  # singular value below which a pseudo-inverse has too few digits
 
@@ -119,6 +122,24 @@ def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
         thrusts = controllable.least_norm.solve(controllable.hover, tolerance).thrusts
         yaw = float(with_yaw.gamma[place] @ thrusts)
     return yaw if abs(yaw) > 1e-9 else 0.0
+
+
+def side_force(problem: VehicleProblem) -> Array:
+    """Return the force (2,) along x and y that hover of least norm leaves [N].
+
+    It is zero where the force is an axis of the problem.
+    """
+    if isinstance(problem, TiltingVehicleProblem):
+        thrusts = problem.least_norm.solve(problem.hover[None]).points[0]
+        force = problem.wrenches[:2] @ thrusts
+    else:
+        tolerance = float(problem.tolerance(problem.hover))
+        thrusts = problem.least_norm.solve(problem.hover, tolerance).thrusts
+        force = rotor_wrenches(problem.vehicle)[:2] @ thrusts
+    # What an allocation serves is served to rounding.
+    served = [axis in problem.axes for axis in ('force_x', 'force_y')]
+    least = SIDE_FORCE_MIN * abs(problem.vehicle.weight)
+    return np.where(served | (np.abs(force) <= least), 0.0, force)
 
 
 def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:

@@ -82,6 +82,8 @@ class StandFit:
 def read_stand(file: str | Path) -> dict[str, Array]:
     """Read a CSV file with a title for each column, such as ``thrust [gf]`` or ``Speed (RPM)``.
 
+    A throttle may be a number or a percentage, such as 40%.
+
     Raises a ParameterError that names the file, the line, the column and the fault.
 
     The result: the columns in SI units by the names of `QUANTITIES`; others are ignored.
@@ -107,8 +109,10 @@ def read_stand(file: str | Path) -> dict[str, Array]:
         values = []
         for line, row in lines[1:]:
             given = row[i].strip() if i < len(row) else ''
+            # A throttle may be 40%, whatever the unit of its column.
+            percent = quantity == 'throttle' and given.endswith('%')
             try:
-                values.append(float(given))
+                values.append(0.01 / factor * float(given[:-1]) if percent else float(given))
                 sound = least <= values[-1] <= most
             except ValueError:
                 sound = False

@@ -23,6 +23,7 @@ from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEADY = 1.0  # the last second of a flight counts as the steady state [s]
+TURNING = 0.1  # rate of the heading above which it has no steady state [rad/s]
 SETTLED = 0.02  # share of the step within which a quantity has settled
 
 RECOVERED = 0.3  # greatest distance from the waypoint at the end of a recovery [m]
@@ -32,6 +33,13 @@ AT_BOUND = 1e-3  # share of a rotor's range of speeds within which it is at a bo
 def steady(flight: Flight) -> BoolArray:
     """Return which samples (K,) count as the steady state."""
     return flight.time >= flight.time[-1] - STEADY
+
+
+def heading_rate(flight: Flight) -> float:
+    """Return the mean rate of the heading in the steady state [rad/s]."""
+    last = steady(flight)
+    time, heading = flight.time[last], np.unwrap(flight.heading[last])
+    return float((heading[-1] - heading[0]) / max(time[-1] - time[0], 1e-9))
 
 
 def at_bounds(speeds: Array, vehicle: Vehicle) -> tuple[BoolArray, BoolArray]:
@@ -103,25 +111,36 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
     """Return the metrics of a flight by name, with samples from `sample_errors`.
 
     ``steady_state_error`` (mean of waypoint minus value), ``settling_time`` (None if it never
-    settles) and ``overshoot`` (share of the step) are by axis.  ``effort`` is the integral of
-    |f|^2 [N^2 s], ``energy`` that of the sum of |f|^1.5 [N^1.5 s], ``smoothness`` the sum of
-    |change of thrust| over rotors and samples per second [N/s].  ``recovered`` says whether the
-    flight ends within `RECOVERED` of the waypoint, ``time_at_bound`` is the share of the rotors'
-    time, and ``greatest_tilt`` is in rad.
+    settles) and ``overshoot`` (share of the step) are by axis; all three are None for a heading
+    that turns faster than `TURNING` at the end.  ``heading_rate`` is its rate there [rad/s].
+    ``effort`` is the integral of |f|^2 [N^2 s], ``energy`` that of the sum of |f|^1.5 [N^1.5 s],
+    ``smoothness`` the sum of |change of thrust| over rotors and samples per second [N/s].
+    ``recovered`` says whether the flight ends within `RECOVERED` of the waypoint,
+    ``time_at_bound`` is the share of the rotors' time, and ``greatest_tilt`` is in rad.
     """
     ways = dict(zip('xyz', (waypoint.position - flight.position).T, strict=True))
     ways['yaw'] = difference(waypoint.heading, flight.heading)
     # The thrusts of a sample act until the next sample; those of the last one do not count.
     intervals = np.append(np.diff(flight.time), 0.0)
-    return {
+    rate, last = heading_rate(flight), steady(flight)
+    of_axes: dict[str, dict[str, float | None]] = {
         'steady_state_error': {
-            name: float(left[steady(flight)].mean()) for name, left in ways.items()
+            name: float(np.unwrap(left[last]).mean() if name == 'yaw' else left[last].mean())
+            for name, left in ways.items()
         },
         'settling_time': {name: _settling_time(flight.time, left) for name, left in ways.items()},
         'overshoot': {
             name: max(0.0, float((-left / left[0]).max())) if left[0] else 0.0
             for name, left in ways.items()
         },
+    }
+    if abs(rate) > TURNING:
+        # A mean of wrapped errors would say that it is near its goal.
+        for values in of_axes.values():
+            values['yaw'] = None
+    return {
+        **of_axes,
+        'heading_rate': rate,
         'effort': float((samples['thrusts_squared'].to_numpy() * intervals).sum()),
         'energy': float((samples['energy'].to_numpy() * intervals).sum()),
         'smoothness': float(samples['change'].sum() / max(flight.time[-1], intervals[0])),

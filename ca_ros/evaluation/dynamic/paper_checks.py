@@ -1,6 +1,6 @@
 """Observations on flights: the paper's, checked by numbers, and findings for any vehicle."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from math import degrees
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.evaluation.cases import PAPER
-from ca_ros.evaluation.dynamic.metrics import at_bounds, steady
+from ca_ros.evaluation.dynamic.metrics import TURNING, at_bounds, heading_rate, steady
 from ca_ros.evaluation.tables import number
 from ca_ros.flight.record import Flight
 from ca_ros.flight.waypoint import Waypoint
@@ -31,14 +31,21 @@ class Observation(NamedTuple):
     numbers: str
 
 
-def findings(flights: Mapping[str, Flight], waypoint: Waypoint) -> Iterator[str]:
-    """Yield a sentence per flight, for flights that are not the paper's."""
+def findings(
+    flights: Mapping[str, Flight], waypoint: Waypoint, lost: Collection[str] = ()
+) -> Iterator[str]:
+    """Yield a sentence per flight, for flights that are not the paper's and lose some axes."""
     for name, flight in flights.items():
-        error, angle = flight.position_error(waypoint), flight.heading_error(waypoint)
-        yield (
-            f'With `{name}` the flight ends {number(error)} m from the waypoint, '
-            f'with a heading error of {number(degrees(angle))}°.'
-        )
+        error, rate = flight.position_error(waypoint), heading_rate(flight)
+        words = [f'With `{name}` the flight ends {number(error)} m from the waypoint']
+        if 'yaw' in lost:
+            words.append('the heading is given up')
+        if abs(rate) > TURNING:
+            words.append(f'the vehicle turns at {rate:.2f} rad/s')
+        elif 'yaw' not in lost:
+            angle = degrees(flight.heading_error(waypoint))
+            words.append(f'with a heading error of {number(angle)}°')
+        yield f'{", ".join(words)}.'
 
 
 def observe(

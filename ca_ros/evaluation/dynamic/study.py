@@ -186,6 +186,7 @@ def _write(
     words, problem = trajectory_words(options), VehicleProblem(case.vehicle)
     checked = flown_as_in_the_paper(case.parameters) and not options.fail and not words
     observations = list(observe(flights, problem, goal)) if checked else []
+    lost = audit(case.vehicle.with_health(last)).lost
     found = {
         'duration': options.duration,
         'start': 'rest at the origin' if resting else 'the initial state of the parameters',
@@ -198,9 +199,9 @@ def _write(
         'failures': failure_words(failures),
         'detected': {name: _named(case, each) for name, each in detected.items()}
         if options.detect else {},
-        'lost_axes': audit(case.vehicle.with_health(last)).lost,
+        'lost_axes': lost,
         'observations': {each.sentence: each.holds for each in observations},
-        'findings': [] if checked else list(findings(flights, goal)),
+        'findings': [] if checked else list(findings(flights, goal, lost)),
         'numbers': {each.sentence: each.numbers for each in observations},
     }
     tables = [{'method': name, **flight.columns()} for name, flight in flights.items()]

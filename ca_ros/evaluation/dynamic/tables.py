@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping
 from math import degrees
 from typing import Any
 
-from ca_ros.evaluation.dynamic.metrics import RECOVERED
+from ca_ros.evaluation.dynamic.metrics import RECOVERED, TURNING
 from ca_ros.evaluation.dynamic.paper_checks import HEIGHT_ERROR
 from ca_ros.evaluation.tables import render, table
 
@@ -12,7 +12,11 @@ Metrics = Mapping[str, Any]
 
 
 def _heading(own: Metrics, lost: Collection[str]) -> str:
-    return 'given up' if 'yaw' in lost else f'{degrees(own["steady_state_error"]["yaw"]):.4f}'
+    error = own['steady_state_error']['yaw']
+    words = ['given up'] if 'yaw' in lost else []
+    if error is None:
+        words.append(f'turns at {own["heading_rate"]:.2f} rad/s')
+    return ', '.join(words) or f'{degrees(error):.4f}'
 
 
 def _settled(own: Metrics, lost: Collection[str]) -> str:
@@ -22,14 +26,14 @@ def _settled(own: Metrics, lost: Collection[str]) -> str:
 
 def _overshoot(own: Metrics, lost: Collection[str]) -> str:
     shares = [share for axis, share in own['overshoot'].items() if axis not in lost]
-    return ', '.join(f'{100.0 * share:.1f}' for share in shares)
+    return ', '.join('turns' if share is None else f'{100.0 * share:.1f}' for share in shares)
 
 
 COLUMNS: dict[str, Callable[[Metrics, Collection[str]], str]] = {
-    'steady-state error x, y, z [mm]': lambda own, lost: ', '.join(
+    'steady-state error of x, y, z [mm]': lambda own, lost: ', '.join(
         f'{1e3 * own["steady_state_error"][axis]:.2f}' for axis in 'xyz'
     ),
-    'heading [°]': _heading,
+    'of the heading [°]': _heading,
     'settling time x, y, z, heading [s]': _settled,
     'overshoot x, y, z, heading [%]': _overshoot,
     'effort [N² s]': lambda own, lost: f'{own["effort"]:.1f}',
@@ -63,5 +67,5 @@ def document(found: Metrics) -> str:
     ]
     return render(
         'dynamic.md', **found, table=made, beyond=table(['method', *BEYOND], beyond),
-        height_error=HEIGHT_ERROR, recovered=RECOVERED,
+        height_error=HEIGHT_ERROR, recovered=RECOVERED, turning=TURNING,
     )

@@ -6,6 +6,7 @@ from itertools import zip_longest
 
 import numpy as np
 
+from ca_ros.flight.settings import ControlSettings
 from ca_ros.nodes.settings import AllocatorSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.controllability import lift, unit
@@ -41,9 +42,30 @@ def run(options: argparse.Namespace) -> None:
     if 'thrust' in vehicle.axes:
         rotors += ' that lift {:.3g} to {:.3g} kg'.format(*lift(vehicle))
     print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {rotors}\n\n{table(vehicle)}')
-    for warning in audit(vehicle).warnings:
-        print(f'warning: {warning}')
+    report = audit(vehicle)
+    for line in [*remains(report, options.vehicle), *(f'warning: {w}' for w in report.warnings)]:
+        print(line)
     accept(vehicle)
+
+
+def remains(report: Audit, file: str) -> list[str]:
+    """Return what hover leaves of the forces along x and y, and what follows; empty if nothing."""
+    force = report.side_force
+    if not force.any():
+        return []
+    settings = load_for(ControlSettings, file).controller
+    stiffness = float(np.min(np.broadcast_to(settings.position_stiffness, 3)[:2]))
+    size = float(np.linalg.norm(force))
+    away = size / (report.vehicle.mass * stiffness)
+    named = ', '.join(
+        f'{axis} {value:+.3g}' for axis, value in zip(('x', 'y'), force, strict=True))
+    gain = settings.integral_gain
+    follows = (
+        f'controller.integral_gain {gain:g} 1/s compensates it' if gain else
+        f'without controller.integral_gain the vehicle hovers up to {away:.2g} m beside its '
+        'waypoint, F / (m position_stiffness)'
+    )
+    return [f'hover leaves a side force of {size:.3g} N ({named}): {follows}']
 
 
 def table(vehicle: Vehicle) -> str:
