@@ -154,7 +154,7 @@ from ca_ros.nodes import allocator
 
 class Broken(allocator.AllocatorNode):
     def {method}(self, *arguments):
-        if self._watchdog.awake and {condition}:
+        if getattr(self, '_answer', None) is not None and {condition}:
             raise RuntimeError('this is the bug')
         return super().{method}(*arguments)
 
@@ -163,8 +163,8 @@ sys.exit(allocator.run('broken', Broken, ''))
 
 BUGS = {
     'a command': ('_serve', 'arguments[0].wrench[2] == 30.0'),
-    'a timer': ('watch', 'True'),
-    'a parameter': ('adopt', 'True'),
+    'a timer': ('_levels', 'True'),
+    'a parameter': ('_adopt', 'True'),
 }
 
 

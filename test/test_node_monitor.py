@@ -199,7 +199,7 @@ def test_the_allocator_uses_the_least_health_and_knows_it_after_a_restart(graph)
     graph.node.destroy_publisher(allocator.health)
 
     def warned(level, message, _):
-        return level > b'\0' and 'the monitor has ended: its last rotor_health holds' in message
+        return level > b'\0' and 'the publisher of rotor_health has ended' in message
 
     allocator.diagnostics.wait('allocator', warned, 'a warning that the monitor has ended')
     allocator.commands(lost(3), 'rotor 3 is still lost')

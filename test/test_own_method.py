@@ -97,7 +97,7 @@ def test_a_running_node_takes_it(example, graph):
     Path('intruder.py').write_text("open('loaded', 'w').close()\n")
     for values, words in (
             ({'allocation.method': 'intruder:Mine'}, 'was not loaded at the start'),
-            ({RESERVE: 2.0}, f'{RESERVE}: must be in')):
+            ({RESERVE: 2.0}, f'{RESERVE} out of range')):
         [result] = parameters.set(values)
         assert not result.successful
         assert words in result.reason

@@ -8,12 +8,14 @@ from functools import partial
 from math import inf
 from typing import Any
 
+from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.bringup.link_faults import FAULTY, FaultSettings, Link, corrupted
 from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher, mismatch
 from ca_ros.nodes.executable import run, split
-from ca_ros.nodes.parameter_node import ParameterNode
+from ca_ros.nodes.parameters import Parameters
+from ca_ros.nodes.stream import STEADY
 from ca_ros.nodes.topics import offered
 from ca_ros.settings import ParameterError, Settings, table
 
@@ -26,20 +28,19 @@ def remaps(node: str) -> list[str]:
     return [word for topic in topics for word in ('-r', f'{topic}:={PREFIX}{topic}')]
 
 
-class FaultProxyNode(ParameterNode):
+class FaultProxyNode(Node):
     """Subscribes to each topic and publishes its messages, with faults, on faulty/topic."""
 
-    declared = known = FaultSettings
+    declared = FaultSettings
 
     def __init__(self, node_name: str = 'fault_proxy', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        if self.unknown:
+        self.parameters = Parameters(self, FaultSettings, FaultSettings)
+        if unknown := self.parameters.unknown:
             names = ', '.join(table(FaultSettings))
-            raise ParameterError(f'{self.unknown[0]}: no such parameter ({names})')
-
-    def start(self) -> None:
-        """Begin to forward messages."""
-        super().start()
+            raise ParameterError(f'{unknown[0]}: no such parameter ({names})')
+        self._adopt(self.parameters.settings.links())
+        self.parameters.on_change(lambda settings: settings.links(), self._adopt)
         # The deep queues of lockstep, so that the proxy itself loses no message.
         quality = offered('lockstep')
         kinds = {topic.name: topic.kind for topic in FAULTY if topic.name in self._faults}
@@ -53,18 +54,14 @@ class FaultProxyNode(ParameterNode):
             topic: self.create_subscription(kind, topic, partial(self._take, topic), quality)
             for topic, kind in kinds.items()
         }
-        self._alarm = self.create_timer(1.0, self._pass_on, clock=self.steady)
+        self._alarm = self.create_timer(1.0, self._pass_on, clock=STEADY)
         self._alarm.cancel()
         self._diagnostics = DiagnosticsPublisher(self, hardware_id='link')
-        self.create_timer(1.0, self._diagnose, clock=self.steady)
+        self.create_timer(1.0, self._diagnose, clock=STEADY)
 
-    def build(self, settings: FaultSettings) -> dict[str, FaultSettings]:
-        """Return the faults of each link."""
-        return settings.links()
-
-    def adopt(self, built: dict[str, FaultSettings]) -> None:
+    def _adopt(self, faults: dict[str, FaultSettings]) -> None:
         """Apply these faults from the next message on."""
-        self._faults = built
+        self._faults = faults
 
     def destroy_node(self) -> None:
         """Publish the final counts and destroy the node."""
@@ -95,7 +92,7 @@ class FaultProxyNode(ParameterNode):
             self._alarm.reset()
 
     def _now(self) -> float:
-        return self.steady.now().nanoseconds / 1e9
+        return STEADY.now().nanoseconds / 1e9
 
     def _diagnose(self) -> None:
         """Publish the counts; active faults are a warning."""

@@ -51,7 +51,8 @@ class Controller:
     After states have ceased for two seconds, the estimate starts again from zero.
 
     `unallocated` (m,): the last demand minus the wrench that was served of it [N, N m]; zero if it
-    was attainable.  `disturbances`: the state of the integral action; None without one.
+    was attainable.  `disturbances`: the state of the integral action; None without one.  `rows`:
+    for each axis its component of force and torque (6,).
     """
 
     def __init__(
@@ -67,7 +68,7 @@ class Controller:
             given = {name: getattr(priorities, name) for name in table(PrioritiesSettings)}
             self._exact = Exact(self.problem, **given)
         self.unallocated = np.zeros(len(vehicle.axes))
-        self._rows = [AXES.index(axis) for axis in vehicle.axes]
+        self.rows = [AXES.index(axis) for axis in vehicle.axes]
         sideways = set(SIDEWAYS) <= set(vehicle.axes)
         self._pose = settings.attitude == 'pose' and sideways
         self._level = settings.attitude != 'tilt' and sideways
@@ -81,13 +82,19 @@ class Controller:
         return MomentumObserver(self.vehicle, self.settings.integral_gain)
 
     @classmethod
-    def from_settings(cls, vehicle: Vehicle, settings: ControlSettings) -> Controller:
+    def from_settings(
+        cls, vehicle: Vehicle, settings: ControlSettings, before: Controller | None = None
+    ) -> Controller:
         """Make the controller of a vehicle from the settings of a file or node.
 
-        Raises a ParameterError if settings contradict each other; they are named.
+        In flight it continues the integral action of the one `before`.  Raises a ParameterError
+        if settings contradict each other; they are named.
         """
         try:
-            return cls(vehicle, settings.controller, settings.allocation.exact)
+            made = cls(vehicle, settings.controller, settings.allocation.exact)
+            if before is not None:
+                made.disturbances = before.disturbances
+            return made
         except ParameterError as error:
             place = 'allocation.exact.' if str(error).startswith('order:') else ''
             raise ParameterError(f'{place}{error}') from None
@@ -130,7 +137,7 @@ class Controller:
         self.unallocated = demand - served
         if self.disturbances is not None:
             full = np.zeros(len(AXES))
-            full[self._rows] = served
+            full[self.rows] = served
             full[:3] = rotation @ full[:3]
             self.disturbances.expect(full, angular_velocity)
         return served
@@ -174,7 +181,7 @@ class Controller:
             torque += cross(angular_velocity, self._inertia @ angular_velocity)
             if self.disturbances is not None:
                 torque -= self.disturbances.estimate[3:]
-            wrench = np.concatenate([force @ rotation, torque])[self._rows]
+            wrench = np.concatenate([force @ rotation, torque])[self.rows]
         return self.problem.check(wrench)
 
     def _force(self, position: Array, velocity: Array, waypoint: Waypoint) -> Array:

@@ -5,20 +5,22 @@ A problem without a vehicle, such as a boat or control surfaces, has effectors i
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 
-from ca_ros.allocation import Allocation, Allocator
+from ca_ros.allocation import Allocation
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.allocator_node import AllocatorNode
+from ca_ros.nodes.diagnostics import Diagnostics, Level
 from ca_ros.nodes.executable import parameter_arguments, parse, run, split
-from ca_ros.nodes.messages import speeds_message
+from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.settings import ProblemSettings
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
@@ -32,6 +34,72 @@ COMPONENTS = (
 """The names of axes for each component of a wrench; their units are those of the problem."""
 
 
+class Effectors:
+    """A method for the effectors of a problem; see `ca_ros.nodes.rotors.Rotors`."""
+
+    def __init__(self, settings: Any, _: object = None) -> None:
+        found = read_problem(settings.problem, AllocationProblem)
+        if found is None:
+            raise ParameterError(f'problem: {settings.problem} has no entry problem')
+        self.problem = problem = found[0]
+        self.rows = rows_of(problem.axes)
+        self.method = allocator_of(settings.allocation, problem)
+        self.idle, self.lost = problem.clip(problem.resting_thrusts), np.array(False)
+        self._wrenches = np.zeros((6, problem.n))
+        self._wrenches[self.rows] = problem.gamma
+        unit = f' [{problem.unit.strip()}]' if problem.unit else ''
+        self.label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
+        self.n = problem.n
+
+    def command(self, answer: Allocation) -> Array:
+        """Return the effectors (n,) of an answer."""
+        return self.problem.clip(answer.effectors)
+
+    def at_rest(self, action: str, last: Array) -> Array:
+        """Return the effectors (n,) of a timeout action after the last ones."""
+        return last if action == 'hold' else self.idle
+
+    def produced(self, answer: Allocation) -> Array:
+        """Return the components of the wrench (6,) of an answer."""
+        return self._wrenches @ answer.thrusts
+
+
+class ProblemBelief:
+    """What a node believes of a problem: what its parameters say."""
+
+    audit = None
+
+    def __init__(
+        self, node: Node, parameters: Parameters, diagnostics: Diagnostics,
+        make: Callable[..., Any], adopted: Callable[[], None],
+    ) -> None:
+        self.made = make(parameters.settings, None, None)
+        self._adopted = adopted
+        parameters.on_change(lambda settings: make(settings, None, self.made), self._adopt)
+
+    def _adopt(self, made: Any) -> None:
+        self.made = made
+        self._adopted()
+
+    def heed(self, *_: object) -> None:
+        """Nobody reports the health of effectors."""
+
+    def waits(self, _: int) -> bool:
+        """Return that no command waits for the health."""
+        return False
+
+    def levels(self) -> list[Level]:
+        """Return nothing: no message makes it worse."""
+        return []
+
+    def values(self) -> dict[str, object]:
+        """Return nothing."""
+        return {}
+
+    def log(self) -> None:
+        """Log nothing."""
+
+
 class ProblemAllocatorNode(AllocatorNode):
     """Answers each command/wrench with command/effectors.
 
@@ -39,42 +107,14 @@ class ProblemAllocatorNode(AllocatorNode):
     the effectors to the values within their bounds that are nearest to zero; so does stop.
     """
 
-    declared = ProblemSettings
-    known: type[Settings] = ProblemSettings
-    settings: ProblemSettings
+    declared = known = ProblemSettings
     topic = topics.EFFECTORS
-    heeds_monitor = False
+    belief_type, made_type = ProblemBelief, Effectors
 
-    def build(self, settings: Any) -> tuple[Any, Allocator]:
-        self.check_loaded(settings.allocation.method)
-        found = read_problem(settings.problem, AllocationProblem)
-        if found is None:
-            raise ParameterError(f'problem: {settings.problem} has no entry problem')
-        return rows_of(found[0].axes), allocator_of(settings.allocation, found[0])
-
-    def adopt(self, built: tuple[Any, Allocator]) -> None:
-        self._rows, self.method = built
-        problem = self.method.problem
-        self._n, self._wrenches = problem.n, np.zeros((6, problem.n))
-        self._wrenches[self._rows] = problem.gamma
-        self._lost = np.array(False)
-        if not self.counts['served']:
-            self._last = self.at_rest('idle')
-        unit = f' [{problem.unit.strip()}]' if problem.unit else ''
-        label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
-        self._message = speeds_message(self._last, None, label)
-
-    @property
-    def hardware_id(self) -> str:
-        """The name of the problem's file."""
-        return Path(self.settings.problem).stem
-
-    def commands(self, answer: Allocation) -> Array:
-        return self.method.problem.clip(answer.effectors)
-
-    def at_rest(self, action: str) -> Array:
-        problem = self.method.problem
-        return self._last if action == 'hold' else problem.clip(problem.resting_thrusts)
+    @staticmethod
+    def hardware_id(settings: Any) -> str:
+        """Return the name of the problem's file."""
+        return Path(settings.problem).stem
 
 
 def rows_of(axes: Sequence[str]) -> list[int]:

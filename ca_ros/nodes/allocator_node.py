@@ -1,143 +1,166 @@
-"""The allocator of a vehicle: it answers wrenches with rotor speeds."""
+"""The allocator node: it answers wrenches with rotor speeds."""
 
 from collections import deque
+from collections.abc import Callable
 from importlib.util import find_spec
 from math import ceil, inf
-from time import monotonic, perf_counter_ns, sleep
+from time import monotonic, monotonic_ns, perf_counter, perf_counter_ns, sleep
 from traceback import format_exc
 from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
-from ca_ros.allocation import ALLOCATORS, Allocation, Allocator, Status
-from ca_ros.allocation.settings import allocator_of
-from ca_ros.allocation.slew import PERIOD_MAX, allocate_next, within_rates
+from ca_ros.allocation import ALLOCATORS, Allocation, Status
+from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.answers import Answers
-from ca_ros.nodes.diagnostics import OK, STALE, WARN
-from ca_ros.nodes.health_node import HealthNode
+from ca_ros.nodes.belief import Belief
+from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import WrenchCommand, fill_speeds, speeds_message, wrench_message
-from ca_ros.nodes.settings import AllocatorSettings, CommandSettings
-from ca_ros.nodes.watchdog import TICK, fallback
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
-from ca_ros.settings import ParameterError
-from ca_ros.vehicle.effectiveness import rotor_wrenches
-from ca_ros.vehicle.settings import AXES
+from ca_ros.nodes.parameters import Parameters
+from ca_ros.nodes.rotors import Rotors
+from ca_ros.nodes.settings import AllocatorSettings, CommandSettings, FileSettings
+from ca_ros.nodes.stream import TICK, Streams
+from ca_ros.nodes.watchdog import CommandWatch
+from ca_ros.settings import ParameterError, Settings, names_class
 from ca_ros.vehicle.validation import ABSURD
 
 ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last command [s]
 EXPLAINED_MAX = 10000  # choices of rotors up to which answers are explained, in time
 LATENCIES = 5000  # number of latest latencies that the percentiles cover
 LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
+PERIOD_MAX_NS = round(1e9 * PERIOD_MAX)
 REPEATS = 5  # repeats of the last command, since best-effort delivery is not acknowledged
 
 
-class AllocatorNode(HealthNode):
+class AllocatorNode(Node):
     """Answers each command/wrench with command/motor_speed, and publishes the residual.
 
     If rotors tilt, command/tilt_angle has the angles of their servos with the same stamp.
 
     When commands cease, the node publishes the timeout action until commands return.
+
+    A subclass is for other effectors than rotors: it has other settings, and another `made`, which
+    its `belief_type` keeps up to date.  The arguments are those of `rclpy.node.Node`.  Raises a
+    ParameterError if a parameter is missing or wrong.
     """
 
-    declared: type[CommandSettings] = AllocatorSettings
-    subject = 'allocation'
-    settings: Any
-    method: Allocator
+    declared: ClassVar[type[CommandSettings]] = AllocatorSettings
+    known: ClassVar[type[Settings]] = FileSettings
     topic: ClassVar[topics.Topic] = topics.SPEED_COMMAND
+    belief_type: ClassVar[Any] = Belief
+    made_type: ClassVar[Callable[..., Any]] = Rotors
 
     def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
-        self._loaded = dict.fromkeys((*ALLOCATORS, self.settings.allocation.method))
+        self.parameters = Parameters(self, self.declared, self.known)
+        settings = self.parameters.settings
+        self._mode = settings.mode
+        self._loaded = dict.fromkeys((*ALLOCATORS, settings.allocation.method))
+        self._durations: dict[str, float] = {}
         self._answer: Allocation | None = None
-        # Before the first command, at 0 in lockstep, the rotors have all the time that counts.
-        self._newest = -round(1e9 * PERIOD_MAX)
         self._held: WrenchCommand | None = None
         self._answers = Answers()
         self._refused = -inf, ''
-        self._last: Array = np.zeros(1)
+        self._latencies: deque[int] = deque(maxlen=LATENCIES)
+        self.diagnostics = Diagnostics(self, 'allocation', self.hardware_id(settings))
+        self._counts = self.diagnostics.counts
+        self.belief = self.belief_type(
+            self, self.parameters, self.diagnostics, self._make, self._adopt)
+        self._adopt()
+        # Before the first command, at 0 in lockstep, the rotors have all the time that counts.
+        self._newest = -PERIOD_MAX_NS
+        self._last: Array = self._made.idle
         # The command before that of the newest moment [ns], and its moment.
         self._moment, self._before = self._newest, (self._last, self._newest)
-        self._angles: Publisher | None = None
-        self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
-        self._latencies: deque[int] = deque(maxlen=LATENCIES)
+        self._published = monotonic_ns() - PERIOD_MAX_NS
+        self.watchdog = CommandWatch(
+            self, self.parameters, self.diagnostics, fall_back=self._fall_back,
+            missing=self._missing)
+        self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
+        self.belief.heed(self.streams, self._serve_held)
+        self._offer()
+        self.streams.subscribe(topics.WRENCH, self._serve, messages.read_wrench)
+        self.diagnostics.start(
+            self._levels, self._values, self.streams, self.watchdog.watch, self.belief.log)
+        if find_spec('osqp') is None:
+            known = 'allocation.exact.solver can only be newton, which gives the same answers'
+            self.get_logger().info(f'osqp is not installed: {known}')
 
-    def connect(self) -> None:
-        super().connect()
-        self._speeds = self.publish_stream(self.topic)
-        if len(self._last) > self._n:
-            self._angles = self.publish_stream(topics.TILT_COMMAND)
-            angles = self._last[self._n :]
+    @staticmethod
+    def hardware_id(settings: Any) -> str:
+        """Return what the diagnostics are about."""
+        return str(settings.vehicle.name)
+
+    def _offer(self) -> None:
+        made, publish, settings = self._made, self.streams.publish, self.parameters.settings
+        self._message = speeds_message(self._last[: made.n], None, made.label)
+        self._speeds = publish(self.topic)
+        self._angles: Publisher | None = None
+        if len(self._last) > made.n:
+            self._angles = publish(topics.TILT_COMMAND)
+            angles = self._last[made.n :]
             self._angles_message = speeds_message(angles, None, messages.TILT_ANGLE)
+        self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         for option, topic, label, convert in (
             ('publish_throttle', topics.THROTTLE, 'throttle', 'throttles'),
             ('publish_pwm', topics.PWM, 'pulse width [us]', 'pulses'),
         ):
             # Effectors without a vehicle have neither.
-            if getattr(self.settings, option, False):
-                message = speeds_message(self._last[: self._n], None, label)
-                self._others.append((self.publish_stream(topic), message, convert))
+            if getattr(settings, option, False):
+                message = speeds_message(self._last[: made.n], None, label)
+                self._others.append((publish(topic), message, convert))
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
-        self._allocated, self._residual, self._saturation = map(self.publish_stream, reports)
-        self.subscribe_stream(topics.WRENCH, self._serve, messages.read_wrench)
-        if find_spec('osqp') is None:
-            known = 'allocation.exact.solver can only be newton, which gives the same answers'
-            self.get_logger().info(f'osqp is not installed: {known}')
+        self._allocated, self._residual, self._saturation = map(publish, reports)
 
-    def build(self, settings: AllocatorSettings) -> tuple[Any, Allocator]:
-        """Create the method for the axes that the rotors can control; in flight no code loads."""
-        self.check_loaded(settings.allocation.method)
-        report = self.audited(settings)
-        method = allocator_of(settings.allocation, report.independent)
-        # This refuses methods that cannot keep the rates.
-        within_rates(method)
-        return report, method
-
-    def check_loaded(self, method: str) -> None:
-        """Raise a ParameterError if a method in flight would load code."""
+    def _make(self, settings: Any, report: Any, before: Any) -> Any:
+        """Make the method, with what else an answer needs; in flight no code loads."""
+        method = settings.allocation.method
         if method not in self._loaded:
             text = 'was not loaded at the start; in flight it can be'
             known = ', '.join(self._loaded)
             raise ParameterError(f'allocation.method: {method} {text} {known}')
+        took, limit = self._durations.get(method, 0.0), settings.command_timeout
+        in_flight = before is not None and self._mode == 'realtime'
+        if in_flight and names_class(method) and took > limit:
+            raise ParameterError(
+                f'allocation.method: {method} took {took:.3g} s to build at the start, longer '
+                f'than command_timeout ({limit:g} s): it is not built in flight'
+            )
+        begun = perf_counter()
+        made = self.made_type(settings, report)
+        self._durations.setdefault(method, perf_counter() - begun)
+        return made
 
-    def adopt(self, built: tuple[Any, Allocator]) -> None:
-        report, self.method = built
-        self.audit = report
-        vehicle = report.vehicle
-        self._wrenches = rotor_wrenches(vehicle)
-        self._rows = [AXES.index(axis) for axis in vehicle.axes]
-        self._lost = vehicle.lost
-        # The action hold repeats the last speeds, idle before the first answer, within the bounds
-        # that health and voltage leave.
-        last, self._n = self._last if self.counts['served'] else vehicle.idle_command, vehicle.n
-        speeds, angles = np.split(last, [vehicle.n])
-        if vehicle.tilts is not None:
-            angles = vehicle.tilts.within(angles)
-        low, high = vehicle.speed_limits
-        speeds = np.minimum(np.maximum(speeds, np.minimum(low, 0.0)), high)
-        self._last, self._message = np.concatenate([speeds, angles]), speeds_message(speeds, None)
+    def _adopt(self) -> None:
+        self._made = self.belief.made
 
-    def state(self) -> tuple[bytes, str]:
+    def _levels(self) -> list[Level]:
+        return [*self.belief.levels(), *self.watchdog.levels(self._state)]
+
+    def _state(self) -> Level:
         if self._answer is None:
             return STALE, 'no command yet'
         status = self._answer.status
         return OK if status is Status.EXACT else WARN, status.name
 
-    def values(self) -> dict[str, object]:
+    def _values(self) -> dict[str, object]:
         # Not np.percentile: at its first call it imports for a tenth of a second, in flight.
         latencies = np.sort(np.array(self._latencies)) / 1e3
         ranks = {'p50': 0.5, 'p99': 0.99, 'max': 1.0} if self._latencies else {}
         return {
-            'method': self.settings.allocation.method,
-            'engine': self.method.engine,
-            'audit': self.audit,
+            'method': self.parameters.settings.allocation.method,
+            'engine': self._made.method.engine,
+            'audit': self.belief.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
             **self._why(),
-            **super().values(),
+            **self.belief.values(),
+            **self._counts,
             **{
                 f'latency {name} [us]': f'{latencies[ceil(rank * len(latencies)) - 1]:.0f}'
                 for name, rank in ranks.items()
@@ -157,10 +180,9 @@ class AllocatorNode(HealthNode):
                 found[f'{axis} limited by'] = why.limits[axis]
         return found
 
-    @property
-    def missing(self) -> str:
+    def _missing(self) -> str:
         time, why = self._refused
-        return why if monotonic() - time <= self._watchdog.timeout else super().missing
+        return why if monotonic() - time <= self.watchdog.timeout else 'no command'
 
     def destroy_node(self) -> None:
         """Command idle, or stop if that is the timeout action, and destroy the node."""
@@ -170,37 +192,37 @@ class AllocatorNode(HealthNode):
             super().destroy_node()
 
     def _rest(self) -> None:
-        if not self._watchdog.awake:
+        if not self.watchdog.awake:
             return
-        action = 'stop' if self.settings.timeout_action == 'stop' else 'idle'
+        action = 'stop' if self.watchdog.action == 'stop' else 'idle'
         for _ in range(REPEATS):
-            self.fall_back(action)
+            self._fall_back(action)
             sleep(TICK)
-        if self.mode == 'realtime':
+        if self._mode == 'realtime':
             # In lockstep the queue is deep, and Fast DDS asks for its acknowledgement after 3 s.
             self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
 
-    def health_came(self) -> None:
+    def _serve_held(self) -> None:
         held, self._held = self._held, None
         if held is not None:
             self._serve(held)
 
     def _serve(self, command: WrenchCommand) -> None:
-        if self.waits_for_health(command.time):
+        if self.belief.waits(command.time):
             self._held = command
             return
         began = perf_counter_ns()
-        self.counts['received'] += 1
-        time = command.time
+        self._counts['received'] += 1
+        time, made = command.time, self._made
         if fault := self._fault(command, time):
-            self.drop(*fault)
+            self.diagnostics.drop(*fault)
             return
-        lockstep = self.mode == 'lockstep'
-        if lockstep and (kept := self._answers.again(time, command, self.method)):
+        lockstep = self._mode == 'lockstep'
+        if lockstep and (kept := self._answers.again(time, command, made)):
             answer, found = kept
             self._publish(found, time)
             for key in 'served', answer.status.name.lower():
-                self.counts[key] += 1
+                self._counts[key] += 1
             self._report(command, answer)
             return
         try:
@@ -211,10 +233,10 @@ class AllocatorNode(HealthNode):
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
             # Speeds out of bounds never reach the motors, even if a method returns them.
-            found = self.commands(answer)
+            found = made.command(answer)
         except Exception:
             # A method may be anybody's, and one command must not end a flight.
-            self.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
+            self.diagnostics.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
             self._refuse('only commands that the method fails to answer')
             return
         self._answer = answer
@@ -222,36 +244,44 @@ class AllocatorNode(HealthNode):
             self._refuse('only rejected commands')
         else:
             self._publish(found, time)
-            self._watchdog.feed()
+            self.watchdog.feed()
             self._last, self._newest, self._moment = found, time, moment
+            self._published = monotonic_ns()
             if lockstep:
-                self._answers.keep(command, self.method, (answer, found))
-            self.counts['served'] += 1
+                self._answers.keep(command, made, (answer, found))
+            self._counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
-        self.counts[status.name.lower()] += 1
+        self._counts[status.name.lower()] += 1
         self._report(command, answer)
 
     def _allocate(self, command: WrenchCommand, moment: int) -> Allocation:
         """Return the answer to a wrench, within what the rotors reach since the one before."""
-        u = [command.wrench[row] for row in self._rows]
+        made, wrench = self._made, command.wrench
+        u = [wrench[row] for row in made.rows]
+        if self._mode == 'realtime':
+            elapsed = moment - self._moment
+            if elapsed <= 0:
+                # A clock that stands still, or runs back, says nothing of what rotors reach.
+                elapsed = monotonic_ns() - self._published
+            return allocate_next(made.method, u, self._last, elapsed, 0)
         if moment != self._moment:
             # A second wrench with the same stamp replaces the first.
             self._before = self._last, self._moment
-        if moment == 0 and self.audit is not None:
+        if moment == 0:
             # A flight in lockstep begins, maybe after a reset of the simulator.
-            self._before = self.audit.vehicle.idle_command, -round(1e9 * PERIOD_MAX)
+            self._before = made.idle, -PERIOD_MAX_NS
         last, before = self._before
-        return allocate_next(self.method, u, last, moment, before)
+        return allocate_next(made.method, u, last, moment, before)
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""
         self._refused = monotonic(), why
-        if not self._watchdog.awake:
-            self._watchdog.feed()
+        if not self.watchdog.awake:
+            self.watchdog.feed()
 
     def _fault(self, command: WrenchCommand, time: int) -> tuple[str, str] | None:
         """Return why a command is dropped, as a key and a message; None if it is served."""
-        wrench, settings = command.wrench, self.settings
+        wrench, settings = command.wrench, self.parameters.settings
         # All six components are checked, because all are part of the residual.
         if not sum(map(abs, wrench)) <= ABSURD:
             return 'numbers', f'wrench {[*wrench]}: expected finite numbers up to {ABSURD:g}'
@@ -264,53 +294,39 @@ class AllocatorNode(HealthNode):
             off = f'{abs(age) / 1e9:.3f} s {"old" if age > 0 else "ahead"}'
             return 'age', f'wrench that is {off} (parameter command_age_max)'
         if time < self._newest:
-            self.counts['out of order'] += 1
+            self._counts['out of order'] += 1
             # After a timeout, a restarted sender may have an earlier clock.
-            if settings.command_order == 'newer' and not self._watchdog.over:
+            if settings.command_order == 'newer' and not self.watchdog.over:
                 return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
 
-    def commands(self, answer: Allocation) -> Array:
-        """Return what is published of an answer: rotor speeds, tilt angles [rad/s, rad]."""
-        return answer.speeds if self._angles is None else answer.command
-
-    def at_rest(self, action: str) -> Array:
-        """Return the rotor speeds and tilt angles of a timeout action [rad/s, rad]."""
-        return fallback(action, vehicle_of(self.method.problem), self._last)
-
-    def fall_back(self, action: str) -> None:
-        self._last = self.at_rest(action)
+    def _fall_back(self, action: str) -> None:
+        """Publish a timeout action."""
+        self._last = self._made.at_rest(action, self._last)
         self._publish(self._last, None)
+        self._published = monotonic_ns()
 
     def _publish(self, command: Array, time: int | None) -> None:
         """Publish speeds and angles that answer a wrench with a stamp [ns], or none."""
-        speeds = command
+        speeds, n = command, self._made.n
         if self._angles is not None:
-            speeds, angles = command[: self._n], command[self._n :]
+            speeds, angles = command[:n], command[n:]
             self._angles.publish(fill_speeds(self._angles_message, angles, time))
         self._speeds.publish(fill_speeds(self._message, speeds, time))
-        if self._others:
-            vehicle = vehicle_of(self.method.problem)
-            for publisher, message, convert in self._others:
-                publisher.publish(fill_speeds(message, getattr(vehicle, convert)(speeds), time))
-
-    def _produced(self, answer: Allocation) -> Array:
-        """Return force and torque (6,) of an answer [N, N m]."""
-        if isinstance(answer.problem, TiltingVehicleProblem):
-            # With rates, the directions are those of this answer.
-            return answer.problem.wrenches @ answer.thrusts
-        return self._wrenches @ answer.thrusts
+        for publisher, message, convert in self._others:
+            given = getattr(self._made.vehicle, convert)(speeds)
+            publisher.publish(fill_speeds(message, given, time))
 
     def _report(self, command: WrenchCommand, answer: Allocation) -> None:
         """Publish the allocated wrench, residual and saturation that have subscribers."""
         allocated = self._allocated.get_subscription_count()
         residual = self._residual.get_subscription_count()
         if allocated or residual:
-            given = self._produced(answer)
+            given = self._made.produced(answer)
             if allocated:
                 self._allocated.publish(wrench_message(given, command.header))
             if residual:
                 self._residual.publish(wrench_message(command.wrench - given, command.header))
         if self._saturation.get_subscription_count():
-            saturation = np.where(self._lost, LOST, answer.saturation)
+            saturation = np.where(self._made.lost, LOST, answer.saturation)
             self._saturation.publish(Int8MultiArray(data=saturation.tolist()))

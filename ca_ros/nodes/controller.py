@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
@@ -18,12 +19,15 @@ from ca_ros.flight.rigid_body import tilt
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.answers import Answers
-from ca_ros.nodes.diagnostics import OK, STALE, WARN
+from ca_ros.nodes.belief import Belief
+from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
-from ca_ros.nodes.health_node import HealthNode
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, wrench_message, wrong_frame
+from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.settings import ControllerNodeSettings
+from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import COMMAND, STANDING
+from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.settings import AXES
 
@@ -35,16 +39,20 @@ RETREAT = 1.0  # time at the greatest speed of which the distance to a waypoint 
 SAME_STAMP = 'pose and velocity with the same stamp'
 
 
-class ControllerNode(HealthNode):
-    """Answers each state, a pose and a velocity with the same stamp, with command/wrench."""
+class ControllerNode(Node):
+    """Answers each state, a pose and a velocity with the same stamp, with command/wrench.
+
+    The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
+    missing or wrong.
+    """
 
     declared = ControllerNodeSettings
-    settings: ControllerNodeSettings
-    subject, awaited = 'control', 'state'
-    controller: Controller
 
     def __init__(self, node_name: str = 'controller', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
+        self.parameters = Parameters(self, self.declared)
+        settings = self.parameters.settings
+        self._mode = settings.mode
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._waypoint: Waypoint | None = None
@@ -54,17 +62,28 @@ class ControllerNode(HealthNode):
         self._open = False
         self._tilt, self._nearest = 0.0, inf
         self._answers = Answers()
-
-    def connect(self) -> None:
-        super().connect()
-        self._wrench = self.publish_stream(topics.WRENCH)
-        self._unallocated = self.publish_stream(topics.UNALLOCATED)
+        self.diagnostics = Diagnostics(self, 'control', str(settings.vehicle.name))
+        self._counts = self.diagnostics.counts
+        self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._adopt)
+        self._adopt()
+        self.watchdog = CommandWatch(
+            self, self.parameters, self.diagnostics, 'state', missing=self._missing)
+        self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
+        self.belief.heed(self.streams, self._answer_held)
+        self._wrench = self.streams.publish(topics.WRENCH)
+        self._unallocated = self.streams.publish(topics.UNALLOCATED)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
         self._listen_to_waypoints(COMMAND, matched=self._ask_for_waypoint)
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
-        self.subscribe_stream(topics.POSE, self._receive_pose)
-        self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
+        self.streams.subscribe(topics.POSE, self._receive_pose)
+        self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
+        self.diagnostics.start(
+            self._levels, self._values, self.streams, self.watchdog.watch, self.belief.log,
+            self._log_waypoint)
+
+    def _adopt(self) -> None:
+        self.controller: Controller = self.belief.made
 
     def _listen_to_waypoints(self, quality: QoSProfile, **events: Any) -> Subscription:
         topic, made = topics.WAYPOINT, SubscriptionEventCallbacks(**events)
@@ -81,22 +100,12 @@ class ControllerNode(HealthNode):
         if STANDING.durability in durabilities and self._standing is None:
             self._standing = self._listen_to_waypoints(STANDING, use_default_callbacks=False)
 
-    def build(self, settings: ControllerNodeSettings) -> tuple[Audit, Controller]:
-        report = self.audited(settings)
-        return report, Controller.from_settings(report.vehicle, settings)
+    def _levels(self) -> list[Level]:
+        return [*self.belief.levels(), *self.watchdog.levels(self._state)]
 
-    def adopt(self, built: tuple[Audit, Controller]) -> None:
-        report, controller = built
-        if self.audit is not None:
-            # In flight the integral action continues.
-            controller.disturbances = self.controller.disturbances
-        self.controller = controller
-        self.audit = report
-        self._rows = [AXES.index(axis) for axis in report.vehicle.axes]
-
-    def state(self) -> tuple[bytes, str]:
-        if self._watchdog.awake:
-            settings = self.settings.controller
+    def _state(self) -> Level:
+        if self.watchdog.awake:
+            settings = self.parameters.settings.controller
             if settings.attitude == 'tilt' and self._tilt > settings.tilt_max + TILT_ERROR:
                 return WARN, f'tilt of {degrees(self._tilt):.0f} degrees, beyond what is commanded'
             cut = self.controller.unallocated.any()
@@ -106,40 +115,41 @@ class ControllerNode(HealthNode):
         unequal = len({*self._stamps()}) == 2
         return STALE, f'no {SAME_STAMP if unequal else "state"} yet'
 
-    def values(self) -> dict[str, object]:
-        return {**super().values(), 'unallocated [N, N m]': self._components() or 'nothing'}
+    def _values(self) -> dict[str, object]:
+        cut = self._components() or 'nothing'
+        return {**self.belief.values(), **self._counts, 'unallocated [N, N m]': cut}
 
-    @property
-    def missing(self) -> str:
-        since = monotonic() - self._watchdog.timeout
+    def _missing(self) -> str:
+        since = monotonic() - self.watchdog.timeout
         absent = [name for name, time in self._came.items() if time < since]
         if not absent:
             return 'no valid state'
-        return super().missing if {'pose', 'velocity'} <= {*absent} else f'no {absent[0]}'
+        return 'no state' if {'pose', 'velocity'} <= {*absent} else f'no {absent[0]}'
 
-    def watch(self) -> None:
-        """Also log the waypoint if it has changed, at most once a second."""
-        super().watch()
-        if self._waypoint_text != self._logged_text and self.may_log('changed waypoint'):
+    def _log_waypoint(self) -> None:
+        """Log the waypoint if it has changed, at most once a second."""
+        changed = self._waypoint_text != self._logged_text
+        if changed and self.diagnostics.may_log('changed waypoint'):
             self._logged_text = self._waypoint_text
             self.get_logger().info(self._logged_text)
 
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
         length = hypot(*attitude.tolist())
-        fault = wrong_frame(message.header.frame_id, self.settings.world_frame, 'world_frame')
+        frame, world = message.header.frame_id, self.parameters.settings.world_frame
+        fault = wrong_frame(frame, world, 'world_frame')
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
             fault = f'that is not a pose: {position} m, quaternion {attitude}'
         if fault:
-            self.counts['refused waypoints'] += 1
-            self.warn_throttled('waypoint', f'refused a waypoint {fault}')
+            self._counts['refused waypoints'] += 1
+            self.diagnostics.warn('waypoint', f'refused a waypoint {fault}')
             return
         waypoint = Waypoint(position, attitude)
         self._waypoint, self._nearest = waypoint, inf
         self._waypoint_text = f'waypoint {position} m, heading {waypoint.heading:.4f} rad'
 
     def _receive_restart(self, _: Header) -> None:
-        self.counts['restarts'] += 1
+        self._counts['restarts'] += 1
         self.controller.restart()
 
     def _stamps(self) -> list[int]:
@@ -147,13 +157,13 @@ class ControllerNode(HealthNode):
         return [nanoseconds(each.header.stamp) for each in (self._pose, self._velocity) if each]
 
     def _receive_pose(self, message: PoseStamped) -> None:
-        self.counts['received'] += 1
-        self.counts['unanswered'] += self._open
+        self._counts['received'] += 1
+        self._counts['unanswered'] += self._open
         self._came['pose'] = monotonic()
         stamps = self._stamps()
-        if self.mode == 'lockstep' and self._open and self._waypoint and len({*stamps}) == 2:
+        if self._mode == 'lockstep' and self._open and self._waypoint and len({*stamps}) == 2:
             what = f'pose and velocity with the stamps {stamps[0]} and {stamps[1]}'
-            self.warn_throttled('stamp', f'no answer to {what}: expected equal stamps')
+            self.diagnostics.warn('stamp', f'no answer to {what}: expected equal stamps')
         self._pose, self._open = message, True
         self._answer()
 
@@ -162,8 +172,8 @@ class ControllerNode(HealthNode):
         self._came['velocity'] = monotonic()
         self._answer()
 
-    def health_came(self) -> None:
-        if self.mode == 'lockstep' and self._open:
+    def _answer_held(self) -> None:
+        if self._mode == 'lockstep' and self._open:
             self._answer()
 
     def _answer(self) -> None:
@@ -172,45 +182,46 @@ class ControllerNode(HealthNode):
             or self._velocity is None
             or self._waypoint is None
             or self._pose.header.stamp != self._velocity.header.stamp
-            or self.waits_for_health(nanoseconds(self._pose.header.stamp))
+            or self.belief.waits(nanoseconds(self._pose.header.stamp))
         ):
             return
         self._came[SAME_STAMP] = monotonic()
         first, self._open = self._open, False
+        settings = self.parameters.settings
         for message, name in ((self._pose, 'world_frame'), (self._velocity, 'command_frame')):
-            if fault := wrong_frame(message.header.frame_id, getattr(self.settings, name), name):
+            if fault := wrong_frame(message.header.frame_id, getattr(settings, name), name):
                 if first:
-                    self.drop('frame', f'state {fault}')
+                    self.diagnostics.drop('frame', f'state {fault}')
                 return
         state = *pose_arrays(self._pose), *messages.twist_arrays(self._velocity)
         try:
             time = nanoseconds(self._pose.header.stamp)
             by, wrench = (self.controller, self._waypoint), None
-            if self.mode == 'lockstep':
+            if self._mode == 'lockstep':
                 asked = time, *(part.tobytes() for part in state)
                 wrench = self._answers.again(time, asked, by)
             if wrench is None:
                 wrench = self._six(self.controller.wrench(*state, self._waypoint, time))
-                if self.mode == 'lockstep':
+                if self._mode == 'lockstep':
                     self._answers.keep(asked, by, wrench)
         except ValueError as error:
             if first:
-                self.drop('state', f'state: {error}')
+                self.diagnostics.drop('state', f'state: {error}')
             return
         self._tilt = float(tilt(state[1]))
         distance = dist(state[0], self._waypoint.position)
         self._nearest = min(self._nearest, distance)
-        if distance > self._nearest + RETREAT * self.settings.controller.speed_max:
+        if distance > self._nearest + RETREAT * settings.controller.speed_max:
             what = f'{distance:.3g} m from the waypoint, after {self._nearest:.3g} m'
-            self.warn_throttled('plan', f'the position leaves the plan: {what}')
-        self._watchdog.feed()
-        self.counts['served' if first else 'served again'] += 1
-        header = Header(stamp=self._pose.header.stamp, frame_id=self.settings.command_frame)
+            self.diagnostics.warn('plan', f'the position leaves the plan: {what}')
+        self.watchdog.feed()
+        self._counts['served' if first else 'served again'] += 1
+        header = Header(stamp=self._pose.header.stamp, frame_id=settings.command_frame)
         self._wrench.publish(wrench_message(wrench, header))
         if self.controller.unallocated.any():
-            self.counts['cut'] += 1
+            self._counts['cut'] += 1
             what = f'the demand is not attainable; unallocated: {self._components()} [N, N m]'
-            self.warn_throttled('cut', what)
+            self.diagnostics.warn('cut', what)
         if self._unallocated.get_subscription_count():
             cut = self._six(self.controller.unallocated)
             self._unallocated.publish(wrench_message(cut, header))
@@ -218,7 +229,7 @@ class ControllerNode(HealthNode):
     def _six(self, wrench: Array) -> Array:
         """Return force and torque (6,) of a wrench (m,) in the axes of the vehicle [N, N m]."""
         numbers = np.zeros(len(AXES))
-        numbers[self._rows] = wrench
+        numbers[self.controller.rows] = wrench
         return numbers
 
     def _components(self) -> str:
@@ -228,6 +239,10 @@ class ControllerNode(HealthNode):
             f'{axis} {component:+.3g}' for axis, component in zip(axes, cut, strict=True)
             if abs(component) > NOTHING
         )
+
+
+def _make(settings: Any, report: Audit, before: Controller | None) -> Controller:
+    return Controller.from_settings(report.vehicle, settings, before)
 
 
 ABOUT = 'Fly to command/pose: a state to command/wrench.'

@@ -1,6 +1,9 @@
 """The diagnostics of a node on /diagnostics (REP 107), and faults of the endpoints of streams."""
 
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
+from math import inf
+from time import monotonic
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Infinite
@@ -10,6 +13,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from ca_ros.nodes.stream import STEADY, TICK, Streams
 from ca_ros.nodes.topics import COMMAND, DIAGNOSTICS, type_name
 
 OK, WARN, ERROR, STALE = (
@@ -17,6 +21,8 @@ OK, WARN, ERROR, STALE = (
 )
 
 SEVERITY = (OK, STALE, WARN, ERROR)  # from best to worst: faults outrank missing data
+
+Level = tuple[bytes, str]  # a level with its message
 
 
 class DiagnosticsPublisher:
@@ -37,6 +43,86 @@ class DiagnosticsPublisher:
             status = DiagnosticStatus(level=level, message=message, values=pairs, **about)
             array.status.append(status)
         self._publisher.publish(array)
+
+
+class Diagnostics:
+    """What a node says of itself: counts, logs, and a status on /diagnostics.
+
+    `subject`: what it is about, such as ``allocation``.  `counts`: messages, by what became of
+    them.
+    """
+
+    def __init__(self, node: Node, subject: str, hardware_id: str) -> None:
+        self._node, self._subject, self._hardware_id = node, subject, hardware_id
+        self.counts: Counter[str] = Counter()
+        self._logged: dict[str, float] = {}
+        self._notes: list[Level] = []
+        self._published: Level | None = None
+        self._dropped_before = 0
+
+    def start(
+        self, levels: Callable[[], Iterable[Level]], values: Callable[[], Mapping[str, object]],
+        streams: Streams, *chores: Callable[[], None],
+    ) -> None:
+        """Publish /diagnostics once a second and on change; before, each `TICK`, do the chores."""
+        self._levels, self._values, self._streams = levels, values, streams
+        self._chores = streams.look, *chores
+        self._looked = monotonic()
+        self._publisher = DiagnosticsPublisher(self._node, self._hardware_id)
+        self._node.create_timer(TICK, self._tick, clock=STEADY)
+
+    def drop(self, reason: str, what: str) -> None:
+        """Count a message that is not served, and log the reason, rate limited."""
+        self.counts[f'dropped: {reason}'] += 1
+        self.warn(reason, f'dropped: {what}')
+
+    def warn(self, reason: str, what: str) -> None:
+        """Log a warning, at most once a second for each reason."""
+        if self.may_log(reason):
+            self._node.get_logger().warning(what)
+
+    def may_log(self, reason: str) -> bool:
+        """Return True at most once a second for each reason, by the steady clock."""
+        now = monotonic()
+        if now < self._logged.get(reason, -inf) + 1.0:
+            return False
+        self._logged[reason] = now
+        return True
+
+    def _tick(self) -> None:
+        now = monotonic()
+        for chore in self._chores:
+            chore()
+        if now >= self._looked + 1.0:
+            self._looked = now
+            self._look_around()
+        elif self._status() != self._published:
+            self._publish()
+
+    def _status(self) -> Level:
+        """Return the worst level, and all messages, those of the worst level first."""
+        levels = [*self._notes, *self._levels()]
+        levels.sort(key=lambda each: SEVERITY.index(each[0]), reverse=True)
+        return levels[0][0], '; '.join(message for _, message in levels)
+
+    def _publish(self) -> None:
+        self._published = self._status()
+        self._publisher.publish((self._subject, *self._published, self._values()))
+
+    def _look_around(self) -> None:
+        """Report faults of endpoints, and how many messages were dropped since the last look."""
+        streams = self._streams
+        found = faults(self._node, streams.subscriptions, streams.publishers)
+        notes = [(WARN, fault) for fault in found]
+        for note in notes:
+            if note not in self._notes:
+                self._node.get_logger().warning(note[1])
+        dropped = sum(self.counts[key] for key in self.counts if key.startswith('dropped'))
+        if dropped > self._dropped_before:
+            notes.append((WARN, f'{dropped - self._dropped_before} dropped in a second'))
+        self._dropped_before = dropped
+        self._notes = notes
+        self._publish()
 
 
 def faults(

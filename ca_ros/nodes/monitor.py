@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
@@ -13,11 +14,14 @@ from ca_ros.flight.lag_check import LagCheck
 from ca_ros.flight.momentum_observer import RESTART
 from ca_ros.flight.slow_rotors import oldest_measurement
 from ca_ros.nodes import messages, topics
-from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN
+from ca_ros.nodes.belief import Belief
+from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
+from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.settings import MonitorSettings
+from ca_ros.nodes.stream import NO_EVENTS, Streams
 from ca_ros.nodes.topics import COMMAND, STANDING, offered
-from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.command_bounds import CommandBounds
 
@@ -28,63 +32,74 @@ SETTLING = 300_000_000
 """Time after a restart of the states until the motors are sure to follow the commands [ns]."""
 
 
-class MonitorNode(VehicleNode):
+class MonitorNode(Node):
     """Detects rotor failures, and publishes the health of the rotors.
 
     In real time `rotor_health` is published when it changes, in lockstep for each state.  A
     failure holds until the service ``~/reset``, also if the monitor ends.
+
+    The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
+    missing or wrong.
     """
 
     declared = MonitorSettings
-    subject = 'detection'
-    settings: MonitorSettings
-    awaited = 'state'
-    detector: Detector
 
     def __init__(self, node_name: str = 'monitor', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
+        self.parameters = Parameters(self, self.declared)
+        settings = self.parameters.settings
+        self._mode = settings.mode
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._observed: int | None = None
         self._commanded: int | None = None
         self._settled = 0
         self._logged_health: list[float] = []
-
-    def connect(self) -> None:
+        self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
+        self._counts = self.diagnostics.counts
+        self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._adopt)
+        self._adopt()
+        self._bounds = CommandBounds(self.belief.audit.vehicle)
+        self._lag_check = LagCheck(self.belief.audit.vehicle, settings.detector)
         self._message = messages.speeds_message(self.detector.health, None, 'rotor health')
+        self.watchdog = CommandWatch(self, self.parameters, self.diagnostics, 'state')
+        self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         topic = topics.ROTOR_HEALTH
-        quality = offered(self.mode)
+        quality = offered(self._mode)
         quality.durability = STANDING.durability
-        self._health = self.create_publisher(topic.kind, topic.name, quality)
-        self.subscribe_commands(self._receive_command, self.detector.vehicle.tilts)
+        self._health = self.create_publisher(
+            topic.kind, topic.name, quality, event_callbacks=NO_EVENTS)
+        self.streams.subscribe_commands(self._receive_command, self.detector.vehicle.tilts)
         # Subscriptions are served in this order, so a restart comes before its state.
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
-        self.subscribe_stream(topics.POSE, self._receive_pose)
-        self.subscribe_stream(topics.VELOCITY, self._receive_velocity)
-        if self.mode == 'realtime':
+        self.streams.subscribe(topics.POSE, self._receive_pose)
+        self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
+        if self._mode == 'realtime':
             measured = topics.MEASURED_SPEEDS
-            self.listen(measured.kind, measured.name, self._receive_speeds)
+            self.streams.listen(measured.kind, measured.name, self._receive_speeds)
         self.create_service(Trigger, '~/reset', self._reset)
         self._publish(None)
+        self._announced = False
+        self.diagnostics.start(
+            self._levels, self._values, self.streams, self.watchdog.watch, self.belief.log,
+            self._publish_announced)
 
-    def build(self, settings: MonitorSettings) -> tuple[Audit, Detector]:
-        report = self.audited(settings)
-        return report, make_detector(report.vehicle, settings.detector)
+    def _adopt(self) -> None:
+        self.detector: Detector = self.belief.made
+        self.detector.announce(self.belief.audit.full.vehicle.health)
+        self._announced = True
 
-    def adopt(self, built: tuple[Audit, Detector]) -> None:
-        """Use this detector from the next state on; what was found before holds."""
-        report, detector = built
-        if self.audit is None:
-            self.detector = detector
-            self._bounds = CommandBounds(report.vehicle)
-            self._lag_check = LagCheck(report.vehicle, self.settings.detector)
-        else:
-            self.detector.announce(report.full.vehicle.health)
+    def _publish_announced(self) -> None:
+        """Publish what the parameters announce, after a change of them."""
+        if self._announced:
+            self._announced = False
             self._publish(self._observed)
-        self.audit = report
 
-    def state(self) -> tuple[bytes, str]:
+    def _levels(self) -> list[Level]:
+        return [*self.belief.levels(), *self.watchdog.levels(self.state)]
+
+    def state(self) -> Level:
         """Return which rotors have failed, or may be failing."""
         detector = self.detector
         lost = detector.vehicle.with_health(detector.health).lost
@@ -95,7 +110,7 @@ class MonitorNode(VehicleNode):
         ]
         if failed:
             return ERROR, ', '.join(failed)
-        if not self._watchdog.awake:
+        if not self.watchdog.awake:
             return STALE, 'no state yet'
         if detector.suspect is not None:
             return WARN, f'rotor {detector.suspect + 1} suspected'
@@ -103,7 +118,7 @@ class MonitorNode(VehicleNode):
             return WARN, self._lag_check.fault
         return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
 
-    def values(self) -> dict[str, object]:
+    def _values(self) -> dict[str, object]:
         health, certainty = (
             ', '.join(f'{share:.3g}' for share in shares)
             for shares in (self.detector.health, self.detector.certainty)
@@ -114,21 +129,22 @@ class MonitorNode(VehicleNode):
             if time is not None
         }
         return {
-            **super().values(), 'health': health, 'certainty of a failure': certainty,
+            **self.belief.values(), **self._counts, 'health': health,
+            'certainty of a failure': certainty,
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
             **since,
         }
 
     def _receive_command(self, message: Float64MultiArray, *angles: Float64MultiArray) -> None:
-        self.counts['received'] += 1
+        self._counts['received'] += 1
         parts = [message.data, *(each.data for each in angles)]
         if fault := self._bounds.fault(*parts):
-            self.drop(*fault)
+            self.diagnostics.drop(*fault)
             return
         command, time = np.concatenate(parts), messages.speeds_stamp(message)
         time = self._observed if time is None else time
         # In lockstep a second answer to a repeated state would be a second command.
-        if time is None or (self.mode == 'lockstep' and time == self._commanded):
+        if time is None or (self._mode == 'lockstep' and time == self._commanded):
             return
         self._commanded = time
         self.detector.command(time, command)
@@ -138,12 +154,12 @@ class MonitorNode(VehicleNode):
     def _receive_speeds(self, message: Float64MultiArray) -> None:
         speeds, time = np.array(message.data), messages.speeds_stamp(message)
         if fault := self._bounds.fault_of_measured(speeds):
-            self.drop('speeds', fault)
+            self.diagnostics.drop('speeds', fault)
         elif time is not None:
             age = 0 if self._commanded is None else self._commanded - time
             if age > oldest_measurement(self.detector.settings):
                 what = f'{age / 1e9:.3f} s older than the last command'
-                self.drop('age', f'measured rotor speeds that are {what}')
+                self.diagnostics.drop('age', f'measured rotor speeds that are {what}')
                 return
             if self.detector.measure(time, speeds):
                 self._publish(time)
@@ -153,9 +169,10 @@ class MonitorNode(VehicleNode):
     def _receive_restart(self, message: Header) -> None:
         time = messages.nanoseconds(message.stamp)
         if self._observed is not None and abs(time - self._observed) > RESTART:
-            self.drop('restart', f'a restart {(time - self._observed) / 1e9:g} s after the state')
+            seconds = (time - self._observed) / 1e9
+            self.diagnostics.drop('restart', f'a restart {seconds:g} s after the state')
             return
-        self.counts['restarts'] += 1
+        self._counts['restarts'] += 1
         self._settled = time + SETTLING
 
     def _receive_pose(self, message: PoseStamped) -> None:
@@ -171,7 +188,7 @@ class MonitorNode(VehicleNode):
         if pose is None or velocity is None or pose.header.stamp != velocity.header.stamp:
             return
         time = messages.nanoseconds(pose.header.stamp)
-        lockstep = self.mode == 'lockstep'
+        lockstep = self._mode == 'lockstep'
         if time == self._observed:
             if lockstep:
                 self._publish(time)
@@ -180,7 +197,7 @@ class MonitorNode(VehicleNode):
             # The command that answers the state before is still to come.
             if time > self._observed:
                 return
-            self.counts['restarts'] += 1
+            self._counts['restarts'] += 1
         _, attitude = messages.pose_arrays(pose)
         motion = messages.twist_arrays(velocity)
         if time < self._settled:
@@ -189,9 +206,9 @@ class MonitorNode(VehicleNode):
         try:
             changed = self.detector.observe(time, attitude, *motion)
         except ValueError as error:
-            self.drop('state', f'state: {error}')
+            self.diagnostics.drop('state', f'state: {error}')
             return
-        self._watchdog.feed()
+        self.watchdog.feed()
         self._observed = time
         if not self.detector.standing:
             self._lag_check.observe(time, motion[1], self.detector.health)
@@ -212,6 +229,11 @@ class MonitorNode(VehicleNode):
         self._publish(self._observed)
         response.success, response.message = True, 'all rotors are as announced'
         return response
+
+
+def _make(settings: Any, report: Audit, before: Detector | None) -> Detector:
+    # In flight what was found holds; the detector is told of the health (`announce`).
+    return make_detector(report.vehicle, settings.detector) if before is None else before
 
 
 ABOUT = 'Detect rotor failures (rotor_health) from states and commanded rotor speeds.'

@@ -6,20 +6,28 @@ from typing import Any
 import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
 from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
+from ca_ros.flight.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    POSITION,
+    RigidBody,
+    velocity_in_body,
+)
 from ca_ros.nodes import messages, topics
-from ca_ros.nodes.diagnostics import OK, STALE, WARN
+from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
+from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.settings import SimulatorSettings
+from ca_ros.nodes.stream import STEADY, Streams
 from ca_ros.nodes.topics import LOCKSTEP_DEPTH
-from ca_ros.nodes.vehicle_node import VehicleNode
-from ca_ros.nodes.watchdog import Watchdog, fallback
+from ca_ros.nodes.watchdog import CommandWatch, fallback
 from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -31,7 +39,7 @@ CATCH_UP_MAX = 2.0  # longest wait for the subscribers [s]: one that was killed 
 BEHIND_MAX = 0.5  # greatest lag behind the clock that is caught up with in real time [s]
 
 
-class SimulatorNode(VehicleNode):
+class SimulatorNode(Node):
     """Moves the plant step by step.
 
     The vehicle rests until the first command.  In real time the node then takes its steps by the
@@ -39,74 +47,87 @@ class SimulatorNode(VehicleNode):
     ahead and the motion does not.  In lockstep the node takes one step for each command that
     answers its present state.  At the time `simulator.hold_at` of a lockstep it stops publishing
     states until that parameter changes, so other parameters can be set at a defined time.
+
+    The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
+    missing or wrong.
     """
 
     declared = SimulatorSettings
-    subject = 'simulation'
-    settings: SimulatorSettings
-    plant: Plant
 
     def __init__(self, node_name: str = 'simulator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
+        self.parameters = Parameters(self, self.declared)
+        settings = self.parameters.settings
+        self._mode = settings.mode
         self._held, self._resting = False, True
         self._repeats, self._discarded, self._fault = 0, '', ''
-
-    def connect(self) -> None:
-        lockstep = self.mode == 'lockstep'
-        self._command, self._n = self.plant.speeds, self.plant.body.vehicle.n
+        prepared = self._prepare(settings)
+        self.plant, vehicle = Plant(prepared[0], settings.simulator), prepared[0].vehicle
+        self._adopt(prepared)
+        self.parameters.on_change(self._prepare, self._adopt)
+        self.diagnostics = Diagnostics(self, 'simulation', str(settings.vehicle.name))
+        self._counts = self.diagnostics.counts
+        self.watchdog = CommandWatch(
+            self, self.parameters, self.diagnostics, fall_back=self._fall_back)
+        self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
+        lockstep = self._mode == 'lockstep'
+        self._command, self._n = self.plant.speeds, vehicle.n
         self._step_ns = self.plant.time_step_ns
-        self._period_ns = round(self._step_ns / self.settings.simulator.real_time_factor)
+        self._period_ns = round(self._step_ns / settings.simulator.real_time_factor)
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
-        self._due = self.steady.now().nanoseconds
-        self._pose, self._velocity = map(self.publish_stream, (topics.POSE, topics.VELOCITY))
-        settings = self.settings.simulator
-        odometry, clock = settings.publish_odometry, settings.publish_clock
-        self._odometry = self.publish_stream(topics.ODOMETRY) if odometry else None
-        self._ticks = self.publish_stream(topics.CLOCK) if clock else None
-        self._speeds = self.publish_stream(topics.SPEEDS)
-        self._measured = self.publish_stream(topics.MEASURED_SPEEDS)
+        self._due = STEADY.now().nanoseconds
+        publish = self.streams.publish
+        self._pose, self._velocity = map(publish, (topics.POSE, topics.VELOCITY))
+        odometry = settings.simulator.publish_odometry
+        clock = settings.simulator.publish_clock
+        self._odometry = publish(topics.ODOMETRY) if odometry else None
+        self._ticks = publish(topics.CLOCK) if clock else None
+        self._speeds = publish(topics.SPEEDS)
+        self._measured = publish(topics.MEASURED_SPEEDS)
         self.create_service(Trigger, '~/reset', self._reset)
-        if (tilts := self.plant.body.vehicle.tilts) is not None:
-            self._angles = self.publish_stream(topics.TILTS)
-        self.subscribe_commands(self._receive, tilts)
+        if vehicle.tilts is not None:
+            self._angles = publish(topics.TILTS)
+        self.streams.subscribe_commands(self._receive, vehicle.tilts)
         period = STATE_REPEAT if lockstep else self._period_ns / 1e9
         turn = self._repeat if lockstep else self._catch_up
-        self._timer = self.create_timer(period, turn, clock=self.steady)
+        self._timer = self.create_timer(period, turn, clock=STEADY)
+        self.diagnostics.start(
+            lambda: self.watchdog.levels(self._state), lambda: self._counts, self.streams,
+            self.watchdog.watch)
 
-    def build(self, settings: SimulatorSettings) -> Plant:
+    def _prepare(self, settings: SimulatorSettings) -> tuple[RigidBody, CommandBounds, int]:
+        """Return the body, the bounds of its commands, and where it is held [ns]."""
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
-        return Plant(body_of(vehicle, settings.simulator), settings.simulator)
+        body = body_of(vehicle, settings.simulator)
+        return body, CommandBounds(vehicle), round(settings.simulator.hold_at * 1e9)
 
-    def adopt(self, built: Plant) -> None:
-        """Use this plant; in flight only its body, from the next step on."""
-        self.plant = getattr(self, 'plant', built)
-        self.plant.body = built.body
-        self._bounds = CommandBounds(built.body.vehicle)
-        self._hold_ns = round(self.settings.simulator.hold_at * 1e9)
+    def _adopt(self, prepared: tuple[RigidBody, CommandBounds, int]) -> None:
+        """Move this body, from the next step on."""
+        self.plant.body, self._bounds, self._hold_ns = prepared
         if self._held:
             self._publish()
 
-    def state(self) -> tuple[bytes, str]:
+    def _state(self) -> Level:
         if self._fault:
             return WARN, self._fault
         return (STALE, 'no command yet') if self._resting else (OK, 'in flight')
 
-    def fall_back(self, action: str) -> None:
+    def _fall_back(self, action: str) -> None:
         self._command = fallback(action, self.plant.body.vehicle, self._command)
 
     def _receive(self, command: Float64MultiArray, *angles: Float64MultiArray) -> None:
-        self.counts['received'] += 1
+        self._counts['received'] += 1
         parts = [command.data, *(each.data for each in angles)]
         if fault := self._bounds.fault(*parts):
-            self.drop(*fault)
+            self.diagnostics.drop(*fault)
             return
         numbers = np.concatenate(parts)
-        if self.mode == 'realtime':
+        if self._mode == 'realtime':
             if self._resting:
                 if messages.answers_nothing(command):
-                    self.drop('rest', 'a timeout action before the first command')
+                    self.diagnostics.drop('rest', 'a timeout action before the first command')
                     return
-                self._skip(self.steady.now().nanoseconds)
+                self._skip(STEADY.now().nanoseconds)
             self._follow(numbers)
         elif messages.speeds_stamp(command) == self._time:
             self._follow(numbers)
@@ -115,19 +136,19 @@ class SimulatorNode(VehicleNode):
             if self._time % (BACKLOG * self._step_ns) == 0:
                 # Wait until the subscribers have acknowledged what was published.
                 limit = Duration(seconds=CATCH_UP_MAX)
-                all(publisher.wait_for_all_acked(limit) for publisher in self._offers)
+                all(publisher.wait_for_all_acked(limit) for publisher in self.streams.publishers)
             self._timer.reset()
         else:
             # Mostly a second answer to a state that was published again.
-            self.counts['repeated'] += 1
+            self._counts['repeated'] += 1
             if not messages.answers_nothing(command):
                 found = messages.speeds_stamp(command)
                 self._discarded = 'no stamp' if found is None else f'stamp {found}'
 
     def _follow(self, command: Array) -> None:
         self._command, self._resting = command, False
-        self._watchdog.feed()
-        self.counts['served'] += 1
+        self.watchdog.feed()
+        self._counts['served'] += 1
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Put the vehicle in its initial state, at rest until the next command.
@@ -136,8 +157,9 @@ class SimulatorNode(VehicleNode):
         """
         self.plant = self.plant.restarted()
         self._command = self.plant.speeds
-        self._resting, self._watchdog = True, Watchdog(self._watchdog.timeout)
-        if self.mode == 'lockstep':
+        self._resting = True
+        self.watchdog.sleep()
+        if self._mode == 'lockstep':
             self._time = 0
         self._repeat()
         response.success, response.message = True, 'at rest in the initial state'
@@ -151,7 +173,7 @@ class SimulatorNode(VehicleNode):
                 f'rotor speeds with {self._discarded} are discarded: expected stamp {self._time}; '
                 'wrench and speeds must carry the stamp of the state that they answer'
             )
-            self.warn_throttled('stamp', self._fault)
+            self.diagnostics.warn('stamp', self._fault)
         self._repeats, self._discarded = self._repeats + 1, ''
         if self._resting:
             self._publish_command()
@@ -159,7 +181,7 @@ class SimulatorNode(VehicleNode):
 
     def _catch_up(self) -> None:
         """Take the steps that are due."""
-        now = self.steady.now().nanoseconds
+        now = STEADY.now().nanoseconds
         behind = now - self._due
         if self._resting:
             if self._skip(now):
@@ -186,7 +208,7 @@ class SimulatorNode(VehicleNode):
         try:
             self.plant.step(self._command)
         except FloatingPointError as error:
-            if self.may_log('diverged'):
+            if self.diagnostics.may_log('diverged'):
                 self.get_logger().error(f'{error}: the state is held')
         self._time += self._step_ns
         if self._measured.get_subscription_count():
@@ -201,12 +223,12 @@ class SimulatorNode(VehicleNode):
         self._speeds.publish(messages.speeds_message(speeds, self._time))
 
     def _publish(self) -> None:
-        self._held = self.mode == 'lockstep' and 0 < self._hold_ns <= self._time
+        self._held = self._mode == 'lockstep' and 0 < self._hold_ns <= self._time
         if self._held:
             return
         state, time = self.plant.measured, messages.stamp(self._time)
         parts = state[POSITION], state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY]
-        frames = self.settings.world_frame, self.settings.command_frame
+        frames = self.parameters.settings.world_frame, self.parameters.settings.command_frame
         pose, velocity = messages.state_messages(*parts, time, *frames)
         # The clock comes first: nodes that use it must not see stamps of the future.
         if self._ticks is not None:

@@ -1,28 +1,43 @@
-"""The subscriptions to streams, topics that should have one publisher."""
+"""The streams of a node: topics that should have one publisher."""
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from math import inf
 from time import monotonic, sleep
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from std_msgs.msg import Float64MultiArray
 
+from ca_ros.nodes import topics
+from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.rclpy_internals import RMWError
-from ca_ros.nodes.topics import Topic, requested
+from ca_ros.nodes.topics import Topic, offered, requested
+from ca_ros.vehicle.tilts import Tilts
 
 _Taken = tuple[bytes, dict[str, Any]]  # a serialized message and the information about it
 SIZE_MAX = 16384  # largest message of a stream [bytes]: 2000 rotor speeds
 STALL_MIN = 0.1  # time in which the process did nothing that counts as a stall [s]
 
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+TICK = 0.02  # period of the checks of watchdogs and of the timeout action [s]
+
+NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+"""Each event handler costs a microsecond per command; `diagnostics.faults` replaces rclpy's."""
+
 SETTLING = 0.05  # time after a stall until the middleware has handed over all that came [s]
 
 
 class Streams:
-    """The subscriptions of a node to its streams, in a mode, 'realtime' or 'lockstep'.
+    """The publishers and subscriptions of a node's streams, in a mode: 'realtime' or 'lockstep'.
 
     After a stall, of the process or of its machine, the middleware reads the messages that the
     kernel has kept, the oldest first, and a node that takes the first one answers an old command.
@@ -38,6 +53,7 @@ class Streams:
         self._node, self._mode, self._drop, self._counts = node, mode, drop, counts
         self._looked, self._settled = inf, 0.0
         self.subscriptions: list[Subscription] = []
+        self.publishers: list[Publisher] = []
 
     def look(self) -> None:
         """Notice a stall since the last look; a timer calls this."""
@@ -55,6 +71,38 @@ class Streams:
             taken = stream.handle.take_message(stream.msg_type, True) or taken
             sleep(0.001)
         return taken
+
+    def publish(self, topic: Topic) -> Publisher:
+        """Create the publisher of a topic; it should be the only one."""
+        given: Any = topic.kind, topic.name, offered(self._mode)
+        publisher = self._node.create_publisher(*given, event_callbacks=NO_EVENTS)
+        self.publishers.append(publisher)
+        return publisher
+
+    def listen(self, kind: type[Any], name: str, receive: Callable[[Any], None]) -> None:
+        """Subscribe to the newest messages of a topic, without the checks of a stream."""
+        self._node.create_subscription(kind, name, receive, requested('realtime'))
+
+    def subscribe_commands(self, receive: Callable[..., None], tilts: Tilts | None) -> None:
+        """Subscribe to rotor speeds; if rotors tilt, to pairs of speeds and angles by stamp."""
+        if tilts is None:
+            self.subscribe(topics.SPEED_COMMAND, receive)
+            return
+        waiting: dict[str, Float64MultiArray] = {}
+
+        def join(own: str, other: str, message: Float64MultiArray) -> None:
+            if own in waiting:
+                self._counts['without the other part'] += 1
+                text = f'{own} without {other} of the same stamp: not used'
+                self._node.get_logger().warning(text, throttle_duration_sec=1.0)
+            waiting[own] = message
+            if other in waiting and speeds_stamp(waiting[other]) == speeds_stamp(message):
+                receive(*[waiting.pop(name) for name in names])
+
+        pair = topics.SPEED_COMMAND, topics.TILT_COMMAND
+        names = [topic.name for topic in pair]
+        for topic, other in zip(pair, reversed(names), strict=True):
+            self.subscribe(topic, partial(join, topic.name, other))
 
     def subscribe(
         self, topic: Topic, receive: Callable[[Any], None],

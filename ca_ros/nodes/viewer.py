@@ -1,19 +1,22 @@
 """The viewer node: states, speeds and wrenches in, markers for RViz and Foxglove out."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import OK, STALE
+from ca_ros.nodes.diagnostics import OK, STALE, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.markers import View, markers, status_text
 from ca_ros.nodes.messages import pose_arrays, wrench_numbers
+from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.settings import ViewerSettings
-from ca_ros.nodes.vehicle_node import VehicleNode
+from ca_ros.nodes.stream import STEADY, Streams
 from ca_ros.vehicle.vehicle import Vehicle
 
 PERIOD = 0.05  # between two pictures [s]
@@ -21,25 +24,33 @@ STEP = 0.05  # least distance between two points of the path [m]
 POINTS_MAX = 1000  # greatest number of points of the path
 
 
-class ViewerNode(VehicleNode):
+class ViewerNode(Node):
     """Publishes the flight as markers, at most every `PERIOD`, and only if somebody subscribes.
 
     It asks for best effort in each mode, so that it never holds up a flight.
+
+    The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
+    missing or wrong.
     """
 
     declared = ViewerSettings
-    subject = 'view'
-    settings: ViewerSettings
-    vehicle: Vehicle
 
-    def connect(self) -> None:
+    def __init__(self, node_name: str = 'viewer', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        self.parameters = Parameters(self, self.declared)
+        settings = self.parameters.settings
+        self._adopt(self._prepare(settings))
+        self.parameters.on_change(self._prepare, self._adopt)
+        self.diagnostics = Diagnostics(self, 'view', str(settings.vehicle.name))
+        self.streams = Streams(
+            self, settings.mode, self.diagnostics.drop, self.diagnostics.counts)
         n = self.vehicle.n
         tilts = self.vehicle.tilts
         angles = None if tilts is None else tilts.resting
         self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n, angles)
         self._pose: PoseStamped | None = None
         self._new = False
-        self._markers = self.publish_stream(topics.MARKERS)
+        self._markers = self.streams.publish(topics.MARKERS)
         for topic, receive in (
             (topics.POSE, self._receive_pose), (topics.WAYPOINT, self._receive_waypoint),
             (topics.SPEED_COMMAND, partial(self._receive_numbers, 'speeds')),
@@ -50,16 +61,18 @@ class ViewerNode(VehicleNode):
             (topics.DIAGNOSTICS, self._receive_diagnostics),
         ):
             if tilts is not None or topic is not topics.TILT_COMMAND:
-                self.listen(topic.kind, topic.path, receive)
-        self.create_timer(PERIOD, self._draw, clock=self.steady)
+                self.streams.listen(topic.kind, topic.path, receive)
+        self.create_timer(PERIOD, self._draw, clock=STEADY)
+        self.diagnostics.start(
+            lambda: [self._state()], lambda: self.diagnostics.counts, self.streams)
 
-    def build(self, settings: ViewerSettings) -> Vehicle:
+    def _prepare(self, settings: ViewerSettings) -> Vehicle:
         return Vehicle.from_settings(settings.vehicle, settings.rotors)
 
-    def adopt(self, built: Vehicle) -> None:
-        self.vehicle = built
+    def _adopt(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
 
-    def state(self) -> tuple[bytes, str]:
+    def _state(self) -> Level:
         if self._pose is None:
             return STALE, 'no state yet'
         return OK, 'shown' if self._markers.get_subscription_count() else 'nobody looks'
@@ -67,7 +80,7 @@ class ViewerNode(VehicleNode):
     def _receive_pose(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
         if not np.isfinite([*position, *attitude]).all() or not attitude.any():
-            self.drop('state', 'a state that is not finite')
+            self.diagnostics.drop('state', 'a state that is not finite')
             return
         view, self._pose, self._new = self._view, message, True
         view.position, view.attitude = position, attitude
@@ -88,16 +101,17 @@ class ViewerNode(VehicleNode):
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.endswith('allocator: allocation'):
-                self._view.text = status_text(self.settings.vehicle.name, status.message)
+                name = self.parameters.settings.vehicle.name
+                self._view.text = status_text(name, status.message)
 
     def _draw(self) -> None:
         if self._pose is None or not self._new or not self._markers.get_subscription_count():
             return
         self._new = False
         header = self._pose.header
-        frame = header.frame_id or self.settings.world_frame
+        frame = header.frame_id or self.parameters.settings.world_frame
         self._markers.publish(markers(self.vehicle, self._view, frame, header.stamp))
-        self.counts['pictures'] += 1
+        self.diagnostics.counts['pictures'] += 1
 
 
 ABOUT = 'Show a flight in three dimensions: markers for RViz and Foxglove (~/markers).'

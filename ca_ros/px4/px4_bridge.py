@@ -10,8 +10,6 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, Header
@@ -22,15 +20,12 @@ from ca_ros.nodes.bridges.motors import order_of
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, DiagnosticsPublisher
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import answers_nothing, stamp, state_messages, wrench_message
-from ca_ros.nodes.parameter_node import descriptor
-from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.nodes.settings import FileSettings, Px4NodeSettings
-from ca_ros.nodes.stream import Streams
+from ca_ros.nodes.parameters import Parameters
+from ca_ros.nodes.settings import Px4NodeSettings
+from ca_ros.nodes.stream import STEADY, TICK, Streams
 from ca_ros.nodes.topics import offered
-from ca_ros.nodes.watchdog import TICK
 from ca_ros.px4.frames import State
 from ca_ros.px4.rules import Rules, topic
-from ca_ros.settings import check_given, flat, read, renamed, table
 from ca_ros.vehicle.vehicle import Vehicle
 
 FROM_PX4 = QoSProfile(
@@ -58,7 +53,7 @@ class Px4Bridge(Node):
         from px4_msgs import msg
 
         super().__init__(node_name, **kwargs)
-        self.settings = settings = self._read_parameters()
+        self.settings = settings = Parameters(self, self.declared).settings
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
         order = order_of(settings.bridge.order, vehicle.n)
         self.rules = Rules(msg, vehicle, settings.px4, order, self)
@@ -80,16 +75,7 @@ class Px4Bridge(Node):
         self._streams.subscribe(topics.SPEED_COMMAND, self._command)
         self._diagnostics = DiagnosticsPublisher(self, str(settings.vehicle.name))
         self._published, self._due = ('', ''), 0.0
-        self.create_timer(TICK, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _read_parameters(self) -> Px4NodeSettings:
-        given = renamed({name: each.value for name, each in given_parameters(self).items()})
-        check_given(given, table(FileSettings))
-        settings = read(self.declared, given)
-        values = flat(settings)
-        for name, field in table(self.declared).items():
-            self.declare_parameter(name, values[name], descriptor(field), ignore_override=True)
-        return settings
+        self.create_timer(TICK, self._tick, clock=STEADY)
 
     def _publish(self, given: topics.Topic) -> Any:
         return self.create_publisher(given.kind, given.name, offered('realtime'))

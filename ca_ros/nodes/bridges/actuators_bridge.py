@@ -1,7 +1,7 @@
 """Rotor speeds and tilt angles to actuator_msgs/Actuators."""
 
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 from std_msgs.msg import Float64MultiArray
 
@@ -18,26 +18,35 @@ class ActuatorsBridge(Bridge):
     If rotors tilt, Actuators.position has the angles of their servos [rad].
     """
 
-    target: ClassVar[str] = 'command/actuators'
     takes_tilts = True
 
-    def connect(self) -> None:
-        from actuator_msgs.msg import Actuators
+    def __init__(self, node_name: str = 'actuators_bridge', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        pass_actuators(self, 'command/actuators')
 
-        self._kind = Actuators
-        publisher = self.create_publisher(Actuators, self.target, COMMAND)
-        self.subscribe_commands(self.passes(self.convert, publisher), self.vehicle.tilts)
 
-    def convert(self, speeds: Float64MultiArray, *angles: Float64MultiArray) -> Any:
-        """Return the message."""
-        name, values = 'velocity', sound_speeds(speeds.data, self.vehicle)
-        if self.settings.bridge.actuators == 'normalized':
-            name, values = 'normalized', self.vehicle.throttles(values)
-        message = self._kind(**{name: ordered(values, self.order).tolist()})
+def pass_actuators(bridge: Bridge, target: str, gazebo: bool = False) -> None:
+    """Let a bridge pass command/motor_speed on to a topic of Actuators.
+
+    `gazebo`: as its model takes them, velocities that are not negative.
+    """
+    from actuator_msgs.msg import Actuators
+
+    def convert(speeds: Float64MultiArray, *angles: Float64MultiArray) -> Any:
+        vehicle, order = bridge.vehicle, bridge.order
+        name, values = 'velocity', sound_speeds(speeds.data, vehicle)
+        if gazebo and values.min() < 0.0:
+            raise ValueError(f'rotor speeds {[*speeds.data]}: Gazebo takes none that is negative')
+        if not gazebo and bridge.settings.bridge.actuators == 'normalized':
+            name, values = 'normalized', vehicle.throttles(values)
+        message = Actuators(**{name: ordered(values, order).tolist()})
         for each in angles:
-            message.position = servo_angles(each.data, self.vehicle, self.order).tolist()
+            message.position = servo_angles(each.data, vehicle, order).tolist()
         message.header.stamp = stamp(speeds_stamp(speeds) or 0)
         return message
+
+    publisher = bridge.create_publisher(Actuators, target, COMMAND)
+    bridge.streams.subscribe_commands(bridge.passes(convert, publisher), bridge.vehicle.tilts)
 
 
 ABOUT = 'Pass command/motor_speed on as actuator_msgs/Actuators (command/actuators).'

@@ -11,34 +11,26 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
-from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
-from ca_ros.nodes.bridges.actuators_bridge import ActuatorsBridge
+from ca_ros.nodes.bridges.actuators_bridge import pass_actuators
+from ca_ros.nodes.bridges.bridge import Bridge
 from ca_ros.nodes.bridges.motors import GAZEBO_TOPIC
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import pose_arrays, state_messages, twist_arrays
 
 
-class GazeboBridge(ActuatorsBridge):
+class GazeboBridge(Bridge):
     """Publishes Actuators.velocity, and pose and body velocity of an odometry."""
 
-    takes_tilts = False
-    target = GAZEBO_TOPIC
+    def __init__(self, node_name: str = 'gazebo_bridge', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        pass_actuators(self, GAZEBO_TOPIC, gazebo=True)
+        # The odometry of Gazebo's OdometryPublisher is passed on, too.
+        publishers = self.streams.publish(topics.POSE), self.streams.publish(topics.VELOCITY)
+        self.streams.listen(Odometry, 'odometry', self.passes(self._odometry, *publishers))
 
-    def connect(self) -> None:
-        """Pass the odometry of Gazebo's OdometryPublisher on, too."""
-        super().connect()
-        publishers = self.publish_stream(topics.POSE), self.publish_stream(topics.VELOCITY)
-        self.listen(Odometry, 'odometry', self.passes(self._state, *publishers))
-
-    def convert(self, speeds: Float64MultiArray, *angles: Float64MultiArray) -> Any:
-        message = super().convert(speeds, *angles)
-        if min(speeds.data) < 0.0:
-            raise ValueError(f'rotor speeds {[*speeds.data]}: Gazebo takes none that is negative')
-        return message
-
-    def _state(self, odometry: Odometry) -> tuple[PoseStamped, TwistStamped]:
+    def _odometry(self, odometry: Odometry) -> tuple[PoseStamped, TwistStamped]:
         state = *pose_arrays(odometry.pose), *twist_arrays(odometry.twist)
         if not np.isfinite(np.concatenate(state)).all():
             raise ValueError('odometry: expected finite numbers')

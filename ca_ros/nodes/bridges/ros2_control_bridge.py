@@ -6,6 +6,7 @@ its joints.
 
 from array import array
 from functools import partial
+from typing import Any
 
 from std_msgs.msg import Float64MultiArray
 
@@ -19,9 +20,10 @@ from ca_ros.nodes.topics import COMMAND
 class Ros2ControlBridge(Bridge):
     """Publishes the velocities of the joints, negative for rotors that turn clockwise."""
 
-    def connect(self) -> None:
+    def __init__(self, node_name: str = 'ros2_control_bridge', **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
         commands = self.create_publisher(Float64MultiArray, '~/commands', COMMAND)
-        self.subscribe_stream(topics.SPEED_COMMAND, self.passes(self._convert, commands))
+        self.streams.subscribe(topics.SPEED_COMMAND, self.passes(self._convert, commands))
 
     def _convert(self, message: Float64MultiArray) -> Float64MultiArray:
         velocities = ordered(joint_velocities(message.data, self.vehicle), self.order)

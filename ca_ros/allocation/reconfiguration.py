@@ -1,0 +1,185 @@
+"""Reconfiguration: what is believed of a vehicle, and what is made for it.
+
+A fault-tolerant controller that learns of a failure replaces what it had made for the sound
+vehicle.  The news comes from several sources at any time; one object takes it, so that nothing is
+made for less than the newest of all of them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array, floats
+from ca_ros.problem.audit import Audit, accept
+from ca_ros.settings import ParameterError, flat, repeated, table
+from ca_ros.vehicle.vehicle import Vehicle
+
+VOLTAGE_STEP = 0.005  # relative change of the voltage from which the bounds follow it
+
+HEALTH = 'rotors.health'
+
+Made = TypeVar('Made')
+
+
+@dataclass(frozen=True, eq=False)
+class Configuration(Generic[Made]):
+    """What was made, and what for; it is replaced as a whole.
+
+    - `settings`, `health` (n,), `voltage` [V]: the belief; the voltage is None if it is unknown
+    - `audit`: of the vehicle as it is believed to be
+    - `made`: for that audit
+    - `duration`: the time that audit and making took [s]
+    """
+
+    settings: Any
+    health: Array
+    voltage: float | None
+    audit: Audit
+    made: Made
+    duration: float
+
+
+class Reconfiguration(Generic[Made]):
+    """Owns what is believed of a vehicle; makes what is made for it anew when that changes.
+
+    The newest news of each source counts: the settings, with the health and the stuck servos of
+    their group `rotors`, the health that other sources report, and the voltage.  The health of a
+    rotor is the least over the sources.
+
+    Parameters
+    ----------
+    settings : Settings
+        With the groups `vehicle`, `rotors` and `allocation`.
+    make : callable
+        Takes the settings, the audit and what was made before (None at first); returns what is
+        made, such as an allocator.  What has to survive a change is taken from what was before.
+        It must not change anything else.
+    made : optional
+        What is made for the settings already.
+
+    Attributes
+    ----------
+    in_force : Configuration
+    fault : str
+        Why the belief is not in force; empty if it is.
+    voltage : float or None
+        The newest voltage [V].
+    reported : dict
+        By source the newest health (n,).
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle is refused (`ca_ros.problem.audit.accept`); later changes of the belief
+        only drop axes.
+    """
+
+    def __init__(
+        self, settings: Any, make: Callable[[Any, Audit, Made | None], Made],
+        made: Made | None = None,
+    ) -> None:
+        self._make = make
+        given = settings.vehicle, settings.rotors, settings.allocation
+        self._declared = Vehicle.from_settings(*given)
+        self.reported: dict[str, Array] = {}
+        self.voltage: float | None = None
+        self.fault = ''
+        self._failed: object = None
+        begun = perf_counter()
+        report = accept(self._declared)
+        found = make(settings, report, None) if made is None else made
+        self.in_force: Configuration[Made] = Configuration(
+            settings, self._declared.health, None, report, found, perf_counter() - begun)
+
+    def report(self, source: str, health: ArrayLike) -> bool:
+        """Take the health (n,) that a source reports; return whether something new is in force.
+
+        Raises a ParameterError if it is not n numbers in [0, 1].
+        """
+        shares, n = floats(health), self._declared.n
+        if shares.shape != (n,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
+            raise ParameterError(f'rotor health {shares}: expected {n} numbers in [0, 1]')
+        self.reported[source] = shares
+        return self._follow()
+
+    def measure(self, voltage: float) -> bool:
+        """Take the voltage of the battery [V]; return whether something new is in force.
+
+        A voltage within `VOLTAGE_STEP` of that in force changes nothing.  Raises a ParameterError
+        if it is not one that the battery can have.
+        """
+        self._declared.at_voltage(voltage)
+        self.voltage = voltage
+        return self._follow()
+
+    def prepare(self, settings: Any) -> Configuration[Made]:
+        """Make what the newest of all sources asks for, with these settings; adopt nothing.
+
+        What is in force is returned, with the settings, if they change nothing of it.  Raises what
+        making it raises, a ValueError if the settings are wrong.
+        """
+        now = self.in_force
+        health, voltage = self._health(settings), self._voltage()
+        if not self._differs(settings, health, voltage):
+            return now if settings is now.settings else replace(now, settings=settings)
+        begun = perf_counter()
+        vehicle = self._declared.with_stuck_servos(settings.rotors.stuck_servos)
+        vehicle = vehicle.with_health(health)
+        report = accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
+        made = self._make(settings, report, now.made)
+        return Configuration(settings, health, voltage, report, made, perf_counter() - begun)
+
+    def adopt(self, configuration: Configuration[Made]) -> None:
+        """Put in force what was prepared last."""
+        self.in_force, self.fault, self._failed = configuration, '', None
+
+    def change(self, settings: Any) -> bool:
+        """Prepare and adopt; return whether something new was made.
+
+        Raises what `prepare` raises.
+        """
+        before = self.in_force.made
+        self.adopt(self.prepare(settings))
+        return self.in_force.made is not before
+
+    def _follow(self) -> bool:
+        """Put the newest belief in force; if it cannot be made, say so in `fault`."""
+        settings = self.in_force.settings
+        belief = self._health(settings).tobytes(), self._voltage()
+        if belief == self._failed:
+            return False
+        try:
+            return self.change(settings)
+        except Exception as error:
+            # A method may be anybody's, and news must not end a flight.
+            kind = '' if isinstance(error, ValueError) else f'{type(error).__name__}: '
+            self.fault, self._failed = f'{kind}{error}', belief
+            return False
+
+    def _health(self, settings: Any) -> Array:
+        """Return the least health (n,) over the sources."""
+        health = repeated(HEALTH, settings.rotors.health, self._declared.n)
+        for each in self.reported.values():
+            health = np.minimum(health, each)
+        return health
+
+    def _voltage(self) -> float | None:
+        newest, held = self.voltage, self.in_force.voltage
+        if newest is None or held is None:
+            return newest
+        return newest if abs(newest - held) > VOLTAGE_STEP * held else held
+
+    def _differs(self, settings: Any, health: Array, voltage: float | None) -> bool:
+        """Return whether settings, health and voltage ask for another build than that in force."""
+        now = self.in_force
+        if voltage != now.voltage or not np.array_equal(health, now.health):
+            return True
+        if settings is now.settings:
+            return False
+        fields, old, new = table(type(settings)), flat(now.settings), flat(settings)
+        names = [name for name in fields if fields[name].rebuild and name != HEALTH]
+        return any(old[name] != new[name] for name in names)

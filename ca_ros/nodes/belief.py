@@ -1,0 +1,174 @@
+"""What a node believes of the vehicle: its parameters, and what others report."""
+
+from collections.abc import Callable, Mapping
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+from ca_ros.allocation.reconfiguration import Reconfiguration
+from ca_ros.nodes import topics
+from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
+from ca_ros.nodes.messages import speeds_stamp
+from ca_ros.nodes.parameters import Parameters
+from ca_ros.nodes.stream import Streams
+from ca_ros.nodes.topics import STANDING
+from ca_ros.problem.audit import Audit
+from ca_ros.settings import ParameterError, repeated
+
+Make = Callable[[Any, Audit, Any], Any]
+
+
+class Belief:
+    """Keeps a `Reconfiguration` up to date: with the parameters, and with topics.
+
+    The health in use is the lesser of the parameter `rotors.health` and of the last sound message
+    on `rotor_health`, for each rotor.  The last message holds if its publisher ends, with a
+    warning, and so does the last sound voltage on `battery`; before the first one, the bounds are
+    those of the settings.
+
+    `make`: see `Reconfiguration`.  `adopted`: called when something else is in force; it only
+    assigns.
+    """
+
+    def __init__(
+        self, node: Node, parameters: Parameters, diagnostics: Diagnostics, make: Make,
+        adopted: Callable[[], None],
+    ) -> None:
+        self._node, self._parameters, self._diagnostics = node, parameters, diagnostics
+        self._adopted = adopted
+        self._current = Reconfiguration[Any](parameters.settings, make)
+        parameters.on_change(self._current.prepare, self._adopt)
+        self._health_time = -1
+        self._voltage_time: float | None = None
+        self._logged_audit: Audit | None = None
+        self._logged_health = np.ones(self.audit.vehicle.n)
+        self._logged_fault = ''
+
+    @property
+    def made(self) -> Any:
+        """What was made for the belief in force."""
+        return self._current.in_force.made
+
+    @property
+    def audit(self) -> Audit:
+        """The audit of the belief in force."""
+        return self._current.in_force.audit
+
+    def heed(self, streams: Streams, answer: Callable[[], None]) -> None:
+        """Subscribe to `rotor_health`, and to `battery` if the voltage matters.
+
+        `answer` is called after each sound message of health, for what waited for it.
+        """
+        self._answer = answer
+        topic = topics.ROTOR_HEALTH
+        self._node.create_subscription(topic.kind, topic.name, self._receive_health, STANDING)
+        if not np.any(self._parameters.settings.rotors.speed_max_per_volt):
+            return
+        try:
+            # Only vehicles whose voltage matters need the package of the message.
+            from sensor_msgs.msg import BatteryState
+        except ImportError as error:
+            text = f'{error}: the voltage on battery is not read'
+            self._node.get_logger().warning(text)
+            return
+        self._voltage_time = monotonic()
+        streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
+
+    def waits(self, time: int) -> bool:
+        """Return whether the health for a state [ns] has still to come, in lockstep."""
+        settings = self._parameters.settings
+        awaited = settings.mode == 'lockstep' and settings.await_health
+        return bool(awaited and self._health_time < time)
+
+    def log(self) -> None:
+        """Log what has changed since the last call: not while a command waits."""
+        reported = self._reported
+        if reported is not None and not np.array_equal(reported, self._logged_health):
+            self._logged_health = reported
+            self._node.get_logger().warning(f'rotor_health: {self._reductions(reported)}')
+        fault = self._current.fault
+        if fault != self._logged_fault:
+            self._logged_fault = fault
+            text = f'not in force: {fault}' if fault else 'what is believed is in force again'
+            self._node.get_logger().error(text)
+        report, before = self.audit, self._logged_audit
+        if report is before:
+            return
+        self._logged_audit = report
+        if str(report) != str(before):
+            # rclpy allows one severity for each line of code.
+            if report.sound:
+                self._node.get_logger().info(f'audit: {report}')
+            else:
+                self._node.get_logger().error(f'audit: {report}')
+        for warning in report.warnings if before is None else ():
+            self._node.get_logger().warning(warning)
+
+    def levels(self) -> list[Level]:
+        """Return what is wrong with the vehicle and with those who report of it."""
+        found, voltage = list[Level](), self._current.voltage
+        if self._voltage_time is not None:
+            age = monotonic() - self._voltage_time
+            if 0.0 < (limit := self._parameters.settings.battery_timeout) < age:
+                held = 'the declared one' if voltage is None else f'{voltage:.4g} V'
+                found.append((WARN, f'no sound voltage for {limit:g} s: {held} holds'))
+        topic = topics.ROTOR_HEALTH.name
+        if self._reported is not None and not self._node.count_publishers(topic):
+            found.append((WARN, 'the publisher of rotor_health has ended: its last one holds'))
+        if self._current.fault:
+            found.append((ERROR, f'not in force: {self._current.fault}'))
+        return found if self.audit.sound else [*found, (ERROR, str(self.audit))]
+
+    def values(self) -> Mapping[str, object]:
+        """Return what is in force, for the diagnostics."""
+        now, vehicle, found = self._current.in_force, self.audit.vehicle, dict[str, object]()
+        if now.voltage is not None:
+            found['voltage in use [V]'] = f'{now.voltage:.4g}'
+        if self._reported is not None:
+            found['health in use'] = ', '.join(f'{share:.3g}' for share in vehicle.health)
+        failed = {'lost rotors': np.flatnonzero(vehicle.lost).tolist()}
+        if vehicle.tilts is not None:
+            failed['stuck servos'] = vehicle.tilts.stuck_rotors
+        for name, rotors in failed.items():
+            found[name] = ', '.join(f'{i + 1}' for i in rotors) or 'none'
+        return {**found, 'last build [ms]': f'{1e3 * now.duration:.2f}'}
+
+    @property
+    def _reported(self) -> Any:
+        return self._current.reported.get(topics.ROTOR_HEALTH.name)
+
+    def _adopt(self, prepared: Any) -> None:
+        self._current.adopt(prepared)
+        self._adopted()
+
+    def _receive_health(self, message: Float64MultiArray) -> None:
+        try:
+            if self._current.report(topics.ROTOR_HEALTH.name, np.array(message.data)):
+                self._adopted()
+        except ParameterError as error:
+            self._diagnostics.counts['refused health'] += 1
+            self._diagnostics.warn('health', f'refused {error}')
+            return
+        time = speeds_stamp(message)
+        self._health_time = -1 if time is None else time
+        self._answer()
+
+    def _receive_battery(self, message: Any) -> None:
+        try:
+            if self._current.measure(float(message.voltage)):
+                self._adopted()
+        except ParameterError as error:
+            self._diagnostics.counts['refused voltages'] += 1
+            self._diagnostics.warn('voltage', f'refused {error}')
+            return
+        self._voltage_time = monotonic()
+
+    def _reductions(self, health: Any) -> str:
+        """Return in words where a report is below the parameter."""
+        n = self.audit.vehicle.n
+        parameter = repeated('rotors.health', self._parameters.settings.rotors.health, n)
+        found = [f'rotor {i + 1} at {health[i]:.3g}' for i in np.flatnonzero(health < parameter)]
+        return ', '.join(found) or 'no rotor below the parameter rotors.health'

@@ -1,0 +1,67 @@
+"""What answers wrenches in an allocator node: a method on the rotors of a vehicle."""
+
+from typing import Any
+
+import numpy as np
+
+from ca_ros.allocation import Allocation, Allocator
+from ca_ros.allocation.settings import allocator_of
+from ca_ros.allocation.slew import within_rates
+from ca_ros.arrays import Array
+from ca_ros.nodes.watchdog import fallback
+from ca_ros.problem.audit import Audit
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.settings import AXES
+
+
+class Rotors:
+    """A method for the axes that the rotors of a vehicle can control.
+
+    A command is the rotor speeds, and after them the tilt angles, if rotors tilt [rad/s, rad].
+
+    - `method`: the allocator
+    - `rows`: for each of its axes the component of the wrench (6,) that it is
+    - `idle` (n + k,): the command of rotors that have not been commanded yet
+    - `lost` (n,): which rotors are lost
+    """
+
+    label = 'rotor speed [rad/s]'
+
+    def __init__(self, settings: Any, report: Audit) -> None:
+        self.vehicle = report.vehicle
+        self.method: Allocator = allocator_of(settings.allocation, report.independent)
+        # This refuses methods that cannot keep the rates.
+        within_rates(self.method)
+        self.rows = [AXES.index(axis) for axis in self.vehicle.axes]
+        self.idle: Array = self.vehicle.idle_command
+        self.lost: Any = self.vehicle.lost
+        self._wrenches = rotor_wrenches(self.vehicle)
+
+    @property
+    def n(self) -> int:
+        """Number of rotors."""
+        return self.vehicle.n
+
+    def command(self, answer: Allocation) -> Array:
+        """Return the command (n + k,) of an answer."""
+        return answer.speeds if self.vehicle.tilts is None else answer.command
+
+    def at_rest(self, action: str, last: Array) -> Array:
+        """Return the command of a timeout action after the last one.
+
+        The action hold keeps the last speeds within the bounds that health and voltage leave.
+        """
+        speeds, angles = np.split(last, [self.n])
+        if self.vehicle.tilts is not None:
+            angles = self.vehicle.tilts.within(angles)
+        low, high = self.vehicle.speed_limits
+        speeds = np.minimum(np.maximum(speeds, np.minimum(low, 0.0)), high)
+        return fallback(action, self.vehicle, np.concatenate([speeds, angles]))
+
+    def produced(self, answer: Allocation) -> Array:
+        """Return force and torque (6,) of an answer [N, N m]."""
+        if isinstance(answer.problem, TiltingVehicleProblem):
+            # With rates, the directions are those of this answer.
+            return answer.problem.wrenches @ answer.thrusts
+        return self._wrenches @ answer.thrusts
