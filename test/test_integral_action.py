@@ -1,5 +1,6 @@
 """Integral action: constant errors vanish, and a saturated step does not wind it up."""
 
+from functools import partial
 from math import exp
 
 import numpy as np
@@ -106,8 +107,10 @@ def test_a_step_that_saturates_does_not_wind_up(mass):
 def test_the_controller_continues_after_an_announcement():
     # A tenth of the thrust of a rotor is lost and announced: the estimate of the wind stays.
     windy = case(1.0, *ERRORS['wind of 0.9 N'][0])
-    told = windy.controller(windy.vehicle.with_health([0.9, 1.0, 1.0, 1.0, 1.0, 1.0]))
-    flight = flown(windy, duration=14.0, changes=[Change(12_000_000_000, told)])
+    health = [0.9, 1.0, 1.0, 1.0, 1.0, 1.0]
+    told = Change(12_000_000_000, windy.body(health), announced=(health, [0.0]),
+                  reconfigure=partial(windy.reconfiguration, 'exact'))
+    flight = flown(windy, duration=14.0, changes=[told])
     assert np.abs(flight.position[1200:] - WAYPOINT.position).max() < 0.02
 
 

@@ -1,9 +1,12 @@
 """Flights of vehicles whose rotors tilt, with servos that lag and are slow."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from ca_ros import ParameterError, TiltLimited, Vehicle, make_allocator
+from ca_ros.evaluation.cases import Case
 from ca_ros.flight.closed_loop import Change, fly
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.motor_lag import Servos
@@ -34,6 +37,13 @@ def flown(name, duration, changes=(), **over):
     return fly(controller, allocator, Plant(body, PLANT), HOVER, duration, changes=changes)
 
 
+def announced(name, body, health, stuck=(0.0,), **others):
+    """Return a failure after a second that is announced at once."""
+    reconfigure = partial(Case.load(name).reconfiguration, 'exact')
+    return Change(
+        int(1e9), body, announced=(health, list(stuck)), reconfigure=reconfigure, **others)
+
+
 def test_slalom_at_constant_attitude():
     points = [Waypoint.of(0.4 * k, 0.4 * (-1) ** k, 0.0, 0.0) for k in (1, 2, 3)]
     flight = flown('hexarotor_tilting', 5.0, [
@@ -55,7 +65,8 @@ def test_roll_by_90_degrees_on_the_spot():
 def test_a_boat_reaches_its_waypoint_also_after_the_loss_of_a_thruster():
     given, goal = files.read('azimuth_boat'), Waypoint.of(0.3, 0.3, 0.0, 0.5)
     vehicle = Vehicle.from_parameters(given)
-    lost = Change(int(1e9), *parts(vehicle.with_health([0.0, 1.0, 1.0, 1.0]), given))
+    health = [0.0, 1.0, 1.0, 1.0]
+    lost = announced('azimuth_boat', parts(vehicle.with_health(health), given)[2], health)
     flight = fly(*parts(vehicle, given), goal, 8.0, 0.02, changes=[lost])
     assert flight.position_error(goal) < 0.01
     assert abs(flight.heading[-1] - 0.5) < 0.01
@@ -76,12 +87,12 @@ def test_a_tricopter_reaches_its_waypoint_though_its_tail_pushes_to_the_side():
 def test_announced_failure_of_one_servo_or_rotor(failure):
     given = files.read('hexarotor_tilting')
     vehicle = Vehicle.from_parameters(given)
-    failed = (
-        vehicle.with_stuck_servo(2, 0.5) if failure == 'servo'
-        else vehicle.with_health([1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    )
-    controller, allocator, body = parts(failed, given)
-    change = Change(int(1e9), controller, allocator, body, Waypoint.of(0.3, 0.0, 0.0, 0.0))
+    health, stuck = [1.0, float(failure == 'servo'), *[1.0] * 4], [0.0]
+    if failure == 'servo':
+        stuck = [2.0, 0.5]
+    body = parts(vehicle.with_health(health).with_stuck_servos(stuck), given)[2]
+    change = announced(
+        'hexarotor_tilting', body, health, stuck, waypoint=Waypoint.of(0.3, 0.0, 0.0, 0.0))
     flight = flown('hexarotor_tilting', 4.0, [change])
     assert np.degrees(tilt(flight.attitude).max()) < 10.0
     assert np.abs(flight.position[-1] - [0.3, 0.0, 0.0]).max() < 0.1

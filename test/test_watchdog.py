@@ -19,7 +19,8 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.nodes.watchdog import TICK, Watchdog
+from ca_ros.nodes.stream import TICK
+from ca_ros.nodes.watchdog import Watchdog
 from ca_ros.testing import Diagnostics, counts, wrench
 from ca_ros.vehicle.settings import AXES
 from nodes import STALL, host, separate, start_flood, stolen, stood_still

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
+from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.bringup.session import Flown
@@ -12,7 +13,7 @@ from ca_ros.flight.controller import Controller
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.settings import ControlSettings
 from ca_ros.flight.trajectory import Trajectory
-from ca_ros.problem.audit import accept
+from ca_ros.problem.audit import Audit
 from ca_ros.problem.limits import shares
 from ca_ros.settings import ParameterError, read, table
 from ca_ros.vehicle.settings import AXES
@@ -50,17 +51,11 @@ def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Ser
         return None
     found = np.full((len(flight.time), len(AXES)), np.nan)
     worst: dict[int, tuple[float, int, Controller, Array]] = {}
-    health: Array | None = None
-    controller: Controller | None = None
+    known = Reconfiguration[Controller](settings, _controller)
     for i, time in enumerate(np.round(flight.time * 1e9).astype(int).tolist()):
         believed = _believed(flown, failures, time)
-        if health is None or not np.array_equal(believed, health):
-            health, before = believed, controller
-            report = accept(vehicle.with_health(health), 'drop')
-            controller = Controller.from_settings(report.vehicle, settings)
-            if before is not None:
-                controller.disturbances = before.disturbances
-        assert controller is not None
+        known.report('flight', believed)
+        controller = known.in_force.made
         problem = controller.problem
         pose, motion = (flight.position[i], flight.attitude[i]), flight.velocity[i]
         demand = controller.wrench(
@@ -83,6 +78,12 @@ def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Ser
     )
     rows = [AXES.index(axis) for axis in vehicle.axes]
     return Served(vehicle.axes, found[:, rows], cuts)
+
+
+def _controller(
+    settings: ControlSettings, report: Audit, before: Controller | None
+) -> Controller:
+    return Controller.from_settings(report.vehicle, settings, before)
 
 
 def _believed(flown: Flown, failures: RotorFailures, time: int) -> Array:

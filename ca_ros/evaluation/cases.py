@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -10,16 +10,17 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
+from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
 from ca_ros.evaluation.comparison import FOR_COMPARISON
-from ca_ros.flight.closed_loop import Change, Detection, Found
+from ca_ros.flight.closed_loop import Believed, Change, Detection, Found
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.kernel_detector import Detector, make_detector
 from ca_ros.flight.plant import Plant, body_of
 from ca_ros.flight.rigid_body import RigidBody
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.nodes.settings import FileSettings, with_own_methods
-from ca_ros.problem.audit import accept, audit
+from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of
 from ca_ros.settings import (
@@ -135,23 +136,35 @@ class Case:
         """Return the plant, with all effects of the parameters ``simulator.*``."""
         return Plant(self.body(), self.flown.simulator)
 
-    def told(
-        self, method: str, health: ArrayLike, stuck: Numbers | None = None
-    ) -> tuple[Controller, Allocator]:
-        """Return controller and allocator that know of rotor health (n,) and stuck servos."""
-        vehicle = self.audited(health, stuck)
-        return self.controller(vehicle), self.allocator(method, vehicle)
+    def reconfiguration(
+        self, method: str, controller: Controller, allocator: Allocator,
+        changed: Callable[[Controller], Controller] = lambda made: made,
+    ) -> Believed:
+        """Return what makes controller and allocator of a method for the failures of a flight.
+
+        `controller` and `allocator` are those that fly.  `changed` is called with each new
+        controller, and returns what flies instead.
+        """
+
+        def make(
+            settings: FileSettings, report: Audit, before: tuple[Controller, Allocator] | None
+        ) -> tuple[Controller, Allocator]:
+            made = Controller.from_settings(report.vehicle, settings, before and before[0])
+            return changed(made), self.allocator(method, report.independent)
+
+        return Reconfiguration(self.flown, make, (controller, allocator))
 
     def failing(self, method: str, failures: RotorFailures) -> list[Change]:
         """Return the changes of a method's closed loop that rotor failures cause."""
         health, pairs, changes = self.vehicle.health, self.flown.rotors.stuck_servos, []
+        reconfigure = partial(self.reconfiguration, method)
         # No failure has happened at this time.
         before = [failures.values(health, pairs, -1, told) for told in (False, True)]
         for time in failures.times():
             now = [failures.values(health, pairs, time, told) for told in (False, True)]
-            new = (None, None) if now[1] == before[1] else self.told(method, *now[1])
+            announced = None if now[1] == before[1] else now[1]
             body = None if now[0] == before[0] else self.body(*now[0])
-            changes.append(Change(time, new[0], new[1], body))
+            changes.append(Change(time, body, None, announced, None, reconfigure))
             before = now
         return changes
 
@@ -161,14 +174,17 @@ class Case:
 
     def detected(self, method: str, found: Found) -> list[Change]:
         """Return the changes of a method's closed loop that found failures cause."""
-        return [Change(time, *self.told(method, health)) for time, health in found]
+        reconfigure = partial(self.reconfiguration, method)
+        return [Change(time, detected=health, reconfigure=reconfigure) for time, health in found]
 
     def detection(self, method: str) -> Detection:
         """Return the detection of failures for a method's closed loop."""
-        return Detection(self.detector(), partial(self.told, method))
+        return Detection(self.detector(), partial(self.reconfiguration, method))
 
-    def allocator(self, method: str, vehicle: Vehicle | None = None) -> Allocator:
-        """Return the allocator of a method for a vehicle, by default that of the case.
+    def allocator(
+        self, method: str, vehicle: Vehicle | AllocationProblem | None = None
+    ) -> Allocator:
+        """Return the allocator of a method for a vehicle or problem, by default of the case.
 
         A method is one of `make_allocator`, whose options are in the parameters, or one of
         `FOR_COMPARISON`.  Raises a ValueError if there is no such method.

@@ -1,11 +1,12 @@
 """The closed loop without ROS: controller, allocator, plant and detector, step by step."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ca_ros.allocation import Allocator
+from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.flight.controller import Controller
@@ -21,53 +22,79 @@ from ca_ros.flight.rigid_body import (
 )
 from ca_ros.flight.settings import PlantSettings
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.settings import ParameterError
 
 Found = list[tuple[int, Array]]
 """The times [ns] at which the health changed, each with the new health (n,)."""
 
-Rebuild = Callable[[Array], tuple[Controller, Allocator]]
+Believed = Reconfiguration[tuple[Controller, Allocator]]
+
+Reconfigure = Callable[..., Believed]
+"""Takes controller and allocator that fly; returns what makes both for failures of the flight."""
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """The parts of a closed loop that are replaced at a time of flight.
+    """What changes at a time of flight.
 
-    `time`: [ns].  `controller`, `allocator`, `body` and `waypoint`: the new parts; None for those
-    that stay.
+    - `time`: [ns]
+    - `body`, `waypoint`: the new ones; None for those that stay
+    - `announced`: the parameters `rotors.health` and `rotors.stuck_servos` from then on
+    - `detected` (n,): the health that a detector reports from then on
+    - `reconfigure`: what these two need
     """
 
     time: int
-    controller: Controller | None = None
-    allocator: Allocator | None = None
     body: RigidBody | None = None
     waypoint: Waypoint | None = None
+    announced: tuple[list[float], list[float]] | None = None
+    detected: Array | None = None
+    reconfigure: Reconfigure | None = None
 
-    def controller_after(self, before: Controller) -> Controller:
-        """Return the controller from then on; a new one continues the integral action."""
-        if self.controller is None:
-            return before
-        self.controller.disturbances = before.disturbances
-        return self.controller
+
+class Pilot:
+    """The controller and the allocator of a flight, as they are in force."""
+
+    def __init__(self, controller: Controller, allocator: Allocator) -> None:
+        self.controller, self.allocator = controller, allocator
+        self._believed: Believed | None = None
+
+    def take(self, change: Change) -> None:
+        """Take what a change says of the rotors."""
+        if change.reconfigure is None:
+            return
+        if self._believed is None:
+            self._believed = change.reconfigure(self.controller, self.allocator)
+        believed = self._believed
+        if change.announced is not None:
+            settings = believed.in_force.settings
+            health, stuck = change.announced
+            rotors = replace(settings.rotors, health=health, stuck_servos=stuck)
+            believed.change(replace(settings, rotors=rotors))
+        if change.detected is not None:
+            believed.report('detector', change.detected)
+            if believed.fault:
+                raise ParameterError(believed.fault)
+        self.controller, self.allocator = believed.in_force.made
 
 
 class Detection:
-    """A detector, and what a closed loop does when it finds a failure.
+    """A detector in a closed loop; `found` has what it has found.
 
-    `rebuild`: takes the health of the rotors (n,); returns the controller and the allocator for
-    it.
+    `reconfigure`: see `Change`.
     """
 
-    def __init__(self, detector: Detector, rebuild: Rebuild) -> None:
-        self.detector, self._rebuild = detector, rebuild
+    def __init__(self, detector: Detector, reconfigure: Reconfigure) -> None:
+        self.detector, self._reconfigure = detector, reconfigure
         self.found: Found = []
 
-    def observe(self, time: int, state: Array) -> tuple[Controller, Allocator] | None:
-        """Take a measured state (13,) at a time [ns]; return new parts if there is a failure."""
+    def observe(self, time: int, state: Array) -> list[Change]:
+        """Take a measured state (13,) at a time [ns]; return what failures change, if any."""
         motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
         if not self.detector.observe(time, state[ATTITUDE], *motion):
-            return None
+            return []
         self.found.append((time, self.detector.health))
-        return self._rebuild(self.detector.health)
+        return [Change(time, detected=self.detector.health, reconfigure=self._reconfigure)]
 
     def command(self, time: int, command: Array) -> None:
         """Take the command (n + k,) [rad/s, rad] that answers the state of a time [ns]."""
@@ -104,29 +131,29 @@ def fly(
         raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
     plant = body.restarted(state)
     step_ns, time_step = plant.time_step_ns, plant.time_step
+    pilot = Pilot(controller, allocator)
     pending = sorted(changes, key=lambda change: change.time)[::-1]
     for now in range(0, (steps(duration, time_step) + 1) * step_ns, step_ns):
         state, due = plant.measured, []
         while pending and pending[-1].time <= now:
             due.append(pending.pop())
-        if detection and (parts := detection.observe(now, state)):
-            due.append(Change(now, *parts))
+        if detection:
+            due += detection.observe(now, state)
         for change in due:
-            controller = change.controller_after(controller)
-            allocator = change.allocator or allocator
+            pilot.take(change)
             plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
         velocity = velocity_in_body(state)
         try:
             pose, omega = (state[POSITION], state[ATTITUDE]), state[ANGULAR_VELOCITY]
-            wrench = controller.wrench(*pose, velocity, omega, waypoint, now)
+            wrench = pilot.controller.wrench(*pose, velocity, omega, waypoint, now)
         except ValueError as error:
             what = f'after {now / 1e9:g} s the flight diverges'
             raise FloatingPointError(f'{what}: {error}') from error
         last = commands[-1] if commands else plant.body.vehicle.idle_command
         # Before the first command the rotors have all the time that counts.
         before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
-        command = allocate_next(allocator, wrench, last, now, before).command
+        command = allocate_next(pilot.allocator, wrench, last, now, before).command
         if detection:
             detection.command(now, command)
         states.append(state)

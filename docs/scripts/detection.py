@@ -167,7 +167,7 @@ def hovering(vehicle, rotor, changes=(), each=1, inertia=1.0, load=0.0, left=0.0
     events = [Change(0, body=body(1.0)), Change(round(LOST * 1e9), body=body(health, offset))]
     if load:
         events.append(Change(2_000_000_000, body=body(1.0, offset)))
-    detection = Slow(case.detector(), partial(case.told, 'exact'))
+    detection = Slow(case.detector(), partial(case.reconfiguration, 'exact'))
     detection.each = each
     flown(case, Waypoint.of(0, 0, 1, 0), LOST + 1.0, changes=events, detection=detection)
     found = [(time / 1e9, lost) for time, lost in detection.found]
@@ -261,7 +261,7 @@ def eventless(vehicle, seed, options, duration=60.0):
     points += [(duration - 8.0, *rng.uniform(-5, 5, 2), 1.0, 0.0), (duration - 4.0, 0, 0, -0.5, 0)]
     goals, taken_up = trajectory(*points), round(rng.uniform(5.0, 45.0) * 1e9)
     loaded = heavier(case.body(), np.append(rng.uniform(-0.05, 0.05, 2), 0.0))
-    parts = case.detector(), partial(case.told, 'exact')
+    parts = case.detector(), partial(case.reconfiguration, 'exact')
     faulty = seed // len(options.vehicles) % 2
     detection = Faulty(rng, *parts) if faulty else Detection(*parts)
     flight = flown(

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from math import cos, inf, pi, radians, sin
 from typing import Any, NamedTuple
@@ -75,8 +76,8 @@ class Manoeuvre(NamedTuple):
         """Return what changes on the way."""
         failing = case.failing(method, RotorFailures(self.failures, ANNOUNCE))
         return [*self.goals.changes(), *(
-            replace(each, controller=each.controller and unlimited(each.controller))
-            for each in failing
+            replace(each, reconfigure=each.reconfigure and partial(
+                each.reconfigure, changed=unlimited)) for each in failing
         )]
 
 

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ca_ros.allocation import Powerless
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.evaluation.errors import FORCES
 from ca_ros.evaluation.wrench_metrics import energy
-from ca_ros.flight.closed_loop import Change
+from ca_ros.flight.closed_loop import Change, Pilot
 from ca_ros.flight.controller import Controller
 from ca_ros.flight.record import Flight
 from ca_ros.flight.rigid_body import difference
@@ -159,14 +160,14 @@ def _legs(
 ) -> Iterator[tuple[slice, Controller, Vehicle, Waypoint]]:
     """Yield the samples between changes, controller, vehicle as it physically is, and waypoint."""
     start = 0
-    times = np.round(flight.time * 1e9)
+    times, pilot = np.round(flight.time * 1e9), Pilot(controller, Powerless(controller.problem))
     for change in [*sorted(changes, key=lambda change: change.time), None]:
         end = len(times) if change is None else int(np.searchsorted(times, change.time))
         if end > start:
-            yield slice(start, end), controller, vehicle, waypoint
+            yield slice(start, end), pilot.controller, vehicle, waypoint
         start = end
         if change is not None:
-            controller = change.controller_after(controller)
+            pilot.take(change)
             vehicle = change.body.vehicle if change.body else vehicle
             waypoint = change.waypoint or waypoint
 
