@@ -94,6 +94,10 @@ class Loop:
         for name, message in self.px4.step():
             self.rules.receive(name, message)
         self.rules.tick()
+        self.time_out()
+
+    def time_out(self):
+        """Do the timeout action of the allocator."""
         if self.allocator_runs and self.px4.time - self._wrench_time > TIMEOUT:
             self.command(self.vehicle.idle_speeds, False)
 
@@ -210,6 +214,7 @@ def test_the_allocator_ends(loop):
     loop.allocator_runs = False
     for _ in range(5):
         loop.command(loop.vehicle.idle_speeds, False)
+        loop.step()
     assert loop.run({'mode': 0.4, 'offboard': 1.4}[loop.interface], lambda: loop.px4.failsafe)
     assert loop.px4.height > 1.9
     assert loop.px4.outside == 0
