@@ -129,7 +129,7 @@ class WiredLoop(cases.Loop):
             self.count('heard', 1, 0)
             self.to_bridge[name].publish(converted(message, px4))
         self.settle()
-        self.bridge._tick()
+        self.rules.tick()
         super().time_out()
         self.settle()
 

@@ -6,7 +6,6 @@ It is the only module that imports px4_msgs.
 import re
 from collections.abc import Callable
 from functools import partial
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -17,26 +16,28 @@ from std_msgs.msg import Float64MultiArray, Header
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.bridges.motors import order_of
-from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, DiagnosticsPublisher
+from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import answers_nothing, stamp, state_messages, wrench_message
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.settings import Px4NodeSettings
-from ca_ros.nodes.stream import STEADY, TICK, Streams
-from ca_ros.nodes.topics import offered
+from ca_ros.nodes.stream import Streams
 from ca_ros.px4.frames import State
 from ca_ros.px4.rules import Rules, topic
 from ca_ros.vehicle.vehicle import Vehicle
 
-FROM_PX4 = QoSProfile(
-    depth=5, reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""QoS of PX4's publishers; as many messages as PX4 keeps of its replies and requests."""
-
+REPLIES = 5  # to others come on the same topic, too
 TO_PX4 = QoSProfile(depth=5)
 
 LEVELS = {'OK': OK, 'WARN': WARN, 'ERROR': ERROR, 'STALE': STALE}
+
+
+def from_px4(depth: int) -> QoSProfile:
+    """Return the QoS of PX4's publishers, and how many messages wait here."""
+    return QoSProfile(
+        depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
 
 
 class Px4Bridge(Node):
@@ -47,6 +48,7 @@ class Px4Bridge(Node):
     """
 
     declared = Px4NodeSettings
+    _foreign = ''
 
     def __init__(self, node_name: str = 'px4_bridge', **kwargs: Any) -> None:
         # Here, so that the help of the command needs no px4_msgs.
@@ -56,29 +58,26 @@ class Px4Bridge(Node):
         self.settings = settings = Parameters(self, self.declared).settings
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
         order = order_of(settings.bridge.order, vehicle.n)
-        self.rules = Rules(msg, vehicle, settings.px4, order, self)
-        self.counts = self.rules.counts
-        self._streams = Streams(self, 'realtime', self.drop, self.counts)
+        self.rules = rules = Rules(msg, vehicle, settings.px4, order, self)
+        self._diagnostics = Diagnostics(self, 'px4', str(settings.vehicle.name))
+        self._counts = self._diagnostics.counts
+        self._streams = Streams(self, 'realtime', self._diagnostics.drop, self._counts)
         # What PX4 sends comes first, so that a command meets the newest mode.
-        for name, kind in self.rules.heard.items():
+        for name, kind in rules.heard.items():
+            quality = from_px4(REPLIES if name.endswith('reply') else 1)
             receive = partial(self._take, name)
-            self.create_subscription(kind, topic('out', name, kind), receive, FROM_PX4)
+            self.create_subscription(kind, topic('out', name, kind), receive, quality)
         self._to_px4 = {
             name: self.create_publisher(kind, topic('in', name, kind), TO_PX4)
-            for name, kind in self.rules.sent.items()
+            for name, kind in rules.sent.items()
         }
         if settings.px4.interface == 'setpoints':
-            self._wrench = self._publish(topics.WRENCH)
+            self._wrench = self._streams.publish(topics.WRENCH)
         else:
-            self._restart = self._publish(topics.STATE_RESTART)
-            self._pose, self._velocity = map(self._publish, (topics.POSE, topics.VELOCITY))
+            given = topics.STATE_RESTART, topics.POSE, topics.VELOCITY
+            self._restart, self._pose, self._velocity = map(self._streams.publish, given)
         self._streams.subscribe(topics.SPEED_COMMAND, self._command)
-        self._diagnostics = DiagnosticsPublisher(self, str(settings.vehicle.name))
-        self._published, self._due = ('', ''), 0.0
-        self.create_timer(TICK, self._tick, clock=STEADY)
-
-    def _publish(self, given: topics.Topic) -> Any:
-        return self.create_publisher(given.kind, given.name, offered('realtime'))
+        self._diagnostics.start(self._levels, self._values, self._streams, rules.tick)
 
     def destroy_node(self) -> None:
         """Take leave of PX4, and destroy the node."""
@@ -123,28 +122,23 @@ class Px4Bridge(Node):
         self._unless_dropped(partial(self.rules.command, speeds), answers)
 
     def _unless_dropped(self, receive: Callable[[Any], None], message: Any) -> None:
-        self.counts['received'] += 1
+        self._counts['received'] += 1
         try:
             receive(message)
         except ValueError as error:
-            self.drop('content', str(error))
+            self._diagnostics.drop('content', str(error))
 
-    def drop(self, reason: str, what: str) -> None:
-        """Count a message that is not passed on, and log why, at most once a second."""
-        self.counts[f'dropped: {reason}'] += 1
-        self.get_logger().warning(f'dropped: {what}', throttle_duration_sec=1.0)
-
-    def _tick(self) -> None:
-        self._streams.look()
-        self.rules.tick()
+    def _levels(self) -> list[Level]:
         level, text = self.rules.state()
-        now = monotonic()
-        if (level, text) == self._published and now < self._due:
-            return
-        self._published, self._due = (level, text), now + 1.0
-        if others := self._other_versions():
-            level, text = 'ERROR', f'{text}; {others}'
-        self._diagnostics.publish(('px4', LEVELS[level], text, self.rules.values()))
+        found = [(LEVELS[level], text)]
+        if level == 'STALE' and self._diagnostics.may_log('versions'):
+            self._foreign = self._other_versions()
+        if level == 'STALE' and self._foreign:
+            found.append((ERROR, self._foreign))
+        return found
+
+    def _values(self) -> dict[str, object]:
+        return {**self.rules.values(), **self._counts}
 
     def _other_versions(self) -> str:
         """Return which topics PX4 has with other versions of their messages; '' if none."""
