@@ -35,9 +35,10 @@ kernels = [
         [f'{package}/kernel/{part}.c' for part in parts],
         depends=sorted(glob(f'{package}/kernel/*.h')),
         define_macros=[('CA_MODULE', f'_{name}'), *macros],
-        # No fused multiplications: all machines are to give the same bits. No debug information:
-        # it has the paths of the machine that builds.
-        extra_compile_args=['-std=c99', '-O3', '-ffp-contract=off', '-g0'],
+        # No fused multiplications: all machines are to give the same bits. No vectors: loops have
+        # few turns. No debug information: it has the paths of the machine that builds.
+        extra_compile_args=[
+            '-std=c99', '-O3', '-fno-tree-loop-vectorize', '-ffp-contract=off', '-g0'],
         optional=True,
     )
     for name, parts, macros in (

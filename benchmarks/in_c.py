@@ -25,7 +25,9 @@ SOURCE = Path(__file__).with_name('contenders.c')
 KERNEL = Path(kernel.__file__).parent
 COMPILERS = ('cc', 'gcc', 'clang')
 
-OPTIONS = ['-std=c99', '-O3', '-ffp-contract=off', '-fPIC', '-shared', '-Wl,-Bsymbolic']
+OPTIONS = [
+    '-std=c99', '-O3', '-fno-tree-loop-vectorize', '-ffp-contract=off', '-fPIC', '-shared',
+    '-Wl,-Bsymbolic']
 """Those of setup.py; with -Bsymbolic the code calls its own OSQP, not the Python package's."""
 
 NAMES = 'clipped_pinv', 'exact', 'daqp_reused', 'daqp_hierarchical', 'osqp'  # in `contenders.c`
@@ -115,7 +117,7 @@ def _build(
     if done.returncode:
         raise Missing(f'{compiler}: {(done.stderr.strip().splitlines() or ["failed"])[0]}')
     named = subprocess.run([compiler, '--version'], capture_output=True, text=True, check=True)
-    return ctypes.CDLL(str(library)), f'{named.stdout.splitlines()[0]}; {" ".join(OPTIONS[:3])}'
+    return ctypes.CDLL(str(library)), f'{named.stdout.splitlines()[0]}; {" ".join(OPTIONS[:4])}'
 
 
 def _set_up_daqp(library: ctypes.CDLL, problem: AllocationProblem) -> None:

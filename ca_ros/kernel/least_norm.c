@@ -22,6 +22,8 @@
 #define FLAT CA_CHOOSE(1e-8, 1e-4)
 /* Distance of a free row from the span of others below which it is in the span. */
 #define DEPENDENT CA_CHOOSE(1e-13, 1e-4)
+/* Share of a vector below which it is computed again, since rounding errors of the rest count. */
+#define SMALL CA_REAL(1e-3)
 /* Least pivot of well-conditioned normal equations. */
 #define WELL CA_CHOOSE(1e-2, 3e-2)
 /* Multipliers above this, in units of the greatest thrust, indicate almost parallel facets. */
@@ -147,6 +149,14 @@ typedef struct {
     ca_real q[CA_M][CA_M];
 } row_span;
 
+/* Remove the part of a vector along a unit vector. */
+static void remove_along(int m, const ca_real *unit, ca_real *vector)
+{
+    const ca_real share = ca_dot(m, unit, vector);
+    for (int k = 0; k < m; k++)
+        vector[k] -= share * unit[k];
+}
+
 /* Find the span by the Gram-Schmidt method, and the part `away` of `slopes` that is not in it.
  * Returns 0 if it is not clear, or all axes. */
 static int find_span(const bounded_program *program, const int *free, int frees,
@@ -158,11 +168,8 @@ static int find_span(const bounded_program *program, const int *free, int frees,
     for (int i = 0; i < frees; i++) {
         ca_real rest[CA_M];
         ca_copy(m, program->basis[free[i]], rest);
-        for (int j = 0; j < span->rank; j++) {
-            const ca_real share = ca_dot(m, span->q[j], rest);
-            for (int k = 0; k < m; k++)
-                rest[k] -= share * span->q[j][k];
-        }
+        for (int j = 0; j < span->rank; j++)
+            remove_along(m, span->q[j], rest);
         const ca_real square = ca_dot(m, rest, rest);
         if (!(square > DEPENDENT * DEPENDENT))
             continue;
@@ -172,10 +179,13 @@ static int find_span(const bounded_program *program, const int *free, int frees,
         const ca_real inverse = 1 / ca_sqrt(square);
         for (int k = 0; k < m; k++)
             row[k] = rest[k] * inverse;
-        const ca_real share = ca_dot(m, row, away);
-        for (int k = 0; k < m; k++)
-            away[k] -= share * row[k];
+        remove_along(m, row, away);
     }
+    /* A part that is small beside the slopes has their rounding errors, and along it the free rotors
+     * seem to move: remove it again. */
+    const int rounded = ca_dot(m, away, away) < SMALL * SMALL * ca_dot(m, slopes, slopes);
+    for (int j = 0; rounded && j < span->rank; j++)
+        remove_along(m, span->q[j], away);
     return 1;
 }
 
