@@ -418,12 +418,13 @@ def test_a_wrong_period_is_named(period):
 @pytest.mark.parametrize(('name', 'u', 'rates', 'status', 'words'), [
     ('azimuth_boat', [9.5, 3.0, 0.0], (400.0, 3.0), 'EXACT', ''),
     # Backwards at once: the servos cannot turn by half a circle.
-    ('azimuth_boat', [-8.0, 3.0, 0.0], (1e6, 3.0), 'RATE_LIMITED', 'servos 1, 2, 3, 4 at their'),
+    ('azimuth_boat', [-8.0, 3.0, 0.0], (1e6, 3.0), 'RATE_LIMITED',
+     'rotors 1, 2, 3, 4 at their tilt rate'),
     ('azimuth_boat', [60.0, 18.0, 0.0], (100.0, 1e4), 'RATE_LIMITED', 'rotors 1, 2, 3, 4 at'),
     ('tricopter', [60.0, 0.0, 0.0, 0.0], (100.0, 1e4), 'RATE_LIMITED', 'at their rate'),
     # No rate limits these: they are out of reach.
-    ('hexarotor_tilting', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'thrusts and tilts'),
-    ('omnidirectional_gimbals', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', 'thrusts and tilts'),
+    ('hexarotor_tilting', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', '1 at its greatest tilt and'),
+    ('omnidirectional_gimbals', [1e3] * 6, (1e6, 1e4), 'PRIORITIZED', '7 at their greatest tilt'),
 ])
 def test_what_a_rate_limits_is_named(name, u, rates, status, words):
     vehicle = Vehicle.load(name)

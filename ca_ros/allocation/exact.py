@@ -70,10 +70,10 @@ class Exact(Allocator):
         problem = self.problem
         self._m, self._n = problem.gamma.shape
         self._preference = settings.preference(problem)
-        self._vectored = isinstance(problem, VectoredProblem)
+        self._vectored: VectoredEngine | None = None
         self._engine: Any
         if isinstance(problem, VectoredProblem):
-            vectored = VectoredEngine(problem, settings)
+            self._vectored = vectored = VectoredEngine(problem, settings)
             self._engine, self.engine = vectored.kernel() or vectored, vectored.engine
         elif settings.solver == 'newton' and (kernel := chosen(problem.n, len(problem.axes))):
             self._engine, self.engine = kernel_for(kernel, problem, settings), 'C'
@@ -117,7 +117,7 @@ class Exact(Allocator):
             number, level, explain = 0, 1.0, None
         else:
             number, level = answer
-            explain = None if self._vectored else self._explain
+            explain = self._explain
             if number == INVALID:
                 self.problem.check(demand)
         return Allocation(
@@ -126,6 +126,8 @@ class Exact(Allocator):
         )
 
     def _explain(self, answer: Allocation) -> Explanation:
+        if self._vectored is not None:
+            return self._vectored.explain(answer)
         m, n = self.problem.gamma.shape
         numbers, names = np.empty(m * (3 + n)), np.empty((m + 1) * (1 + n), dtype=np.int32)
         margin = self._engine.explain(

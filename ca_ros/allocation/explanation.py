@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.limits import (
     BY_HEALTH,
     BY_RATE,
+    BY_TILT,
+    BY_TILT_RATE,
     TOGETHER,
     Bound,
     Limits,
@@ -19,14 +22,21 @@ from ca_ros.problem.limits import (
 )
 from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
+from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.problem.vectored_limits import SERVED as SETS_SERVED
+from ca_ros.problem.vectored_limits import limits_of_vectors
+from ca_ros.problem.vectored_priorities import VectoredPrioritization
 
 SERVED = 1e-9  # residual, as a share of half of the range of an axis, that counts as none
-BY_ORDER = 'the axes before it'
-"""What limits an axis that no bound limits: more important axes take what bounds would give."""
+BY_ORDER = 'the priorities'
+"""What limits an axis that no bound limits: other axes take what the bounds would give."""
 BY_METHOD = 'the method'
 """What limits an axis that the priorities would serve in full."""
 BY_POLICY = "the policy 'reject'"
+HOW = {
+    BY_RATE: 'at its rate', BY_HEALTH: 'by its health', BY_TILT: 'at its greatest tilt',
+    BY_TILT_RATE: 'at its tilt rate',
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +67,12 @@ class Explanation(Limits):
     def _words(self, axis: int) -> str:
         kind = self.problem.effector_kind.removesuffix('s')
         groups: dict[str, list[str]] = {}
-        for i in np.flatnonzero(self.blocks[axis]):
+        for i in np.flatnonzero(self.blocks[axis]).tolist():
             limit = int(self.limit[i])
-            end = 'maximum' if limit > 0 else 'minimum'
-            how = {BY_RATE: 'at its rate', BY_HEALTH: 'by its health'}.get(abs(limit))
+            how = HOW.get(abs(limit)) or ('at its maximum' if limit > 0 else 'at its minimum')
             if limit == BY_HEALTH and not self.problem.half_range[i]:
                 how = 'which is lost'
-            groups.setdefault(how or f'at its {end}', []).append(self.problem.effector_names[i])
+            groups.setdefault(how, []).append(self.problem.bound_names[i])
         parts = [
             f'{kind if len(names) == 1 else self.problem.effector_kind} {", ".join(names)} '
             + (how if len(names) == 1 else how.replace('its', 'their').replace(' is ', ' are '))
@@ -71,8 +80,6 @@ class Explanation(Limits):
         ]
         if self.airmode_blocks[axis]:
             parts.append('the limit on airmode')
-        if isinstance(self.problem, TiltingVehicleProblem):
-            parts += self.problem.rate_limited or ['thrusts and tilts'] * (self.margin < 0.0)
         words = ' and '.join(parts) or self.others[axis]
         together = (self.blocks[axis] == TOGETHER).any()
         return f'{words}, together' if together else words
@@ -107,16 +114,20 @@ def explain(
 
     `within`: the problem with the bounds of this answer.  `exact`: whether the demand is served.
     """
-    served = shares(problem, demand, problem.gamma @ thrusts, SERVED)
+    rounding = SETS_SERVED if isinstance(problem, VectoredProblem) else SERVED
+    served = shares(problem, demand, problem.gamma @ thrusts, rounding)
     found = Limits.none(np.ones_like(served) if exact else served, problem.n)
     margin, others = margin_of(within, demand), [BY_METHOD] * len(served)
     if not problem.has_volume:
         margin = float('nan')
     elif margin < 0.0 and (found.served < 1.0).any():
         serve = AdmissibleSet(problem).check_order(None)
-        if isinstance(serve, Prioritization):
+        if isinstance(serve, VectoredPrioritization):
+            best, again = serve(demand).thrusts, partial(serve.moved, demand)
+            found, misses = limits_of_vectors(serve.problem, demand, best, served, again)
+        else:
             found, misses = limits_of(serve, within, demand, served)
-            others = [BY_ORDER if each else BY_METHOD for each in misses]
+        others = [BY_ORDER if each else BY_METHOD for each in misses]
     return explained(problem, demand, thrusts, found, margin, others)
 
 

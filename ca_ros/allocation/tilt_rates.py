@@ -10,7 +10,7 @@ from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.reach import reached
 from ca_ros.allocation.result import Allocation, Status
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
@@ -102,13 +102,13 @@ class TiltLimited:
             slopes = problem.least_norm.solve(answer.wrench[None]).multipliers[0]
             problem.wanted = problem.forces(slopes @ problem.gamma)
         if answer.status in (Status.PRIORITIZED, Status.SCALED):
-            problem.rate_limited = self._limits(answer, problem)
-        return replace(answer, status=Status.RATE_LIMITED) if problem.rate_limited else answer
+            problem.by_rate = self._limits(answer, problem)
+        return replace(answer, status=Status.RATE_LIMITED) if problem.by_rate.any() else answer
 
-    def _limits(self, answer: Allocation, problem: TiltingVehicleProblem) -> list[str]:
-        """Return in words whose rates limit an answer on the boundary."""
+    def _limits(self, answer: Allocation, problem: TiltingVehicleProblem) -> BoolArray:
+        """Return whose rates an answer on the boundary is at; see `VectoredProblem.by_rate`."""
         vehicle, tilts = self.vehicle, self._tilts
-        rotors, servos = list[int](), list[int]()
+        found = np.zeros(problem.n, dtype=bool)
         low, high = tilts.limits
         ends = np.column_stack(problem.sets.length_limits).tolist()
         places = zip(problem.windows, problem.sets.first, ends, strict=True)
@@ -119,7 +119,7 @@ class TiltLimited:
             below = lower > vehicle.thrust_min[i] + slack
             length = float(np.linalg.norm(vector))
             if (above and length >= upper - slack) or (below and vector[0] <= lower + slack):
-                rotors.append(i + 1)
+                found[k] = True
             mine = [s for s, rotor in enumerate(tilts.rotors) if rotor == i]
             if not mine:
                 continue
@@ -136,13 +136,8 @@ class TiltLimited:
             side = half == 0.0 or length <= slack or (
                 _angle(float(vector[0]) / length) >= half - AT_END)
             if bound and side:
-                servos.append(i + 1)
-        kinds = ('rotor', rotors), ('servo', servos)
-        return [
-            f'{kind} {which[0]} at its rate' if len(which) == 1
-            else f'{kind}s {", ".join(map(str, which))} at their rates'
-            for kind, which in kinds if which
-        ]
+                found[k + (each.size > 1)] = True
+        return found
 
     def _windows(
         self, speeds: Array, angles: Array, period: float

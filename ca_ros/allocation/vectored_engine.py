@@ -1,18 +1,28 @@
 """The engine of the exact allocator for effectors that are vectors in convex sets."""
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from ca_ros.allocation.exact_settings import ExactSettings, Serving
-from ca_ros.allocation.result import Status
+from ca_ros.allocation.explanation import (
+    BY_ORDER,
+    BY_POLICY,
+    Explanation,
+    explained,
+    margin_of,
+)
+from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import KernelNewton, fields_of, sets_newton
+from ca_ros.problem.limits import Limits, shares
 from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
 from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.problem.vectored_limits import SERVED, limits_of_vectors
 from ca_ros.problem.vectored_priorities import VectoredPrioritization, refuse_limits
+from ca_ros.solver.convex_sets import ConvexSets
 
 INSIDE = 0.99  # greatest share of the way from the middle to the boundary where lines begin
 
@@ -53,6 +63,28 @@ class VectoredEngine:
     @cached_property
     def _serve(self) -> VectoredPrioritization:
         return VectoredPrioritization(self._problem, *self._serving[:3], solver=self._solver)
+
+    def explain(self, answer: Allocation) -> Explanation:
+        """Return why an answer is what it is."""
+        problem, u = self._problem, answer.demand
+        served = shares(problem, u, answer.wrench, SERVED)
+        found, other = Limits.none(served, problem.n), BY_ORDER
+        if answer.status is Status.REJECTED:
+            other = BY_POLICY
+        elif (served < 1.0).any():
+            found, _ = limits_of_vectors(
+                problem, u, answer.thrusts, served, partial(self._moved, u))
+        margin = margin_of(problem, u)
+        return explained(problem, u, answer.thrusts, found, margin, [other] * len(u))
+
+    def _moved(self, u: Array, sets: ConvexSets) -> Array:
+        """Return the wrench (m,) that is served for u (m,) with other sets."""
+        if self._settings.status is Status.PRIORITIZED:
+            return self._serve.moved(u, sets)
+        gamma, begin = self._problem.gamma, self._begin
+        given = self._solver.weights, self._solver.preferred
+        line = sets_newton(gamma, sets, *given).line(begin, u - begin, 1.0)
+        return np.asarray(gamma @ line.point, float)
 
     @property
     def fields(self) -> dict[str, Array | float]:

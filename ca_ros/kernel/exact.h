@@ -76,7 +76,7 @@ enum ca_block {
 
 /* Why thrusts produce another wrench than u. A gain is by how much an axis comes nearer to its demand
  * per N by which a bound moves out, if the demand is served again; 0 if it depends on how far the
- * bound moves. An axis that misses its demand without a block is limited by the axes before it, which
+ * bound moves. An axis that misses its demand without a block is limited by the priorities: other axes
  * take what the bounds would give. If the policy is to reject, there are no blocks. */
 typedef struct {
     ca_real margin;           /* that of u, see `ca_margin` */

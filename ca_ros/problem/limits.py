@@ -13,12 +13,10 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
 
 BY_BOUND, BY_RATE, BY_HEALTH = 1, 2, 3  # what limits an effector: enum ca_limit of the kernel
+BY_TILT, BY_TILT_RATE = 4, 5  # the same of the angle of a vector
 ALONE, TOGETHER = 1, 2  # how a bound limits an axis: enum ca_block of the kernel
 
-NEAR, FAR = 1e-5, 1e-3  # how far bounds move out, as shares of their reach
 REACH_MIN = 1e-3  # least reach of an effector, as a share of half of its range
-GAIN_MIN = 1e-4  # least gain that counts, in units of the ranges
-SAME = 2e-3  # greatest relative difference of gains that are the same
 AT_BOUND = 1e-9  # distance from a bound that counts as none, as a share of half of the range
 
 
@@ -42,6 +40,10 @@ class Limits:
     - `airmode` (m,): its gain, if it limits alone
     - `limit` (n,): `BY_BOUND`, `BY_RATE` or `BY_HEALTH`, negative at the lower bound; 0 for no
       limit
+
+    If effectors are vectors, the bounds of the length have the first component of a vector.  The
+    second has that of the tilt, with `BY_TILT` or `BY_TILT_RATE`; it moves by the angle that moves
+    the end of the longest vector by 1 N.
     """
 
     served: Array
@@ -75,6 +77,24 @@ def shares(problem: AllocationProblem, u: Array, wrench: Array, rounding: float)
     return np.where(missed <= rounding * problem.extent, 1.0, share)
 
 
+class Steps(NamedTuple):
+    """How bounds are moved to find what limits.
+
+    - `near`, `far`: how far they move out, as shares of their reach
+    - `least`: least gain that counts, in units of the ranges
+    - `same`: greatest relative difference of gains that are the same
+    """
+
+    near: float
+    far: float
+    least: float
+    same: float
+
+
+STEPS = Steps(near=1e-5, far=1e-3, least=1e-4, same=2e-3)
+"""For bounds of numbers, where gains are piecewise constant."""
+
+
 class Bound(NamedTuple):
     """A bound that may limit an answer.
 
@@ -93,6 +113,7 @@ class Bound(NamedTuple):
 def find_limits(
     u: Array, served: Array, misses: BoolArray, extent: Array, unit: float,
     bounds: Sequence[Bound], n: int, serve: Callable[[Sequence[Bound], float], Array],
+    steps: Steps = STEPS,
 ) -> Limits:
     """Return what limits the axes of a demand u (m,) that miss it, for n effectors.
 
@@ -113,14 +134,18 @@ def find_limits(
         return np.asarray((missed - np.abs(u - serve(chosen, distance))) / distance)
 
     def counts(gain: Array) -> BoolArray:
-        return np.asarray(gain * unit > GAIN_MIN * extent)
+        return np.asarray(gain * unit > steps.least * extent)
 
-    near = np.array([gains([bound], NEAR) for bound in bounds])
-    far = np.array([gains([bound], FAR) for bound in bounds])
+    def stated(near: float, far: float) -> float:
+        # A gain that depends on the distance is not.
+        return near if abs(near - far) <= steps.same * near else 0.0
+
+    near = np.array([gains([bound], steps.near) for bound in bounds])
+    far = np.array([gains([bound], steps.far) for bound in bounds])
     for k in np.flatnonzero(misses).tolist() if bounds else []:
         alone = [counts(near[b])[k] and counts(far[b])[k] for b in range(len(bounds))]
         for b in np.flatnonzero(alone).tolist():
-            gain, effector = _stated(near[b, k], far[b, k]), bounds[b].effector
+            gain, effector = stated(near[b, k], far[b, k]), bounds[b].effector
             _name(found, k, bounds[b], ALONE)
             if effector < 0:
                 found.airmode[k] = gain
@@ -130,25 +155,20 @@ def find_limits(
             continue
         # What takes from the axis is not to move with the others.
         chosen = [bound for b, bound in enumerate(bounds) if not counts(-near[b])[k]]
-        together = gains(chosen, NEAR) if chosen else np.zeros(len(u))
+        together = gains(chosen, steps.near) if chosen else np.zeros(len(u))
         if not counts(together)[k]:
             continue
         for bound in list(chosen):
             rest = [each for each in chosen if each != bound]
-            without = gains(rest, NEAR) if rest else np.zeros(len(u))
-            if without[k] >= (1.0 - SAME) * together[k]:
+            without = gains(rest, steps.near) if rest else np.zeros(len(u))
+            if without[k] >= (1.0 - steps.same) * together[k]:
                 chosen, together = rest, without
-        beyond = gains(chosen, FAR)
+        beyond = gains(chosen, steps.far)
         if counts(beyond)[k]:
-            found.joint_gain[k] = _stated(together[k], beyond[k])
+            found.joint_gain[k] = stated(together[k], beyond[k])
             for bound in chosen:
                 _name(found, k, bound, TOGETHER)
     return found
-
-
-def _stated(near: float, far: float) -> float:
-    """Return the gain that is stated: none if it depends on the distance."""
-    return near if abs(near - far) <= SAME * near else 0.0
 
 
 def _name(found: Limits, axis: int, bound: Bound, how: int) -> None:

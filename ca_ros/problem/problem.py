@@ -220,6 +220,11 @@ class AllocationProblem:
         return len(self.lower)
 
     @property
+    def bound_names(self) -> Sequence[str]:
+        """The names (n,) of the effectors that bounds belong to."""
+        return self.effector_names
+
+    @property
     def impaired(self) -> IntArray:
         """1 for each effector (n,) whose upper bound is lowered by its health, else 0."""
         return np.zeros(self.n, dtype=np.int32)

@@ -1,5 +1,7 @@
 """Allocation problems whose effectors are vectors in convex sets."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import pi
@@ -8,7 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, IntArray, constant
+from ca_ros.arrays import Array, BoolArray, IntArray, constant
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.problem.supported_set import SupportedSet
@@ -41,6 +43,8 @@ class VectoredProblem(AllocationProblem):
     """
 
     sets: ConvexSets
+    by_rate: BoolArray
+    """Whether rates limit the length, or the tilt, of the components' vectors (n,)."""
 
     def __init__(
         self, matrix: ArrayLike, sets: Sequence[ConvexSet], axes: Sequence[str] | None = None,
@@ -59,9 +63,23 @@ class VectoredProblem(AllocationProblem):
 
     def _fill(self, gamma: Array, lower: Array, upper: Array, reference: Array) -> None:
         super()._fill(gamma, lower, upper, reference)
+        self.by_rate = np.zeros(self.n, dtype=bool)
         most, least = self.sets.support(gamma), -self.sets.support(-gamma)
         self.middle = constant(self.sets.inner)
         self.center, self.extent = constant((most + least) / 2.0), constant((most - least) / 2.0)
+
+    def with_other_sets(self, sets: ConvexSets) -> VectoredProblem:
+        """Return the problem with other sets, but with the middle and the ranges of this one."""
+        other = VectoredProblem.__new__(VectoredProblem)
+        other.sets, other.axes = sets, self.axes
+        other._fill(self.gamma, sets.lower, sets.upper, self.reference)
+        other.middle, other.center, other.extent = self.middle, self.center, self.extent
+        return other
+
+    @property
+    def bound_names(self) -> Sequence[str]:
+        """The names (n,) of the effectors that the components belong to."""
+        return [name.split('.')[0] for name in self.effector_names]
 
     def clip(self, thrusts: Array) -> Array:
         """Return the nearest vectors (..., n) of the sets."""

@@ -89,6 +89,16 @@ class VectoredPrioritization:
         levels[near] = 1.0
         return Served(served, levels, np.asarray(near.all()), point)
 
+    def moved(self, u: Array, sets: ConvexSets) -> Array:
+        """Return the wrench (m,) that is served for u (m,) with other sets, such as wider ones."""
+        other = copy(self)
+        for name in ('fields', '_kernel'):
+            vars(other).pop(name, None)
+        other.problem = self.problem.with_other_sets(sets)
+        given = self.solver.weights, self.solver.preferred
+        other.solver = sets_newton(self.problem.gamma, sets, *given)
+        return np.asarray(self.problem.gamma @ other._answer(u)[0], float)
+
     @cached_property
     def fields(self) -> dict[str, Array]:
         """The fields of the priorities in ``ca_vectored`` in C."""

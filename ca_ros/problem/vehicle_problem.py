@@ -81,7 +81,6 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
 
     wanted: Array | None = None
     near: Array | None = None
-    rate_limited: Sequence[str] = ()
 
     def __init__(
         self, vehicle: Vehicle, windows: Sequence[tuple[ConvexSet, Array]] | None = None

@@ -52,7 +52,7 @@ function reasons(axes, {blocks, cause, airmodeBlocks, served}) {
   const limited = {};
   axes.forEach((axis, k) => {
     const what = [...which(blocks[k].map((how, i) => how && cause[i]), CAUSES),
-      ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])].join(', ') || 'the axes before it';
+      ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])].join(', ') || 'the priorities';
     const how = blocks[k].includes(TOGETHER) ? ', together' : '';
     if (served[k] < 1) (limited[what + how] ??= []).push(axis);
   });
