@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
-from ca_ros import SlewLimited, Status, Vehicle, make_allocator
-from ca_ros.problem.limits import ALONE, BY_BOUND, BY_HEALTH, TOGETHER
+from ca_ros import AdmissibleSet, SlewLimited, Status, Vehicle, make_allocator
+from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.kernel import load
+from ca_ros.problem.limits import ALONE, BY_BOUND, BY_HEALTH, TOGETHER, Limits
 from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import FLEET, HEXAROTOR, SOME, length, need_kernel, unaudited
+from strategies import FLEET, HEXAROTOR, SOME, extreme, length, need_kernel, unaudited
 from test_prioritize import LOST, ORDERS, Judge, groups_of
 
 LIMITS = [1.0, 0.0, [0.3, 0.1]]
@@ -113,6 +116,25 @@ class Case:
         return 1e-3 * min(reaches)
 
 
+class ScaledCase(Case):
+    """The same with the policy scale: one linear program."""
+
+    def __init__(self, vehicle):
+        super().__init__(vehicle)
+        self.exact = unaudited('exact', vehicle, policy='scale')
+
+    def missed(self, answer, moves=(), distance=0.0):
+        lower, upper = self.problem.lower.copy(), self.problem.upper.copy()
+        for rotor, side in moves:
+            (upper if side > 0 else lower)[rotor] += side * distance
+        start = AdmissibleSet(self.problem).reference
+        way = answer.demand - start
+        found = extreme(
+            np.append(np.zeros(self.problem.n), -1.0), np.column_stack([self.problem.gamma, -way]),
+            start, np.append(lower, 0.0), np.append(upper, 1.0))
+        return (1.0 - found[-1]) * np.abs(way)
+
+
 def check_statements(case, answer):
     """Check all that an explanation says by linear programs; return how much that is."""
     why, problem, checked = answer.explanation, case.problem, 0
@@ -174,6 +196,7 @@ CASES = {
     'asymmetric, airmode': lambda: Case(FLEET['asymmetric'], airmode=[0.5, 0.1]),
     'hexarotor_ppnnpn, rates': lambda: Case(FLEET['hexarotor_ppnnpn'], rates=2000.0),
     'quadrotor, rates': lambda: Case(FLEET['quadrotor'], 'one by one', rates=3000.0),
+    'hexarotor, scale': lambda: ScaledCase(HEXAROTOR),
     'x8, rates and airmode': lambda: Case(FLEET['x8'], airmode=0.2, rates=2000.0),
 }
 
@@ -188,6 +211,40 @@ def test_what_is_said_is_so_when_the_demand_is_served_again(name):
             raise AssertionError(f'{answer.demand.tolist()}, {answer.bounds}: {error}') from error
         if checked >= length(20, 5000):
             break
+
+
+@pytest.mark.parametrize('name', SOME)
+def test_in_single_precision_the_gains_are_the_same(name):
+    need_kernel()
+    problem, rng, count = VehicleProblem(FLEET[name]), np.random.default_rng(2), 0
+    m, n = problem.gamma.shape
+    kernels = [kernel_for(load(precision), problem, ExactSettings(airmode_limit=0.1), dtype)
+               for precision, dtype in (('double', np.float64), ('single', np.float32))]
+    for _ in range(length(30, 3000)):
+        u = problem.center + rng.uniform(-1.5, 1.5, m) * problem.extent
+        found = []
+        for kernel, dtype in zip(kernels, (np.float64, np.float32), strict=True):
+            thrusts, numbers = np.empty(n, dtype), np.empty(m * (3 + n), dtype)
+            names = np.empty((m + 1) * (1 + n), np.int32)
+            kernel.allocate(u.astype(dtype), np.empty(m, dtype), thrusts)
+            kernel.explain(u.astype(dtype), thrusts, numbers, names)
+            found.append(Limits.of(numbers.reshape(m, -1), names.reshape(m + 1, -1)))
+        double, single = found
+        both = (double.gain > 0.0) & (single.gain > 0.0)
+        # A bound moves by 1 and 3 % of its range, so that few other rotors reach theirs.
+        np.testing.assert_allclose(single.gain[both], double.gain[both], rtol=0.05)
+        assert np.sum((double.gain > 0.0) != (single.gain > 0.0)) <= 3 * m
+        np.testing.assert_allclose(single.served, double.served, atol=1e-3)
+        count += both.sum()
+    assert count > 30
+
+
+def test_a_rejected_demand_names_the_policy():
+    reject = make_allocator('exact', HEXAROTOR, policy='reject')
+    why = reject.allocate([99.0, 0.0, 0.0, 0.0]).explanation
+    assert set(why.limits.values()) == {"the policy 'reject'"}
+    assert why.margin < 0.0
+    np.testing.assert_array_equal(why.blocks, 0)
 
 
 def test_a_rotor_at_a_bound_that_limits_nothing_is_not_named():

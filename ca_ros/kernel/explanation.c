@@ -16,7 +16,7 @@
 #define REACH_MIN CA_CHOOSE(1e-3, 1e-1)
 /* Least gain that counts, and greatest relative difference of gains that are the same. */
 #define GAIN_MIN CA_CHOOSE(1e-4, 1e-2)
-#define SAME CA_CHOOSE(2e-3, 5e-2)
+#define SAME CA_CHOOSE(2e-3, 1e-2)
 /* Residual that counts as none, as a share of half of the range of an axis. */
 #define SERVED CA_CHOOSE(1e-9, 1e-4)
 /* Distance of a thrust from its bound that counts as none, as a share of half of its range. */
