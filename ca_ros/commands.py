@@ -47,7 +47,7 @@ HINTS = {
     **dict.fromkeys(STUDIES, "pip install 'ca_ros[studies]'"),
     'distributed': "pip install 'ca_ros[cluster]'",
     'actuator_msgs': 'apt install ros-jazzy-actuator-msgs, and source ROS 2 Jazzy',
-    'px4_msgs': 'build github.com/PX4/px4_msgs, of the branch of your PX4, and source it',
+    'px4_msgs': 'build and source github.com/PX4/px4_msgs of the branch of your PX4 (docs/px4.md)',
     **dict.fromkeys(ROS, "source ROS 2 Jazzy, or pip install 'ca_ros[ros]' (x86-64 Linux)"),
 }
 

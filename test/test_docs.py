@@ -28,7 +28,7 @@ LATER = {'CONTRIBUTING.md', *(f'docs/{page}.md' for page in (
 
 NOT_HERE = {
     'needs ROS': 'a ROS 2 installation',
-    'needs PX4': 'PX4, its simulation and px4_msgs (docs/px4.md, "What was not run")',
+    'needs PX4': 'PX4, its simulation and px4_msgs (docs/px4.md, "Five minutes to a hover")',
     'needs hardware': 'a vehicle',
     'needs an hour': 'an hour; make soak',
     'needs the log': 'pyulog and a log of its repository',

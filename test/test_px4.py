@@ -261,6 +261,20 @@ def test_what_is_no_multirotor_is_refused(airframe, words):
         parameters.from_px4(parameters.read(airframe), 1.0, (0.0, 400.0), 2.5e-5)
 
 
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_normalised_positions_are_not_taken_for_metres(vehicle, sign):
+    """As of 10040_sihsim_quadx and 10044_sihsim_hex, or of 4001_quad_x of 2026."""
+    text = QUAD_X.replace('0.15', f'{sign:g}').replace('--', '')
+    for airframe in (text, text.replace('CA_ROTOR0_PX 1', 'CA_ROTOR0_PX 0.866')):
+        with pytest.raises(ValueError, match=r'positions are normalised.*: give --length'):
+            parameters.from_px4(parameters.read(airframe), 1.0, (0.0, 400.0), 2.5e-5)
+    arms = vehicle(text, length=0.2).arms
+    assert_allclose(np.abs(arms), np.tile([0.2, 0.2, 0.0], (4, 1)))
+    assert_allclose(np.abs(vehicle(text, length=1.0).arms[:, 0]), 1.0)
+    # Metres stay metres.
+    assert_allclose(np.abs(vehicle(QUAD_X).arms[:, 0]), 0.15)
+
+
 def test_a_wrong_number_for_the_file_is_refused_by_its_name():
     given = parameters.read(QUAD_X)
     with pytest.raises(ValueError, match=r'^vehicle\.mass: must be positive'):

@@ -80,11 +80,12 @@ def from_px4(
     given: Mapping[str, float], mass: float, speeds: tuple[float, float],
     thrust_coefficient: float, moment_constant: float | None = None,
     inertia: Sequence[float] | None = None, name: str = 'multirotor',
+    length: float | None = None,
 ) -> str:
     """Return the text of a parameter file.
 
-    Raises a ValueError if a rotor has no axis, no thrust or no sense of rotation, or another value
-    is wrong.
+    Raises a ValueError if a rotor has no axis, no thrust or no sense of rotation, if the positions
+    are normalised and there is no length, or if another value is wrong.
 
     - `given`: as `read` returns it
     - `mass`: [kg]
@@ -93,6 +94,8 @@ def from_px4(
       the ratio of CT
     - `moment_constant`: k_tau / k_f [m] of all rotors.  Default: the magnitude of KM
     - `inertia` (3,): Jx, Jy, Jz [kg m^2].  An allocator does without
+    - `length`: what a position of 1 stands for [m].  Default: 1 m, unless the greatest is 1, as in
+      the airframes of SIH and of many kits, where only the ratios are right
     """
     n = int(given['CA_ROTOR_COUNT'])
     if not 1 <= n <= ROTORS:
@@ -105,6 +108,13 @@ def from_px4(
         FLIP * np.array([[rotor[kind + axis] for axis in 'XYZ'] for rotor in rotors])
         for kind in 'PA'
     )
+    farthest = np.abs(places[:, :2]).max()
+    if length is None and farthest == 1.0:
+        raise ValueError(
+            'the greatest of CA_ROTORn_PX and _PY is 1, so the positions are normalised, not in '
+            'metres: give --length, what 1 stands for (--length 1 if it is a metre)'
+        )
+    places *= 1.0 if length is None else length
     ct, km = (np.array([rotor[kind] for rotor in rotors]) for kind in ('CT', 'KM'))
     for i in range(n):
         if not axes[i].any() or ct[i] <= 0.0:
@@ -251,6 +261,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     about = 'k_tau / k_f [m] (default: the magnitude of KM)'
     one.add_argument('--moment-constant', type=finite, help=about)
     one.add_argument('--mass', type=finite, required=True, help='[kg]')
+    about = 'what a position of 1 stands for [m] (default: 1, unless the greatest is 1)'
+    one.add_argument('--length', type=finite, help=about)
     about = 'Jx Jy Jz [kg m^2] (default: none)'
     one.add_argument('--inertia', type=finite, nargs=3, metavar='J', help=about)
     other = ways.add_parser('to-px4', help="print PX4's parameters")
@@ -267,7 +279,8 @@ def run(options: argparse.Namespace) -> None:
         speeds = options.speed_min, options.speed_max
         name = re.sub(r'\W', '_', options.file.stem)
         coefficients = options.thrust_coefficient, options.moment_constant
-        print(from_px4(given, options.mass, speeds, *coefficients, options.inertia, name), end='')
+        more = options.inertia, name, options.length
+        print(from_px4(given, options.mass, speeds, *coefficients, *more), end='')
         return
     words = options.order.split(',') if options.order else []
     order = [int(word) if word.strip().isdecimal() else 0 for word in words]
