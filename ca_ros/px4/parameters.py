@@ -278,9 +278,11 @@ def run(options: argparse.Namespace) -> None:
         given = read(options.file.read_text(encoding='utf-8'))
         speeds = options.speed_min, options.speed_max
         name = re.sub(r'\W', '_', options.file.stem)
-        coefficients = options.thrust_coefficient, options.moment_constant
-        more = options.inertia, name, options.length
-        print(from_px4(given, options.mass, speeds, *coefficients, *more), end='')
+        found = from_px4(
+            given, options.mass, speeds, options.thrust_coefficient, options.moment_constant,
+            options.inertia, name, options.length,
+        )
+        print(found, end='')
         return
     words = options.order.split(',') if options.order else []
     order = [int(word) if word.strip().isdecimal() else 0 for word in words]
