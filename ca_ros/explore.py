@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+from ca_ros.input_files import read_text
 from ca_ros.problem.audit import audit
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
@@ -51,5 +52,5 @@ def page(vehicle: str | None = None) -> str:
     if Vehicle.load(vehicle).tilts is not None:
         raise ParameterError(f'{vehicle}: rotors that tilt: the explorer knows fixed rotors only')
     file = find(vehicle)
-    start = json.dumps({file.stem: file.read_text(encoding='utf-8')}).replace('</', '<\\/')
+    start = json.dumps({file.stem: read_text(file)}).replace('</', '<\\/')
     return text.replace(NO_VEHICLE, NO_VEHICLE.replace('{}', start))

@@ -1,7 +1,9 @@
 """The bringup script: flights over DDS, and how they end."""
 
 import math
+import os
 import signal
+import subprocess
 from collections import Counter
 
 import numpy as np
@@ -20,7 +22,7 @@ from ca_ros.bringup.session import Flown
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.settings import DECLARED
-from ca_ros.testing import DEADLINE
+from ca_ros.testing import DEADLINE, executable
 from nodes import fly_in_real_time, fly_offline, read
 from strategies import file_values, length
 
@@ -218,6 +220,33 @@ def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
     assert flight.returncode == code, out + err
     assert 'Traceback' not in err
     assert graph.alive() == []
+
+
+def test_an_interrupted_flight_is_written(graph, tmp_path):
+    flight = fly_on(graph, '--out', str(tmp_path))
+    flight.send_signal(signal.SIGINT)
+    out, err = graph.outlive(flight)
+    assert flight.returncode == 130, out + err
+    assert err.splitlines()[-1] == 'bringup: interrupted by SIGINT'
+    header, *rows = (tmp_path / 'flight.csv').read_text().splitlines()
+    assert header.startswith('t,x,y,z')
+    assert len(rows) > 5
+    assert str(tmp_path / 'flight.csv') in out
+
+
+def test_without_security_libraries_it_says_so(tmp_path):
+    # With such libraries, an enclave without keys is what it says.
+    (tmp_path / 'enclaves' / 'recorder').mkdir(parents=True)
+    secured = {
+        'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce',
+        'ROS_SECURITY_KEYSTORE': str(tmp_path)}
+    found = subprocess.run(
+        [executable('bringup'), '--duration', '1', '--out', str(tmp_path / 'out')],
+        env={**os.environ, **secured}, capture_output=True, text=True, timeout=60)
+    assert found.returncode == 1
+    assert 'Traceback' not in found.stderr
+    # rclpy and rcl have lines of their own.
+    assert found.stderr.splitlines()[-1].startswith('bringup: error creating node: ')
 
 
 def test_it_says_which_node_died_and_ends_the_others(graph, tmp_path):

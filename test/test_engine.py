@@ -7,12 +7,13 @@ import signal
 from argparse import Namespace
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
+from multiprocessing import active_children
 from threading import Barrier
 
 import pytest
 
 from ca_ros.errors import CaRosError
-from ca_ros.evaluation import engine
+from ca_ros.evaluation import engine, result_files
 from ca_ros.evaluation.engine import code, compute
 from ca_ros.evaluation.static import study
 from ca_ros.evaluation.static.study import main
@@ -70,6 +71,22 @@ def test_results_are_in_the_order_of_the_chunks(tmp_path):
 def test_an_interrupted_study_says_how_far_it_was(tmp_path):
     with pytest.raises(KeyboardInterrupt, match=r'after \d+ of 12 chunks'):
         compute(Thirds(tmp_path, 5, signal.SIGINT), COUNT, SERIAL)
+
+
+@pytest.mark.filterwarnings('error::pytest.PytestUnhandledThreadExceptionWarning')
+def test_an_interrupted_study_ends_its_processes_in_silence(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engine.tqdm, 'update', interrupt)
+    with pytest.raises(KeyboardInterrupt, match='after 1 of 400 chunks'):
+        compute(Thirds(tmp_path), 400, Namespace(workers=2, scheduler=None))
+    assert not active_children()
+
+
+def test_the_machine_is_described_where_there_is_no_list_of_processors(tmp_path, monkeypatch):
+    monkeypatch.setattr(result_files, 'CPUS', tmp_path / 'missing')
+    assert result_files.machine()['processor']
 
 
 def test_where_there_is_no_terminal_lines_tell_of_progress(tmp_path, monkeypatch, capsys):

@@ -248,7 +248,7 @@ def test_a_file_of_two_vehicles_is_refused_unless_a_node_is_named(tmp_path):
 def test_what_is_no_text_is_refused(tmp_path):
     path = tmp_path / 'wrong.yaml'
     path.write_bytes('# Größe\n'.encode('latin-1'))
-    assert 'YAML' in complaint(path)
+    assert 'not readable text' in complaint(path)
     complaint(tmp_path)
 
 

@@ -81,6 +81,12 @@ def live(node, known):
     return found
 
 
+def test_the_guide_makes_every_enclave():
+    [names] = re.findall('^for node in (.*); do$', GUIDE.read_text(), re.MULTILINE)
+    enclaves = ElementTree.parse(POLICY).iter('enclave')
+    assert sorted(f'/{name}' for name in names.split()) == sorted(e.get('path') for e in enclaves)
+
+
 @pytest.mark.parametrize('namespace', length(['/uav1'], ['/', '/uav1']))
 def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path, namespace):
     text = POLICY.read_text(encoding='utf-8')

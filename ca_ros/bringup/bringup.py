@@ -19,7 +19,7 @@ from ca_ros.bringup.options import parse
 from ca_ros.bringup.plan import Plan
 from ca_ros.bringup.plots import draw_flight
 from ca_ros.bringup.served import Served, served
-from ca_ros.bringup.session import Flown, Session
+from ca_ros.bringup.session import EndedEarlyError, Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError, message
 from ca_ros.figures import save
@@ -40,8 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         out = plan.out or (new := _new_folder())
         interrupts = note_signals()
         return _bringup(plan, out, interrupts)
-    except (CaRosError, OSError) as error:
-        print(f'bringup: {message(error)}', file=sys.stderr)
+    except (CaRosError, OSError, RCLError) as error:
+        text = in_one_line(error) if isinstance(error, RCLError) else message(error)
+        print(f'bringup: {text}', file=sys.stderr)
         return 128 + interrupts[0] if interrupts else 1
     finally:
         try_shutdown()
@@ -64,7 +65,11 @@ def _new_folder() -> Path:
 
 def _bringup(plan: Plan, out: Path, interrupts: list[int]) -> int:
     nodes, bag = _prepare(plan, out)
-    flown = Session(plan, nodes, interrupts, bag).fly()
+    try:
+        flown = Session(plan, nodes, interrupts, bag).fly()
+    except EndedEarlyError as error:
+        write_results(plan, out, error.flown)
+        raise
     foreign = 'controller' in plan.replacements
     shares = None if foreign else served(flown, plan.trajectory, plan.failures)
     cuts = () if shares is None else shares.cuts

@@ -54,6 +54,14 @@ class Flown:
     detected: Mapping[int, float] = field(default_factory=dict)
 
 
+class EndedEarlyError(CaRosError):
+    """A flight has begun and ended early; `flown` is what was flown until then."""
+
+    def __init__(self, message: str, flown: Flown) -> None:
+        super().__init__(message)
+        self.flown = flown
+
+
 class Session:
     """The nodes of one flight as processes, and the recorder and the bag in this process.
 
@@ -77,7 +85,10 @@ class Session:
         self._looked = time.monotonic()
 
     def fly(self) -> Flown:
-        """Start the nodes, fly, and end them; raise a CaRosError if the flight ended early."""
+        """Start the nodes, fly, and end them.
+
+        Raises a CaRosError if there was no flight, or an EndedEarlyError.
+        """
         try:
             # The bag closes after the nodes have ended, so it is complete.
             with closing(self._bag) if self._bag else nullcontext():
@@ -106,16 +117,25 @@ class Session:
         timeline.update(None, self._spin)
         recorder.send(trajectory.first)
         began = time.monotonic()
-        progress, patience = 0.0, Patience()
-        while progress < duration:
-            self._spin()
-            timeline.update(recorder.elapsed, self._spin)
-            if recorder.waiting and not recorder.missing():
-                recorder.send(trajectory.first)
-            if (elapsed := (recorder.elapsed or 0) / 1e9) != progress:
-                progress, patience = elapsed, Patience()
-                _show(progress, duration)
-            patience.check(partial(self._stalled, progress))
+        try:
+            progress, patience = 0.0, Patience()
+            while progress < duration:
+                self._spin()
+                timeline.update(recorder.elapsed, self._spin)
+                if recorder.waiting and not recorder.missing():
+                    recorder.send(trajectory.first)
+                if (elapsed := (recorder.elapsed or 0) / 1e9) != progress:
+                    progress, patience = elapsed, Patience()
+                    _show(progress, duration)
+                patience.check(partial(self._stalled, progress))
+        except CaRosError as error:
+            if not recorder.elapsed:
+                raise
+            flight, none = recorder.flight(duration), Counter[str]()
+            wall = time.monotonic() - began
+            counts = self._processes.respawned, none, none
+            raise EndedEarlyError(
+                str(error), Flown(flight, wall, *counts, common, vehicle)) from None
         if bag:
             end = recorder.end(duration)
             self._wait(lambda: bag.behind(end))

@@ -78,12 +78,14 @@ def compute(
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f' after {done} of {count} chunks') from None
         finally:
-            for future in futures:
-                future.cancel()
-            # A chunk that is being computed would hold up the end.
             if done < count and isinstance(executor, ProcessPoolExecutor):
+                # A chunk that is being computed would hold up the end.  Without its processes the
+                # executor ends the futures itself; to one that is cancelled it cannot tell so.
                 for child in active_children():
                     child.terminate()
+            else:
+                for future in futures:
+                    future.cancel()
     return [future.result() for future in futures]
 
 

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.edited_yaml import with_values
@@ -46,7 +47,7 @@ def run(options: argparse.Namespace) -> None:
     print('\n'.join(report(found)))
     if options.out is not None:
         file = find(options.vehicle)
-        text = file.read_text(encoding='utf-8')
+        text = read_text(file)
         try:
             options.out.write_text(with_values(text, found.parameters), encoding='utf-8')
         except ParameterError as error:

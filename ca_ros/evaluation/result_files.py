@@ -17,6 +17,8 @@ import pandas as pd
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.tables import latex
 
+CPUS = Path('/proc/cpuinfo')
+
 PACKAGES = ('ca_ros', 'numpy', 'scipy', 'osqp', 'pandas', 'matplotlib')
 
 NOT_REPEATED = (
@@ -80,7 +82,9 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, str | int]:
     """Return processor, number of cores and system."""
-    names = re.findall('^model name.*?: (.*)', Path('/proc/cpuinfo').read_text(), re.MULTILINE)
+    # Only Linux has this file.
+    info = CPUS.read_text() if CPUS.is_file() else ''
+    names = re.findall('^model name.*?: (.*)', info, re.MULTILINE)
     processor = names[0].strip() if names else platform.processor() or platform.machine()
     system = platform.platform(terse=True)
     return {'processor': processor, 'cores': os.cpu_count() or 1, 'system': system}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from ca_ros.arrays import Array
 from ca_ros.errors import message
 from ca_ros.flight.closed_loop import Change
 from ca_ros.flight.waypoint import Waypoint
+from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 
 COLUMNS = ('t', 'x', 'y', 'z', 'heading')
@@ -42,11 +44,11 @@ class Trajectory:
         Without a heading, `QUATERNION` has the attitude, body to world.  Raises a ParameterError
         that names the file and the fault.
         """
+        # Spreadsheets may begin a file with a byte order mark.
+        text = StringIO(read_text(path, encoding='utf-8-sig', newline=''), newline='')
         try:
-            # Spreadsheets may begin a file with a byte order mark.
-            with path.open(newline='', encoding='utf-8-sig') as file:
-                rows = list(csv.DictReader(file, strict=True, skipinitialspace=True))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            rows = list(csv.DictReader(text, strict=True, skipinitialspace=True))
+        except csv.Error as error:
             raise ParameterError(message(error, path)) from None
         posed = bool(rows) and 'heading' not in rows[0]
         names = (*COLUMNS[:4], *QUATERNION) if posed and 'qw' in rows[0] else COLUMNS

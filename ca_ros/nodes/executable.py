@@ -4,12 +4,12 @@ import argparse
 import faulthandler
 import gc
 import json
+import re
 import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -18,12 +18,20 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
 from ca_ros import arguments, settings
+from ca_ros.input_files import check_file, read_text
 from ca_ros.nodes.console import ending_signals, never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
 from ca_ros.nodes.settings import FileSettings, load_for
 from ca_ros.settings import ParameterError, Settings, table
-from ca_ros.vehicle.files import NoSectionError, find, matches, read_value, read_yaml
+from ca_ros.vehicle.files import (
+    YAML_MAX,
+    NoSectionError,
+    find,
+    matches,
+    read_value,
+    read_yaml,
+)
 from ca_ros.vehicle.vehicle import Vehicle
 
 DEFAULT_VEHICLE = 'hexarotor'
@@ -35,7 +43,7 @@ Parse = Callable[[str, str, Sequence[str], type[Settings]], list[str]]
 
 def in_one_line(error: Exception) -> str:
     """Return the message of a ROS error without file names and lines."""
-    return str(error).split(', at ')[0].strip()
+    return ' '.join(re.sub(', at [^ ]*:[0-9]+', '', str(error)).split())
 
 
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -43,11 +51,16 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 
     Raises a ValueError if ROS rejects its part.
     """
+    own, ros = arguments.split(argv)
+    for option, file in pairwise(ros):
+        if option == '--params-file':
+            # rcl would wait for a pipe, or read a large file, and no signal would end it.
+            check_file(file, YAML_MAX)
     try:
         remove_ros_args(args=['', *argv])
     except (RCLError, RCLInvalidROSArgsError) as error:
         raise ValueError(in_one_line(error)) from None
-    return arguments.split(argv)
+    return own, ros
 
 
 def vehicle_arguments(vehicle: str, node: str, declared: type[Settings]) -> list[str]:
@@ -118,8 +131,8 @@ def _parameter_files(ros: Sequence[str]) -> str:
     for option, file in pairwise(ros):
         if option == '--params-file':
             sections = 'none readable'
-            with suppress(ParameterError, OSError, UnicodeDecodeError, TypeError):
-                sections = ', '.join(read_yaml(Path(file).read_text(encoding='utf-8')))
+            with suppress(ParameterError, TypeError):
+                sections = ', '.join(read_yaml(read_text(file, YAML_MAX)))
             words.append(f'{file} (sections: {sections})')
     return ', '.join(words) or 'no file'
 

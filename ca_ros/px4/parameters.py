@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arguments import add_rotor_numbers, finite
+from ca_ros.input_files import read_text
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -275,7 +276,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Convert, and print the result."""
     if options.way == 'from-px4':
-        given = read(options.file.read_text(encoding='utf-8'))
+        given = read(read_text(options.file))
         speeds = options.speed_min, options.speed_max
         name = re.sub(r'\W', '_', options.file.stem)
         found = from_px4(

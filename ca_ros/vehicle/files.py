@@ -14,7 +14,10 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError, renamed
+
+YAML_MAX = 1_000_000  # greatest size of a file, which takes some seconds to read [bytes]
 
 
 def read_yaml(text: str) -> Any:
@@ -71,7 +74,7 @@ shipped_problems = partial(shipped, 'problems')  # without a vehicle
 def find(name: str | Path) -> Path:
     """Return the file of a vehicle or problem: a shipped one's name, or a path to a YAML file."""
     path = Path(name).expanduser()
-    if path.is_file():
+    if path.exists() and not path.is_dir():
         return path
     vehicles, problems = shipped_vehicles() | shipped_tilting(), shipped_problems()
     if found := (vehicles | problems).get(str(name)):
@@ -98,10 +101,9 @@ class ParameterFile(str):
             return name
         self = super().__new__(cls, name)
         self.path = path = find(name)
+        text = read_text(path, YAML_MAX)
         try:
-            self.content = read_yaml(path.read_text(encoding='utf-8'))
-        except (OSError, UnicodeDecodeError) as error:
-            raise ParameterError(f'{path}: not readable YAML: {error}') from None
+            self.content = read_yaml(text)
         except ParameterError as error:
             raise ParameterError(f'{path}: {error}') from None
         return self

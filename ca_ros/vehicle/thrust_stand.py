@@ -4,12 +4,14 @@ import csv
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.errors import message
+from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.thrust_curve import ThrustCurve, to_thrust
 
@@ -88,11 +90,10 @@ def read_stand(file: str | Path) -> dict[str, Array]:
 
     The result: the columns in SI units by the names of `QUANTITIES`; others are ignored.
     """
+    reader = csv.reader(StringIO(read_text(file, encoding='utf-8-sig', newline=''), newline=''))
     try:
-        with open(file, newline='', encoding='utf-8-sig') as stream:
-            reader = csv.reader(stream)
-            lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
+    except csv.Error as error:
         raise ParameterError(message(error, file)) from None
     columns: dict[str, Array] = {}
     titles = lines[0][1] if lines else []

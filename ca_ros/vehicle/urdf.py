@@ -10,6 +10,7 @@ import numpy as np
 
 from ca_ros.arguments import add_rotor_numbers
 from ca_ros.arrays import Array
+from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.parameter_text import parameter_text
 
@@ -148,8 +149,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Print the parameter file."""
+    text = read_text(options.file)
     try:
-        model = read_urdf(options.file.read_text(encoding='utf-8'), options.rotors)
+        model = read_urdf(text, options.rotors)
         text = parameter_text(
             f'From {options.file.name}: the rotors are {", ".join(options.rotors)}.',
             {

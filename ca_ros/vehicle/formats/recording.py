@@ -10,6 +10,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.errors import message
+from ca_ros.input_files import check_file
 from ca_ros.settings import ParameterError
 
 STREAMS = {
@@ -23,6 +24,7 @@ SIZES = {'gyro': 3, 'acc': 3, 'attitude': 4, 'velocity': 3}
 
 FRD = np.array([1.0, -1.0, -1.0])  # signs of front-right-down in front-left-up
 
+RECORDING_MAX = 1_000_000_000  # greatest size of a file [bytes]
 SUFFIXES = '.csv', '.npz', '.ulg'
 
 
@@ -85,6 +87,7 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
     path = Path(file)
     if path.suffix not in SUFFIXES:
         raise ParameterError(f'{path}: expected a flight in a file {", ".join(SUFFIXES)}')
+    check_file(path, RECORDING_MAX)
     try:
         read = {'.csv': _from_csv, '.npz': _from_npz, '.ulg': _from_ulog}[path.suffix]
         columns = read(path)
